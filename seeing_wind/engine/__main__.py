@@ -1,0 +1,94 @@
+"""`python -m seeing_wind.engine VERB ...`: the worker.
+
+JSON lines on stdout and nothing else: progress, warning, error, and one result at the end. Logs go to stderr. SIGINT (CTRL_BREAK on
+Windows) stops at the next safe point. Exit code 0 done, 1 failed with a message, 2 wrong usage, 130 cancelled.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Sequence
+from typing import Any, TextIO
+
+from .arguments import parser
+from .errors import MissingPackage, SeeingWindError
+from .progress import Cancelled, Progress
+from .records import Outcome
+
+CANCELLED = 130
+
+
+class Protocol:
+    """Writes messages as JSON lines on the real stdout; anything else that a library prints goes to stderr."""
+
+    def __init__(self) -> None:
+        self._out: TextIO = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+        self.cancelled = False
+
+    def send(self, message: dict[str, Any]) -> None:
+        """One message. A reader that has gone away counts as a cancel."""
+        try:
+            self._out.write(json.dumps(message, allow_nan=False) + "\n")
+            self._out.flush()
+        except BrokenPipeError:
+            self.cancelled = True
+
+    def cancel(self, *_: Any) -> None:
+        """Signal handler: stop at the next safe point; a second signal ends the process at once."""
+        self.cancelled = True
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb; returns the exit code."""
+    protocol = Protocol()
+    signal.signal(signal.SIGINT, protocol.cancel)
+    if hasattr(signal, "SIGBREAK"):
+        signal.signal(signal.SIGBREAK, protocol.cancel)
+    started = time.perf_counter()
+    try:
+        arguments = parser().parse_args(argv)
+        # The heavy floors are imported only once the options are known to make sense.
+        from .verbs import VERBS
+
+        result = VERBS[arguments.verb](arguments, Progress(protocol.send, lambda: protocol.cancelled))
+    except Cancelled:
+        protocol.send({"type": "result", "outcome": Outcome.CANCELLED.value, "seconds": round(time.perf_counter() - started, 2)})
+        return CANCELLED
+    except SeeingWindError as error:
+        return _failed(protocol, error)
+    except ModuleNotFoundError as error:
+        return _failed(
+            protocol, MissingPackage(f"The engine's Python lacks the package {error.name}.", "Run Install Engine, or `make setup`.")
+        )
+    except MemoryError:
+        return _failed(protocol, SeeingWindError("Out of memory.", "Use fewer particles or fewer frames."))
+    except OSError as error:
+        traceback.print_exc()
+        return _failed(
+            protocol,
+            SeeingWindError(f"{error.strerror or error}: {error.filename or ''}".rstrip(": ") + ".", "Check the path and the disk."),
+        )
+    except Exception as error:  # the last resort: the log has the traceback, the user a sentence
+        traceback.print_exc()
+        return _failed(
+            protocol, SeeingWindError(f"Unexpected {type(error).__name__}: {error}.", "This is a defect: please report it with the log.")
+        )
+    protocol.send({"type": "result", **result, "seconds": round(time.perf_counter() - started, 2)})
+    return 0 if result["outcome"] != Outcome.DIVERGED else 1
+
+
+def _failed(protocol: Protocol, error: SeeingWindError) -> int:
+    protocol.send({"type": "error", "message": error.message, "hint": error.hint, "mend": error.mend})
+    protocol.send({"type": "result", "outcome": "failed", "message": str(error)})
+    return error.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

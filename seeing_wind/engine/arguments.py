@@ -1,0 +1,165 @@
+"""The command line: the verbs and options that users, batch scripts and the panel hold on to."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from typing import Any, NoReturn
+
+from .conventions import GRAVITY
+from .errors import UsageError
+from .settings import BuildSettings, ObserveSettings, RecoverSettings
+
+LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
+
+
+class Parser(argparse.ArgumentParser):
+    """Wrong usage is an error message like any other, not text on stderr and an exit from the middle of a worker."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{self.prog}: {message}.", f"See `{self.prog} --help`.")
+
+
+def frame_range(text: str) -> tuple[int, int]:
+    """'A:B' -> (A, B), both inclusive."""
+    try:
+        first, last = (int(part) for part in text.split(":"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a frame range such as 12:27") from None
+    if first < 0 or last <= first:
+        raise argparse.ArgumentTypeError(f"'{text}' holds no two pictures in order, such as 12:27")
+    return first, last
+
+
+def finite(text: str) -> float:
+    """A number that is neither infinite nor NaN."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is not finite")
+    return value
+
+
+def positive(text: str) -> float:
+    """A finite number above zero."""
+    value = finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"'{text}' must be above zero")
+    return value
+
+
+def fov(text: str) -> float:
+    """Degrees strictly between 0 and 180."""
+    value = positive(text)
+    if value >= 180.0:
+        raise argparse.ArgumentTypeError(f"'{text}' must be under 180 degrees")
+    return value
+
+
+def parser() -> Parser:
+    """The whole command line."""
+    root = Parser(prog="seeing_wind.engine", description="Recover the force field that moved something in a clip.", allow_abbrev=False)
+    verbs = root.add_subparsers(dest="verb", required=True, parser_class=Parser, metavar="VERB")
+    _recover(verbs.add_parser("recover", help="a clip becomes a force field", allow_abbrev=False))
+    _recover_trajectories(verbs.add_parser("recover-trajectories", help="3D trajectories become a force field", allow_abbrev=False))
+    sample = verbs.add_parser("sample", help="the force density at given points", allow_abbrev=False)
+    sample.add_argument("take", metavar="DIR")
+    sample.add_argument("--points", required=True, metavar="P.npy", help="(N,3) m for one frame, or (T,N,3) m, one row per frame")
+    sample.add_argument("--frame", type=int, metavar="T", help="the frame for (N,3) points")
+    sample.add_argument("--out", required=True, metavar="OUT.npz")
+    resimulate = verbs.add_parser("resimulate", help="insert, pin, scale and simulate in the recovered field", allow_abbrev=False)
+    resimulate.add_argument("source", metavar="DIR")
+    resimulate.add_argument("--edit", required=True, metavar="EDIT.toml")
+    resimulate.add_argument("--take", required=True, metavar="OUT")
+    resimulate.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    export = verbs.add_parser("export", help="the field for other programs", allow_abbrev=False)
+    export.add_argument("take", metavar="DIR")
+    export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"))
+    export.add_argument("--out", required=True, metavar="PATH")
+    verbs.add_parser("doctor", help="what is installed, what works, what to do about the rest", allow_abbrev=False)
+    return root
+
+
+def _recover(p: Parser) -> None:
+    p.add_argument("clip", metavar="CLIP")
+    p.add_argument("--take", required=True, metavar="DIR", help="folder of the results; made if need be")
+    seen = p.add_argument_group("what is seen")
+    seen.add_argument("--fps", type=positive, metavar="F", help="frames per second, if the file's number is wrong")
+    seen.add_argument("--frames", type=frame_range, metavar="A:B", help="first and last picture, both inclusive, counted from 0")
+    which = seen.add_mutually_exclusive_group()
+    which.add_argument("--mask", metavar="PNG", help="non-zero = the object, in the first picture")
+    which.add_argument("--box", type=finite, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="pixels round the object, first picture")
+    seen.add_argument("--tracks", metavar="NPZ", help="xy (T+1,K,2) px and visible (T+1,K), instead of tracking")
+    scale = seen.add_mutually_exclusive_group()
+    scale.add_argument("--depth", metavar="NPY", help="(H,W) metres along the view axis, first picture")
+    scale.add_argument("--distance", type=positive, metavar="M", help="metres from the camera to the object")
+    scale.add_argument("--pixels-per-metre", type=positive, metavar="P", help="image scale in the object's plane")
+    view = seen.add_mutually_exclusive_group()
+    view.add_argument("--camera", metavar="JSON", help="width height fx fy cx cy camera_to_world")
+    view.add_argument("--fov", type=fov, default=ObserveSettings.fov, metavar="DEG", help="horizontal field of view [degrees]")
+    seen.add_argument("--pin", metavar="PNG", help="non-zero = held in place, in the first picture")
+    seen.add_argument(
+        "--view", nargs=3, action="append", default=[], metavar=("CLIP2", "CAMERA2.json", "MASK2.png"), help="a further synchronised view"
+    )
+    _gravity(p)
+    _material(p, default=BuildSettings.material)
+    p.add_argument("--thickness", type=positive, metavar="M", help="metres of body behind the visible surface; guessed if not given")
+    p.add_argument(
+        "--particles", type=int, default=BuildSettings.particles, metavar="N", help="about how many particles stand for the body"
+    )
+    _solve(p)
+
+
+def _recover_trajectories(p: Parser) -> None:
+    p.add_argument("truth", metavar="TRUTH.npz", help="x (T+1,N,3) m, fps, rho, E, nu; optional fixed, gravity, yield_stress")
+    p.add_argument("--take", required=True, metavar="DIR")
+    _gravity(p)
+    _material(p, default=None)
+    _solve(p)
+
+
+def _gravity(p: Parser) -> None:
+    which = p.add_mutually_exclusive_group()
+    which.add_argument("--gravity", type=finite, nargs=3, metavar=("GX", "GY", "GZ"), help=f"known acceleration [m/s²], default {GRAVITY}")
+    which.add_argument("--no-gravity", action="store_true", help="gravity counts as part of the field")
+
+
+def _material(p: Parser, default: str | None) -> None:
+    group = p.add_argument_group("what it is made of")
+    group.add_argument("--material", default=default, metavar="NAME", help="a preset of the material library")
+    group.add_argument("--law", choices=LAWS)
+    group.add_argument("--density", type=positive, metavar="R", help="kg/m³")
+    group.add_argument("--youngs-modulus", type=positive, metavar="E", help="Pa")
+    group.add_argument("--poisson-ratio", type=finite, metavar="NU")
+    group.add_argument("--yield-stress", type=positive, metavar="Y", help="Pa")
+    group.add_argument("--viscosity", type=positive, metavar="ETA", help="Pa s")
+
+
+def _solve(p: Parser) -> None:
+    group = p.add_argument_group("the solve")
+    group.add_argument("--representation", choices=("causal_triplane",), default="causal_triplane")
+    group.add_argument("--objective", choices=("tracking",), default="tracking")
+    group.add_argument("--schedule", choices=("default",), default="default")
+    group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    group.add_argument("--iterations", type=int, default=RecoverSettings.iterations, metavar="N", help="Gauss-Newton iterations at most")
+    group.add_argument("--seed", type=int, default=0, metavar="N")
+
+
+def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:
+    """The dataclass `cls` filled from the parsed options of the same names, `more` winning."""
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(cls):
+        value = more.get(field.name, getattr(arguments, field.name, None))
+        if value is not None:
+            values[field.name] = tuple(value) if isinstance(value, list) else value
+    return cls(**values)
+
+
+def gravity_of(arguments: argparse.Namespace, default: tuple[float, float, float] = GRAVITY) -> tuple[float, float, float]:
+    """The known acceleration that the options ask for [m/s²]."""
+    if arguments.no_gravity:
+        return (0.0, 0.0, 0.0)
+    return tuple(arguments.gravity) if arguments.gravity else default

@@ -1,0 +1,44 @@
+"""Units, axes and letters used by every floor of the engine.
+
+SI throughout: metres, seconds, kilograms, pascals. The force field is a body-force density f(x, t) in N/m³: a particle of rest
+volume V feels f V, a body of density rho accelerates by f / rho. Gravity is a separate, known acceleration and no part of the field.
+
+World: Blender's, right-handed, Z up. Cameras: OpenCV's axes (x right, y down, z forward) with a 4x4 `camera_to_world`; pixel
+centres are at integers, so the principal point of an image w wide is (w - 1) / 2.
+
+Time: a *frame* is video time, a *substep* solver time, an *iteration* optimiser time. A clip of T + 1 pictures has T frame
+intervals; the force of interval t is held from picture t to picture t + 1.
+
+Letters
+    T   frame intervals (pictures: T + 1)       N   particles           K   tracked points
+    x   particle positions [m]                  v   velocities [m/s]    C   affine velocity [1/s]     F   deformation gradient
+    X   positions at rest (picture 0) [m]       E   Young's modulus [Pa], nu Poisson's ratio, mu, lam Lamé's parameters [Pa]
+    dx  grid spacing [m]                        dt  substep [s]         f   force density [N/m³]      a   acceleration [m/s²]
+
+The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature says F, and so does this code.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+GRAVITY = (0.0, 0.0, -9.81)
+"""Standard gravity in Blender's world [m/s²]."""
+
+DEFAULT_FOV_DEGREES = 50.0
+"""Horizontal field of view assumed when no camera is given: a 39 mm lens on Blender's 36 mm sensor, a phone's main camera in video mode."""
+
+
+def front_view(distance: float) -> np.ndarray:
+    """`camera_to_world` (4, 4) of Blender's front view: at (0, -distance, 0) [m], looking along +Y, image right +X, image up +Z."""
+    pose = np.eye(4)
+    pose[:3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
+    pose[:3, 3] = [0.0, -distance, 0.0]
+    return pose
+
+
+def lame(youngs_modulus: float, poisson_ratio: float) -> tuple[float, float]:
+    """Lamé's parameters (mu, lam) [Pa] from Young's modulus [Pa] and Poisson's ratio."""
+    mu = youngs_modulus / (2.0 * (1.0 + poisson_ratio))
+    lam = youngs_modulus * poisson_ratio / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio))
+    return mu, lam

@@ -1,0 +1,69 @@
+"""Errors that a user can act on: each says what happened, and `hint` what to do next.
+
+Misuse and failure are exceptions; a recovery that merely stops early is not (see `records.Outcome`).
+"""
+
+from __future__ import annotations
+
+
+class SeeingWindError(Exception):
+    """Base of everything the engine raises on purpose.
+
+    Args:
+        message: one sentence, what happened.
+        hint: one sentence, what to do about it; may be empty.
+
+    `exit_code` is what the command line returns; `mend` names the control that the panel offers beside the message, or "".
+    """
+
+    exit_code = 1
+    mend = ""
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+    def __str__(self) -> str:
+        return f"{self.message} {self.hint}".strip()
+
+
+class UsageError(SeeingWindError):
+    """Options that contradict each other or are out of range: nothing was started."""
+
+    exit_code = 2
+
+
+class ClipError(SeeingWindError):
+    """The clip cannot be opened, is no video, or has too few frames."""
+
+
+class ObjectError(SeeingWindError):
+    """No object where the mask or box says, or one too small to follow."""
+
+
+class MaterialError(SeeingWindError):
+    """A material that is not in the library or whose numbers are not physical."""
+
+    exit_code = 2
+
+
+class SimulationError(SeeingWindError):
+    """The simulation stopped: a substep too long, a particle out of the grid, or a value that is not finite.
+
+    `frame`, `substep` and `particle` say where (-1 where it does not apply); `quantity` which number.
+    """
+
+    def __init__(self, message: str, hint: str = "", *, frame: int = -1, substep: int = -1, particle: int = -1, quantity: str = "") -> None:
+        super().__init__(message, hint)
+        self.frame, self.substep, self.particle, self.quantity = frame, substep, particle, quantity
+
+
+class TakeError(SeeingWindError):
+    """The take on disk is missing, unreadable, or lacks the stage that is asked for."""
+
+
+class MissingPackage(SeeingWindError):
+    """A Python package that this job needs is not installed in the engine's environment."""
+
+    mend = "install_engine"

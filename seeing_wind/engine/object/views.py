@@ -1,0 +1,60 @@
+"""Further synchronised views: the points tracked there, found on the body that the first view built."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import ObjectError
+from ..records import Body, Camera, Observation, TrackTargets
+from .control import attach
+
+
+def view_targets(body: Body, observation: Observation) -> TrackTargets:
+    """Targets of a further view: every track of picture 0 is followed along its ray to the body's surface.
+
+    Raises:
+        ObjectError: when no track of the view meets the body, so camera or scale contradict the first view.
+    """
+    seen = observation.visible[0] & ~observation.on_centroid
+    points, hit = surface_points(body.surface.vertices, body.surface.triangles, observation.camera, observation.xy[0])
+    use = np.flatnonzero(seen & hit)
+    if use.size == 0:
+        raise ObjectError(
+            f"None of the {int(seen.sum())} points tracked in {observation.clip} lies on the object of the first view.",
+            "Check that both cameras are in the same world and that picture 0 of both clips is the same moment.",
+        )
+    return TrackTargets(
+        xy=observation.xy[:, use],
+        visible=observation.visible[:, use],
+        sigma=observation.sigma[:, use],
+        camera=observation.camera,
+        attachment=attach(points[use], body.particles.x),
+    )
+
+
+def surface_points(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First crossing of the pixels' rays in picture 0 with a triangle mesh.
+
+    Args:
+        vertices: (V, 3) [m]; triangles: (M, 3); xy: (K, 2) [px].
+
+    Returns:
+        points (K, 3) [m] (NaN where the ray misses) and hit (K,) bool. Moeller and Trumbore 1997, all pairs at once.
+    """
+    origin = camera.pose(0)[:3, 3]
+    direction = camera.unproject(xy, np.ones(len(xy))) - origin
+    a, b, c = (vertices[triangles[:, i]] for i in range(3))
+    edge1, edge2 = b - a, c - a
+    p = np.cross(direction[:, None], edge2[None])
+    determinant = (p * edge1).sum(-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = origin - a
+        u = (p * s).sum(-1) / determinant
+        q = np.cross(s, edge1)
+        v = direction @ q.T / determinant
+        t = (q * edge2).sum(-1) / determinant
+    t = np.where((np.abs(determinant) > 1e-15) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0), t, np.inf)
+    nearest = t.min(axis=1, initial=np.inf)
+    hit = np.isfinite(nearest)
+    points = np.where(hit[:, None], origin + np.where(hit, nearest, 0.0)[:, None] * direction, np.nan)
+    return points, hit

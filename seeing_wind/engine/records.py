@@ -1,0 +1,246 @@
+"""What the stages hand on to each other: frozen records of NumPy arrays. Tensors and Taichi fields never leave their rooms.
+
+Letters and units are those of `conventions`. Arrays are float64 unless a field says otherwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+
+class Outcome(StrEnum):
+    """How a solve ended. Only `diverged` leaves no usable result."""
+
+    CONVERGED = "converged"
+    MAX_ITERATIONS = "max_iterations"
+    DIVERGED = "diverged"
+    CANCELLED = "cancelled"
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with OpenCV axes, standing still or moving."""
+
+    width: int
+    height: int
+    fx: float
+    """Focal length [px], as are fy, cx, cy; pixel centres are at integers."""
+    fy: float
+    cx: float
+    cy: float
+    camera_to_world: np.ndarray
+    """(4, 4) for a static camera, (T+1, 4, 4) for a moving one."""
+
+    def pose(self, frame: int) -> np.ndarray:
+        """camera_to_world (4, 4) at picture `frame`."""
+        poses = np.asarray(self.camera_to_world, dtype=np.float64)
+        return poses if poses.ndim == 2 else poses[frame]
+
+    def project(self, points: np.ndarray, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """World points (..., 3) [m] at picture `frame` -> pixels (..., 2) and depth along the view axis (...,) [m]."""
+        pose = self.pose(frame)
+        local = (np.asarray(points, dtype=np.float64) - pose[:3, 3]) @ pose[:3, :3]
+        depth = local[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x = self.fx * local[..., 0] / depth + self.cx
+            y = self.fy * local[..., 1] / depth + self.cy
+        return np.stack([x, y], axis=-1), depth
+
+    def projection_jacobian(self, points: np.ndarray, frame: int = 0) -> np.ndarray:
+        """d(pixel)/d(world point): (..., 2, 3) [px/m] for world points (..., 3) at picture `frame`."""
+        pose = self.pose(frame)
+        local = (np.asarray(points, dtype=np.float64) - pose[:3, 3]) @ pose[:3, :3]
+        x, y, z = np.moveaxis(local, -1, 0)
+        zero = np.zeros_like(z)
+        rows = np.stack(
+            [np.stack([self.fx / z, zero, -self.fx * x / z**2], -1), np.stack([zero, self.fy / z, -self.fy * y / z**2], -1)], -2
+        )
+        return rows @ pose[:3, :3].T
+
+    def unproject(self, xy: np.ndarray, depth: np.ndarray, frame: int = 0) -> np.ndarray:
+        """Pixels (..., 2) with depth (...,) [m] along the view axis -> world points (..., 3), the paper's pi^-1 (section 3.4)."""
+        pose = self.pose(frame)
+        xy, depth = np.asarray(xy, dtype=np.float64), np.asarray(depth, dtype=np.float64)
+        local = np.stack([(xy[..., 0] - self.cx) / self.fx * depth, (xy[..., 1] - self.cy) / self.fy * depth, depth], axis=-1)
+        return local @ pose[:3, :3].T + pose[:3, 3]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What was seen in the clip (stage *observe*)."""
+
+    clip: str
+    """The clip's path as the user gave it."""
+    fps: float
+    first_frame: int
+    """Index in the file of picture 0."""
+    camera: Camera
+    image: np.ndarray
+    """(H, W, 3) uint8 RGB, picture 0."""
+    background: np.ndarray
+    """(H, W, 3) uint8 RGB, the clip without the object as far as it was seen (temporal median)."""
+    masks: np.ndarray
+    """(T+1, H, W) bool, the object."""
+    depth: np.ndarray
+    """(H, W) float32, metres along the view axis in picture 0, infinite off the object."""
+    pin: np.ndarray
+    """(H, W) bool, where the object is held in picture 0; all False for a free body."""
+    xy: np.ndarray
+    """(T+1, K, 2) tracked points [px]."""
+    visible: np.ndarray
+    """(T+1, K) bool."""
+    sigma: np.ndarray
+    """(T+1, K) standard deviation of a track [px]."""
+    on_centroid: np.ndarray
+    """(K,) bool: the track is the silhouette's centroid, not a surface point (bodies too small or too plain for corners)."""
+
+    @property
+    def frames(self) -> int:
+        """T, the number of frame intervals."""
+        return len(self.xy) - 1
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material and where its numbers are from."""
+
+    name: str
+    law: str
+    """neo_hookean, corotated, von_mises or viscoplastic."""
+    density: float
+    """kg/m³."""
+    youngs_modulus: float
+    """Pa."""
+    poisson_ratio: float
+    yield_stress: float = 0.0
+    """Pa; plastic laws only."""
+    viscosity: float = 0.0
+    """Pa s; viscoplastic only."""
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Particles:
+    """The material points of a body at rest."""
+
+    x: np.ndarray
+    """(N, 3) [m]."""
+    volume: np.ndarray
+    """(N,) rest volume [m³]."""
+    pinned: np.ndarray
+    """(N,) bool: held where they are."""
+    spacing: float
+    """Mean distance of neighbouring particles [m]; the grid's dx follows from it."""
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """Points that ride on particles: point k = sum_j weight[k, j] x[index[k, j]], weights fixed in picture 0, rows summing to one."""
+
+    index: np.ndarray
+    """(K, J) int32."""
+    weight: np.ndarray
+    """(K, J)."""
+
+    def follow(self, x: np.ndarray) -> np.ndarray:
+        """Particle positions (..., N, 3) -> attached points (..., K, 3)."""
+        return np.einsum("kj,...kjc->...kc", self.weight, x[..., self.index, :])
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """3D Gaussians G^0 of the object in picture 0 (paper, section 3.1)."""
+
+    x: np.ndarray
+    """(G, 3) centres [m]."""
+    scale: np.ndarray
+    """(G, 3) standard deviations along the axes [m]."""
+    rotation: np.ndarray
+    """(G, 4) unit quaternions w x y z: the axes."""
+    opacity: np.ndarray
+    """(G,) in 0..1."""
+    sh: np.ndarray
+    """(G, B, 3) spherical harmonics, degree 0 first (B = 1 for a colour that does not depend on the view)."""
+    attachment: Attachment
+    """How the centres ride on the particles."""
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The object's surface as a triangle mesh, for display and for baking in Blender."""
+
+    vertices: np.ndarray
+    """(V, 3) in picture 0 [m]."""
+    triangles: np.ndarray
+    """(M, 3) int32."""
+    uv: np.ndarray
+    """(V, 2) in 0..1, Blender's convention (origin bottom left), into picture 0."""
+    attachment: Attachment
+
+
+@dataclass(frozen=True)
+class Body:
+    """The object as physics sees it (stage *build*)."""
+
+    particles: Particles
+    material: Material
+    gaussians: Gaussians
+    surface: Surface
+    keypoints: Attachment
+    """The K tracked points of the observation on the particles (the paper's control, Eq. (11), generalised: see object/control.py)."""
+    lifted: np.ndarray
+    """(T+1, K, 3) key points P^t lifted to 3D [m], NaN where never seen: a display and a start, not the target of the fit."""
+
+
+@dataclass(frozen=True)
+class PointTargets:
+    """Where material points went, in 3D."""
+
+    x: np.ndarray
+    """(T+1, K, 3) [m]."""
+    visible: np.ndarray
+    """(T+1, K) bool."""
+    attachment: Attachment
+    sigma: float | None = None
+    """Standard deviation [m] per coordinate, or None to estimate it from the data."""
+
+
+@dataclass(frozen=True)
+class TrackTargets:
+    """Where surface points appeared in one camera's picture."""
+
+    xy: np.ndarray
+    """(T+1, K, 2) [px]."""
+    visible: np.ndarray
+    """(T+1, K) bool."""
+    sigma: np.ndarray
+    """(T+1, K) [px]."""
+    camera: Camera
+    attachment: Attachment
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What the solve found (stage *recover*), before it is distilled into a field."""
+
+    outcome: Outcome
+    force_density: np.ndarray
+    """(T, N, 3) [N/m³] on the particles, held over frame t, queried at x[t]."""
+    deviation: np.ndarray
+    """(T, N) posterior standard deviation of one component of the force density [N/m³]."""
+    x: np.ndarray
+    """(T+1, N, 3) simulated positions under that force [m]."""
+    F: np.ndarray
+    """(T+1, N, 3, 3) simulated deformation gradients."""
+    v0: np.ndarray
+    """(N, 3) estimated initial velocity [m/s]."""
+    residual: np.ndarray
+    """(T+1,) root mean square distance of simulated and observed points: [px] for tracks, [m] for points."""
+    residual_unit: str
+    iterations: int
+    seconds: float
+    notes: list[str] = field(default_factory=list)
+    """What the user should know: capped stiffness, unseen directions, dropped tracks."""

@@ -1,0 +1,142 @@
+"""One frozen dataclass of settings per stage. Unknown keys are refused, so that a typing error never runs with a default.
+
+The same fields are the command line's options, the panel's properties and the table of a take's `take.toml`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from .conventions import DEFAULT_FOV_DEGREES, GRAVITY
+from .errors import UsageError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class ObserveSettings:
+    """From a clip to masks, depth and tracks."""
+
+    fps: float | None = None
+    """Frames per second; None takes the file's."""
+    frames: tuple[int, int] | None = None
+    """First and last picture (inclusive) as indices in the file; None takes all."""
+    mask: str | None = None
+    """PNG of the first picture, non-zero = object."""
+    box: tuple[float, float, float, float] | None = None
+    """X0 Y0 X1 Y1 [px] round the object in the first picture."""
+    tracks: str | None = None
+    """NPZ with xy (T+1,K,2) [px] and visible (T+1,K), instead of tracking."""
+    depth: str | None = None
+    """NPY (H, W) metres along the view axis, infinite off the object."""
+    distance: float | None = None
+    """Metres from the camera to the object."""
+    pixels_per_metre: float | None = None
+    """Image scale in the object's plane; gives the distance."""
+    camera: str | None = None
+    """JSON: width height fx fy cx cy camera_to_world."""
+    fov: float = DEFAULT_FOV_DEGREES
+    """Horizontal field of view [degrees] when no camera is given."""
+    pin: str | None = None
+    """PNG of the first picture, non-zero = held in place."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class BuildSettings:
+    """From an observation to a body."""
+
+    material: str = "leaf"
+    law: str | None = None
+    density: float | None = None
+    """kg/m³."""
+    youngs_modulus: float | None = None
+    """Pa."""
+    poisson_ratio: float | None = None
+    yield_stress: float | None = None
+    """Pa."""
+    viscosity: float | None = None
+    """Pa s."""
+    thickness: float | None = None
+    """Metres behind the visible surface; None guesses from the silhouette."""
+    particles: int = 600
+    """Roughly how many particles stand for the body."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class RecoverSettings:
+    """From targets to a force field."""
+
+    gravity: tuple[float, float, float] = GRAVITY
+    """Known acceleration [m/s²] that is not part of the field."""
+    representation: str = "causal_triplane"
+    device: str = "auto"
+    iterations: int = 12
+    """Gauss-Newton iterations at most."""
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class BodyEdit:
+    """One body of an edit; see `engine/stages.py` resimulate."""
+
+    name: str
+    mesh: str
+    """Path of an OBJ, PLY or NPZ (vertices (V,3) m, triangles (M,3)), or "recovered": the clip's own object."""
+    material: str | None = None
+    density: float | None = None
+    youngs_modulus: float | None = None
+    poisson_ratio: float | None = None
+    law: str | None = None
+    yield_stress: float | None = None
+    viscosity: float | None = None
+    mass_scale: float = 1.0
+    pin: str | None = None
+    """NPY of vertex indices; of particle indices for the recovered object."""
+    velocity: tuple[float, float, float] | None = None
+    """Initial velocity [m/s]; None is rest for a mesh, the recovered one for the recovered object."""
+    start_frame: int = 0
+    """The body stands still before this frame."""
+
+
+@dataclass(frozen=True)
+class Edit:
+    """What to simulate in a recovered field."""
+
+    body: tuple[BodyEdit, ...]
+    gravity: tuple[float, float, float] = GRAVITY
+    field_strength: float | tuple[float, ...] = 1.0
+    """Factor on the field, or one factor per frame."""
+    contact: bool = False
+    """True: all bodies share one grid and push each other. False: each moves alone."""
+
+
+def from_mapping(cls: type[T], values: dict[str, Any], where: str) -> T:
+    """Build the dataclass `cls` from a plain mapping (TOML, JSON, argparse), lists turned into tuples.
+
+    Raises:
+        UsageError: for a key that `cls` does not have or one that it needs; `where` names the source in the message.
+    """
+    fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
+    unknown = sorted(set(values) - set(fields))
+    if unknown:
+        raise UsageError(f"{where}: unknown setting {', '.join(unknown)}.", f"Known settings: {', '.join(fields)}.")
+    required = [
+        name for name, field in fields.items() if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    ]
+    missing = [name for name in required if name not in values]
+    if missing:
+        raise UsageError(f"{where}: {', '.join(missing)} is missing.", f"Required: {', '.join(required)}.")
+    return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+
+
+def to_mapping(settings: Any) -> dict[str, Any]:
+    """The settings as plain values, None left out (TOML has no null)."""
+    return {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in dataclasses.asdict(settings).items()
+        if value is not None
+    }

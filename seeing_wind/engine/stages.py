@@ -1,0 +1,141 @@
+"""The four stages: observe -> build -> recover -> resimulate. Records in, records out, each kept in the take with its stamp.
+
+A stage whose stamp (inputs and settings) is already in the take is read back instead of run again, so an interrupted recovery resumes
+where it stopped and a changed setting redoes only what depends on it.
+"""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .errors import UsageError
+from .progress import Progress
+from .records import Body, Gaussians, Observation, Outcome, Recovery, TrackTargets
+from .settings import BuildSettings, ObserveSettings, RecoverSettings, to_mapping
+from .take import Take, from_arrays, stamp_of, to_arrays
+
+if TYPE_CHECKING:
+    from .field import ForceField
+    from .records import Material, Particles, PointTargets
+
+VERSION = 1
+"""Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
+
+
+def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Progress) -> tuple[Observation, str]:
+    """Stage *observe* -> `observation.npz`. Returns the observation and its stamp."""
+    from .observe import observe
+
+    stamp = observation_stamp(clip, settings)
+    if take.is_done("observe", stamp):
+        progress.begin("observe", "already done")
+        return from_arrays(Observation, take.read_arrays("observation.npz")), stamp
+    progress.begin("observe", "reading the clip")
+    observation = observe(clip, settings, progress)
+    take.write_arrays("observation.npz", to_arrays(observation))
+    take.finish("observe", stamp, {"clip": str(clip), **to_mapping(settings)})
+    return observation, stamp
+
+
+def observation_stamp(clip: str, settings: ObserveSettings) -> str:
+    """Stamp of an observation: settings and the content of every file that they name."""
+    files = [Path(name) for name in (clip, settings.mask, settings.tracks, settings.depth, settings.camera, settings.pin) if name]
+    return stamp_of("observe", VERSION, settings, *files)
+
+
+def build_stage(take: Take, observation: Observation, upstream: str, settings: BuildSettings, progress: Progress) -> tuple[Body, str]:
+    """Stage *build* -> `particles.npz` and `gaussians.ply`. Returns the body and its stamp."""
+    from .object import build, write_ply
+
+    stamp = stamp_of("build", VERSION, upstream, settings)
+    if take.is_done("build", stamp):
+        progress.begin("build", "already done")
+        return from_arrays(Body, take.read_arrays("particles.npz")), stamp
+    progress.begin("build", "building the body")
+    body = build(observation, settings, progress)
+    write_gaussians(take, body.gaussians, write_ply)
+    take.write_arrays("particles.npz", to_arrays(body))
+    take.finish("build", stamp, to_mapping(settings))
+    return body, stamp
+
+
+def write_gaussians(take: Take, gaussians: Gaussians, write_ply) -> None:
+    """`gaussians.ply` in the standard layout of 3D Gaussian splatting."""
+    with take.writing("gaussians.ply") as path:
+        write_ply(path, gaussians)
+
+
+def recover_stage(
+    take: Take,
+    particles: Particles,
+    material: Material,
+    targets: PointTargets | list[TrackTargets],
+    fps: float,
+    upstream: str,
+    settings: RecoverSettings,
+    progress: Progress,
+) -> tuple[Recovery, ForceField | None, dict[str, float]]:
+    """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, then distil into the representation.
+
+    Returns:
+        the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds
+        that solve and distillation took.
+    """
+    from .field import distill, load_field
+    from .recovery import recover
+
+    stamp = stamp_of("recover", VERSION, upstream, settings)
+    if take.is_done("recover", stamp):
+        progress.begin("recover", "already done")
+        arrays = take.read_arrays("trajectory.npz")
+        return from_arrays(Recovery, arrays), load_field(take.file("field.safetensors")), {}
+    progress.begin("recover", "recovering the force")
+    started = time.perf_counter()
+    recovery = recover(particles, material, targets, fps, settings, progress)
+    seconds = {"recover": time.perf_counter() - started}
+    if recovery.outcome == Outcome.DIVERGED:
+        return recovery, None, seconds
+    progress.begin("distill", "fitting the field")
+    started = time.perf_counter()
+    field = distill(recovery, particles, fps, settings.representation, settings.seed, progress)
+    seconds["distill"] = time.perf_counter() - started
+    take.write_arrays("trajectory.npz", to_arrays(recovery) | {"fps": _array(fps)})
+    with take.writing("field.safetensors") as path:
+        field.save(path)
+    take.finish("recover", stamp, to_mapping(settings))
+    return recovery, field, seconds
+
+
+def track_targets(observation: Observation, body: Body) -> TrackTargets:
+    """The observation's tracks as targets of the recovery."""
+    return TrackTargets(observation.xy, observation.visible, observation.sigma, observation.camera, body.keypoints)
+
+
+def read_body(take: Take) -> Body:
+    """The body of a take. Raises TakeError where the take has none (recovered from trajectories)."""
+    return from_arrays(Body, take.read_arrays("particles.npz"))
+
+
+def read_recovery(take: Take) -> Recovery:
+    """The recovery of a take."""
+    return from_arrays(Recovery, take.read_arrays("trajectory.npz"))
+
+
+def require_take(path: str) -> Take:
+    """A take that has a recovered field.
+
+    Raises:
+        UsageError: when there is none at `path`.
+    """
+    take = Take(path)
+    if not take.file("field.safetensors").is_file():
+        raise UsageError(f"{path} holds no recovered field.", "Run `recover` with --take for this folder first.")
+    return take
+
+
+def _array(value: float):
+    import numpy as np
+
+    return np.array(value)

@@ -1,0 +1,89 @@
+"""3D trajectories from outside (another simulator, motion capture) as particles and targets."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .errors import ObjectError, UsageError
+from .materials import adjusted
+from .records import Attachment, Material, Particles, PointTargets
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """What `recover-trajectories` starts from."""
+
+    particles: Particles
+    material: Material
+    targets: PointTargets
+    fps: float
+    gravity: tuple[float, float, float]
+
+
+def read_trajectories(path: str | os.PathLike[str]) -> Trajectories:
+    """Read an NPZ with `x` (T+1,N,3) m and `fps`; optional `rho` kg/m³, `E` Pa, `nu`, `yield_stress` Pa, `fixed` (N,), `gravity` (3,) m/s².
+
+    Velocities and forces in the file, if any, are not read: they are what is to be found.
+
+    Raises:
+        UsageError: no such file, no NPZ, a key missing or of the wrong shape.
+        ObjectError: too few pictures or particles, positions that are not finite.
+    """
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file {path}.", "Give an NPZ with x (T+1,N,3) in metres and fps.")
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            values = {key: data[key] for key in data.files if key not in ("acc", "v")}
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
+        raise UsageError(f"{path} is no NPZ without pickle: {error}.", "Write it with numpy.savez.") from error
+    for key in ("x", "fps"):
+        if key not in values:
+            raise UsageError(f"{path} lacks {key}.", "It needs x (T+1,N,3) in metres and fps.")
+    x = np.asarray(values["x"], dtype=np.float64)
+    if x.ndim != 3 or x.shape[2] != 3:
+        raise UsageError(f"{path}: x has shape {x.shape}.", "It must be (T+1,N,3).")
+    if len(x) < 4 or x.shape[1] < 1:
+        raise ObjectError(f"{path} has {len(x)} pictures of {x.shape[1]} particles.", "At least four pictures of one particle are needed.")
+    if not np.isfinite(x).all():
+        t, n, _ = np.argwhere(~np.isfinite(x))[0]
+        raise ObjectError(f"{path}: the position of particle {n} in picture {t} is not finite.", "Remove that particle or mend the file.")
+    fixed = np.asarray(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), dtype=bool)
+    if fixed.shape != (x.shape[1],):
+        raise UsageError(f"{path}: fixed has shape {fixed.shape}.", f"It must be ({x.shape[1]},).")
+    gravity = tuple(float(g) for g in np.broadcast_to(values.get("gravity", 0.0), (3,)))
+    spacing = particle_spacing(x[0])
+    particles = Particles(x=x[0], volume=np.full(x.shape[1], spacing**3), pinned=fixed, spacing=spacing)
+    everyone = Attachment(index=np.arange(x.shape[1], dtype=np.int32)[:, None], weight=np.ones((x.shape[1], 1)))
+    targets = PointTargets(x=x, visible=np.ones(x.shape[:2], dtype=bool), attachment=everyone)
+    return Trajectories(particles, _material(values), targets, float(values["fps"]), gravity)  # type: ignore[arg-type]
+
+
+def particle_spacing(x: np.ndarray) -> float:
+    """Median distance of nearest neighbours [m] among particles x (N, 3).
+
+    Raises:
+        ObjectError: when most particles coincide.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(x) == 1:
+        return 0.01
+    distance = cKDTree(x).query(x, k=2)[0][:, 1]
+    spacing = float(np.median(distance))
+    if spacing <= 1e-9 * max(1.0, float(np.abs(x).max())):
+        raise ObjectError("Most particles coincide with another.", "Give every particle a place of its own in the first picture.")
+    return spacing
+
+
+def _material(values: dict[str, np.ndarray]) -> Material:
+    """The material that the file states, foam-like numbers for what it leaves out."""
+    yield_stress = float(values.get("yield_stress", 0.0))
+    base = Material("trajectories", "von_mises" if yield_stress > 0.0 else "corotated", 300.0, 1e5, 0.3, source="the trajectory file")
+    numbers = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
+    given = {name: float(values[key]) for name, key in numbers.items() if key in values}
+    return adjusted(base, **given, **({"yield_stress": yield_stress} if yield_stress > 0.0 else {}))

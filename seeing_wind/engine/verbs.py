@@ -1,0 +1,198 @@
+"""What each verb of the command line does: options in, one result out. Short: the work is in the stages."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import time
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .arguments import gravity_of, settings_of
+from .conventions import GRAVITY
+from .errors import SeeingWindError, TakeError, UsageError
+from .progress import Progress
+from .records import Outcome
+from .settings import BodyEdit, BuildSettings, Edit, ObserveSettings, RecoverSettings, from_mapping
+from .stages import build_stage, observe_stage, read_body, read_recovery, recover_stage, require_take, track_targets
+from .take import Take, stamp_of
+
+Result = dict[str, Any]
+
+
+def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover CLIP --take DIR`."""
+    from .object.views import view_targets
+    from .observe import observe
+    from .report import write_report
+
+    take, seconds = Take(arguments.take), {}
+    observing = settings_of(ObserveSettings, arguments)
+    observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
+    body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, settings_of(BuildSettings, arguments), progress))
+    targets = [track_targets(observation, body)]
+    for clip, camera, mask in arguments.view:
+        # Depth and pins of a further view are not used: its points are found on the first view's body.
+        further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, tracks=None, depth=None, pin=None, distance=1.0)
+        progress.begin("observe", f"further view {Path(clip).name}")
+        targets.append(view_targets(body, observe(clip, further, progress)))
+    upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
+    settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments))
+    recovery, field, solve_seconds = recover_stage(
+        take, body.particles, body.material, targets, observation.fps, upstream, settings, progress
+    )
+    if field is None:
+        return _diverged(recovery)
+    progress.begin("report", "drawing the report")
+    report = write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress)
+    progress.update(1.0, "done")
+    return _summary(report, take)
+
+
+def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover-trajectories TRUTH.npz --take DIR`."""
+    from .materials import adjusted, find
+    from .report import write_trajectory_report
+    from .trajectories import read_trajectories
+
+    take, source = Take(arguments.take), read_trajectories(arguments.truth)
+    material = find(arguments.material) if arguments.material else source.material
+    given = {name: getattr(arguments, name) for name in ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")}
+    material = adjusted(material, **{name: value for name, value in given.items() if value is not None})
+    settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments, default=source.gravity))
+    upstream = stamp_of("trajectories", Path(arguments.truth), material)
+    recovery, field, seconds = recover_stage(take, source.particles, material, source.targets, source.fps, upstream, settings, progress)
+    if field is None:
+        return _diverged(recovery)
+    progress.begin("report", "drawing the report")
+    report = write_trajectory_report(take, source.particles, material, recovery, field, seconds, settings)
+    return _summary(report, take)
+
+
+def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`sample DIR --points P.npy [--frame T] --out OUT.npz`."""
+    from .field import load_field
+    from .field.sampling import sample_points
+
+    field = load_field(require_take(arguments.take).file("field.safetensors"))
+    points = _load_points(arguments.points)
+    force_density, confidence = sample_points(field, points, arguments.frame, progress)
+    out = Path(arguments.out)
+    Take(out.parent).write_arrays(out.name, {"force_density": force_density, "confidence": confidence})
+    return {"outcome": "converged", "out": str(out), "points": int(np.prod(points.shape[:-1]))}
+
+
+def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`resimulate DIR --edit EDIT.toml --take OUT` -> OUT/bodies/NAME.npz."""
+    from .field import load_field
+    from .resimulate import simulate_bodies
+
+    source, out = require_take(arguments.source), Take(arguments.take)
+    edit, field = read_edit(arguments.edit), load_field(source.file("field.safetensors"))
+    recovered = None
+    if any(body.mesh == "recovered" for body in edit.body):
+        if not source.file("particles.npz").is_file():
+            raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
+        recovered = (read_body(source), read_recovery(source))
+    progress.begin("resimulate", "simulating")
+    bodies = simulate_bodies(edit, field, recovered, Path(arguments.edit).resolve().parent, progress)
+    for name, body in bodies.items():
+        out.write_arrays(f"bodies/{name}.npz", {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps)})
+    figures = {
+        name: {"vertices": int(body.vertices.shape[1]), "particles": body.particles, "notes": body.notes} for name, body in bodies.items()
+    }
+    out.write_json("resimulation.json", {"source": str(source.path), "fps": field.fps, "frames": field.frames, "bodies": figures})
+    out.finish(
+        "resimulate",
+        stamp_of(Path(arguments.edit), source.file("field.safetensors")),
+        {"source": str(source.path), "edit": str(arguments.edit)},
+    )
+    progress.update(1.0, "done")
+    return {"outcome": "converged", "take": str(out.path), "bodies": figures}
+
+
+def export(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`export DIR --format npz|ply|fga|vdb --out PATH`."""
+    from .field import load_field
+    from .field.sampling import export_field
+
+    field = load_field(require_take(arguments.take).file("field.safetensors"))
+    progress.begin("export", arguments.format)
+    return {"outcome": "converged", "files": [str(path) for path in export_field(field, arguments.format, Path(arguments.out), progress)]}
+
+
+def doctor(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`doctor`: what works here. Fails when something required does not."""
+    from .doctor import examine
+
+    checks = examine()
+    broken = [check["name"] for check in checks if not check["ok"] and not check.get("optional")]
+    if broken:
+        for check in checks:
+            if not check["ok"]:
+                progress.warn(f"{check['name']}: {check['detail']}. {check.get('advice', '')}".strip())
+        raise SeeingWindError(f"The engine is not complete: {', '.join(broken)}.", "Run Install Engine, or `make setup`.")
+    return {"outcome": "converged", "checks": checks}
+
+
+VERBS: dict[str, Callable[[argparse.Namespace, Progress], Result]] = {
+    "recover": recover,
+    "recover-trajectories": recover_trajectories,
+    "sample": sample,
+    "resimulate": resimulate,
+    "export": export,
+    "doctor": doctor,
+}
+
+
+def read_edit(path: str) -> Edit:
+    """Read EDIT.toml.
+
+    Raises:
+        UsageError: no such file, no TOML, an unknown or missing key, two bodies of one name, or none at all.
+    """
+    try:
+        values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"The edit {path} cannot be read: {error.strerror}.", "Give the path of a TOML file.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"The edit {path} is no TOML: {error}.", "Mend that line.") from error
+    tables = values.pop("body", [])
+    if not isinstance(tables, list) or not tables:
+        raise UsageError(f"The edit {path} has no [[body]].", "Add one with a name and a mesh.")
+    bodies = tuple(from_mapping(BodyEdit, table, f"{path}, body {i + 1}") for i, table in enumerate(tables))
+    names = [body.name for body in bodies]
+    for name in names:
+        if names.count(name) > 1:
+            raise UsageError(f"Two bodies are named {name}.", "Give each a name of its own.")
+        if not name or any(c in name for c in '/\\:*?"<>|') or name.startswith("."):
+            raise UsageError(f"'{name}' cannot be a file's name.", "Use letters, digits, spaces, '-' and '_'.")
+    return from_mapping(Edit, {"gravity": list(GRAVITY), **values, "body": bodies}, path)
+
+
+def _load_points(path: str) -> np.ndarray:
+    try:
+        points = np.load(path, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise UsageError(f"The points {path} cannot be read: {error}.", "Write them with numpy.save as (N,3) or (T,N,3) metres.") from error
+    return np.asarray(points)
+
+
+def _timed(seconds: dict[str, float], stage: str, work: Callable[[], Any]) -> Any:
+    started = time.perf_counter()
+    result = work()
+    seconds[stage] = time.perf_counter() - started
+    return result
+
+
+def _diverged(recovery: Any) -> Result:
+    return {"outcome": Outcome.DIVERGED.value, "iterations": recovery.iterations, "notes": recovery.notes}
+
+
+def _summary(report: dict[str, Any], take: Take) -> Result:
+    keys = ("outcome", "iterations", "residual", "residual_unit", "seconds", "notes")
+    return {"take": str(take.path), **{("stage_seconds" if key == "seconds" else key): report[key] for key in keys if key in report}}

@@ -1,0 +1,106 @@
+"""A sampled vector field as a sum of Blender wind sources.
+
+Blender's WIND force field of shape *Every Point* blows from every vertex along its normal, weaker with distance as (1 + r)^-p, r in
+scene units. Every source reaches every place, so the sources' vectors are not the field's values at the sources: they follow from a
+least-squares fit. Everything here is NumPy.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+POWER_RANGE = (0.1, 10.0)
+"""Falloff powers used; Blender's slider ends at 10."""
+
+RIDGE = 1e-8
+"""Tikhonov weight relative to the mean diagonal of the normal equations: small against the fit's error, large against float64 noise. It
+keeps the coefficients of nearly equal kernels from growing against each other, which Blender's float32 sums would turn into noise."""
+
+
+def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
+    """Nodes of a regular lattice that fills a box, its faces included.
+
+    Args:
+        box: (2, 3) lower and upper corner [m].
+        resolution: nodes along the longest side; the others get as many as keep the spacing alike, at least 3.
+
+    Returns:
+        (M, 3) nodes [m].
+    """
+    low, high = np.asarray(box, dtype=np.float64)
+    side = np.maximum(high - low, 1e-9)
+    counts = np.clip(np.round((resolution - 1) * side / side.max()).astype(int) + 1, 3, resolution)
+    axes = [np.linspace(low[k], high[k], counts[k]) for k in range(3)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def choose_power(nodes: np.ndarray) -> float:
+    """The falloff power that suits the size of a set of nodes (M, 3): kernels that fall by half over about half the set's size.
+
+    Too flat kernels are nearly equal and need large cancelling coefficients; too steep ones leave dents between the nodes.
+    """
+    half_size = 0.5 * float(np.ptp(nodes, axis=0).max())
+    return float(np.clip(1.0 / max(half_size, 1e-9), *POWER_RANGE))
+
+
+def kernel(nodes: np.ndarray, points: np.ndarray, power: float) -> np.ndarray:
+    """What each source does at each point: (P, M) for nodes (M, 3) and points (P, 3), (1 + r)^-power."""
+    distance = np.linalg.norm(points[:, None, :] - nodes[None, :, :], axis=-1)
+    return (1.0 + distance) ** -power
+
+
+def fit_nodes(nodes: np.ndarray, sample_points: np.ndarray, samples: np.ndarray, power: float, ridge: float = RIDGE) -> np.ndarray:
+    """Source vectors whose sum of kernels comes closest to a sampled field, by regularised least squares.
+
+    Args:
+        nodes: (M, 3) where the sources stand.
+        sample_points: (P, 3) where the field is known; P >= M for a well determined fit.
+        samples: (T, P, 3) the field there, any unit.
+        power: falloff power of the kernels.
+        ridge: see `RIDGE`.
+
+    Returns:
+        (T, M, 3) source vectors, unit of `samples`.
+
+    Raises:
+        ValueError: when shapes do not agree or a sample is not finite.
+    """
+    samples = np.asarray(samples, dtype=np.float64)
+    if samples.ndim != 3 or samples.shape[1:] != (len(sample_points), 3):
+        raise ValueError(f"samples have the shape {samples.shape}, expected (T, {len(sample_points)}, 3)")
+    if not np.isfinite(samples).all():
+        raise ValueError("the sampled field is not finite everywhere")
+    matrix = kernel(nodes, sample_points, power)
+    normal = matrix.T @ matrix
+    normal[np.diag_indices_from(normal)] += ridge * np.trace(normal) / len(nodes)
+    right = np.einsum("pm,tpc->mtc", matrix, samples).reshape(len(nodes), -1)
+    return np.linalg.solve(normal, right).reshape(len(nodes), len(samples), 3).transpose(1, 0, 2)
+
+
+def evaluate(nodes: np.ndarray, vectors: np.ndarray, points: np.ndarray, power: float) -> np.ndarray:
+    """The field of sources: (T, P, 3) at points (P, 3) for source vectors (T, M, 3)."""
+    return np.einsum("pm,tmc->tpc", kernel(nodes, points, power), vectors)
+
+
+def paired_directions(vectors: np.ndarray, strength: float) -> np.ndarray:
+    """Two unit vectors per source vector whose sum, times `strength`, is the vector.
+
+    Blender scales all sources of one object by one strength; the angle between two sources at the same place encodes how much.
+
+    Args:
+        vectors: (..., M, 3), none longer than 2 * strength.
+        strength: > 0, unit of `vectors`.
+
+    Returns:
+        (..., 2M, 3) unit vectors, the two of a pair adjacent.
+    """
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    along = np.divide(vectors, length, out=np.broadcast_to([1.0, 0.0, 0.0], vectors.shape).copy(), where=length > 0.0)
+    # the axis that the vector points least along is never parallel to it
+    least = np.eye(3)[np.argmin(np.abs(along), axis=-1)]
+    across = np.cross(along, least)
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    cosine = np.minimum(length / (2.0 * strength), 1.0)
+    sine = np.sqrt(1.0 - cosine**2)
+    pair = np.stack([cosine * along + sine * across, cosine * along - sine * across], axis=-2)
+    return pair.reshape(*vectors.shape[:-2], -1, 3)

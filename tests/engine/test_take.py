@@ -1,0 +1,104 @@
+"""The take on disk: atomic writes, stamps, records there and back, nothing that executes."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import TakeError
+from seeing_wind.engine.records import Outcome, Recovery
+from seeing_wind.engine.settings import BuildSettings
+from seeing_wind.engine.take import Take, from_arrays, stamp_of, to_arrays
+
+
+def recovery() -> Recovery:
+    rng = np.random.default_rng(0)
+    shape = dict(force_density=(2, 4, 3), deviation=(2, 4), x=(3, 4, 3), F=(3, 4, 3, 3), v0=(4, 3), residual=(3,))
+    arrays = {key: rng.normal(size=size) for key, size in shape.items()}
+    return Recovery(outcome=Outcome.CONVERGED, residual_unit="px", iterations=3, seconds=1.5, notes=["capped", "ä"], **arrays)
+
+
+def test_a_record_survives_the_disk(tmp_path: Path) -> None:
+    take, before = Take(tmp_path / "ä b.take"), recovery()
+    take.write_arrays("trajectory.npz", to_arrays(before))
+    after = from_arrays(Recovery, take.read_arrays("trajectory.npz"))
+    assert after.outcome is Outcome.CONVERGED and after.notes == before.notes and after.iterations == 3 and after.seconds == 1.5
+    np.testing.assert_array_equal(after.F, before.F)
+
+
+def test_a_failed_write_keeps_the_last_good_file_and_leaves_nothing_behind(tmp_path: Path) -> None:
+    take = Take(tmp_path)
+    take.write_json("report.json", {"good": 1})
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        take.write_json("report.json", {"bad": float("nan")})
+    with pytest.raises(RuntimeError), take.writing("report.json") as path:
+        path.write_text("half")
+        raise RuntimeError
+    assert take.read_json("report.json") == {"good": 1}
+    assert [path.name for path in tmp_path.iterdir()] == ["report.json"]
+
+
+def test_a_full_disk_is_a_take_error(tmp_path: Path) -> None:
+    take = Take(tmp_path)
+    take.write_json("report.json", {"good": 1})
+    with pytest.raises(TakeError, match="No space left"), take.writing("report.json"):
+        raise OSError(28, "No space left on device")
+    assert take.read_json("report.json") == {"good": 1}
+
+
+def test_a_folder_that_cannot_be_made_is_a_take_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(TakeError, match="Cannot write"):
+        Take(tmp_path / "file" / "take").write_json("report.json", {})
+
+
+def test_pickles_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "evil.npz", a=np.array([{"x": 1}], dtype=object))
+    (tmp_path / "worse.npz").write_bytes(pickle.dumps([1, 2]))
+    for name in ("evil.npz", "worse.npz", "missing.npz"):
+        with pytest.raises(TakeError, match="cannot be read"):
+            Take(tmp_path).read_arrays(name)
+    with pytest.raises(TypeError, match="object array"):
+        Take(tmp_path).write_arrays("evil.npz", {"a": np.array([{}], dtype=object)})
+
+
+def test_a_stage_is_done_only_with_its_own_stamp(tmp_path: Path) -> None:
+    take = Take(tmp_path / "t.take")
+    assert not take.is_done("build", "a")
+    take.finish("build", "a", {"material": "leaf", "numbers": [1, 2.5], "flag": True, "path": 'C:\\a "b"'})
+    take.finish("recover", "b", {})
+    assert take.is_done("build", "a") and take.is_done("recover", "b") and not take.is_done("build", "b")
+    assert take.description()["stages"]["build"]["settings"]["path"] == 'C:\\a "b"'
+
+
+def test_a_damaged_description_is_an_error_that_says_so(tmp_path: Path) -> None:
+    (tmp_path / "take.toml").write_text("= broken")
+    with pytest.raises(TakeError, match=r"take\.toml cannot be read"):
+        Take(tmp_path).description()
+
+
+def test_stamps_follow_settings_and_file_contents(tmp_path: Path) -> None:
+    clip = tmp_path / "clip.bin"
+    clip.write_bytes(b"one")
+    first = stamp_of(clip, BuildSettings(), np.arange(3))
+    assert first == stamp_of(clip, BuildSettings(), np.arange(3))
+    assert first != stamp_of(clip, BuildSettings(seed=1), np.arange(3))
+    assert first != stamp_of(clip, BuildSettings(), np.arange(4))
+    clip.write_bytes(b"two")
+    assert first != stamp_of(clip, BuildSettings(), np.arange(3))
+
+
+def test_an_older_take_is_refused_with_advice(tmp_path: Path) -> None:
+    arrays = to_arrays(recovery())
+    del arrays["F"]
+    with pytest.raises(TakeError, match="lacks F.*run `recover` again"):
+        from_arrays(Recovery, arrays)
+
+
+def test_unreadable_json_is_a_take_error(tmp_path: Path) -> None:
+    (tmp_path / "report.json").write_text("{")
+    with pytest.raises(TakeError, match="cannot be read"):
+        Take(tmp_path).read_json("report.json")

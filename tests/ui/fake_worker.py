@@ -1,0 +1,86 @@
+"""Speaks the worker's protocol without an engine: `fake_worker.py BEHAVIOUR [arguments ignored]`, standard library only.
+
+Behaviours: done, error, crash (Python exception), die (kills itself), mute (exit 1, says nothing), hang (stops on SIGINT), stubborn (ignores
+SIGINT and SIGTERM), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
+SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` take.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+SECONDS = float(os.environ.get("SEEING_WIND_FAKE_SECONDS", "0.3"))
+STAGES = ("observe", "build", "recover", "report")
+stopped = False
+
+
+def send(**message: object) -> None:
+    """One message."""
+    sys.stdout.write(json.dumps(message) + "\n")
+    sys.stdout.flush()
+
+
+def stop(*_: object) -> None:
+    """Signal handler."""
+    global stopped
+    stopped = True
+
+
+def work(seconds: float) -> None:
+    """Progress through all stages, stopping at a safe point after SIGINT."""
+    rounds = 8
+    for stage in STAGES:
+        for k in range(rounds + 1):
+            if stopped:
+                send(type="result", outcome="cancelled", seconds=1.0)
+                sys.exit(130)
+            send(type="progress", stage=stage, fraction=k / rounds, message=f"{stage} part {k} of {rounds}", residual=1.0 / (k + 1))
+            time.sleep(seconds / (len(STAGES) * (rounds + 1)))
+
+
+def main() -> int:
+    """Act as the first argument says."""
+    behaviour = sys.argv[1]
+    signal.signal(signal.SIGINT, stop)
+    print("log line of the worker", file=sys.stderr, flush=True)
+    if behaviour == "done":
+        work(SECONDS)
+        send(type="warning", message="Stiffness capped at 1e5 Pa instead of 2e9 Pa.")
+        send(type="result", outcome="converged", residual=0.21, iterations=7, seconds=SECONDS)
+    elif behaviour == "error":
+        send(type="progress", stage="observe", fraction=0.1, message="reading")
+        send(type="error", message="The box lies outside the picture of 480 x 270 pixels.", hint="Draw it round the object in the first picture.", mend="")
+        send(type="result", outcome="failed", message="The box lies outside the picture.")
+        return 1
+    elif behaviour == "crash":
+        raise RuntimeError("the grid is empty")
+    elif behaviour == "die":
+        send(type="progress", stage="recover", fraction=0.4, message="iteration 3")
+        os.kill(os.getpid(), signal.SIGKILL)
+    elif behaviour == "mute":
+        return 1
+    elif behaviour == "hang":
+        work(SECONDS if "SEEING_WIND_FAKE_SECONDS" in os.environ else 60.0)
+    elif behaviour == "stubborn":
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        send(type="progress", stage="recover", fraction=0.5, message="not listening")
+        time.sleep(60.0)
+    elif behaviour == "chatty":
+        print("Collecting numpy", flush=True)
+        print("[1, 2]", flush=True)
+        print('{"kind": "no type"}', flush=True)
+        send(type="result", outcome="converged")
+    elif behaviour == "offspring":
+        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(4)"])
+        send(type="result", outcome="converged")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
