@@ -12,6 +12,7 @@ import dataclasses
 import hashlib
 import json
 import os
+import re
 import tomllib
 import zipfile
 from collections.abc import Iterator
@@ -114,7 +115,7 @@ class Take:
         description["format"] = FORMAT
         description.setdefault("stages", {})[stage] = {"stamp": stamp, "settings": settings}
         with self.writing("take.toml") as path:
-            path.write_text(_toml(description), encoding="utf-8")
+            path.write_text(toml_text(description), encoding="utf-8")
 
 
 def stamp_of(*parts: Any) -> str:
@@ -171,14 +172,31 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
     return cls(**values)
 
 
-def _toml(values: dict[str, Any], path: tuple[str, ...] = ()) -> str:
-    """Plain values, lists and nested tables as TOML text (the standard library reads TOML but does not write it)."""
-    lines = [f"{key} = {_toml_value(value)}" for key, value in values.items() if not isinstance(value, dict)]
-    if path and lines:
-        lines.insert(0, f"[{'.'.join(path)}]")
-    blocks = ["\n".join(lines)] if lines else []
-    blocks += [_toml(value, (*path, key)).rstrip("\n") for key, value in values.items() if isinstance(value, dict)]
-    return "\n\n".join(block for block in blocks if block) + "\n"
+def toml_text(values: dict[str, Any]) -> str:
+    """Plain values, lists, nested tables and lists of tables as TOML text (the standard library reads TOML but does not write it).
+
+    Raises:
+        TypeError: for a value that TOML does not have.
+    """
+    return "\n\n".join(_toml_blocks(values, "", ())) + "\n"
+
+
+def _toml_blocks(values: dict[str, Any], header: str, path: tuple[str, ...]) -> list[str]:
+    """One block of text per table, the table's own values first (TOML allows them nowhere else)."""
+    lines, nested = [], []
+    for key, value in values.items():
+        inner = (*path, key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key))
+        if isinstance(value, dict):
+            nested += _toml_blocks(value, f"[{'.'.join(inner)}]", inner)
+        elif isinstance(value, (list, tuple)) and value and all(isinstance(item, dict) for item in value):
+            for item in value:
+                nested += _toml_blocks(item, f"[[{'.'.join(inner)}]]", inner)
+        else:
+            lines.append(f"{inner[-1]} = {_toml_value(value)}")
+    # a table without values of its own needs no header, unless it is empty or one of a list
+    if header and (lines or not nested or header.startswith("[[")):
+        lines.insert(0, header)
+    return (["\n".join(lines)] if lines else []) + nested
 
 
 def _toml_value(value: Any) -> str:
@@ -186,6 +204,8 @@ def _toml_value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, (int, float)):
         return repr(value)
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)} = {_toml_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, (list, tuple)):

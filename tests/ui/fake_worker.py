@@ -40,7 +40,9 @@ def work(seconds: float) -> None:
                 send(type="result", outcome="cancelled", seconds=1.0)
                 sys.exit(130)
             send(type="progress", stage=stage, fraction=k / rounds, message=f"{stage} part {k} of {rounds}", residual=1.0 / (k + 1))
-            time.sleep(seconds / (len(STAGES) * (rounds + 1)))
+            rest = time.monotonic() + seconds / (len(STAGES) * (rounds + 1))
+            while not stopped and time.monotonic() < rest:
+                time.sleep(0.02)
 
 
 def main() -> int:

@@ -1,0 +1,107 @@
+"""Scores `recover-trajectories` and `recover` on data that nobody here made: benchmarks/truth.py SHARED [CASE ...]
+
+SHARED holds truth/NAME.npz (bodies moved by known fields in another simulator), truth/rendered/NAME_v0 (the same, rendered) and
+clips/ (real footage). Prints a row per case with its bar and exits with 1 when a bar is missed.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from seeing_wind.engine.report.accuracy import field_errors, uniform_field
+
+
+def engine(*arguments: str | Path) -> dict:
+    """Run a verb of the engine as a user would; returns its result."""
+    command = [sys.executable, "-m", "seeing_wind.engine", *map(str, arguments)]
+    run = subprocess.run(command, capture_output=True, text=True)
+    if run.returncode:
+        sys.exit(f"{' '.join(command)}\nexit code {run.returncode}\n{run.stdout[-2000:]}\n{run.stderr[-2000:]}")
+    return json.loads(run.stdout.splitlines()[-1])
+
+
+def sampled(take: Path, x: np.ndarray) -> np.ndarray:
+    """The take's field at the true positions x (T,N,3) [m] -> (T,N,3) [N/m³]."""
+    np.save(take / "points.npy", x)
+    engine("sample", take, "--points", take / "points.npy", "--out", take / "sampled.npz")
+    with np.load(take / "sampled.npz", allow_pickle=False) as data:
+        return data["force_density"]
+
+
+def scores(truth_file: Path, take: Path) -> str:
+    """Magnitude and direction error against the truth, beside those of a uniform field with the right net force."""
+    truth = np.load(truth_file, allow_pickle=False)
+    want, free = truth["acc"] * float(truth["rho"]), ~truth["fixed"]
+    got = field_errors(want, sampled(take, truth["x"][:-1]), free)
+    flat = field_errors(want, uniform_field(want, free), free)
+    scores.last = got  # type: ignore[attr-defined]
+    return f"{got[0]:5.1f} % {got[1]:5.1f} deg   uniform field {flat[0]:5.1f} % {flat[1]:5.1f} deg"
+
+
+def trajectories(shared: Path, take: Path, name: str) -> str:
+    """Exact trajectories of another simulator."""
+    engine("recover-trajectories", shared / f"truth/{name}.npz", "--take", take)
+    return scores(shared / f"truth/{name}.npz", take)
+
+
+def pixels(shared: Path, take: Path, name: str) -> str:
+    """The rendered clip with its camera, mask and first depth."""
+    scene, truth = shared / f"truth/rendered/{name}_v0", np.load(shared / f"truth/{name}.npz", allow_pickle=False)
+    pin = ["--pin", scene / "pin_0000.png"] if (scene / "pin_0000.png").exists() else []
+    engine(
+        *("recover", scene / "clip.mp4", "--take", take, "--camera", scene / "camera.json", "--mask", scene / "mask_0000.png"),
+        *("--depth", scene / "depth_0000.npy", "--no-gravity", "--density", truth["rho"], "--youngs-modulus", truth["E"]),
+        *("--poisson-ratio", truth["nu"], *pin),
+    )
+    return scores(shared / f"truth/{name}.npz", take)
+
+
+def ball(shared: Path, take: Path, name: str) -> str:
+    """A real ball in free flight: the recovered force over density must be gravity."""
+    clip = shared / "clips/ball_toss_osp/BallTossOut.mov"
+    engine(
+        *("recover", clip, "--take", take, "--fps", 30.19, "--pixels-per-metre", 398.7, "--no-gravity", "--frames", "12:27"),
+        *("--box", *BALL_BOX, "--material", "rubber", "--density", 400),
+    )
+    with np.load(take / "trajectory.npz", allow_pickle=False) as data:
+        a = data["force_density"].mean((0, 1)) / 400.0
+    size, angle = np.linalg.norm(a), np.degrees(np.arccos(-a[2] / np.linalg.norm(a)))
+    scores.last = (100 * abs(size / 9.8 - 1), angle)  # type: ignore[attr-defined]
+    return f"{size:5.2f} m/s² {angle:5.1f} deg off straight down"
+
+
+BALL_BOX = (0, 0, 0, 0)
+CASES: dict[str, tuple[Callable[[Path, Path, str], str], str, float, float]] = {
+    # name: how, scene, bar in percent, bar in degrees
+    "sheet": (trajectories, "sheet", 5.0, 5.0),
+    "banner": (trajectories, "banner", 20.0, 14.0),
+    "sheet from pixels": (pixels, "sheet", 10.0, 8.0),
+    "ball toss": (ball, "ball", 5.0, 5.0),
+}
+
+
+def main() -> int:
+    """All cases, or those named."""
+    shared, wanted, missed = Path(sys.argv[1]).resolve(), sys.argv[2:] or list(CASES), 0
+    for case in wanted:
+        how, scene, percent, degrees = CASES[case]
+        with tempfile.TemporaryDirectory() as folder:
+            started = time.perf_counter()
+            line = how(shared, Path(folder) / "a.take", scene)
+            took = time.perf_counter() - started
+        good = scores.last[0] <= percent and scores.last[1] <= degrees  # type: ignore[attr-defined]
+        missed += not good
+        print(f"{case:18} {line}   bar {percent:g} % {degrees:g} deg   {took:5.1f} s   {'ok' if good else 'MISSED'}", flush=True)
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,77 @@
+"""What can be known: a confidence in 0..1 for every query, from where mass passed and how well the force is determined there.
+
+Confidence is the product of two factors:
+
+- coverage: 1 where particles are in that frame, falling like a Gaussian within a few particle spacings from them;
+- signal to noise: s² / (s² + d²), with d the posterior standard deviation of the force's three components together and s² the mean of
+  the local squared force and the clip's mean squared force (a force that is known to be small is known, too).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..records import Particles, Recovery
+
+SUPPORTS = 400
+"""At most so many points per frame stand for the particles: keeps the file small."""
+
+NEIGHBOURS = 6
+
+
+class ConfidenceMap:
+    """Support points with values, per frame.
+
+    Args:
+        points: (T, K, 3) [m]; kept as float32, as in the file.
+        value: (T, K) signal to noise factor, 0..1.
+        reach: distance [m] over which confidence falls off.
+    """
+
+    def __init__(self, points: np.ndarray, value: np.ndarray, reach: float) -> None:
+        self.points, self.value, self.reach = np.asarray(points, np.float32), np.asarray(value, np.float32), float(reach)
+        if self.points.shape != (*self.value.shape, 3) or not self.value.size or not self.reach > 0:
+            raise ValueError(f"confidence points {self.points.shape} and values {self.value.shape} do not fit")
+        self._trees: dict[int, cKDTree] = {}
+
+    def at(self, points: np.ndarray, frame: int) -> np.ndarray:
+        """Confidence (M,) at points (M, 3) [m] in frame interval `frame`."""
+        if frame not in self._trees:
+            self._trees[frame] = cKDTree(self.points[frame].astype(np.float64))
+        count = min(NEIGHBOURS, self.value.shape[1])
+        distance, index = self._trees[frame].query(points, k=count)
+        distance, index = distance.reshape(len(points), count), index.reshape(len(points), count)
+        nearest = distance[:, :1]
+        # relative to the nearest, so that far away the weights do not all vanish
+        weight = np.exp(-(distance**2 - nearest**2) / self.reach**2)
+        value = (weight * self.value[frame].astype(np.float64)[index]).sum(axis=1) / weight.sum(axis=1)
+        beyond = np.maximum(nearest[:, 0] - self.reach / 2, 0.0)
+        return value * np.exp(-0.5 * (beyond / (self.reach / 2)) ** 2)
+
+    def tensors(self) -> dict[str, np.ndarray]:
+        """What the field's file must hold besides `reach`."""
+        return {"confidence.points": self.points, "confidence.value": self.value}
+
+
+def confidence_map(recovery: Recovery, particles: Particles) -> ConfidenceMap:
+    """Confidence of a recovery's force, with at most `SUPPORTS` particles standing for all."""
+    frames, count = recovery.deviation.shape
+    x = recovery.x[:frames]
+    chosen = farthest_points(x[0], min(SUPPORTS, count))
+    squared = (recovery.force_density**2).sum(axis=-1)
+    signal = 0.5 * (squared + squared.mean())
+    value = signal / (signal + 3 * recovery.deviation**2 + np.finfo(float).tiny)
+    # supports are sparser than particles, so their reach covers the gaps between them
+    gap = float(cKDTree(x[0][chosen]).query(x[0])[0].max())
+    return ConfidenceMap(x[:, chosen], value[:, chosen], 2 * max(particles.spacing, gap))
+
+
+def farthest_points(x: np.ndarray, count: int) -> np.ndarray:
+    """Indices (count,) of points spread evenly over the points x (N, 3), greedily: each farthest from those before."""
+    chosen = np.zeros(count, dtype=np.int64)
+    distance = np.full(len(x), np.inf)
+    for k in range(1, count):
+        distance = np.minimum(distance, ((x - x[chosen[k - 1]]) ** 2).sum(axis=1))
+        chosen[k] = distance.argmax()
+    return chosen

@@ -1,0 +1,190 @@
+"""From the forces that were solved on the particles to a force field that can be asked anywhere.
+
+The representation is fitted to samples (x[t, n], t, f[t, n]), each weighted by how well it is known; the last layer, in which the
+fit is linear, is then solved exactly. Away from the body nothing was seen: a few weak samples there hold the field at each frame's
+mean force, so that an object inserted beside the recorded path meets the same wind and not an arbitrary extrapolation. Confidence
+tells the two apart.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+
+from ..errors import UsageError
+from ..progress import NoProgress, Progress
+from ..records import Particles, Recovery
+from .confidence import confidence_map
+from .force_field import ForceField
+from .kplanes import ForceFieldKPlanes, KPlanes
+from .neural import NeuralModule
+from .planes import Stencil
+from .point import ForceFieldPoint
+from .triplane import CausalTriPlane, ForceFieldTriPlane
+
+ITERATIONS = 800
+"""Adam iterations for clips up to two seconds; longer clips get more, see `_iterations`."""
+
+BATCH = 1024
+SPACE_WEIGHT, TIME_WEIGHT = 1e-5, 1e-5
+"""lambda_1 and lambda_2 of Eq. (14), for normalised forces."""
+
+RELATIVE_FLOOR, ABSOLUTE_FLOOR = 0.05, 0.02
+"""A sample is never trusted beyond this part of its own force and of the clip's root mean square force."""
+
+BACKGROUND_SHARE, BACKGROUND_WEIGHT = 0.1, 0.02
+"""How many samples lie away from the body, and their weight beside a typical one."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What the representation is fitted to, normalised. S samples."""
+
+    s: torch.Tensor
+    """(S, 3) in 0..1 of the box."""
+    frame: torch.Tensor
+    """(S,) int64."""
+    force: torch.Tensor
+    """(S, 3) over the scale."""
+    weight: torch.Tensor
+    """(S,) mean about one."""
+
+
+def distill(
+    recovery: Recovery,
+    particles: Particles,
+    fps: float,
+    representation: str = "causal_triplane",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> ForceField:
+    """Fit a representation to a recovery's forces.
+
+    Args:
+        recovery: forces (T, N, 3) [N/m³] at x[t], and their posterior deviation.
+        particles: the body, for its spacing.
+        fps: frames per second.
+        representation: causal_triplane, kplanes or point.
+        seed: of the weights' start and the batches; the same seed gives the same field.
+        progress: told about the fit in fractions of it.
+
+    Raises:
+        UsageError: for an unknown representation, or forces that are not finite (a recovery that diverged).
+    """
+    if representation not in ("causal_triplane", "kplanes", "point"):
+        raise UsageError(f"There is no force representation {representation}.", "Use causal_triplane, kplanes or point.")
+    for name in ("force_density", "deviation", "x"):
+        if not np.isfinite(getattr(recovery, name)).all():
+            raise UsageError(f"The recovery's {name} is not finite.", "It diverged: recover with other settings.")
+    frames = len(recovery.force_density)
+    x = recovery.x[:frames]
+    box, confidence = _box(x, particles.spacing), confidence_map(recovery, particles)
+    if representation == "point":
+        return ForceFieldPoint(box, fps, frames, x, recovery.force_density, confidence)
+
+    # without any force any scale will do
+    scale = float(np.sqrt((recovery.force_density**2).sum(axis=-1).mean())) or 1.0
+    samples = _samples(recovery, x, box, scale, seed)
+    threads = torch.get_num_threads()
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        # one thread: the matrices are small, and the result then does not depend on the machine's load or core count
+        torch.set_num_threads(1)
+        try:
+            module = _module(representation, frames, box, x[0])
+            _fit(module, samples, _iterations(frames), progress or NoProgress())
+        finally:
+            torch.set_num_threads(threads)
+    if isinstance(module, KPlanes):
+        return ForceFieldKPlanes(box, fps, frames, module, scale, confidence)
+    return ForceFieldTriPlane(box, fps, frames, module, scale, confidence)
+
+
+def _iterations(frames: int) -> int:
+    return min(int(ITERATIONS * max(1.0, math.sqrt(frames / 48))), 3000)
+
+
+def _box(x: np.ndarray, spacing: float) -> np.ndarray:
+    """The swept volume with a margin (2, 3) [m]; no side is thinner than a tenth of the longest."""
+    low, high = x.min(axis=(0, 1)), x.max(axis=(0, 1))
+    longest = max(float((high - low).max()), spacing)
+    margin = np.maximum(0.05 * longest + 2 * spacing, (0.1 * longest - (high - low)) / 2)
+    return np.stack([low - margin, high + margin])
+
+
+def _module(representation: str, frames: int, box: np.ndarray, body: np.ndarray) -> NeuralModule:
+    """Planes with about three fine cells per radius of the body: curved fields bend within a body, not within a particle."""
+    radius = float(np.sqrt(((body - body.mean(axis=0)) ** 2).sum(axis=1).mean())) or 1.0
+    cells = (box[1] - box[0]) / radius * 3
+    fine, coarse = _nodes(cells, 8, 40), _nodes(cells / 2.5, 5, 16)
+    if representation == "kplanes":
+        return KPlanes(frames, fine)
+    return CausalTriPlane(frames, [coarse, fine])
+
+
+def _nodes(cells: np.ndarray, fewest: int, most: int) -> tuple[int, int, int]:
+    x, y, z = (int(count) for count in np.clip(np.ceil(cells), fewest, most))
+    return x, y, z
+
+
+def _samples(recovery: Recovery, x: np.ndarray, box: np.ndarray, scale: float, seed: int) -> Samples:
+    frames, count = recovery.deviation.shape
+    force, deviation = recovery.force_density / scale, recovery.deviation / scale
+    size = np.linalg.norm(force, axis=-1)
+    weight = 1 / (deviation**2 + (RELATIVE_FLOOR * size + ABSOLUTE_FLOOR) ** 2)
+    weight /= weight.mean()
+    random, radius = np.random.default_rng(seed), float(np.sqrt(x[0].var(axis=0).sum()))
+    frame, points = np.repeat(np.arange(frames), count), x.reshape(-1, 3)
+    per_frame = math.ceil(BACKGROUND_SHARE * count)
+    away = random.uniform(box[0], box[1], (frames, per_frame, 3))
+    far = np.stack([cKDTree(x[t]).query(away[t])[0] > radius for t in range(frames)])
+    mean = np.broadcast_to(force.mean(axis=1, keepdims=True), away.shape)
+    away_frame = np.broadcast_to(np.arange(frames)[:, None], far.shape)[far]
+    points, frame = np.concatenate([points, away[far]]), np.concatenate([frame, away_frame])
+    return Samples(
+        s=torch.from_numpy((points - box[0]) / (box[1] - box[0])).float(),
+        frame=torch.from_numpy(frame),
+        force=torch.from_numpy(np.concatenate([force.reshape(-1, 3), mean[far]])).float(),
+        weight=torch.from_numpy(np.concatenate([weight.ravel(), np.full(len(away_frame), BACKGROUND_WEIGHT)])).float(),
+    )
+
+
+def _fit(module: NeuralModule, samples: Samples, iterations: int, progress: Progress) -> None:
+    """Adam on random batches with one rise and fall of the learning rates, then the last layer exactly."""
+    rows, carry = module.stencil(samples.s, samples.frame)
+    groups = module.rates()
+    rates = [group["lr"] for group in groups]
+    optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99))
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rates, total_steps=iterations, pct_start=0.1)
+    for iteration in range(iterations):
+        pick = torch.randint(len(samples.s), (min(BATCH, len(samples.s)),))
+        force = module.decoder(module.latent((rows[pick], carry[pick]), samples.frame[pick]))
+        data = (samples.weight[pick, None] * (force - samples.force[pick]).square()).mean()
+        space, time = module.roughness()
+        (data + SPACE_WEIGHT * space + TIME_WEIGHT * time).backward()
+        optimiser.step()
+        schedule.step()
+        optimiser.zero_grad()
+        if iteration % 50 == 0:
+            progress.update(iteration / iterations, "distilling the field", misfit=float(data.detach()))
+    _solve_last(module, samples, (rows, carry))
+
+
+@torch.no_grad()
+def _solve_last(module: NeuralModule, samples: Samples, stencil: Stencil) -> None:
+    """Weighted least squares for the decoder's last layer, slightly drawn to what Adam found so that it cannot blow up."""
+    hidden = module.decoder[:-1](module.latent(stencil, samples.frame)).double()
+    hidden = torch.cat([hidden, torch.ones(len(hidden), 1, dtype=hidden.dtype)], dim=1)
+    weighted = hidden * samples.weight.double()[:, None]
+    last = module.decoder[-1]
+    assert isinstance(last, torch.nn.Linear)
+    found = torch.cat([last.weight, last.bias[:, None]], dim=1).T.double()
+    normal = weighted.T @ hidden
+    ridge = 1e-6 * normal.diagonal().mean() * torch.eye(len(normal), dtype=normal.dtype)
+    solved = found + torch.linalg.solve(normal + ridge, weighted.T @ (samples.force.double() - hidden @ found))
+    last.weight.copy_(solved[:-1].T)
+    last.bias.copy_(solved[-1])

@@ -1,0 +1,115 @@
+"""What every force field can do: be asked for forces, gradients and confidence, and be saved without pickle."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from os import PathLike
+from pathlib import Path
+from typing import ClassVar, Self
+
+import numpy as np
+from safetensors.numpy import save
+
+from ..errors import TakeError, UsageError
+
+VERSION = 1
+"""Version of the field file."""
+
+UNITS = "N/m3"
+
+
+class ForceField(ABC):
+    """A body-force density f(x, t) [N/m³] over T frame intervals; the force of interval t is held from picture t to picture t + 1.
+
+    Args:
+        box: (2, 3) lower and upper corner of the region that the field was made for, world metres.
+        fps: frames per second.
+        frames: T, how many frame intervals the field knows.
+
+    Raises:
+        UsageError: for a box without volume, or fps or frames that are not positive.
+    """
+
+    representation: ClassVar[str] = ""
+    """The name in the file that leads back to the class."""
+
+    def __init__(self, box: np.ndarray, fps: float, frames: int) -> None:
+        self.box = np.array(box, dtype=np.float64)
+        self.fps, self.frames = float(fps), int(frames)
+        if self.box.shape != (2, 3) or not np.isfinite(self.box).all() or (self.box[1] <= self.box[0]).any():
+            raise UsageError("A field's box must be two corners (2, 3) in metres, the lower one first.", f"Got {np.asarray(box).tolist()}.")
+        if not (np.isfinite(self.fps) and self.fps > 0) or self.frames < 1:
+            raise UsageError(f"A field needs a positive frame rate and at least one frame, not {fps} and {frames}.")
+
+    def sample(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Force density (M, 3) [N/m³] and confidence (M,) in 0..1 at points (M, 3) [m] during frame interval `frame`.
+
+        Confidence tells what the clip can know: 0 far from where mass passed, 1 where the force is well determined.
+
+        Raises:
+            UsageError: for a frame outside 0..T-1 or points that are not finite.
+        """
+        points = self._checked(points, frame)
+        return self._force(points, frame), self._confidence(points, frame)
+
+    def gradient(self, points: np.ndarray, frame: int) -> np.ndarray:
+        """d f_i / d x_j (M, 3, 3) [N/m⁴] at points (M, 3) [m]. Raises as `sample`."""
+        return self._gradient(self._checked(points, frame), frame)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the field as safetensors: weights, and metadata that other readers need (box, fps, frames, units, ...).
+
+        Raises:
+            TakeError: when the file cannot be written.
+        """
+        metadata = {
+            "representation": self.representation,
+            "version": str(VERSION),
+            "units": UNITS,
+            "box": json.dumps(self.box.tolist()),
+            "fps": repr(self.fps),
+            "frames": str(self.frames),
+            **self._metadata(),
+        }
+        content = save({key: np.ascontiguousarray(value) for key, value in self._tensors().items()}, metadata)
+        try:
+            Path(path).write_bytes(content)
+        except OSError as error:
+            raise TakeError(f"Cannot write {path}: {error.strerror or error}.", "Free some space or choose another folder.") from error
+
+    @classmethod
+    @abstractmethod
+    def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
+        """The field of a file's tensors and metadata. Raises KeyError or ValueError for what is missing or has a wrong shape."""
+
+    @abstractmethod
+    def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
+        """Force density (M, 3) [N/m³] at valid points."""
+
+    @abstractmethod
+    def _gradient(self, points: np.ndarray, frame: int) -> np.ndarray:
+        """d f_i / d x_j (M, 3, 3) [N/m⁴] at valid points."""
+
+    @abstractmethod
+    def _tensors(self) -> dict[str, np.ndarray]:
+        """Everything that the file must hold."""
+
+    def _metadata(self) -> dict[str, str]:
+        """Metadata beyond what every field has."""
+        return {}
+
+    def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
+        """Confidence (M,): one, unless a representation knows better."""
+        return np.ones(len(points))
+
+    def _checked(self, points: np.ndarray, frame: int) -> np.ndarray:
+        points = np.asarray(points, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise UsageError(f"Points must have shape (M, 3), not {points.shape}.")
+        if not np.isfinite(points).all():
+            bad = int((~np.isfinite(points).all(axis=1)).sum())
+            raise UsageError(f"{bad} of {len(points)} points are not finite.", "Remove them before sampling.")
+        if not 0 <= frame < self.frames:
+            raise UsageError(f"The field has no frame {frame}.", f"Its frames are 0 to {self.frames - 1}.")
+        return points

@@ -1,0 +1,99 @@
+"""What all learned representations share: normalised coordinates in, normalised force out, torch inside, NumPy outside."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import torch
+from torch import nn
+
+from .confidence import ConfidenceMap
+from .force_field import ForceField
+from .planes import Stencil
+
+
+class NeuralModule(nn.Module):
+    """A representation as torch sees it: coordinates in the box scaled to 0..1 and a frame -> force over the field's scale.
+
+    A query goes through `stencil` (where the point lies in the planes; fixed while fitting to fixed points), `latent` and `decoder`.
+
+    Args:
+        shape: the constructor's arguments besides `frames`, for the file.
+    """
+
+    decoder: nn.Sequential
+
+    def __init__(self, shape: dict[str, Any]) -> None:
+        super().__init__()
+        self.shape = shape
+
+    def stencil(self, s: torch.Tensor, frame: torch.Tensor) -> Stencil:
+        """Coordinates (S, 3) in 0..1 and frames (S,) -> the nodes that carry each query."""
+        raise NotImplementedError
+
+    def latent(self, stencil: Stencil, frame: torch.Tensor) -> torch.Tensor:
+        """Feature vectors (S, features) that the decoder turns into forces."""
+        raise NotImplementedError
+
+    def roughness(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """L_space and L_time of Eq. (14), without their factors."""
+        raise NotImplementedError
+
+    def rates(self) -> list[dict[str, Any]]:
+        """Adam's parameter groups with their learning rates."""
+        raise NotImplementedError
+
+    def forward(self, s: torch.Tensor, frame: torch.Tensor) -> torch.Tensor:
+        """Normalised force (S, 3)."""
+        return self.decoder(self.latent(self.stencil(s, frame), frame))
+
+
+class ForceFieldNeural(ForceField):
+    """A force field whose values come from a `NeuralModule`.
+
+    Args:
+        box, fps, frames: as in `ForceField`; points outside the box get the force of the nearest point of the box.
+        module: float32 weights; evaluated in double precision.
+        scale: force density [N/m³] of a normalised force of one.
+        confidence: where the field can be trusted.
+    """
+
+    module_class: ClassVar[type[NeuralModule]]
+
+    def __init__(self, box: np.ndarray, fps: float, frames: int, module: NeuralModule, scale: float, confidence: ConfidenceMap) -> None:
+        super().__init__(box, fps, frames)
+        self.module = module.double().requires_grad_(False)
+        self.scale, self.confidence = float(scale), confidence
+
+    def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
+        with torch.no_grad():
+            return (self.scale * self.module(self._normalised(points), torch.full((len(points),), frame))).numpy()
+
+    def _gradient(self, points: np.ndarray, frame: int) -> np.ndarray:
+        s = self._normalised(points).requires_grad_(True)
+        force = self.scale * self.module(s, torch.full((len(points),), frame))
+        rows = [torch.autograd.grad(force[:, axis].sum(), s, retain_graph=axis < 2)[0] for axis in range(3)]
+        return torch.stack(rows, dim=1).numpy() / (self.box[1] - self.box[0])
+
+    def _confidence(self, points: np.ndarray, frame: int) -> np.ndarray:
+        return self.confidence.at(points, frame)
+
+    def _normalised(self, points: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy((points - self.box[0]) / (self.box[1] - self.box[0]))
+
+    def _tensors(self) -> dict[str, np.ndarray]:
+        weights = {f"module.{key}": value.numpy().astype(np.float32) for key, value in self.module.state_dict().items()}
+        return {**weights, **self.confidence.tensors()}
+
+    def _metadata(self) -> dict[str, str]:
+        return {"shape": json.dumps(self.module.shape), "scale": repr(self.scale), "reach": repr(self.confidence.reach)}
+
+    @classmethod
+    def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
+        module = cls.module_class(frames=frames, **json.loads(metadata["shape"]))  # type: ignore[call-arg]
+        weights = {key.removeprefix("module."): torch.from_numpy(value) for key, value in tensors.items() if key.startswith("module.")}
+        module.load_state_dict(weights)
+        confidence = ConfidenceMap(tensors["confidence.points"], tensors["confidence.value"], float(metadata["reach"]))
+        return cls(box, fps, frames, module, float(metadata["scale"]), confidence)

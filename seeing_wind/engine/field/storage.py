@@ -1,0 +1,47 @@
+"""Fields from files."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from pathlib import Path
+
+from safetensors import SafetensorError, safe_open
+
+from ..errors import TakeError
+from .analytic import ForceFieldAnalytic
+from .force_field import UNITS, VERSION, ForceField
+from .kplanes import ForceFieldKPlanes
+from .point import ForceFieldPoint
+from .triplane import ForceFieldTriPlane
+
+REPRESENTATIONS: dict[str, type[ForceField]] = {
+    cls.representation: cls for cls in (ForceFieldTriPlane, ForceFieldKPlanes, ForceFieldPoint, ForceFieldAnalytic)
+}
+"""Every class that a field file can name."""
+
+
+def load_field(path: str | PathLike[str]) -> ForceField:
+    """Read a field that `ForceField.save` wrote. Nothing in the file can execute code.
+
+    Raises:
+        TakeError: when the file is missing, damaged, incomplete, or of another version.
+    """
+    path = Path(path)
+    again = "Run `recover` for this take again."
+    if not path.is_file():
+        raise TakeError(f"There is no field at {path}.", "Run `recover` for this take first.")
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+            tensors = {key: file.get_tensor(key) for key in file.keys()}
+    except (OSError, SafetensorError, ValueError) as error:
+        raise TakeError(f"{path} is no readable field: {error}.", again) from error
+    try:
+        name, version, units = metadata["representation"], int(metadata["version"]), metadata["units"]
+        if version > VERSION or units != UNITS or name not in REPRESENTATIONS:
+            raise ValueError(f"representation {name}, version {version}, units {units}")
+        box, fps, frames = json.loads(metadata["box"]), float(metadata["fps"]), int(metadata["frames"])
+        return REPRESENTATIONS[name].from_file(tensors, metadata, box, fps, frames)
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        raise TakeError(f"{path} is no field that this version knows: {error}.", again) from error

@@ -1,0 +1,103 @@
+"""The library of materials (`materials.toml`) and how a user's own numbers replace the library's.
+
+Stands for the commonsense properties {m, E, nu} that the paper asks a vision-language model for (arXiv 2512.00762, section 3.1).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import tomllib
+from pathlib import Path
+
+from .errors import MaterialError
+from .records import Material
+
+LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
+"""Constitutive laws that the simulator knows."""
+
+PLASTIC_LAWS = ("von_mises", "viscoplastic")
+"""Laws that need a yield stress."""
+
+DEFAULT = "leaf"
+"""The material of an object of which nothing is said."""
+
+
+def find(name: str) -> Material:
+    """The library's material `name`; case, spaces and hyphens do not matter.
+
+    Raises:
+        MaterialError: no such material; the message names the nearest ones.
+    """
+    key = name.strip().lower().replace(" ", "_").replace("-", "_")
+    if key in MATERIALS:
+        return MATERIALS[key]
+    near = difflib.get_close_matches(key, MATERIALS, n=3, cutoff=0.5) or [other for other in MATERIALS if key and key in other][:3]
+    hint = f"Did you mean {' or '.join(near)}?" if near else f"Known materials: {', '.join(sorted(MATERIALS))}."
+    raise MaterialError(f"There is no material '{name}'.", hint)
+
+
+def adjusted(
+    material: Material,
+    *,
+    law: str | None = None,
+    density: float | None = None,
+    youngs_modulus: float | None = None,
+    poisson_ratio: float | None = None,
+    yield_stress: float | None = None,
+    viscosity: float | None = None,
+) -> Material:
+    """`material` with the given properties replaced (None keeps the library's) and all of them checked.
+
+    Args:
+        law: one of `LAWS`; density: [kg/m³]; youngs_modulus, yield_stress: [Pa]; viscosity: [Pa s].
+
+    Raises:
+        MaterialError: unknown law, a number that is not finite or out of its range, a plastic law without a yield stress.
+    """
+    given = {"law": law, "density": density, "youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
+    given |= {"yield_stress": yield_stress, "viscosity": viscosity}
+    changes = {key: value if key == "law" else _number(key, value) for key, value in given.items() if value is not None}
+    source = f"{material.source}; given by the user: {', '.join(changes)}" if changes else material.source
+    result = dataclasses.replace(material, **changes, source=source)  # type: ignore[arg-type]
+    _check(result)
+    return result
+
+
+def _number(key: str, value: object) -> float:
+    try:
+        return float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError) as error:
+        raise MaterialError(f"{key} is {value!r}, which is no number.", "Give a number in SI units.") from error
+
+
+def _check(material: Material) -> None:
+    """Raise MaterialError unless every property is physical."""
+    if material.law not in LAWS:
+        raise MaterialError(f"There is no law '{material.law}'.", f"Known laws: {', '.join(LAWS)}.")
+    for key in ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity"):
+        if not math.isfinite(getattr(material, key)):
+            raise MaterialError(f"{key} of {material.name} is not finite.", "Give a finite number in SI units.")
+    if material.density <= 0.0:
+        raise MaterialError(f"The density of {material.name} is {material.density:g} kg/m³.", "Give a density above zero.")
+    if material.youngs_modulus <= 0.0:
+        raise MaterialError(f"Young's modulus of {material.name} is {material.youngs_modulus:g} Pa.", "Give a modulus above zero.")
+    if not -1.0 < material.poisson_ratio < 0.5:
+        raise MaterialError(
+            f"Poisson's ratio of {material.name} is {material.poisson_ratio:g}.",
+            "It lies between -1 and 0.5, both excluded; use 0.48 for rubber and flesh.",
+        )
+    if material.yield_stress < 0.0 or material.viscosity < 0.0:
+        raise MaterialError(f"Yield stress or viscosity of {material.name} is negative.", "Give zero or more.")
+    if material.law in PLASTIC_LAWS and material.yield_stress == 0.0:
+        raise MaterialError(f"{material.name} has the plastic law {material.law} but no yield stress.", "Give --yield-stress in Pa.")
+
+
+def _read_library() -> dict[str, Material]:
+    text = Path(__file__).with_name("materials.toml").read_text(encoding="utf-8")
+    return {name: adjusted(Material(name=name, **values)) for name, values in tomllib.loads(text).items()}
+
+
+MATERIALS: dict[str, Material] = _read_library()
+"""All materials of the library by name."""

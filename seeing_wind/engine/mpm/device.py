@@ -1,0 +1,40 @@
+"""Where Taichi starts: once, on first use, never at import."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import threading
+
+import taichi as ti
+
+from ..errors import SimulationError, UsageError
+
+_lock = threading.Lock()
+_running: str | None = None
+
+
+def start(device: str = "auto") -> None:
+    """Start Taichi for `device` (auto, cpu or cuda) if it does not run yet; cheap afterwards.
+
+    `auto` is the CPU: a recovery simulates hundreds of copies of a body of a thousand particles, one copy per core, which leaves a
+    GPU's lanes idle. Double precision throughout. Fast math stays off, as it lets the compiler assume that no number is NaN and so
+    drops the very test that stops a diverging run.
+
+    Raises:
+        UsageError: for an unknown device.
+        SimulationError: when CUDA is asked for and not there, or Taichi already runs elsewhere.
+    """
+    global _running
+    wanted = {"auto": "cpu", "cpu": "cpu", "cuda": "cuda"}.get(device)
+    if wanted is None:
+        raise UsageError(f"There is no device {device!r}.", "Choose auto, cpu or cuda.")
+    with _lock:
+        if _running is None:
+            arch = ti.cuda if wanted == "cuda" else ti.cpu
+            # Taichi greets on stdout, where the worker's messages go.
+            with contextlib.redirect_stdout(io.StringIO()):
+                ti.init(arch=arch, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, offline_cache=True, enable_fallback=True)
+            _running = "cuda" if ti.cfg.arch == ti.cuda else "cpu"
+    if _running != wanted and device != "auto":
+        raise SimulationError(f"The solver runs on {_running}, not on {wanted}.", "Choose --device auto, or start the engine afresh.")

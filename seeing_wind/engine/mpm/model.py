@@ -1,0 +1,160 @@
+"""What stays the same during a simulation, and how it is chosen from a material."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..conventions import GRAVITY, lame
+from ..errors import MaterialError, SimulationError
+from ..records import Material, Particles
+from .boundary import clamped_nodes, lattice_offset
+from .constitutive import LAWS
+
+COURANT = 0.3
+"""Cells that an elastic wave may cross in one substep."""
+CELL_SPACINGS = 2.0
+"""dx over the particles' spacing: two particles per cell and axis."""
+MIN_SUBSTEPS = 8
+MAX_SUBSTEPS = 200
+"""Per frame. More is slower than a recovery can afford; a stiffer body hardly moves differently."""
+DEFAULT_SPEED = 5.0
+"""Speed [m/s] that a body is expected to reach when nothing better is known."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """Bodies, grid and time of one simulation. `model_for` builds it."""
+
+    mass: np.ndarray
+    """(N,) [kg]."""
+    volume: np.ndarray
+    """(N,) rest volume [m³]."""
+    mu: np.ndarray
+    """(N,) [Pa]."""
+    lam: np.ndarray
+    """(N,) [Pa]."""
+    law: np.ndarray
+    """(N,) int32, a value of `constitutive.LAWS`."""
+    pinned: np.ndarray
+    """(N,) int32, 1 where the particle is held where it is."""
+    clamp_lo: np.ndarray
+    """(3,) int32, first node of the box `clamp`."""
+    clamp: np.ndarray
+    """(a, b, c) int32, 1 for the nodes that stand still."""
+    offset: np.ndarray
+    """(3,) position of the lattice's node (0, 0, 0) [m]."""
+    dx: float
+    """Grid spacing [m]."""
+    frame_dt: float
+    """One frame [s]."""
+    substeps: int
+    """Per frame."""
+    gravity: np.ndarray
+    """(3,) [m/s²], apart from the external acceleration."""
+    device: str = "auto"
+    """auto, cpu or cuda."""
+
+    @property
+    def particles(self) -> int:
+        """N."""
+        return len(self.mass)
+
+
+def model_for(
+    particles: Particles | Sequence[Particles],
+    material: Material | Sequence[Material],
+    fps: float,
+    *,
+    gravity: Sequence[float] | np.ndarray = GRAVITY,
+    mass_scale: float | Sequence[float] = 1.0,
+    speed: float = DEFAULT_SPEED,
+    dx: float | None = None,
+    max_substeps: int = MAX_SUBSTEPS,
+    device: str = "auto",
+) -> tuple[Model, list[str]]:
+    """Choose grid and substeps for one body, or for several that share a grid and push each other.
+
+    Args:
+        particles: one body, or several; their particles follow each other in the model in this order.
+        material: one for all, or one per body.
+        fps: frames per second.
+        gravity: (3,) [m/s²].
+        mass_scale: factor on the density, one for all or one per body.
+        speed: fastest motion expected [m/s]; more substeps above about one cell per substep.
+        dx: grid spacing [m]; None takes twice the spacing of the finest body.
+        max_substeps: per frame. A stiffer material is softened until it gets by with that many.
+        device: auto, cpu or cuda.
+
+    Returns:
+        The model, and notes that the user should read.
+
+    Raises:
+        MaterialError: for a law that the solver does not have.
+        SimulationError: for no particles, or a speed that needs more than `max_substeps`.
+    """
+    bodies = [particles] if isinstance(particles, Particles) else list(particles)
+    materials = [material] * len(bodies) if isinstance(material, Material) else list(material)
+    scales = [float(mass_scale)] * len(bodies) if isinstance(mass_scale, (int, float)) else [float(s) for s in mass_scale]
+    if not bodies or min(len(body.x) for body in bodies) == 0:
+        raise SimulationError("There are no particles to simulate.", "Choose a larger object or more particles.")
+    spacing = min(body.spacing for body in bodies)
+    dx = CELL_SPACINGS * spacing if dx is None else dx
+    frame_dt = 1.0 / fps
+    needed_by_speed = math.ceil(speed * frame_dt / dx)
+    if needed_by_speed > max_substeps:
+        raise SimulationError(
+            f"A body at {speed:.3g} m/s crosses {needed_by_speed} cells of {dx:.2g} m in a frame, more than {max_substeps} substeps.",
+            "Use fewer particles, or allow more substeps.",
+        )
+    notes: list[str] = []
+    substeps, columns = max(MIN_SUBSTEPS, needed_by_speed), []
+    for body, stuff, scale in zip(bodies, materials, scales):
+        youngs_modulus, needed = _affordable_modulus(stuff, scale, dx, frame_dt, max_substeps, notes)
+        substeps = max(substeps, needed)
+        columns.append(_body_columns(body, stuff, scale, youngs_modulus))
+    mass, volume, mu, lam, law, pinned = (np.concatenate(column) for column in zip(*columns))
+    x = np.concatenate([np.asarray(body.x, dtype=np.float64) for body in bodies])
+    offset = lattice_offset(x, pinned != 0, spacing)
+    clamp_lo, clamp = clamped_nodes(x, mass, pinned != 0, offset, dx)
+    model = Model(
+        mass, volume, mu, lam, law, pinned, clamp_lo, clamp, offset, float(dx), frame_dt, substeps, np.asarray(gravity, dtype=np.float64), device
+    )
+    return model, notes
+
+
+def _affordable_modulus(material: Material, mass_scale: float, dx: float, frame_dt: float, max_substeps: int, notes: list[str]) -> tuple[float, int]:
+    """Young's modulus [Pa] that `max_substeps` can carry, and the substeps it needs: dt <= 0.3 dx / c, c² = (lam + 2 mu) / rho."""
+    mu, lam = lame(material.youngs_modulus, material.poisson_ratio)
+    wave_speed = math.sqrt((lam + 2.0 * mu) / (material.density * mass_scale))
+    needed = math.ceil(wave_speed * frame_dt / (COURANT * dx))
+    if needed <= max_substeps:
+        return material.youngs_modulus, needed
+    capped = material.youngs_modulus * (max_substeps / needed) ** 2
+    notes.append(
+        f"{material.name}: Young's modulus {material.youngs_modulus:.3g} Pa would need {needed} substeps a frame; "
+        f"simulated with {capped:.3g} Pa, which {max_substeps} can carry."
+    )
+    return capped, max_substeps
+
+
+def _body_columns(body: Particles, material: Material, mass_scale: float, youngs_modulus: float) -> tuple[np.ndarray, ...]:
+    """mass, volume, mu, lam, law, pinned of one body's particles."""
+    if material.law not in LAWS:
+        raise MaterialError(
+            f"The solver has no law {material.law!r} (material {material.name}).", f"Choose one of {', '.join(LAWS)}."
+        )
+    count = len(body.x)
+    mu, lam = lame(youngs_modulus, material.poisson_ratio)
+    volume = np.array(np.broadcast_to(body.volume, (count,)), dtype=np.float64)
+    return (
+        volume * material.density * mass_scale,
+        volume,
+        np.full(count, mu),
+        np.full(count, lam),
+        np.full(count, LAWS[material.law], np.int32),
+        np.asarray(body.pinned).astype(np.int32),
+    )

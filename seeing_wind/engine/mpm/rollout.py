@@ -1,0 +1,224 @@
+"""Frames of simulation: one copy of the body, or many at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import SimulationError
+from ..progress import NoProgress, Progress
+from ..records import Attachment
+from . import device, substep
+from .model import Model
+from .state import State, Trajectory
+
+_WORK_PER_CALL = 3_000_000
+"""Particle-substeps between two safe points: about a third of a second on one core."""
+_GRID_NODES_AT_ONCE = 8_000_000
+"""Nodes of all private grids together: 256 MB."""
+_MOST_NODES = 60_000_000
+"""Nodes of one grid (2 GB). A body spread over more has burst."""
+
+_REASONS = {
+    substep.NOT_FINITE: ("a velocity that is not finite", "velocity"),
+    substep.TOO_FAST: ("moved more than one grid cell in one substep", "velocity"),
+    substep.INVERTED: ("was turned inside out", "det F"),
+}
+
+
+class Copies:
+    """States of B copies of one body, advanced in place frame by frame."""
+
+    def __init__(self, model: Model, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> None:
+        """x, v (B, N, 3); C, F (B, N, 3, 3). The arrays are changed."""
+        device.start(model.device)
+        self.model = model
+        self.x, self.v, self.C, self.F = x, v, C, F
+        self.acceleration = np.zeros_like(x)
+        self.gradient = np.zeros_like(F)
+        self._capacity = 0
+
+    def advance(self, copies: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """One frame of the copies listed (A,) under `acceleration` (gravity included) and `gradient`; those that fail once more with half the dt.
+
+        Returns:
+            substeps (A,) that the frame took, code (A,) of `substep` (RUNNING is success), status (A, 4) for `failure`.
+        """
+        before = [array[copies] for array in (self.x, self.v, self.C, self.F)]
+        substeps = np.full(len(copies), self.model.substeps)
+        status = self._run(copies, self.model.substeps, progress)
+        failed = np.flatnonzero(status[:, 0] != substep.RUNNING)
+        if len(failed):
+            for array, start in zip((self.x, self.v, self.C, self.F), before):
+                array[copies[failed]] = start[failed]
+            substeps[failed] *= 2
+            status[failed] = self._run(copies[failed], 2 * self.model.substeps, progress)
+        return substeps, status[:, 0], status
+
+    def _run(self, copies: np.ndarray, substeps: int, progress: Progress) -> np.ndarray:
+        """All substeps of a frame in calls short enough to be cancelled between; returns status (A, 4)."""
+        status = np.zeros((len(self.x), 4), np.int32)
+        todo = np.asarray(copies, dtype=np.int32)
+        stride = max(1, min(substeps, _WORK_PER_CALL // self.model.particles))
+        while len(todo):
+            rows = max(1, min(len(todo), _WORK_PER_CALL // (self.model.particles * stride), _GRID_NODES_AT_ONCE // max(self._capacity, 1)))
+            for first in range(0, len(todo), rows):
+                some = np.ascontiguousarray(todo[first : first + rows])
+                progress.check()
+                self._launch(some, substeps, min(substeps, int(status[some, 2].min()) + stride), status)
+            full = todo[status[todo, 0] == substep.GRID_FULL]
+            if len(full):
+                self._grow(status[full])
+                status[full, 0] = substep.RUNNING
+            todo = todo[(status[todo, 0] == substep.RUNNING) & (status[todo, 2] < substeps)]
+        return status[copies]
+
+    def _grow(self, status: np.ndarray) -> None:
+        wanted = int(status[:, 3].max())
+        if wanted > _MOST_NODES:
+            raise SimulationError(
+                f"The body spread over {wanted} grid nodes.", "It burst: lower the force, or raise Young's modulus.", quantity="position"
+            )
+        # A third more than asked, so that a body that turns does not ask again at every substep.
+        self._capacity = wanted + wanted // 3
+
+    def _launch(self, copies: np.ndarray, substeps: int, until: int, status: np.ndarray) -> None:
+        m = self.model
+        if not self._capacity:
+            extent = np.ceil(np.ptp(self.x, axis=1).max(axis=0) / m.dx) + 4
+            self._capacity = int(min(np.prod(extent) * 1.5, _MOST_NODES))
+        grid = np.empty((len(copies), self._capacity, 4))
+        substep.run_substeps(
+            m.mass, m.volume, m.mu, m.lam, m.law, m.pinned, m.clamp_lo, m.clamp, m.offset, m.dx, m.frame_dt / substeps,
+            copies, until, self.acceleration, self.gradient, self.x, self.v, self.C, self.F, grid, status,
+        )  # fmt: skip
+
+
+def failure(status: np.ndarray, frame: int, substeps: int) -> SimulationError:
+    """The error for status (4,) of a copy that failed in `frame` with `substeps` a frame."""
+    reason, quantity = _REASONS[int(status[0])]
+    particle, at = int(status[1]), int(status[2])
+    return SimulationError(
+        f"Particle {particle} {'has ' if quantity == 'velocity' and 'finite' in reason else ''}{reason} in frame {frame}, substep {at} of {substeps}.",
+        "Allow more substeps a frame, lower the force or Young's modulus, or use fewer particles.",
+        frame=frame, substep=at, particle=particle, quantity=quantity,
+    )  # fmt: skip
+
+
+def rollout(
+    model: Model, state: State, acceleration: np.ndarray, gradient: np.ndarray | None = None, *, progress: Progress | None = None, first_frame: int = 0
+) -> Trajectory:
+    """Simulate T frames.
+
+    Args:
+        state: at the first picture.
+        acceleration: (T, N, 3) of the external force, f / rho [m/s²], held over each frame; gravity comes from the model.
+        gradient: (T, N, 3, 3), d a_i / d x_j [1/s²]; None is zero.
+        first_frame: number of the first frame, for messages.
+
+    Raises:
+        SimulationError: when a frame breaks even with half the dt; it names frame, substep, particle and quantity.
+        Cancelled: when the user asked to stop.
+    """
+    progress = progress or NoProgress()
+    one = Copies(model, *(np.array(array, dtype=np.float64)[None] for array in (state.x, state.v, state.C, state.F)))
+    history = [[array[0].copy()] for array in (one.x, one.v, one.C, one.F)]
+    taken, only = [], np.zeros(1, np.int32)
+    for t in range(len(acceleration)):
+        one.acceleration[0] = acceleration[t] + model.gravity
+        if gradient is not None:
+            one.gradient[0] = gradient[t]
+        substeps, code, status = one.advance(only, progress)
+        if code[0] != substep.RUNNING:
+            raise failure(status[0], first_frame + t, int(substeps[0]))
+        taken.append(int(substeps[0]))
+        for rows, array in zip(history, (one.x, one.v, one.C, one.F)):
+            rows.append(array[0].copy())
+    return Trajectory(*(np.stack(rows) for rows in history), np.array(taken, dtype=np.int64))
+
+
+def advance(model: Model, state: State, acceleration: np.ndarray, gradient: np.ndarray | None = None, *, frame: int = 0) -> State:
+    """One frame of `rollout`: acceleration (N, 3) [m/s²], gradient (N, 3, 3) [1/s²] -> the state at the next picture."""
+    path = rollout(model, state, np.asarray(acceleration)[None], None if gradient is None else np.asarray(gradient)[None], first_frame=frame)
+    return path.state(1)
+
+
+@dataclass(frozen=True)
+class BatchRollout:
+    """What `rollout_batch` found."""
+
+    points: np.ndarray
+    """(B, T+1, N, 3), or (B, T+1, K, 3) with an attachment [m]; NaN after the frame in which a copy failed."""
+    failed_frame: np.ndarray
+    """(B,) int: the frame in which the copy broke, -1 for none."""
+
+    @property
+    def failed(self) -> np.ndarray:
+        """(B,) bool."""
+        return self.failed_frame >= 0
+
+
+def rollout_batch(
+    model: Model,
+    nominal: State | Trajectory,
+    phi: np.ndarray,
+    dphi: np.ndarray,
+    coefficients: np.ndarray,
+    *,
+    start_frame: np.ndarray | None = None,
+    v0: np.ndarray | None = None,
+    C0: np.ndarray | None = None,
+    attachment: Attachment | None = None,
+    strict: bool = False,
+    progress: Progress | None = None,
+) -> BatchRollout:
+    """Simulate B independent copies of one body over T frames, in parallel threads.
+
+    Copy b feels a_p = sum_j phi[p, j] coefficients[b, t, j] with the gradient (sum_j c_j dphi_j/dX) F^-1, F at the frame's start.
+
+    Args:
+        nominal: the state in which all copies start; with `start_frame`, a trajectory of at least max(start_frame) + 1 pictures.
+        phi: (N, P) basis at the particles' rest positions.
+        dphi: (N, P, 3) its gradient with respect to rest positions [1/m].
+        coefficients: (B, T, P, 3) [m/s²].
+        start_frame: (B,) copy b leaves the nominal trajectory at this picture; earlier pictures are the nominal ones. None is 0.
+        v0: (B, N, 3) velocities [m/s] with which the copies start instead of the nominal ones.
+        C0: (B, N, 3, 3) affine velocities [1/s], likewise.
+        attachment: return these K points instead of the N particles.
+        strict: raise when any copy fails instead of marking it.
+
+    Raises:
+        SimulationError: with `strict`, as `rollout`.
+        Cancelled: when the user asked to stop.
+    """
+    progress = progress or NoProgress()
+    path = nominal if isinstance(nominal, Trajectory) else Trajectory(nominal.x[None], nominal.v[None], nominal.C[None], nominal.F[None], np.zeros(0, int))
+    copies, frames = coefficients.shape[:2]
+    start = np.zeros(copies, int) if start_frame is None else np.asarray(start_frame, dtype=int)
+    body = Copies(model, *(np.ascontiguousarray(array[np.minimum(start, path.frames)], dtype=np.float64) for array in (path.x, path.v, path.C, path.F)))
+    if v0 is not None:
+        body.v[:] = v0
+    if C0 is not None:
+        body.C[:] = C0
+    phi, dphi = np.ascontiguousarray(phi, dtype=np.float64), np.ascontiguousarray(dphi, dtype=np.float64)
+    follow = (lambda x: x) if attachment is None else attachment.follow
+    rest = follow(path.x[: frames + 1])
+    points = np.full((copies, frames + 1, *rest.shape[1:]), np.nan)
+    for b in range(copies):
+        points[b, : start[b] + 1] = rest[: start[b] + 1]
+    failed_frame = np.full(copies, -1)
+    for t in range(frames):
+        going = np.flatnonzero((start <= t) & (failed_frame < 0)).astype(np.int32)
+        if not len(going):
+            continue
+        force = np.ascontiguousarray(coefficients[:, t], dtype=np.float64)
+        substep.assemble_force(phi, dphi, model.gravity, going, force, body.F, body.acceleration, body.gradient)
+        substeps, code, status = body.advance(going, progress)
+        broken = code != substep.RUNNING
+        if strict and broken.any():
+            first = int(np.flatnonzero(broken)[0])
+            raise failure(status[first], t, int(substeps[first]))
+        failed_frame[going[broken]] = t
+        points[going[~broken], t + 1] = follow(body.x[going[~broken]])
+    return BatchRollout(points, failed_frame)

@@ -1,0 +1,58 @@
+"""What changes during a simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class State:
+    """Particles at one instant."""
+
+    x: np.ndarray
+    """(N, 3) positions [m]."""
+    v: np.ndarray
+    """(N, 3) velocities [m/s]."""
+    C: np.ndarray
+    """(N, 3, 3) affine velocities, C[i, j] = d v_i / d x_j [1/s]."""
+    F: np.ndarray
+    """(N, 3, 3) deformation gradients."""
+
+    @staticmethod
+    def at_rest(x: np.ndarray, v: np.ndarray | None = None, spin: np.ndarray | None = None) -> State:
+        """Undeformed particles at x (N, 3) [m] with velocity v (3,) or (N, 3) [m/s], turning with `spin` (3,) [rad/s] about their mean."""
+        x = np.array(x, dtype=np.float64)
+        velocity = np.zeros_like(x) + (0.0 if v is None else np.asarray(v, dtype=np.float64))
+        C = np.zeros((len(x), 3, 3))
+        if spin is not None:
+            wx, wy, wz = (float(s) for s in spin)
+            C[:] = [[0.0, -wz, wy], [wz, 0.0, -wx], [-wy, wx, 0.0]]
+            velocity = velocity + (x - x.mean(axis=0)) @ C[0].T
+        return State(x, velocity, C, np.tile(np.eye(3), (len(x), 1, 1)))
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """States at T + 1 pictures."""
+
+    x: np.ndarray
+    """(T+1, N, 3) [m]."""
+    v: np.ndarray
+    """(T+1, N, 3) [m/s]."""
+    C: np.ndarray
+    """(T+1, N, 3, 3) [1/s]."""
+    F: np.ndarray
+    """(T+1, N, 3, 3)."""
+    substeps: np.ndarray
+    """(T,) substeps that each frame took: the model's, or twice that where they were too long."""
+
+    @property
+    def frames(self) -> int:
+        """T."""
+        return len(self.x) - 1
+
+    def state(self, frame: int) -> State:
+        """The state at picture `frame`."""
+        return State(self.x[frame], self.v[frame], self.C[frame], self.F[frame])

@@ -1,0 +1,179 @@
+"""The body in picture 0 as two depth maps: the visible surface and a guessed back.
+
+One picture shows a front only. The back is a guess by rules that a user can check and override with a thickness:
+
+- a silhouette that fills its inscribed circle is a ball (where no depth relief says otherwise),
+- a measured front that bulges towards the camera is inflated by as much behind,
+- a silhouette much longer than broad is a post, as thick as it is broad,
+- everything else is a plate, a few percent of its size thick.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ..errors import ObjectError
+from ..records import Camera, Observation
+
+MIN_PIXELS = 16
+"""Fewer pixels than this carry no shape."""
+
+SPECK = 0.02
+"""Parts of the mask smaller than this fraction of its largest part are noise."""
+
+ROUND = 0.82
+"""Inscribed circle over silhouette area: 1 for a disc, 0.785 for a square."""
+
+LONG = 4.0
+"""Length over breadth from which a silhouette is a post."""
+
+BULGE = 0.35
+"""Rise of the middle over the rim, in inscribed radii, from which a front is solid: 1 for a ball, about 0 for a plate."""
+
+PLATE_THICKNESS = 0.05
+"""Thickness of a plate in units of the square root of its area: thick enough for the solver's grid, thin to the eye."""
+
+MAX_SLANT = 3.0
+"""Cap on 1 / cos(slant) where a surface turns edge-on."""
+
+
+@dataclass(frozen=True)
+class Relief:
+    """A body between two depth maps. Maps are filled with the nearest value off the mask, so that they can be interpolated there."""
+
+    mask: np.ndarray
+    """(H, W) bool, specks removed."""
+    front: np.ndarray
+    """(H, W) depth along the view axis of the visible surface [m]."""
+    back: np.ndarray
+    """(H, W) depth of the back [m]."""
+    camera: Camera
+    kind: str
+    """ball, solid, post or plate."""
+    thickness: float
+    """Largest thickness along the view axis on a surface that faces the camera [m]."""
+
+    def points(self, xy: np.ndarray, across: np.ndarray | float) -> np.ndarray:
+        """Pixels (..., 2) at `across` (...,) of the way from front (0) to back (1) -> world (..., 3) [m]."""
+        front, back = sample(self.front, xy), sample(self.back, xy)
+        return self.camera.unproject(xy, front + across * (back - front))
+
+    def pixel_volume(self) -> np.ndarray:
+        """(H, W) volume [m³] of the body behind each pixel, a frustum between front and back; 0 off the mask."""
+        volume = (self.back**3 - self.front**3) / (3.0 * self.camera.fx * self.camera.fy)
+        return np.where(self.mask, volume, 0.0)
+
+
+def relief_of(observation: Observation, thickness: float | None = None) -> Relief:
+    """Front and back of the observed object in picture 0.
+
+    Args:
+        thickness: metres between front and back, or None for a guess.
+
+    Raises:
+        ObjectError: the mask is empty or too small, the depth is missing on most of it, or the thickness is not a positive number.
+    """
+    mask = clean_mask(observation.masks[0])
+    front, flat = _front(observation, mask)
+    camera = observation.camera
+    rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
+    # The outline of a solid body is seen at the depth of its rim, not of its nearest point.
+    metre_per_pixel = float(np.median(front[mask & (rim < 0.25 * rim.max() + 0.5)])) / np.sqrt(camera.fx * camera.fy)
+    area, radius = float(mask.sum()) * metre_per_pixel**2, float(rim.max()) * metre_per_pixel
+    kind = _kind(mask, rim, front, flat, camera)
+    if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):
+        raise ObjectError(f"The thickness {thickness} is no positive number of metres.", "Give metres behind the visible surface.")
+    if kind in ("ball", "solid"):
+        largest = np.sqrt(area / np.pi) if kind == "ball" else radius
+        depth_of_rim = np.minimum(rim * metre_per_pixel, largest)
+        profile = 2.0 * np.sqrt(np.maximum(largest**2 - (largest - depth_of_rim) ** 2, 0.0))
+        if thickness is not None:
+            profile *= thickness / (2.0 * largest)
+    else:
+        guess = 2.0 * radius if kind == "post" else PLATE_THICKNESS * np.sqrt(area)
+        profile = (guess if thickness is None else thickness) * slant(front, camera)
+    if kind == "ball" and flat:
+        front = front - 0.5 * profile  # a single distance is the distance of the body's middle
+    front, back = _fill(front, mask), _fill(front + profile, mask)
+    return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if kind in ("post", "plate") else profile[mask].max()))
+
+
+def clean_mask(mask: np.ndarray) -> np.ndarray:
+    """The mask (H, W) without specks.
+
+    Raises:
+        ObjectError: no object, or too few pixels of it.
+    """
+    mask = np.asarray(mask, dtype=bool)
+    labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    if count == 0:
+        raise ObjectError("The mask of the first picture is empty.", "Give a --mask or a --box round the object.")
+    kept = sizes >= SPECK * sizes.max()
+    kept[0] = False
+    result = kept[labels]
+    if result.sum() < MIN_PIXELS:
+        raise ObjectError(
+            f"The object has only {int(result.sum())} pixels in the first picture, {MIN_PIXELS} are the least.",
+            "Use a clip of higher resolution, or crop it round the object.",
+        )
+    return result
+
+
+def sample(image: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Bilinear values of an image (H, W) at pixels (..., 2), clamped to the picture."""
+    return ndimage.map_coordinates(image, [xy[..., 1], xy[..., 0]], order=1, mode="nearest")
+
+
+def slant(front: np.ndarray, camera: Camera) -> np.ndarray:
+    """(H, W) 1 / cos of the angle between the surface and the picture plane, at most `MAX_SLANT`; smoothed over a few pixels."""
+    smooth = ndimage.gaussian_filter(front, 2.0)
+    rise_y, rise_x = np.gradient(smooth)
+    slope = np.hypot(rise_x * camera.fx / smooth, rise_y * camera.fy / smooth)
+    return np.minimum(np.sqrt(1.0 + slope**2), MAX_SLANT)
+
+
+def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Depth of the visible surface, holes filled, and whether it is one constant (no depth was measured)."""
+    depth = np.asarray(observation.depth, dtype=np.float64)
+    if depth.shape != mask.shape:
+        raise ObjectError(f"The depth map is {depth.shape[::-1]}, the picture {mask.shape[::-1]}.", "Give a depth map of the clip's size.")
+    known = mask & np.isfinite(depth) & (depth > 0.0)
+    if known.sum() < 0.5 * mask.sum():
+        raise ObjectError(
+            f"The depth map is empty on {100 - 100 * known.sum() / mask.sum():.0f} % of the object.",
+            "Give a depth map in metres that covers the object, or --distance.",
+        )
+    return _fill(depth, known), bool(np.ptp(depth[known]) <= 1e-6 * depth[known].max())
+
+
+def _fill(image: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Unknown pixels take the value of the nearest known one."""
+    rows, columns = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return image[rows, columns]
+
+
+def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, flat: bool, camera: Camera) -> str:
+    """ball, solid, post or plate: see the module's text."""
+    rows, columns = np.nonzero(mask)
+    xy = np.stack([columns, rows], axis=1).astype(float)
+    depth, distance, radius = front[rows, columns], rim[rows, columns], rim.max()
+    inscribed = np.pi * radius**2 / len(xy)
+    rise = 0.0
+    inner, outer = distance > 0.6 * radius, distance < 0.25 * radius + 0.5
+    if not flat and inner.any() and outer.any():
+        # How far the front's middle rises over its rim, the slope of the whole taken off.
+        plane = np.column_stack([np.ones(len(xy)), xy])
+        residual = depth - plane @ np.linalg.lstsq(plane, depth, rcond=None)[0]
+        metre_per_pixel = np.median(depth[outer]) / np.sqrt(camera.fx * camera.fy)
+        rise = float(residual[outer].mean() - residual[inner].mean()) / (radius * metre_per_pixel)
+    if inscribed > ROUND and (flat or rise > BULGE):
+        return "ball"
+    if rise > BULGE:
+        return "solid"
+    spread = np.linalg.eigvalsh(np.cov(camera.unproject(xy, depth).T))
+    return "post" if np.sqrt(spread[2] / spread[1]) > LONG else "plate"

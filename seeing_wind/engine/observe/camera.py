@@ -1,0 +1,136 @@
+"""The camera of a clip: from a file, or a level pinhole in front of the object; and how far away the object is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..conventions import front_view
+from ..errors import UsageError
+from ..progress import Progress
+from ..records import Camera
+from ..settings import ObserveSettings
+
+DEFAULT_DISTANCE = 2.0
+"""Metres assumed when nothing says the scale: someone filming a thing within reach. Force scales with it, and the user is told so."""
+
+ROTATION_TOLERANCE = 1e-3
+"""How far R^T R may be from the identity: exporters write six digits or fewer."""
+
+KEYS = ("width", "height", "fx", "fy", "cx", "cy", "camera_to_world")
+
+
+def find_camera(
+    settings: ObserveSettings, width: int, height: int, pictures: int, first_frame: int, progress: Progress
+) -> tuple[Camera, float]:
+    """The camera of a clip of `pictures` pictures (width x height, from `first_frame` of its file) and the object's distance [m].
+
+    Without a camera file: a pinhole with the horizontal angle `settings.fov` in front view, the object's plane at y = 0,
+    so that the middle of the picture is the world's origin.
+
+    Raises:
+        UsageError: a camera file that cannot be used, or a distance, scale or angle that is not positive, or that contradict each other.
+    """
+    given = settings.distance is not None or settings.pixels_per_metre is not None
+    if settings.camera is not None:
+        camera = read_camera(settings.camera, width, height, pictures, first_frame)
+        distance = _distance(settings, camera.fx) if given else _distance_of_origin(camera, progress)
+        return camera, distance
+    if not 1.0 <= settings.fov <= 170.0:
+        raise UsageError(f"The field of view {settings.fov:g} degrees is out of range.", "Give the horizontal angle, 1 to 170 degrees; a phone has about 50 to 65.")
+    focal = 0.5 * width / np.tan(0.5 * np.radians(settings.fov))
+    distance = _distance(settings, focal) if given else DEFAULT_DISTANCE
+    if not given:
+        progress.warn(
+            f"Nothing says how large the scene is, so the object is taken to be {DEFAULT_DISTANCE:g} m away: forces scale with this distance. "
+            "Give --distance or --pixels-per-metre for absolute values."
+        )
+    return Camera(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), front_view(distance)), distance
+
+
+def read_camera(path: str, width: int, height: int, pictures: int, first_frame: int = 0) -> Camera:
+    """A camera file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per picture); other keys are ignored.
+
+    Raises:
+        UsageError: unreadable, keys missing, another picture size than the clip's, values not finite, or no rigid motion in a matrix.
+    """
+    values = _read_json(path)
+    missing = [key for key in KEYS if key not in values]
+    if missing:
+        raise UsageError(f"The camera {path} lacks {', '.join(missing)}.", f"It needs {', '.join(KEYS)}.")
+    if (values["width"], values["height"]) != (width, height):
+        raise UsageError(
+            f"The camera {path} is for {values['width']}x{values['height']} pictures, the clip has {width}x{height}.",
+            "Scale fx, fy, cx, cy and the size with the picture, or use the camera of this clip.",
+        )
+    try:
+        fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
+        poses = np.array(values["camera_to_world"], dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise UsageError(f"The camera {path} holds something that is not a number ({error}).", "Write plain numbers and 4x4 lists.") from error
+    if not np.isfinite([fx, fy, cx, cy]).all() or fx <= 0 or fy <= 0:
+        raise UsageError(f"The camera {path} has a focal length or centre that is not usable.", "fx and fy must be positive, all four finite.")
+    return Camera(width, height, fx, fy, cx, cy, _poses(path, poses, pictures, first_frame))
+
+
+def _read_json(path: str) -> dict[str, Any]:
+    try:
+        values = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"The camera file {path} cannot be read ({error.strerror}).", "Check the path.") from error
+    except ValueError as error:
+        raise UsageError(f"The camera file {path} is not JSON ({error}).", f"It needs an object with {', '.join(KEYS)}.") from error
+    if not isinstance(values, dict):
+        raise UsageError(f"The camera file {path} is not a JSON object.", f"It needs an object with {', '.join(KEYS)}.")
+    return values
+
+
+def _poses(path: str, poses: np.ndarray, pictures: int, first_frame: int) -> np.ndarray:
+    """Checked camera_to_world: (4, 4) when the camera stands still, else (T+1, 4, 4)."""
+    if poses.shape[-2:] != (4, 4) or poses.ndim not in (2, 3):
+        raise UsageError(f"camera_to_world of {path} has the shape {poses.shape}.", "Give one 4x4 matrix, or one per picture.")
+    if poses.ndim == 3 and len(poses) != pictures:
+        # The file may describe the whole clip of which a range was chosen.
+        if len(poses) < first_frame + pictures:
+            raise UsageError(f"{path} has {len(poses)} camera matrices, the clip {pictures} pictures.", "Give one matrix, or one per picture.")
+        poses = poses[first_frame : first_frame + pictures]
+    if not np.isfinite(poses).all():
+        raise UsageError(f"camera_to_world of {path} holds values that are not finite.", "Export the camera again.")
+    rotation = poses[..., :3, :3]
+    off = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).max()
+    if off > ROTATION_TOLERANCE or (np.linalg.det(rotation) < 0).any() or np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max() > 1e-6:
+        raise UsageError(
+            f"camera_to_world of {path} is not a rotation and a translation (off by {off:.2g}).",
+            "Remove scale and mirroring; OpenCV axes are x right, y down, z forward.",
+        )
+    if poses.ndim == 3 and np.abs(poses - poses[0]).max() < 1e-9:
+        return poses[0]
+    return poses
+
+
+def _distance(settings: ObserveSettings, focal: float) -> float:
+    """The object's distance [m] from --distance, or from the image scale: distance = fx / (pixels per metre)."""
+    distance, scale = settings.distance, settings.pixels_per_metre
+    for name, value in (("distance", distance), ("pixels-per-metre", scale)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise UsageError(f"--{name} {value:g} is not positive.", "Give metres from the camera to the object, or pixels per metre in its plane.")
+    if distance is None:
+        assert scale is not None
+        return focal / scale
+    if scale is not None and abs(focal / scale - distance) > 0.01 * distance:
+        raise UsageError(
+            f"--distance {distance:g} m and --pixels-per-metre {scale:g} contradict each other: that scale means {focal / scale:.3g} m.",
+            "Give one of them.",
+        )
+    return float(distance)
+
+
+def _distance_of_origin(camera: Camera, progress: Progress) -> float:
+    """Depth of the world's origin in picture 0 [m] when it is in front of the camera, else the default distance."""
+    depth = float(camera.project(np.zeros(3))[1])
+    distance = depth if depth > 1e-3 else DEFAULT_DISTANCE
+    progress.warn(f"The camera is known but not the object's depth, which is taken as {distance:.3g} m. Give --depth or --distance.")
+    return distance

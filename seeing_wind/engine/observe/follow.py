@@ -1,0 +1,169 @@
+"""Carrying the object's mask through the clip, one picture at a time."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from .background import Plate
+from .mask import LEAST_PIXELS, grab_cut, tidy
+from .motion import Flow, FlowSolver, Window, body_shift, cut, paste, window_of
+
+SMALL = 400
+"""Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
+
+LOST = 0.3
+"""A mask smaller than this part of what was expected means hidden or gone, and the shape seen last is kept for the search."""
+
+PARTLY = 0.75
+"""A small object's mask below this part of its usual size is partly hidden: shape, colours and velocity of the last full sight are kept."""
+
+SHADOW_LIKE = 0.15
+"""Part of the object's inside that may look like a shadow on the background before that test is useless for it."""
+
+
+class MaskFollower:
+    """Follows one object: whole-body search, flow, then GrabCut in a band round the carried silhouette.
+
+    Where the camera stands still, `plate` tells pixels that did not change (never object, away from its inside) and gives a small
+    object, of too few pixels for colours, its silhouette.
+
+    Attributes:
+        flow: motion from the picture before to the newest one; None after `hidden`.
+        velocity: (2,) [px per frame], the whole body's.
+        hidden: the object was not found in the newest picture.
+    """
+
+    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None) -> None:
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0."""
+        self._plate = plate
+        self._solver = FlowSolver()
+        self._before = picture
+        self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        self._shape_window: Window = window_of(mask, 0)
+        self._shape = cut(mask, self._shape_window)
+        self._template = cut(picture, self._shape_window).copy()
+        self._steps = 0
+        self._missed = 0
+        self.mask = mask
+        self.velocity = np.zeros(2)
+        self.hidden = False
+        self.flow: Flow | None = None
+
+    def advance(self, picture: np.ndarray) -> np.ndarray:
+        """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
+        gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        changed = self._changed(picture)
+        shift = self._search(picture, changed)
+        window = self._shape_window
+        side = max(window[2] - window[0], window[3] - window[1])
+        margin = int(np.clip(0.25 * side, 12, 80))
+        wide = (window[0] - margin, window[1] - margin, window[2] + margin, window[3] + margin)
+        self.flow = None if self.hidden else self._solver.between(self._gray, gray, wide, shift)
+        carried, where = self._carry(shift, margin)
+        found = self._silhouette(picture, changed, carried, where)
+        self._remember(picture, gray, shift, carried, found, where)
+        mask = np.zeros(gray.shape, bool)
+        if not self.hidden:
+            paste(mask, found, where)
+        self.mask = mask
+        return mask
+
+    def _changed(self, picture: np.ndarray) -> np.ndarray | None:
+        """Evidence (H, W) float32 in 0..1 that a pixel is not background: 0.5 at five times the noise."""
+        if self._plate is None:
+            return None
+        return np.clip(self._plate.difference(picture) / (10.0 * self._plate.noise), 0.0, 1.0)
+
+    def _search(self, picture: np.ndarray, changed: np.ndarray | None) -> np.ndarray:
+        size = float(np.sqrt(self._shape.sum()))
+        # Nothing is known of the first step; a small thing may leap several of its own widths, a large one only part of its own.
+        reach = max(24.0, 4.0 * size if self._shape.sum() < SMALL else 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
+        if self.hidden:
+            reach = max(reach, 1.5 * size) * (1 + min(self._missed, 4))
+        origin = (self._shape_window[0], self._shape_window[1])
+        # A plate that holds only part of the object's path as clean would pull towards that part.
+        clean = self._plate is not None and cut(self._plate.reliable, self._shape_window).mean() > 0.9
+        return body_shift(self._template, self._shape, origin, picture, changed if clean else None, self.velocity, min(reach, 200.0))
+
+    def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
+        """The last silhouette moved by the flow (or the shift), in a window round its new place."""
+        dx, dy = (int(value) for value in np.round(shift))
+        x0, y0, x1, y1 = self._shape_window
+        where = (x0 + dx - margin, y0 + dy - margin, x1 + dx + margin, y1 + dy + margin)
+        carried = np.zeros((where[3] - where[1], where[2] - where[0]), np.uint8)
+        if self.flow is None or self._shape.sum() < SMALL:
+            carried[margin : margin + y1 - y0, margin : margin + x1 - x0] = self._shape
+            return carried > 0, where
+        rows, columns = np.nonzero(self._shape)
+        motion = self.flow.motion[rows + y0 - self.flow.y0, columns + x0 - self.flow.x0]
+        landed = np.round(np.stack([columns + x0, rows + y0], axis=1) + motion).astype(int) - [where[0], where[1]]
+        inside = (landed >= 0).all(axis=1) & (landed[:, 0] < carried.shape[1]) & (landed[:, 1] < carried.shape[0])
+        carried[landed[inside, 1], landed[inside, 0]] = 1
+        # Pixels drift apart where the object grows: close the gaps.
+        carried = cv2.morphologyEx(carried, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+        return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
+
+    def _silhouette(self, picture: np.ndarray, changed: np.ndarray | None, carried: np.ndarray, where: Window) -> np.ndarray:
+        crop = cut(picture, where)
+        visible = cut(np.ones(picture.shape[:2], bool), where, cv2.BORDER_CONSTANT)
+        evidence = cut(changed, where, cv2.BORDER_CONSTANT) if changed is not None else None
+        clean = cut(self._plate.reliable, where) if self._plate is not None else np.zeros(carried.shape, bool)
+        area = max(float(carried.sum()), 1.0)
+        if area < SMALL and evidence is not None and clean[carried].mean() > 0.8:
+            near = cv2.dilate(carried.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+            return tidy((evidence > 0.5) & near & visible, carried)
+        band = int(np.clip(0.06 * np.sqrt(area), 2, 9))
+        trimap = self._trimap(carried, evidence, clean, band)
+        self._drop_shadow(picture, where, carried, trimap)
+        trimap[~visible] = cv2.GC_BGD
+        return tidy(grab_cut(crop, trimap, 2), carried & visible)
+
+    @staticmethod
+    def _trimap(carried: np.ndarray, evidence: np.ndarray | None, clean: np.ndarray, band: int) -> np.ndarray:
+        """GrabCut labels: sure inside and outside a band round the carried silhouette, unchanged pixels of a clean plate being outside."""
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band + 1, 2 * band + 1))
+        shape = carried.astype(np.uint8)
+        inner, outer = cv2.erode(shape, disc) > 0, cv2.dilate(shape, disc) > 0
+        trimap = np.full(carried.shape, cv2.GC_BGD, np.uint8)
+        trimap[outer] = cv2.GC_PR_BGD
+        trimap[carried] = cv2.GC_PR_FGD
+        trimap[inner] = cv2.GC_FGD
+        if evidence is not None:
+            far = cv2.dilate(outer.astype(np.uint8), disc) > 0
+            trimap[far & ~outer & clean & (evidence > 0.9)] = cv2.GC_PR_BGD
+            unchanged = clean & (evidence < 0.2)
+            trimap[~inner & unchanged] = cv2.GC_BGD
+            # Inside, chance likeness of colours is possible, so the colours round it decide.
+            trimap[inner & unchanged] = cv2.GC_PR_BGD
+        return trimap
+
+    def _drop_shadow(self, picture: np.ndarray, where: Window, carried: np.ndarray, trimap: np.ndarray) -> None:
+        """Label cast shadow as background, unless the object itself is of a colour that looks like one."""
+        if self._plate is None:
+            return
+        shadowed = cut(self._plate.shadowed(picture), where, cv2.BORDER_CONSTANT)
+        inner = trimap == cv2.GC_FGD
+        if shadowed[inner if inner.any() else carried].mean() < SHADOW_LIKE:
+            trimap[shadowed & ~inner] = cv2.GC_BGD
+
+    def _remember(self, picture: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window) -> None:
+        area = float(found.sum())
+        self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
+        self._missed = self._missed + 1 if self.hidden else 0
+        self._before, self._gray = picture, gray
+        self._steps += 1
+        if self.hidden or (self._shape.sum() < SMALL and area < PARTLY * self._shape.sum()):
+            # The last full sight moves on: by the velocity when nothing was seen, by the search when something was.
+            x0, y0, x1, y1 = self._shape_window
+            dx, dy = (int(value) for value in np.round(self.velocity if self._steps > 1 else shift))
+            self._shape_window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
+            return
+        center = np.array([np.nonzero(found)[1].mean() + where[0], np.nonzero(found)[0].mean() + where[1]])
+        x0, y0, _, _ = self._shape_window
+        rows, columns = np.nonzero(self._shape)
+        self.velocity = center - [columns.mean() + x0, rows.mean() + y0]
+        local = window_of(found, 0)
+        self._shape_window = (local[0] + where[0], local[1] + where[1], local[2] + where[0], local[3] + where[1])
+        self._shape = cut(found, local)
+        self._template = cut(picture, self._shape_window).copy()

@@ -1,0 +1,170 @@
+"""Which pixels of picture 0 are the object: from a PNG, a box round it, a depth map's extent, or what moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..errors import ObjectError, UsageError
+from ..progress import Progress
+from ..settings import ObserveSettings
+from .background import Plate
+from .depth import read_depth
+
+LEAST_PIXELS = 12
+"""Smallest object that can be followed: a disc of four pixels."""
+
+GRABCUT_PIXELS = 200_000
+"""Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
+
+NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, or --mask with a PNG."
+
+
+def first_mask(settings: ObserveSettings, picture: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
+    """The object (H, W) bool in `picture` (H, W, 3) uint8 RGB.
+
+    `settings.mask` comes first, then `settings.box`, then the extent of a depth map that is infinite off the object, then the one
+    thing that differs from `plate`, the background of a camera that stands still (None when it moves).
+
+    Raises:
+        ObjectError: nothing there, or too little.
+        UsageError: a mask of another size or unreadable, a box outside the picture or without area.
+    """
+    height, width = picture.shape[:2]
+    if settings.mask is not None:
+        mask = read_mask(settings.mask, height, width)
+    elif settings.box is not None:
+        mask = mask_in_box(picture, settings.box, plate)
+    elif settings.depth is not None and not np.isfinite(depth := read_depth(settings.depth, height, width)).all():
+        mask = np.isfinite(depth) & (depth > 0)
+    else:
+        mask = _what_moves(picture, plate)
+        progress.warn("Neither mask nor box was given: the one thing that moves against the background is taken for the object.")
+    if mask.sum() < LEAST_PIXELS:
+        raise ObjectError(f"The object covers {int(mask.sum())} pixels of the first picture, too few to follow.", NEITHER)
+    if mask.mean() > 0.95:
+        raise ObjectError("The object covers the whole first picture.", "Mark only the thing that moves: non-zero pixels are the object.")
+    return mask
+
+
+def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndarray:
+    """A mask picture (H, W) bool, non-zero = inside; transparent pixels count as zero.
+
+    Raises:
+        UsageError: unreadable or of another size than the clip.
+    """
+    if not Path(path).is_file():
+        raise UsageError(f"There is no {what} at {path}.", "Check the path.")
+    values = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    if values is None:
+        raise UsageError(f"The {what} {path} is not a picture.", "Save it as PNG.")
+    if values.shape[:2] != (height, width):
+        raise UsageError(
+            f"The {what} {path} is {values.shape[1]}x{values.shape[0]}, the clip {width}x{height}.", "Draw it over the clip's first picture."
+        )
+    if values.ndim == 2:
+        return values > 0
+    inside = (values[..., :3] > 0).any(axis=2)
+    return inside & (values[..., 3] > 0) if values.shape[2] == 4 else inside
+
+
+def mask_in_box(picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None) -> np.ndarray:
+    """The object (H, W) bool inside `box` (x0, y0, x1, y1) [px] by GrabCut (Rother 2004), the surroundings of the box being background.
+
+    Raises:
+        UsageError: a box outside the picture or without area.
+        ObjectError: nothing in the box stands out.
+    """
+    height, width = picture.shape[:2]
+    if not np.isfinite(box).all() or box[2] <= box[0] or box[3] <= box[1]:
+        raise UsageError(f"The box {_numbers(box)} has no area.", "Give X0 Y0 X1 Y1 with X0 < X1 and Y0 < Y1, in pixels from the top left.")
+    x0, y0 = max(int(np.floor(box[0])), 0), max(int(np.floor(box[1])), 0)
+    x1, y1 = min(int(np.ceil(box[2])), width - 1), min(int(np.ceil(box[3])), height - 1)
+    if x1 <= x0 or y1 <= y0:
+        raise UsageError(f"The box {_numbers(box)} lies outside the {width}x{height} picture.", NEITHER)
+    if x1 - x0 >= width - 2 and y1 - y0 >= height - 2:
+        raise UsageError("The box covers the whole picture, so nothing is left to tell the background from.", "Draw it close round the object.")
+    margin = max(20, (x1 - x0) // 2, (y1 - y0) // 2)
+    rows, columns = slice(max(y0 - margin, 0), y1 + margin + 1), slice(max(x0 - margin, 0), x1 + margin + 1)
+    crop = picture[rows, columns]
+    trimap = np.full(crop.shape[:2], cv2.GC_BGD, np.uint8)
+    inside = np.zeros((height, width), bool)
+    inside[y0 : y1 + 1, x0 : x1 + 1] = True
+    trimap[inside[rows, columns]] = cv2.GC_PR_FGD
+    changed = plate.difference(picture)[rows, columns] > 6.0 * plate.noise if plate is not None else None
+    found = _cut_box(crop, trimap, changed)
+    mask = np.zeros((height, width), bool)
+    mask[rows, columns] = tidy(found & inside[rows, columns])
+    if mask.sum() < LEAST_PIXELS:
+        raise ObjectError(f"Nothing in the box {_numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG.")
+    return mask
+
+
+def _cut_box(crop: np.ndarray, trimap: np.ndarray, changed: np.ndarray | None) -> np.ndarray:
+    inside = trimap == cv2.GC_PR_FGD
+    small = inside.sum() < 900
+    if small and changed is not None and LEAST_PIXELS <= (changed & inside).sum() < 0.9 * inside.sum():
+        # A few dozen pixels are no colour model; what differs from the clean background is better evidence.
+        return changed & inside
+    found = grab_cut(crop, trimap, 5)
+    # A box that GrabCut empties holds something too small or too alike: trust what changed.
+    if found.sum() < LEAST_PIXELS and changed is not None:
+        return changed & inside
+    return found
+
+
+def grab_cut(crop: np.ndarray, trimap: np.ndarray, iterations: int) -> np.ndarray:
+    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a smaller copy if large."""
+    if not (trimap & 1).any() or (trimap & 1).all():
+        return (trimap & 1) > 0
+    scale = min(1.0, float(np.sqrt(GRABCUT_PIXELS / trimap.size)))
+    size = (max(8, round(crop.shape[1] * scale)), max(8, round(crop.shape[0] * scale)))
+    small = crop if scale == 1.0 else cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
+    labels = trimap.copy() if scale == 1.0 else cv2.resize(trimap, size, interpolation=cv2.INTER_NEAREST)
+    # Five colours per side need at least as many samples.
+    if min((labels & 1).sum(), ((labels & 1) == 0).sum()) < 10:
+        return (trimap & 1) > 0
+    cv2.setRNGSeed(0)
+    cv2.grabCut(small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), iterations, cv2.GC_INIT_WITH_MASK)
+    found = (labels & 1).astype(np.float32)
+    if scale == 1.0:
+        return found > 0
+    return cv2.resize(found, crop.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0.5
+
+
+def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+    """`mask` (h, w) bool without specks and small holes: the parts that touch `near`, or the largest part and those a tenth as large."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if count < 2:
+        return mask
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    keep = areas >= 0.1 * areas.max()
+    if near is not None:
+        touching = np.bincount(labels[near & mask], minlength=count)[1:]
+        keep = touching > 0.25 * areas if (touching > 0.25 * areas).any() else touching > 0
+    kept = np.concatenate([[False], keep])[labels]
+    holes, labels, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] < 0.02 * kept.sum()
+    small[0] = False
+    return kept | small[labels] if holes > 1 else kept
+
+
+def _what_moves(picture: np.ndarray, plate: Plate | None) -> np.ndarray:
+    if plate is None:
+        raise ObjectError("No object was marked, and the camera moves, so nothing says what it is.", NEITHER)
+    changed = (plate.difference(picture) > 6.0 * plate.noise + 6.0).astype(np.uint8)
+    changed = cv2.morphologyEx(cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(changed, connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    if count < 2 or areas.max() < LEAST_PIXELS:
+        raise ObjectError("No object was marked, and nothing in the first picture differs from the background.", NEITHER)
+    order = np.argsort(areas)[::-1]
+    if len(areas) > 1 and areas[order[1]] > 0.35 * areas[order[0]]:
+        raise ObjectError("No object was marked, and more than one thing moves.", NEITHER)
+    return tidy(labels == 1 + order[0])
+
+
+def _numbers(box: tuple[float, ...]) -> str:
+    return " ".join(f"{value:g}" for value in box)

@@ -1,0 +1,137 @@
+"""How the object moved between two pictures: first one shift for the whole of it, then dense optical flow round that shift."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+Window = tuple[int, int, int, int]
+"""x0, y0, x1, y1 [px], the end exclusive; may reach outside the picture."""
+
+TEMPLATE = 40
+"""Pixels along the longer side of the template that the whole-body search uses."""
+
+FLOW_PIXELS = 260_000
+"""Window size beyond which flow is computed on a smaller copy, to keep a frame under half a second."""
+
+
+@dataclass(frozen=True)
+class Flow:
+    """Motion from one picture to the next inside a window."""
+
+    x0: int
+    y0: int
+    motion: np.ndarray
+    """(h, w, 2) float32 [px]: pixel (x0 + i, y0 + j) moves by motion[j, i]."""
+
+    def at(self, xy: np.ndarray) -> np.ndarray:
+        """Motion (K, 2) [px] at points (K, 2), bilinear, held at the window's rim."""
+        if not len(xy):
+            return np.zeros((0, 2))
+        local = (xy - [self.x0, self.y0]).astype(np.float32).reshape(-1, 1, 2)
+        # remap's maps are limited to 32767 rows; tracks are hundreds.
+        return cv2.remap(self.motion, local, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1, 2).astype(np.float64)
+
+
+def window_of(mask: np.ndarray, margin: int) -> Window:
+    """The bounding box of `mask` (H, W) bool, `margin` pixels wider on each side."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return int(columns[0]) - margin, int(rows[0]) - margin, int(columns[-1]) + margin + 1, int(rows[-1]) + margin + 1
+
+
+def cut(picture: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
+    """The part of `picture` (H, W, ...) in `window`; outside the picture its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
+    height, width = picture.shape[:2]
+    x0, y0, x1, y1 = window
+    # Far outside, the rim's last pixel stands for all: clip so that the slice is never empty.
+    a0, b0 = min(max(x0, 0), width - 1), min(max(y0, 0), height - 1)
+    a1, b1 = max(min(x1, width), a0 + 1), max(min(y1, height), b0 + 1)
+    part = picture[b0:b1, a0:a1]
+    pads = (max(0, b0 - y0), max(0, y1 - b1), max(0, a0 - x0), max(0, x1 - a1))
+    if any(pads):
+        values = part.astype(np.uint8) if part.dtype == bool else part
+        part = cv2.copyMakeBorder(values, *pads, borderType=border).astype(picture.dtype)
+    top, left = max(0, y0 - b0), max(0, x0 - a0)
+    return part[top : top + y1 - y0, left : left + x1 - x0]
+
+
+def paste(target: np.ndarray, values: np.ndarray, window: Window) -> None:
+    """Write `values` (h, w) of `window` into `target` (H, W), leaving out what lies outside."""
+    height, width = target.shape[:2]
+    x0, y0, x1, y1 = window
+    a0, b0, a1, b1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
+    if a1 > a0 and b1 > b0:
+        target[b0:b1, a0:a1] = values[b0 - y0 : b1 - y0, a0 - x0 : a1 - x0]
+
+
+def body_shift(
+    template: np.ndarray,
+    weight: np.ndarray,
+    origin: tuple[int, int],
+    picture: np.ndarray,
+    changed: np.ndarray | None,
+    expected: np.ndarray,
+    reach: float,
+) -> np.ndarray:
+    """The shift (2,) [px] that carries the whole object into the next picture.
+
+    Masked template search: mean squared colour difference, plus how little of the object's place differs from the background,
+    plus a mild pull towards the expected shift.
+
+    Args:
+        template: (h, w, 3) uint8, the object's bounding box in the picture before.
+        weight: (h, w) bool, the object in it.
+        origin: x, y of the template's corner.
+        picture: (H, W, 3) uint8, the next picture.
+        changed: (H, W) float32 in 0..1, evidence against background; None when there is no plate.
+        expected: (2,) [px], the shift so far.
+        reach: [px] searched on each side of the expected shift.
+    """
+    scale = min(1.0, TEMPLATE / max(weight.shape))
+    reach = int(np.ceil(reach))
+    base = np.round(expected).astype(int)
+    height, width = weight.shape
+    x0, y0 = origin[0] + base[0] - reach, origin[1] + base[1] - reach
+    window = (x0, y0, x0 + width + 2 * reach, y0 + height + 2 * reach)
+    size = (max(3, round(width * scale)), max(3, round(height * scale)))
+    room = (max(size[0], round((width + 2 * reach) * scale)), max(size[1], round((height + 2 * reach) * scale)))
+    object_colors = cv2.resize(template, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+    inside = cv2.resize(weight.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    search = cv2.resize(cut(picture, window), room, interpolation=cv2.INTER_AREA).astype(np.float32)
+    colour_mask = np.repeat(inside[..., None], 3, axis=2)
+    cost = cv2.matchTemplate(search, object_colors, cv2.TM_SQDIFF, mask=colour_mask) / max(float((colour_mask**2).sum()), 1e-6)
+    cost = np.sqrt(np.maximum(cost, 0.0))
+    if changed is not None:
+        evidence = cv2.resize(cut(changed, window, cv2.BORDER_CONSTANT), room, interpolation=cv2.INTER_AREA).astype(np.float32)
+        cost += 40.0 * (1.0 - cv2.matchTemplate(evidence, inside, cv2.TM_CCORR) / max(float(inside.sum()), 1e-6))
+    step = (window[2] - window[0]) / room[0]
+    y, x = np.mgrid[: cost.shape[0], : cost.shape[1]]
+    shifts = np.stack([x * step - reach, y * step - reach], axis=-1)
+    # The pull costs five grey levels at the rim of the search: it decides between equals only.
+    cost += 5.0 * np.linalg.norm(shifts, axis=-1) / max(reach, 1)
+    row, column = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    return base + shifts[row, column]
+
+
+class FlowSolver:
+    """Dense inverse search flow (Kroeger 2016) round a known shift, on the object's window only."""
+
+    def __init__(self) -> None:
+        self._solver = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        self._solver.setFinestScale(0)
+
+    def between(self, before: np.ndarray, after: np.ndarray, window: Window, shift: np.ndarray) -> Flow:
+        """Flow in `window` of the gray picture `before` (H, W) uint8 to `after`, the object moving by about `shift` (2,) [px]."""
+        dx, dy = (int(value) for value in np.round(shift))
+        x0, y0, x1, y1 = window
+        first, second = cut(before, window), cut(after, (x0 + dx, y0 + dy, x1 + dx, y1 + dy))
+        scale = min(1.0, float(np.sqrt(FLOW_PIXELS / first.size)))
+        if scale < 1.0:
+            size = (round(first.shape[1] * scale), round(first.shape[0] * scale))
+            first, second = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (first, second))
+        motion = self._solver.calc(np.ascontiguousarray(first), np.ascontiguousarray(second), None)
+        if scale < 1.0:
+            motion = cv2.resize(motion, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR) * np.float32(1.0 / scale)
+        return Flow(x0, y0, motion + np.float32([dx, dy]))

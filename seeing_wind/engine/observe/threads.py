@@ -1,0 +1,19 @@
+"""One thread for OpenCV: the work here is many small calls, and a pool of threads makes each of them several times slower."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import cv2
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limit OpenCV to one thread inside the `with`, and restore the caller's number after it."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

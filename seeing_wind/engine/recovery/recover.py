@@ -1,0 +1,260 @@
+"""From what was seen to the force that explains it: the stage *recover*.
+
+Coarse to fine, because a body that turns makes the problem curved: follow the targets with a receding horizon, solve the whole clip with
+few modes and sparse knots, learn the prior's sizes, then solve with all modes the data can tell apart (Gauss-Newton through the simulator).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import ObjectError, SimulationError, UsageError
+from ..mpm.constitutive import LAWS
+from ..mpm.model import Model, model_for
+from ..mpm.state import Trajectory
+from ..progress import Progress
+from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
+from ..settings import RecoverSettings
+from .basis import SpatialBasis, hats, spatial_basis, velocity_basis
+from .forward import Forward
+from .gauss_newton import Linearisation, Solution, solve
+from .objective import Channels, Objective, point_channels, track_channels
+from .prior import Prior, first_prior, learn
+from .warm_start import WarmStart, warm_start
+
+COARSE_DEGREE, COARSE_KNOT = 2, 4.0
+"""Degree of the modes and frames between knots of the first whole-clip solve."""
+FULL_MODES, FULL_KNOT = 16, 2.0
+COARSE_ITERATIONS = 4
+OBSERVABLE = 0.1
+"""A mode is used when the observed points see at least this share of it that the modes before it do not explain."""
+SPEED = 1.0
+"""Standard deviation of the initial velocity [m/s]."""
+AXIAL_SHRINK = 0.2
+"""Prior size of the force along a held body, relative to across it: hardly seen, and it soaks up the error of the clamp."""
+STILL = 0.02
+"""A body whose observed points move less than this share of its radius hardly moves [m/m]."""
+UNKNOWNS = 900
+"""Most unknowns of the dense solve; longer clips get sparser knots, then fewer modes."""
+
+
+def recover(
+    particles: Particles,
+    material: Material,
+    targets: PointTargets | Sequence[TrackTargets],
+    fps: float,
+    settings: RecoverSettings,
+    progress: Progress,
+) -> Recovery:
+    """Find the force density that makes the simulated body move as observed.
+
+    Args:
+        particles: the body at rest, at picture 0.
+        material: its constants; the density turns accelerations into force densities.
+        targets: points in 3D [m], or tracks [px] of one or several cameras over the same pictures.
+        fps: pictures per second.
+        settings: gravity, and the number of iterations at most.
+        progress: told of every part of the work; asked for cancelling at least twice a second.
+
+    Returns:
+        The force density on the particles per frame, its posterior deviation, and the simulated motion. Its notes name what is poorly known.
+
+    Raises:
+        UsageError: targets that contradict each other, or are not finite where visible.
+        ObjectError: fewer than three pictures, or a body that cannot be simulated (all held, particles in one place).
+        SimulationError: when the simulation breaks down even at the start.
+        Cancelled: when the user asked to stop.
+    """
+    began = time.monotonic()
+    _check(particles, fps)
+    progress.update(0.0, "Preparing the body")
+    plastic = material.law in ("von_mises", "viscoplastic")
+    sources: list[PointTargets | TrackTargets] = [targets] if isinstance(targets, PointTargets) else list(targets)
+    if len({len(one.visible) for one in sources}) != 1:
+        raise UsageError("The views do not have the same number of pictures.", "Cut the clips to the same frames, or give one clip.")
+    channels: list[Channels] = [
+        point_channels(particles, one, plastic) if isinstance(one, PointTargets) else track_channels(particles, one, plastic) for one in sources
+    ]
+    notes: list[str] = []
+    if material.law not in LAWS:
+        notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
+        material = replace(material, law="corotated")
+    model, model_notes = model_for(particles, material, fps, gravity=settings.gravity, device=settings.device)
+    solver = _Solver(particles, model, Objective(channels), fps, settings, progress, notes + model_notes)
+    return solver.run(material, len(sources) if isinstance(sources[0], TrackTargets) else 0, began)
+
+
+def _check(particles: Particles, fps: float) -> None:
+    if not (np.isfinite(particles.x).all() and np.isfinite(particles.volume).all() and (particles.volume > 0.0).all()):
+        raise ObjectError("A particle of the body has no finite position or no volume.", "Build the body again.")
+    if particles.pinned.all():
+        raise ObjectError("All particles of the body are held: nothing can move.", "Paint a smaller region to hold.")
+    if not fps > 0.0:
+        raise UsageError(f"{fps} pictures per second.", "Give the clip's frame rate with --fps.")
+    if len(particles.x) > 1:
+        distance = cKDTree(particles.x).query(particles.x, k=2)[0][:, 1]
+        if (distance < 1e-3 * particles.spacing).any():
+            raise ObjectError("Some particles of the body are in the same place as another.", "Build the body again.")
+
+
+@dataclass
+class _Solver:
+    """One recovery on its way from a rough start to the final solve."""
+
+    particles: Particles
+    model: Model
+    objective: Objective
+    fps: float
+    settings: RecoverSettings
+    progress: Progress
+    notes: list[str]
+
+    def run(self, material: Material, views: int, began: float) -> Recovery:
+        """All parts in order; `views` is the number of cameras, 0 for points in 3D."""
+        frames, x = self.objective.frames, self.particles.x
+        basis = self._observable(spatial_basis(x, self.model.mass * ~self.particles.pinned, FULL_MODES))
+        size = self._expected_size()
+        started = self._follow(basis.up_to(1), size)
+
+        coarse = self._forward(basis.up_to(COARSE_DEGREE), self._knot(basis.up_to(COARSE_DEGREE), COARSE_KNOT))
+        prior = first_prior(coarse.basis, frames, coarse.knot_spacing, max(_rms(started.coefficients[:, 0]), 0.05 * size), len(coarse.velocity), SPEED)
+        prior = replace(prior, component=self._first_component())
+        theta = coarse.pack(started.coefficients, started.velocity)
+        first = self._solve(coarse, prior, theta, COARSE_ITERATIONS, (0.2, 0.4), "Solving coarsely")
+        prior = learn(prior, first.last.normal, first.last.pull)[0]
+
+        self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
+        fine = self._forward(basis, self._knot(basis, FULL_KNOT))
+        prior = prior.reshaped(basis, frames, fine.knot_spacing)
+        theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
+        left = max(1, self.settings.iterations - first.iterations)
+        second = self._solve(fine, prior, theta, max(1, left // 2), (0.4, 0.75), "Solving finely")
+        prior = learn(prior, second.last.normal, second.last.pull)[0]
+        last = self._solve(fine, prior, second.theta, max(1, left - second.iterations), (0.75, 0.98), "Solving with what was learnt")
+        return self._result(fine, prior, last, material, views, first.iterations + second.iterations + last.iterations, began)
+
+    # -- parts ----------------------------------------------------------------------------------------------------------------
+
+    def _observable(self, basis: SpatialBasis) -> SpatialBasis:
+        """The modes that the observed points can tell apart; the constant one always."""
+        seen = self.objective.points() @ basis.phi
+        count, known = 1, seen[:, :1] / np.linalg.norm(seen[:, :1])
+        while count < basis.phi.shape[1]:
+            rest = seen[:, count] - known @ (known.T @ seen[:, count])
+            if np.linalg.norm(rest) < OBSERVABLE * np.sqrt(len(seen)):
+                break
+            known = np.column_stack([known, rest / np.linalg.norm(rest)])
+            count += 1
+        if count < min(4, basis.phi.shape[1]):
+            self.notes.append(f"The observed points tell apart {count} of the force's modes over the body: its variation across the body is not known.")
+        return basis.first(count)
+
+    def _expected_size(self) -> float:
+        """Root mean square acceleration [m/s²] to expect of the field: the observed one, or what holds gravity up."""
+        observed = max(one.acceleration(self.particles.x, self.fps) for one in self.objective.channels)
+        return float(np.hypot(observed, np.linalg.norm(self.model.gravity))) or 1e-3
+
+    def _forward(self, basis: SpatialBasis, knot: float) -> Forward:
+        velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
+        return Forward(self.model, self.particles.x, basis, hats(self.objective.frames, knot), knot, velocity, gradient, self.progress)
+
+    def _knot(self, basis: SpatialBasis, wanted: float) -> float:
+        """Frames between knots, sparser when a long clip would make the dense solve too large."""
+        affordable = 3.0 * basis.phi.shape[1] * self.objective.frames / UNKNOWNS
+        if affordable > wanted and wanted == FULL_KNOT:
+            self.notes.append(f"Long clip: the force was given a knot every {affordable:.1f} frames instead of {wanted:.0f}; faster gusts are smoothed.")
+        return max(wanted, affordable)
+
+    def _follow(self, basis: SpatialBasis, size: float) -> WarmStart:
+        forward = self._forward(basis, 1.0)
+        return warm_start(forward, self.objective, size, np.full(len(forward.velocity), SPEED))
+
+    def _first_component(self) -> np.ndarray:
+        """(3, 3) covariance of the force's components before anything is learnt: round, or flat along a held body's axis."""
+        pinned = self.particles.pinned
+        if not pinned.any():
+            return np.eye(3)
+        axis = self.particles.x[~pinned].mean(axis=0) - self.particles.x[pinned].mean(axis=0)
+        axis /= max(float(np.linalg.norm(axis)), 1e-12)
+        return np.eye(3) - (1.0 - AXIAL_SHRINK**2) * np.outer(axis, axis)
+
+    def _solve(self, forward: Forward, prior: Prior, theta: np.ndarray, iterations: int, share: tuple[float, float], what: str) -> Solution:
+        objective, precision = self.objective, prior.precision()
+
+        def residuals(candidates: np.ndarray) -> np.ndarray:
+            positions = forward.positions(candidates)
+            broken = ~np.isfinite(positions).all(axis=(1, 2, 3))
+            white = objective.whiten(objective.residual(np.where(broken[:, None, None, None], self.particles.x, positions)))
+            white[broken] = np.inf
+            return white
+
+        def linearise(point: np.ndarray) -> Linearisation:
+            nominal = forward.trajectory(point)
+            raw = forward.jacobian(point, nominal, objective, prior.deviation())
+            return Linearisation.at(point, objective.whiten(objective.residual(nominal.x[None]))[0], objective.whiten(raw))
+
+        def report(iteration: int, cost: float) -> None:
+            fraction = share[0] + (share[1] - share[0]) * (iteration - 1) / iterations
+            self.progress.update(fraction, f"{what}, iteration {iteration}", cost=cost)
+
+        return solve(theta, precision, residuals, linearise, iterations, report)
+
+    # -- result ---------------------------------------------------------------------------------------------------------------
+
+    def _result(
+        self, forward: Forward, prior: Prior, last: Solution, material: Material, views: int, iterations: int, began: float
+    ) -> Recovery:
+        self.progress.update(0.98, "Simulating the result")
+        trajectory = forward.trajectory(last.theta)
+        covariance = np.linalg.inv(last.last.normal + prior.precision())
+        deviation, by_direction = _deviation(forward, covariance)
+        residual = self.objective.root_mean_square(trajectory.x)
+        self._remark(trajectory, by_direction, views, residual)
+        return Recovery(
+            outcome=Outcome.CONVERGED if last.converged else Outcome.MAX_ITERATIONS,
+            force_density=material.density * forward.acceleration(last.theta),
+            deviation=material.density * deviation,
+            x=trajectory.x,
+            F=trajectory.F,
+            v0=trajectory.v[0],
+            residual=residual,
+            residual_unit="px" if views else "m",
+            iterations=iterations,
+            seconds=time.monotonic() - began,
+            notes=self.notes,
+        )
+
+    def _remark(self, trajectory: Trajectory, by_direction: np.ndarray, views: int, residual: np.ndarray) -> None:
+        """Notes on what the clip does not show."""
+        moved = np.linalg.norm(trajectory.x - trajectory.x[0], axis=-1).max()
+        radius = np.linalg.norm(self.particles.x - self.particles.x.mean(axis=0), axis=1).max()
+        if moved < STILL * max(radius, self.particles.spacing):
+            self.notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
+        if views == 1:
+            self.notes.append(
+                "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
+            )
+
+
+def _rms(values: np.ndarray) -> float:
+    """Root mean square length of vectors (..., 3)."""
+    return float(np.sqrt((values**2).sum(axis=-1).mean()))
+
+
+def _deviation(forward: Forward, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Posterior standard deviation of one component of the acceleration (T, N) [m/s²], and its mean covariance over the body (T, 3, 3)."""
+    knots, modes, _ = forward.shape
+    field = covariance[: forward.size, : forward.size].reshape(knots, modes, 3, knots, modes, 3)
+    deviation, mean = [], []
+    for weights in forward.hats:
+        active = np.flatnonzero(weights)
+        block = np.einsum("k,l,kmilnj->mnij", weights[active], weights[active], field[np.ix_(active, range(modes), range(3), active)])
+        per_component = np.einsum("mnii->mn", block) / 3.0
+        deviation.append(np.sqrt(np.maximum(np.einsum("pm,mn,pn->p", forward.basis.phi, per_component, forward.basis.phi), 0.0)))
+        mean.append(np.einsum("mmij->ij", block))
+    return np.stack(deviation), np.stack(mean)

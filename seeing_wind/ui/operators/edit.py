@@ -1,0 +1,168 @@
+"""The edit: which meshes move in the recovered field, what is held, and how heavy they are."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+
+from ...engine.errors import SeeingWindError, UsageError
+from .. import freshness, worker_calls
+from ..properties import MATERIAL_ITEMS
+from ..scene_export import pinned_vertices
+
+IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
+
+SAME = [("SAME", "As Recovered", "The material of the object in the clip"), *MATERIAL_ITEMS]
+
+
+class EditOperator:
+    """Mix-in: a function that may raise SeeingWindError, run and reported."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    def edit(self, context) -> str:
+        """Do it; returns what to tell the user."""
+        raise NotImplementedError
+
+    def execute(self, context):
+        """Run `edit`, then bring the panel up to date."""
+        try:
+            said = self.edit(context)
+        except SeeingWindError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        freshness.refresh(context.scene)
+        self.report({"INFO"}, said)
+        return {"FINISHED"}
+
+
+class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
+    """Let the selected meshes, a file's mesh or the clip's own object move in the recovered field"""
+
+    bl_idname = "seeing_wind.insert_mesh"
+    bl_label = "Insert Mesh"
+
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of a mesh object; empty: all selected ones")
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"}, description="OBJ, PLY or STL to import and insert")
+    recovered: BoolProperty(name="Recovered Object", options={"SKIP_SAVE"}, description="Insert the clip's own object")
+    material: EnumProperty(name="Material", items=SAME, options={"SKIP_SAVE"}, description="What it is made of")
+    mass_scale: FloatProperty(name="Mass Factor", default=1.0, min=0.001, options={"SKIP_SAVE"})
+    pin_group: StringProperty(name="Pinned", options={"SKIP_SAVE"}, description="Vertex group whose vertices are held in place")
+    start_frame: IntProperty(name="Start Picture", default=0, min=0, options={"SKIP_SAVE"}, description="The body stands still before it")
+
+    def edit(self, context):
+        """Add one body per mesh."""
+        settings = context.scene.seeing_wind
+        meshes = [None] if self.recovered else self._meshes(context)
+        if self.recovered and settings.recovered_object is None:
+            raise UsageError("There is no recovered object.", "Run Recover first.")
+        new = [obj for obj in meshes if not any(body.object == obj and body.is_recovered == self.recovered for body in settings.bodies)]
+        if not new:
+            raise UsageError("These meshes are in the list already.", "Select others, or change them in the list.")
+        for obj in new:
+            body = settings.bodies.add()
+            body.name, body.is_recovered, body.object = (obj.name if obj else "Recovered Object"), self.recovered, obj
+            body.material = settings.material if self.material == "SAME" else self.material
+            body.mass_scale, body.pin_group, body.start_frame = self.mass_scale, self.pin_group, self.start_frame
+        settings.active_body = len(settings.bodies) - 1
+        return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new):])}"
+
+    def _meshes(self, context) -> list:
+        settings = context.scene.seeing_wind
+        ours = (settings.field_object, settings.arrows_object)
+        if self.filepath:
+            found = _import(worker_calls.absolute(self.filepath))
+        elif self.object:
+            obj = context.scene.objects.get(self.object)
+            if obj is None or obj.type != "MESH":
+                raise UsageError(f"There is no mesh object {self.object!r} in the scene.", "Name one, or select it.")
+            found = [obj]
+        else:
+            found = [obj for obj in context.selected_objects if obj.type == "MESH" and obj not in ours]
+        if not found:
+            raise UsageError("No mesh is selected.", "Select the meshes that the wind should move.")
+        return found
+
+
+class SEEING_WIND_OT_remove_body(EditOperator, bpy.types.Operator):
+    """Take the active body off the list; its object stays"""
+
+    bl_idname = "seeing_wind.remove_body"
+    bl_label = "Remove"
+
+    def edit(self, context):
+        """Objects and keyframes are not touched."""
+        settings = context.scene.seeing_wind
+        index = _active(settings)
+        name = settings.bodies[index].name
+        settings.bodies.remove(index)
+        settings.active_body = max(0, min(index, len(settings.bodies) - 1))
+        return f"Removed {name} from the list"
+
+
+class SEEING_WIND_OT_pin_vertices(EditOperator, bpy.types.Operator):
+    """Hold the vertices of a vertex group in place"""
+
+    bl_idname = "seeing_wind.pin_vertices"
+    bl_label = "Pin Vertices"
+
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
+    vertex_group: StringProperty(name="Vertex Group", options={"SKIP_SAVE"}, description="Empty: the object's active group")
+
+    def edit(self, context):
+        """Check that the group holds something, and note it."""
+        settings = context.scene.seeing_wind
+        body = settings.bodies[_active(settings, self.object)]
+        obj = settings.recovered_object if body.is_recovered else body.object
+        if obj is None:
+            raise UsageError(f"The object of {body.name} is gone.", "Take it off the list, or undo its deletion.")
+        if obj.mode == "EDIT":
+            obj.update_from_editmode()
+        active = obj.vertex_groups.active
+        group = self.vertex_group or (active.name if active else "")
+        count = len(pinned_vertices(obj, context.evaluated_depsgraph_get(), group))
+        body.pin_group = group
+        return f"{count} vertices of {body.name} are held"
+
+
+class SEEING_WIND_OT_scale_mass(EditOperator, bpy.types.Operator):
+    """Set the mass of a body relative to its material: twice the mass accelerates half as much in the same wind"""
+
+    bl_idname = "seeing_wind.scale_mass"
+    bl_label = "Scale Mass"
+
+    factor: FloatProperty(name="Mass Factor", default=2.0, min=0.001, soft_max=100.0)
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
+
+    def edit(self, context):
+        """Noted for the next re-simulation."""
+        settings = context.scene.seeing_wind
+        body = settings.bodies[_active(settings, self.object)]
+        body.mass_scale = self.factor
+        return f"{body.name} has {self.factor:g} times its mass"
+
+
+def _active(settings: bpy.types.PropertyGroup, name: str = "") -> int:
+    """Index of the body of that object, or of the active one. Raises UsageError when there is none."""
+    if name:
+        for index, body in enumerate(settings.bodies):
+            if name == body.name or (body.object is not None and body.object.name == name):
+                return index
+        raise UsageError(f"{name!r} is not inserted.", "Insert it first.")
+    if settings.active_body < len(settings.bodies):
+        return settings.active_body
+    raise UsageError("No mesh is inserted.", "Insert one first.")
+
+
+def _import(path: str) -> list[bpy.types.Object]:
+    importer = IMPORTERS.get(Path(path).suffix.lower())
+    if importer is None:
+        raise UsageError(f"{path} is no OBJ, PLY or STL file.", "Import it by File > Import and insert the selected object.")
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file {path}.", "Choose another one.")
+    before = set(bpy.data.objects)
+    getattr(bpy.ops.wm, importer)(filepath=path)
+    return [obj for obj in bpy.data.objects if obj not in before and obj.type == "MESH"]
+
+
+CLASSES = (SEEING_WIND_OT_insert_mesh, SEEING_WIND_OT_remove_body, SEEING_WIND_OT_pin_vertices, SEEING_WIND_OT_scale_mass)

@@ -1,0 +1,50 @@
+"""The engine itself: install it, and ask it how it feels."""
+
+import bpy
+
+from .. import engine_environment, job, worker_calls
+from ..job_operator import JobOperator
+
+TEXT = "Seeing Wind Doctor"
+
+
+class SEEING_WIND_OT_install_engine(JobOperator, bpy.types.Operator):
+    """Make the engine's own Python environment and download its packages (about 2 GB); Blender's Python is not touched"""
+
+    bl_idname = "seeing_wind.install_engine"
+    bl_label = "Install Engine"
+    step = "engine"
+
+    def start(self, scene):
+        """Only with the user's consent to go online."""
+        return engine_environment.install()
+
+    def finish(self, scene, result):
+        """From now on it is found."""
+        engine_environment.refresh()
+        return "The engine is installed"
+
+
+class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
+    """Ask the engine what is installed, what works, and what to do about the rest"""
+
+    bl_idname = "seeing_wind.doctor"
+    bl_label = "Doctor"
+    step = "engine"
+
+    def start(self, scene):
+        """The engine examines itself."""
+        engine_environment.refresh()
+        call = worker_calls.command(engine_environment.engine_python(), "doctor")
+        return job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment())
+
+    def finish(self, scene, result):
+        """The findings as a text that the Text Editor shows."""
+        checks = result.get("checks", [])
+        lines = [f"{'ok     ' if check['ok'] else 'missing'}  {check['name']}: {check['detail']}  {check.get('advice', '')}".rstrip() for check in checks]
+        text = bpy.data.texts.get(TEXT) or bpy.data.texts.new(TEXT)
+        text.from_string("\n".join([f"Python: {engine_environment.engine_python()}", *lines, ""]))
+        return f"The engine is well: {sum(check['ok'] for check in checks)} of {len(checks)} checks, see the text {TEXT}"
+
+
+CLASSES = (SEEING_WIND_OT_install_engine, SEEING_WIND_OT_doctor)

@@ -1,0 +1,102 @@
+"""Recover the field of a clip, and put the results of a take into the scene."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ...engine.errors import TakeError
+from .. import freshness, job, results, worker_calls
+from ..engine_environment import engine_python
+from ..job_operator import JobOperator
+from ..properties import ClipOptions, adopt
+
+
+class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
+    """Recover the force field that moves the object in the clip, and put it into the scene"""
+
+    bl_idname = "seeing_wind.recover"
+    bl_label = "Recover"
+    # No REGISTER: a change in the redo panel would start minutes of work.
+    bl_options = {"UNDO"}
+    step = "recover"
+
+    def start(self, scene):
+        """Options given as keywords become the scene's settings first."""
+        settings = scene.seeing_wind
+        adopt(settings, self.properties)
+        options, self.digest = worker_calls.recover_options(scene), freshness.recover_digest(scene)
+        self.folder, self.clip = worker_calls.take_folder(settings), options[0]
+        return self._messages(engine_python(), options, settings.field_resolution)
+
+    def _messages(self, python: str, options: list[str], resolution: int) -> job.Messages:
+        call = worker_calls.command(python, "recover", *options, "--take", str(self.folder))
+        last = yield from job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment())
+        if last["outcome"] == "done":
+            last = yield from results.sampling(python, self.folder, resolution)
+        return last
+
+    def finish(self, scene, result):
+        """The field object, the arrows, the camera and the object itself."""
+        results.build(scene, self.folder, self.clip)
+        settings = scene.seeing_wind
+        settings.recovered_digest, settings.recovered_take = self.digest, str(self.folder)
+        return f"Recovered into {self.folder.name}"
+
+
+class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
+    """Put the results of a take into the scene: field object, arrows, camera with the clip behind it, the recovered object"""
+
+    bl_idname = "seeing_wind.build_scene"
+    bl_label = "Load Results"
+    bl_options = {"UNDO"}
+    step = "recover"
+
+    take: StringProperty(name="Take", subtype="DIR_PATH", options={"SKIP_SAVE"}, description="Folder of the results; empty: that of the settings")
+    clip: StringProperty(name="Clip", subtype="FILE_PATH", options={"SKIP_SAVE"}, description="The video, if it has been moved since")
+
+    def start(self, scene):
+        """The engine is asked for the field at the places that the scene needs."""
+        settings = scene.seeing_wind
+        self.folder = Path(worker_calls.absolute(self.take)) if self.take else Path(settings.recovered_take or worker_calls.take_folder(settings))
+        if not (self.folder / "field.safetensors").is_file():
+            raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
+        return results.sampling(engine_python(), self.folder, settings.field_resolution)
+
+    def finish(self, scene, result):
+        """As Recover does, without claiming that the settings of the scene are those of the take."""
+        results.build(scene, self.folder, worker_calls.absolute(self.clip) if self.clip else "")
+        settings = scene.seeing_wind
+        if settings.recovered_take != str(self.folder):
+            settings.recovered_digest, settings.recovered_take = "loaded", str(self.folder)
+        return f"Loaded {self.folder.name}"
+
+
+class SEEING_WIND_OT_open_report(bpy.types.Operator):
+    """Open what the recovery says of itself"""
+
+    bl_idname = "seeing_wind.open_report"
+    bl_label = "Open Report"
+
+    which: EnumProperty(name="Which", items=[
+        ("report.png", "Report", "Force strength, residuals and confidence over time"),
+        ("overlay.mp4", "Overlay", "The clip with the recovered forces drawn on it"),
+        (".", "Folder", "The folder of the take"),
+    ])  # fmt: skip
+
+    @classmethod
+    def poll(cls, context):
+        """Once something was recovered."""
+        return bool(context.scene.seeing_wind.recovered_take)
+
+    def execute(self, context):
+        """In the system's own viewer; without a window only its path is told."""
+        path = Path(context.scene.seeing_wind.recovered_take) / self.which
+        if not path.exists():
+            self.report({"ERROR"}, f"There is no {path}. Run Recover again.")
+            return {"CANCELLED"}
+        self.report({"INFO"}, str(path))
+        return {"FINISHED"} if bpy.app.background else bpy.ops.wm.path_open(filepath=str(path))
+
+
+CLASSES = (SEEING_WIND_OT_recover, SEEING_WIND_OT_build_scene, SEEING_WIND_OT_open_report)

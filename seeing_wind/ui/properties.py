@@ -1,0 +1,196 @@
+"""The settings of a scene. Names, units and defaults are those of the engine's command line.
+
+No postponed annotations here: Blender reads these annotations as property definitions.
+"""
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ..engine.conventions import DEFAULT_FOV_DEGREES, GRAVITY
+from ..engine.materials import MATERIALS
+from ..engine.settings import BuildSettings, RecoverSettings
+from . import freshness
+
+KEPT = {"SKIP_SAVE"}
+"""An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
+
+MATERIAL_ITEMS = [
+    (name, name.replace("_", " ").title(), f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}")
+    for name, m in MATERIALS.items()
+]
+
+IMPLIED = {
+    "frames": ("use_frames", True),
+    "box": ("object_mode", "BOX"),
+    "mask": ("object_mode", "MASK"),
+    "distance": ("scale_mode", "DISTANCE"),
+    "pixels_per_metre": ("scale_mode", "PIXELS"),
+    "fov": ("camera_mode", "FOV"),
+    "camera": ("camera_mode", "JSON"),
+    "gravity": ("gravity_mode", "CUSTOM"),
+    "density": ("use_density", True),
+    "youngs_modulus": ("use_youngs_modulus", True),
+    "thickness": ("use_thickness", True),
+}
+"""A keyword argument that chooses a mode as well, unless the mode is given too."""
+
+
+def _changed(self, context) -> None:
+    scene = self.id_data
+    if isinstance(scene, bpy.types.Scene):  # None while these are the arguments of an operator
+        freshness.refresh(scene)
+
+
+def _is_mesh(self, candidate) -> bool:
+    return candidate.type == "MESH"
+
+
+def _file(name: str, description: str) -> object:
+    return StringProperty(name=name, description=description, subtype="FILE_PATH", options=KEPT, update=_changed)
+
+
+def _number(name: str, default: float, description: str, **limits: float) -> object:
+    return FloatProperty(name=name, default=default, description=description, options=KEPT, update=_changed, **limits)
+
+
+def _toggle(name: str, description: str) -> object:
+    return BoolProperty(name=name, default=False, description=description, options=KEPT, update=_changed)
+
+
+def _choice(name: str, description: str, items: list, default: str | None = None) -> object:
+    return EnumProperty(name=name, description=description, items=items, default=default or items[0][0], options=KEPT, update=_changed)
+
+
+class ClipOptions:
+    """The options of Recover: a scene has them as settings, the operator as keyword arguments."""
+
+    clip: _file("Clip", "The video in which something is moved by forces that nobody sees")
+    fps: _number("Frame Rate (1/s)", 0.0, "Frames per second of the clip; 0 takes what the file says", min=0.0, soft_max=240.0, step=100)
+    use_frames: _toggle("Part of the Clip", "Use only some of the clip's pictures")
+    frames: IntVectorProperty(
+        name="Pictures", size=2, default=(0, 40), min=0, description="First and last picture, both inclusive, counted from 0", options=KEPT, update=_changed
+    )
+
+    object_mode: _choice("Object", "How the object is marked in the first picture", [
+        ("BOX", "Box", "A box round the object, in pixels"),
+        ("MASK", "Mask", "A PNG of the first picture, non-zero where the object is"),
+    ])  # fmt: skip
+    box: FloatVectorProperty(
+        name="Box (px)", size=4, default=(0.0, 0.0, 0.0, 0.0), min=0.0, precision=0, step=100, options=KEPT, update=_changed,
+        description="Left, top, right, bottom in pixels of the first picture, the origin at its top left",
+    )  # fmt: skip
+    mask: _file("Mask", "PNG of the first picture, non-zero where the object is")
+    pin: _file("Held Places", "Optional PNG of the first picture, non-zero where the object is held in place")
+
+    scale_mode: _choice("Scale", "What gives the size of things", [
+        ("DISTANCE", "Distance", "The distance from the camera to the object is known"),
+        ("PIXELS", "Pixels per Metre", "The image scale in the object's plane is known"),
+    ])  # fmt: skip
+    distance: _number("Distance (m)", 2.0, "Metres from the camera to the object", min=0.001, soft_max=100.0, step=10, precision=3)
+    pixels_per_metre: _number("Scale (px/m)", 400.0, "Pixels per metre in the object's plane", min=0.01, soft_max=10000.0, step=1000, precision=1)
+    camera_mode: _choice("Camera", "What is known of the camera", [
+        ("FOV", "Field of View", "A level camera that stands still and looks along +Y"),
+        ("JSON", "File", "JSON with width height fx fy cx cy and camera_to_world"),
+    ])  # fmt: skip
+    fov: _number("Field of View (°)", DEFAULT_FOV_DEGREES, "Horizontal field of view in degrees", min=1.0, max=170.0, step=100, precision=1)
+    camera: _file("Camera File", "JSON: width height fx fy cx cy, camera_to_world (4x4, OpenCV axes, one or one per picture)")
+
+    gravity_mode: _choice("Gravity", "Known acceleration that is not part of the recovered field", [
+        ("SCENE", "Scene", "The scene's gravity, if it is on"),
+        ("NONE", "None", "Gravity counts as part of the field"),
+        ("CUSTOM", "Custom", "An acceleration of your own"),
+    ])  # fmt: skip
+    gravity: FloatVectorProperty(
+        name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, options=KEPT, update=_changed,
+        description="Acceleration along world X, Y, Z in metres per square second",
+    )  # fmt: skip
+
+    material: _choice("Material", "What the object is made of", MATERIAL_ITEMS, BuildSettings.material)
+    use_density: _toggle("Density", "Replace the preset's density")
+    density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
+    use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
+    youngs_modulus: _number("Young's Modulus (Pa)", 1e5, "Stiffness in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
+    use_thickness: _toggle("Thickness", "Give the body's thickness instead of guessing it from the silhouette")
+    thickness: _number("Thickness (m)", 0.01, "Metres of body behind the visible surface", min=1e-5, soft_max=1.0, step=0.1, precision=4)
+
+    take: StringProperty(
+        name="Take", subtype="DIR_PATH", options=KEPT, update=_changed,
+        description="Folder of the results; empty: CLIP.take beside the .blend file, or in the temporary folder while it is unsaved",
+    )  # fmt: skip
+    iterations: IntProperty(
+        name="Iterations", default=RecoverSettings.iterations, min=1, soft_max=50, description="Gauss-Newton iterations at most", options=KEPT, update=_changed
+    )
+    seed: IntProperty(name="Seed", default=0, min=0, description="Of every random choice", options=KEPT, update=_changed)
+
+
+class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
+    """One body of the edit: a mesh object, or the clip's own object."""
+
+    is_recovered: BoolProperty(name="Recovered Object", description="The object of the clip itself, at its recovered material")
+    object: PointerProperty(name="Object", type=bpy.types.Object, poll=_is_mesh, description="The mesh to move", update=_changed)
+    material: _choice("Material", "What the body is made of", MATERIAL_ITEMS, BuildSettings.material)
+    use_density: _toggle("Density", "Replace the preset's density")
+    density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
+    use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
+    youngs_modulus: _number("Young's Modulus (Pa)", 1e5, "Stiffness in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
+    mass_scale: _number("Mass Factor", 1.0, "2 doubles the mass: half the acceleration in the same wind", min=0.001, soft_max=100.0, step=10, precision=3)
+    pin_group: StringProperty(name="Pinned", description="Vertex group whose vertices are held in place", update=_changed)
+    use_velocity: _toggle("Velocity", "Start with a velocity of its own instead of at rest (or as recovered)")
+    velocity: FloatVectorProperty(name="Velocity (m/s)", size=3, soft_min=-20.0, soft_max=20.0, step=10, description="At the start", update=_changed)
+    start_frame: IntProperty(name="Start Picture", default=0, min=0, description="The body stands still before this picture of the clip", update=_changed)
+
+    result: StringProperty(options={"HIDDEN"}, description="Name of the body in the last re-simulation")
+    baked_copy: PointerProperty(type=bpy.types.Object, options={"HIDDEN"}, description="Carries the motion where the object itself cannot")
+
+
+class SEEING_WIND_PG_scene(ClipOptions, bpy.types.PropertyGroup):
+    """`scene.seeing_wind`."""
+
+    bodies: CollectionProperty(type=SEEING_WIND_PG_body)
+    active_body: IntProperty(name="Active Body", default=0, min=0)
+    field_strength: _number("Field Strength", 1.0, "Factor on the recovered field", soft_min=-5.0, soft_max=5.0, step=10, precision=2)
+    edit_gravity_mode: _choice("Gravity", "Gravity in the re-simulation", [
+        ("SAME", "As Recovered", "The gravity that Recover was given"),
+        ("NONE", "None", "No gravity"),
+        ("CUSTOM", "Custom", "An acceleration of your own"),
+    ])  # fmt: skip
+    edit_gravity: FloatVectorProperty(name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, update=_changed)
+    contact: BoolProperty(name="Contact", default=False, description="Bodies push each other; off: each moves alone", update=_changed)
+
+    frame_start: IntProperty(name="First Frame", default=1, description="Scene frame of the clip's first picture")
+    field_resolution: IntProperty(name="Field Nodes", default=6, min=2, max=12, description="Wind sources along each side of the field object")
+
+    # What was made, and with which settings: part of the file and of its undo.
+    recovered_digest: StringProperty(options={"HIDDEN"})
+    recovered_take: StringProperty(options={"HIDDEN"})
+    simulated_digest: StringProperty(options={"HIDDEN"})
+    simulated_take: StringProperty(options={"HIDDEN"})
+    baked_digest: StringProperty(options={"HIDDEN"})
+    field_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
+    arrows_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
+    recovered_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
+    camera_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
+
+
+def adopt(settings: SEEING_WIND_PG_scene, arguments: bpy.types.OperatorProperties) -> None:
+    """Take over the options that an operator was called with, and the modes that they imply."""
+    given = [name for name in ClipOptions.__annotations__ if arguments.is_property_set(name)]
+    for name in given:
+        mode, value = IMPLIED.get(name, ("", None))
+        if mode and mode not in given:
+            setattr(settings, mode, value)
+    for name in given:
+        setattr(settings, name, getattr(arguments, name))
+
+
+CLASSES = (SEEING_WIND_PG_body, SEEING_WIND_PG_scene)

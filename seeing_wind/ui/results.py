@@ -1,0 +1,209 @@
+"""From a take to the scene: the field object, its arrows, the camera with the clip behind it, and the recovered object with its motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..engine.errors import TakeError
+from ..engine.records import Surface
+from ..engine.take import Take, from_arrays
+from . import job, worker_calls
+from .bake import bake_shape_keys, clear_bake
+from .clip_scene import create_recovered_object, setup_clip_scene
+from .field_arrows import create_arrows
+from .field_kernels import lattice
+from .field_object import create_field_object
+
+COLLECTION = "Seeing Wind"
+POINTS, SAMPLES = "blender_points.npz", "blender_samples.npz"
+RIDING = 64
+"""Arrows that ride on the recovered object, at most: more of them hide it."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the field is asked for. The three groups go to the worker as one array, in this order."""
+
+    nodes: np.ndarray
+    """(M, 3) of the field object [m]."""
+    probes: np.ndarray
+    """(P, 3) between the nodes [m]."""
+    riding: np.ndarray
+    """(T, R, 3) on the moving object [m]; R may be 0."""
+
+    def rows(self) -> np.ndarray:
+        """(T, M + P + R, 3), one row per frame, as the worker's `sample` takes them."""
+        still = np.concatenate([self.nodes, self.probes])
+        return np.concatenate([np.broadcast_to(still, (len(self.riding), *still.shape)), self.riding], axis=1)
+
+    def split(self, samples: np.ndarray) -> list[np.ndarray]:
+        """Samples (T, M + P + R, ...) -> one array per group."""
+        return np.split(samples, [len(self.nodes), len(self.nodes) + len(self.probes)], axis=1)
+
+
+def places(take: Take, resolution: int) -> Places:
+    """Where to sample the field of a take.
+
+    Raises:
+        TakeError: when the take has no report.
+    """
+    field = _field_report(take)
+    box = np.asarray(field["box"], dtype=np.float64)
+    nodes = lattice(box, resolution)
+    inset = 0.5 * (box[1] - box[0]) / max(resolution - 1, 1)
+    x = take.read_arrays("trajectory.npz")["x"][: field["frames"]]
+    return Places(nodes, lattice(np.stack([box[0] + inset, box[1] - inset]), resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
+
+
+def sampling(python: str, folder: Path, resolution: int) -> job.Messages:
+    """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
+    take = Take(folder)
+    points = take.file("blender_points.npy")
+    with take.writing(points.name) as aside:
+        np.save(aside, places(take, resolution).rows())
+    options = (str(folder), "--points", str(points), "--out", str(take.file(SAMPLES)))
+    return (yield from job.run(worker_calls.command(python, "sample", *options), cwd=str(folder), env=worker_calls.environment()))
+
+
+def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
+    """Put the results of a take into `scene`, in place of those of a former one. Keeps what was made in the scene's settings.
+
+    Args:
+        scene: changed; see `clip_scene.setup_clip_scene` for what of it.
+        folder: of the take, sampled before (`sampling`).
+        clip: path of the video; by default the one that the take names.
+
+    Raises:
+        TakeError: when the take lacks something; the scene is then as before.
+    """
+    settings, take = scene.seeing_wind, Take(folder)
+    report, field = take.read_json("report.json"), _field_report(take)
+    where, samples = places(take, settings.field_resolution), take.read_arrays(SAMPLES)
+    if samples["force_density"].shape != (field["frames"], where.rows().shape[1], 3):
+        raise TakeError(f"The samples in {folder} do not fit its field.", "Build the scene again.")
+    at_nodes, at_probes, at_riding = where.split(samples["force_density"])
+    sure_nodes, _, sure_riding = where.split(samples["confidence"])
+    body = take.read_arrays("particles.npz") if take.file("particles.npz").is_file() else None
+
+    remove(settings)
+    collection = _collection(scene)
+    camera = report.get("camera")
+    clip = clip or take.description().get("stages", {}).get("observe", {}).get("settings", {}).get("clip", "")
+    if camera and clip:
+        settings.camera_object = setup_clip_scene(
+            scene, clip, camera, field["fps"], int(report.get("first_frame", 0)), field["frames"], settings.frame_start
+        )
+    settings.field_object = create_field_object(
+        scene, "Recovered Wind", where.nodes, at_nodes, fps=field["fps"], density=float(report["density"]), frame_start=settings.frame_start,
+        probes=where.probes, probe_vectors=at_probes, take=folder, collection=collection,
+    )  # fmt: skip
+    nodes = np.broadcast_to(where.nodes, at_nodes.shape)
+    settings.arrows_object = create_arrows(
+        scene, "Recovered Wind Arrows", np.concatenate([nodes, where.riding], axis=1), np.concatenate([at_nodes, at_riding], axis=1),
+        np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, collection=collection,
+    )  # fmt: skip
+    if body is not None and "surface.vertices" in body:
+        settings.recovered_object = _recovered(scene, take, body, field["fps"], collection)
+
+
+def remove(settings: bpy.types.PropertyGroup) -> None:
+    """Take former results out of the file; what the user has deleted already is no error. Edits and the camera stay."""
+    for name in ("field_object", "arrows_object", "recovered_object"):
+        obj = getattr(settings, name)
+        if obj is not None:
+            for child in obj.children:
+                child.parent = None
+            data = obj.data
+            bpy.data.objects.remove(obj)
+            if isinstance(data, bpy.types.Mesh) and data.users == 0:
+                bpy.data.meshes.remove(data)
+
+
+def _recovered(
+    scene: bpy.types.Scene, take: Take, body: dict[str, np.ndarray], fps: float, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    surface = from_arrays(Surface, body, "surface.")
+    if take.file("observation.npz").is_file():
+        picture = take.read_arrays("observation.npz")["image"]
+    else:
+        picture = np.full((2, 2, 3), 128, dtype=np.uint8)
+    obj = create_recovered_object(scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, picture, collection)
+    bake_shape_keys(obj, surface.attachment.follow(take.read_arrays("trajectory.npz")["x"]), scene.seeing_wind.frame_start, fps, scene)
+    return obj
+
+
+def _field_report(take: Take) -> dict:
+    report = take.read_json("report.json")
+    field = report.get("field")
+    if not isinstance(field, dict) or not all(key in field for key in ("box", "fps", "frames")) or "density" not in report:
+        raise TakeError(f"The report of {take.path} does not describe its field.", "Run Recover again.")
+    return field
+
+
+def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
+    collection = next((each for each in scene.collection.children_recursive if each.get("seeing_wind")), None)
+    if collection is None:
+        collection = bpy.data.collections.new(COLLECTION)
+        collection["seeing_wind"] = True
+        scene.collection.children.link(collection)
+    return collection
+
+
+# -- re-simulated bodies ----------------------------------------------------------------------------------------------------------
+
+
+def bake_body(scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path) -> bpy.types.Object:
+    """Give one body of the edit its simulated motion as keyframes and return the object that carries it.
+
+    A mesh keeps its object. A copy carries the motion where the object cannot: modifiers that change the number of vertices, shape keys of
+    the user's, a shared mesh, or the recovered object, whose own motion is that of the clip.
+
+    Raises:
+        TakeError: when the re-simulation has no such body.
+    """
+    from .bake import MARK, baked_copy
+
+    arrays = Take(folder).read_arrays(f"bodies/{body.result}.npz")
+    vertices, fps = arrays["vertices"], float(arrays["fps"])
+    obj = scene.seeing_wind.recovered_object if body.is_recovered else body.object
+    if obj is None:
+        raise TakeError("An object of the edit is gone.", "Take it off the list, or undo its deletion.")
+    keyed = obj.data.shape_keys is not None and MARK not in obj
+    if body.is_recovered or keyed or obj.data.users > 1 or len(obj.data.vertices) != vertices.shape[1]:
+        _remove_copy(body)
+        at = scene.frame_current
+        scene.frame_set(scene.seeing_wind.frame_start)
+        source = obj
+        obj = baked_copy(source, bpy.context.evaluated_depsgraph_get(), f"{source.name} Simulated")
+        scene.frame_set(at)
+        body.baked_copy = obj
+    bake_shape_keys(obj, vertices, scene.seeing_wind.frame_start, fps, scene)
+    return obj
+
+
+def _remove_copy(body: bpy.types.PropertyGroup) -> None:
+    if body.baked_copy is not None:
+        clear_bake(body.baked_copy)
+        data = body.baked_copy.data
+        bpy.data.objects.remove(body.baked_copy)
+        if data.users == 0:
+            bpy.data.meshes.remove(data)
+
+
+def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> list[bpy.types.Object]:
+    """All bodies of a re-simulation as new objects with their motion, for files that are made without a session before."""
+    take, made = Take(folder), []
+    for path in sorted(take.file("bodies").glob("*.npz")):
+        arrays = take.read_arrays(f"bodies/{path.name}")
+        mesh = bpy.data.meshes.new(path.stem)
+        mesh.from_pydata(arrays["vertices"][0].tolist(), [], arrays["triangles"].tolist())
+        mesh.update()
+        obj = bpy.data.objects.new(path.stem, mesh)
+        _collection(scene).objects.link(obj)
+        bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene)
+        made.append(obj)
+    return made

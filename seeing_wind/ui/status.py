@@ -1,0 +1,134 @@
+"""What the panel shows, as plain state: `draw` reads it and computes nothing. No bpy here.
+
+One `SceneStatus` per scene, found by the scene's session id, which survives renaming and undo. Only transient facts live here (running,
+failed); what is done or stale follows from digests kept in the scene (see `freshness`), so undo and save keep them right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+
+class State(StrEnum):
+    """Of one step of the work."""
+
+    IDLE = "idle"
+    DONE = "done"
+    STALE = "stale"
+    RUNNING = "running"
+    FAILED = "failed"
+
+
+STEPS = ("clip", "object", "recover", "edit", "resimulate", "bake")
+"""In the order of the work."""
+
+SPANS = {"observe": (0.0, 0.15), "build": (0.15, 0.25), "recover": (0.25, 0.85), "distill": (0.85, 0.95), "report": (0.95, 1.0)}
+"""Which part of the whole bar a stage of `recover` fills; other stages fill it all."""
+
+
+@dataclass
+class Step:
+    """How one step stands."""
+
+    state: State = State.IDLE
+    fraction: float = 0.0
+    """0..1 while running."""
+    message: str = ""
+    hint: str = ""
+    """What to do about a failure."""
+    mend: str = ""
+    """Name of the control that mends it (see `panels.MENDS`), or "" for none."""
+    log: str = ""
+    digest: str = ""
+    """While failed: the settings that failed. Others make the failure a thing of the past."""
+
+
+@dataclass
+class SceneStatus:
+    """All steps of one scene."""
+
+    steps: dict[str, Step] = field(default_factory=lambda: {name: Step() for name in STEPS})
+    running: str = ""
+    """The step that runs now, or ""."""
+    cancelling: bool = False
+    title: str = ""
+    """What runs, for jobs that are no step (installing the engine)."""
+    warnings: list[str] = field(default_factory=list)
+    """Of the last job."""
+
+
+@dataclass
+class EngineStatus:
+    """Whether there is an engine to run, the same for all scenes."""
+
+    python: str = ""
+    problem: Step | None = None
+
+
+_scenes: dict[int, SceneStatus] = {}
+engine = EngineStatus()
+
+
+def of(scene_id: int) -> SceneStatus:
+    """The status of the scene with this session id, made on first use."""
+    return _scenes.setdefault(scene_id, SceneStatus())
+
+
+def forget_all() -> None:
+    """After a file was loaded: its scenes are others."""
+    _scenes.clear()
+
+
+def begin(status: SceneStatus, step: str, title: str) -> None:
+    """A job has started on `step` (a step's name, or "engine")."""
+    status.running, status.cancelling, status.title, status.warnings = step, False, title, []
+    status.steps.setdefault(step, Step())
+    status.steps[step] = Step(State.RUNNING, message="Starting")
+
+
+def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
+    """Take in one message of a job. Returns whether there is anything new to draw."""
+    entry = status.steps[step]
+    kind = message["type"]
+    if kind == "progress":
+        first, last = SPANS.get(message.get("stage", ""), (0.0, 1.0))
+        entry.fraction = first + (last - first) * min(max(float(message.get("fraction", 0.0)), 0.0), 1.0)
+        entry.message = str(message.get("message", "")) or str(message.get("stage", ""))
+        if "residual" in message:
+            entry.message += f"   residual {float(message['residual']):.3g}"
+    elif kind == "warning":
+        status.warnings.append(str(message.get("message", "")))
+    elif kind == "error":
+        entry.message, entry.hint, entry.mend = (str(message.get(key, "")) for key in ("message", "hint", "mend"))
+        entry.log = str(message.get("log", ""))
+        entry.state = State.FAILED
+    else:
+        return False
+    return True
+
+
+def fail(status: SceneStatus, step: str, message: str, hint: str = "", mend: str = "", *, digest: str = "", log: str = "") -> None:
+    """`step` could not be done."""
+    status.steps[step] = Step(State.FAILED, 0.0, message, hint, mend, log, digest)
+
+
+def end(status: SceneStatus) -> None:
+    """The job is over, whatever came of it: nothing is ever left running."""
+    for step in status.steps.values():
+        if step.state == State.RUNNING:
+            step.state, step.fraction = State.IDLE, 0.0
+    status.running, status.cancelling, status.title = "", False, ""
+
+
+def derive(status: SceneStatus, step: str, now: str, done: str, message: str = "") -> None:
+    """Idle, done or stale, from the digest of the present settings and of those that the result was made with ("" for no result).
+
+    A running step stays running; a failed one stays failed as long as its settings are those that failed.
+    """
+    entry = status.steps[step]
+    if entry.state == State.RUNNING or (entry.state == State.FAILED and entry.digest in ("", now)):
+        return
+    state = State.IDLE if not done else State.DONE if done == now else State.STALE
+    status.steps[step] = Step(state, message=message)

@@ -1,0 +1,129 @@
+"""From the settings of a scene to the worker's command lines: the same options that a user would type."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from pathlib import Path
+
+import bpy
+
+from ..engine.errors import ClipError, ObjectError, UsageError
+
+ROOT = Path(__file__).resolve().parents[2]
+"""The folder that holds the package `seeing_wind`: there the worker finds it under its plain name."""
+
+
+def command(python: str, verb: str, *options: str) -> list[str]:
+    """The worker's command line."""
+    return [python, "-m", "seeing_wind.engine", verb, *options]
+
+
+def environment() -> dict[str, str]:
+    """This process's environment without Blender's Python settings, which would break another Python."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    # Bytecode stays out of the extension's folder, which Blender owns and may not be writable.
+    return kept | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1", "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def absolute(path: str) -> str:
+    """A path as the user wrote it (`//` beside the .blend, `~`) as an absolute one."""
+    return os.path.abspath(os.path.expanduser(bpy.path.abspath(path)))
+
+
+def take_folder(settings: bpy.types.PropertyGroup) -> Path:
+    """Where the results go: the user's choice, else CLIP.take beside the .blend, or in the temporary folder while it is unsaved."""
+    if settings.take:
+        return Path(absolute(settings.take))
+    stem = re.sub(r"[^\w.-]+", "_", Path(bpy.path.abspath(settings.clip)).stem) or "clip"
+    home = Path(bpy.data.filepath).parent if bpy.data.filepath else Path(tempfile.gettempdir()) / "seeing_wind"
+    return home / f"{stem}.take"
+
+
+def edit_folder(take: Path) -> Path:
+    """Where the re-simulation of a take goes: beside it."""
+    return take.with_name(f"{take.name.removesuffix('.take')}.edit.take")
+
+
+def clip_options(settings: bpy.types.PropertyGroup) -> list[str]:
+    """The clip and which part of it.
+
+    Raises:
+        ClipError: when there is no such file.
+    """
+    if not settings.clip:
+        raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
+    path = absolute(settings.clip)
+    if not os.path.isfile(path):
+        raise ClipError(f"There is no file {path}.", "Choose the clip again; it may have been moved.")
+    options = [path]
+    if settings.fps > 0.0:
+        options += ["--fps", _number(settings.fps)]
+    if settings.use_frames:
+        first, last = settings.frames
+        if last <= first:
+            raise ClipError(f"Pictures {first} to {last} are none.", "The last picture must come after the first.")
+        options += ["--frames", f"{first}:{last}"]
+    return options
+
+
+def object_options(settings: bpy.types.PropertyGroup) -> list[str]:
+    """Which object, at what scale, through which camera.
+
+    Raises:
+        ObjectError: when neither box nor mask says where the object is.
+        UsageError: when a file is named that is not there.
+    """
+    options = []
+    if settings.object_mode == "MASK":
+        if not settings.mask:
+            raise ObjectError("No mask is chosen.", "Choose a PNG of the first picture, non-zero where the object is, or draw a box.")
+        options += ["--mask", _existing(settings.mask, "mask")]
+    else:
+        x0, y0, x1, y1 = settings.box
+        if x1 <= x0 or y1 <= y0:
+            raise ObjectError("No box is drawn round the object.", "Give left, top, right and bottom in pixels of the first picture.")
+        options += ["--box", *(_number(value) for value in (x0, y0, x1, y1))]
+    if settings.pin:
+        options += ["--pin", _existing(settings.pin, "picture of the held places")]
+    if settings.scale_mode == "PIXELS":
+        options += ["--pixels-per-metre", _number(settings.pixels_per_metre)]
+    else:
+        options += ["--distance", _number(settings.distance)]
+    if settings.camera_mode == "JSON":
+        if not settings.camera:
+            raise UsageError("No camera file is chosen.", "Choose one, or use a field of view.")
+        return [*options, "--camera", _existing(settings.camera, "camera file")]
+    return [*options, "--fov", _number(settings.fov)]
+
+
+def gravity_options(scene: bpy.types.Scene) -> list[str]:
+    """The known acceleration."""
+    settings = scene.seeing_wind
+    if settings.gravity_mode == "NONE" or (settings.gravity_mode == "SCENE" and not scene.use_gravity):
+        return ["--no-gravity"]
+    gravity = scene.gravity if settings.gravity_mode == "SCENE" else settings.gravity
+    return ["--gravity", *(_number(value) for value in gravity)]
+
+
+def recover_options(scene: bpy.types.Scene) -> list[str]:
+    """All options of `recover` but the take. Raises as `clip_options` and `object_options` do."""
+    settings = scene.seeing_wind
+    options = clip_options(settings) + object_options(settings) + gravity_options(scene) + ["--material", settings.material]
+    for name in ("density", "youngs_modulus", "thickness"):
+        if getattr(settings, f"use_{name}"):
+            options += [f"--{name.replace('_', '-')}", _number(getattr(settings, name))]
+    return [*options, "--iterations", str(settings.iterations), "--seed", str(settings.seed)]
+
+
+def _existing(path: str, what: str) -> str:
+    found = absolute(path)
+    if not os.path.isfile(found):
+        raise UsageError(f"There is no {what} {found}.", "Choose it again; it may have been moved.")
+    return found
+
+
+def _number(value: float) -> str:
+    """Blender keeps single precision: seven digits say all of it, and 30.19 stays 30.19. Never an exponent's minus sign alone."""
+    return f"{value:.7g}"

@@ -1,0 +1,116 @@
+"""The contract from outside: JSON lines, exit codes, one sentence for every bad input, nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+FLAT = np.full((48, 64, 3), 90, dtype=np.uint8)
+
+
+def engine(*arguments: object, expect: int) -> list[dict]:
+    """Run the worker, check its exit code and that stdout holds JSON lines only."""
+    run = subprocess.run([sys.executable, "-m", "seeing_wind.engine", *map(str, arguments)], capture_output=True, text=True, timeout=300)
+    messages = [json.loads(line) for line in run.stdout.splitlines()]
+    assert run.returncode == expect, (run.returncode, messages[-2:], run.stderr[-2000:])
+    return messages
+
+
+def clip(path: Path, pictures: int = 8, moving: bool = True) -> Path:
+    """A bright square that drifts over a plain background, or an empty scene."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+    for t in range(pictures):
+        picture = FLAT.copy()
+        if moving:
+            picture[10 + t : 30 + t, 12:32] = 220
+        writer.write(picture)
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def square(tmp_path: Path) -> Path:
+    return clip(tmp_path / "square.avi")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--distance", "0"], "must be above zero"),
+        (["--distance", "-2"], "must be above zero"),
+        (["--pixels-per-metre", "nan"], "not finite"),
+        (["--frames", "9:3"], "no two pictures in order"),
+        (["--fov", "180"], "under 180"),
+        (["--representation", "magic"], "invalid choice"),
+        (["--box", "1", "2", "3", "4", "--mask", "m.png"], "not allowed with"),
+        (["--material", "unobtainium", "--box", "12", "10", "32", "30"], "unobtainium"),
+        (["--poisson-ratio", "0.5", "--box", "12", "10", "32", "30"], "oisson"),
+    ],
+)
+def test_wrong_usage_is_one_sentence_and_exit_code_two(square: Path, tmp_path: Path, options: list[str], says: str) -> None:
+    messages = engine("recover", square, "--take", tmp_path / "t.take", *options, expect=2)
+    error = next(m for m in messages if m["type"] == "error")
+    assert says in error["message"] + error["hint"]
+    assert messages[-1]["type"] == "result" and messages[-1]["outcome"] == "failed"
+    assert not (tmp_path / "t.take" / "field.safetensors").exists()
+
+
+def test_no_such_clip(tmp_path: Path) -> None:
+    error = engine("recover", tmp_path / "none.mp4", "--take", tmp_path / "t.take", expect=1)[-2]
+    assert error["type"] == "error" and "none.mp4" in error["message"] and error["hint"]
+    assert not (tmp_path / "t.take").exists()
+
+
+def test_a_file_that_is_no_video(tmp_path: Path) -> None:
+    (tmp_path / "text.mp4").write_text("not a video\n" * 100)
+    error = engine("recover", tmp_path / "text.mp4", "--take", tmp_path / "t.take", "--box", 1, 1, 9, 9, expect=1)[-2]
+    assert error["type"] == "error" and "text.mp4" in error["message"]
+
+
+def test_one_picture_is_no_clip(tmp_path: Path) -> None:
+    error = engine("recover", clip(tmp_path / "one.avi", 1), "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, expect=1)[-2]
+    assert error["type"] == "error" and error["hint"]
+
+
+@pytest.mark.parametrize("box", [(100, 100, 140, 140), (-50, -50, -10, -10)])
+def test_a_box_outside_the_picture(square: Path, tmp_path: Path, box: tuple[int, ...]) -> None:
+    messages = engine("recover", square, "--take", tmp_path / "t.take", "--box", *box, expect=1)
+    assert "box" in messages[-2]["message"].lower()
+
+
+def test_a_mask_of_nothing(square: Path, tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "mask.png"), np.zeros((48, 64), np.uint8))
+    error = engine("recover", square, "--take", tmp_path / "t.take", "--mask", tmp_path / "mask.png", expect=1)[-2]
+    assert "mask" in error["message"].lower()
+
+
+def test_a_take_without_a_field_cannot_be_sampled(tmp_path: Path) -> None:
+    np.save(tmp_path / "p.npy", np.zeros((3, 3)))
+    error = engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz", expect=2)[-2]
+    assert "no recovered field" in error["message"] and not (tmp_path / "o.npz").exists()
+
+
+def test_doctor_says_that_the_solver_runs() -> None:
+    result = engine("doctor", expect=0)[-1]
+    assert {"taichi kernel", "torch", "video codec"} <= {check["name"] for check in result["checks"] if check["ok"]}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to another process on Windows")
+def test_sigint_cancels_at_a_safe_point_and_leaves_no_half_written_file(square: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "seeing_wind.engine", "recover", str(square), "--take", str(tmp_path / "t.take")]
+    worker = subprocess.Popen([*command, "--box", "12", "10", "32", "30", "--distance", "1"], stdout=subprocess.PIPE, text=True)
+    assert worker.stdout is not None
+    first = json.loads(worker.stdout.readline())
+    worker.send_signal(signal.SIGINT)
+    rest = [json.loads(line) for line in worker.stdout]
+    assert first["type"] in ("progress", "warning")
+    assert worker.wait(timeout=60) == 130 and rest[-1]["outcome"] == "cancelled"
+    assert not [path for path in (tmp_path / "t.take").rglob("*") if "part" in path.name]
