@@ -90,8 +90,8 @@ def create_recovered_object(
     """
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata((np.asarray(vertices) / metres_per_unit(scene)).tolist(), [], np.asarray(triangles).tolist())
-    if mesh.validate():
-        raise UsageError("The recovered surface has triangles that are no triangles.", "Run Recover again.")
+    # drops triangles that Blender cannot hold (a corner twice, the same three corners twice); the vertices all stay
+    mesh.validate()
     layer, corners = mesh.uv_layers.new(name="Picture"), np.empty(len(mesh.loops), dtype=np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
@@ -118,8 +118,10 @@ def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.type
         clip = bpy.data.movieclips.load(str(Path(path).resolve()), check_existing=True)
     except RuntimeError as error:
         raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264) or check the path.") from error
-    if min(clip.size) == 0:
-        bpy.data.movieclips.remove(clip)
+    # a file that is no video loads without a complaint, as a clip of no pictures
+    if clip.frame_duration < 1:
+        if clip.users == 0:
+            bpy.data.movieclips.remove(clip)
         raise ClipError(f"{path} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
     clip.frame_start, clip.frame_offset = frame_start, first_frame
     return clip

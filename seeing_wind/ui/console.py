@@ -32,7 +32,7 @@ class Console:
             print(f"Error: {message.get('message', '')} {message.get('hint', '')}".rstrip(), file=self.err, flush=True)
         elif kind == "log":
             print(message["message"], file=self.out, flush=True)
-        elif kind == "result":
+        elif kind == "result" and message.get("outcome") != "failed":  # its error has been shown
             figures = [f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in message.items() if _is_figure(key, value)]
             print(", ".join([str(message.get("outcome", "done")), *figures]), file=self.out, flush=True)
 

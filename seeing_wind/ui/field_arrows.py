@@ -131,7 +131,7 @@ def _arrow_group(name: str, points: int, frames: int, frame_start: int, length: 
     return group.finish(group.node("GeometryNodeSetMaterial", {"Geometry": realised, "Material": arrow_material()}).outputs[0])
 
 
-def _unit_arrow(group: GroupBuilder):
+def _unit_arrow(group: GroupBuilder) -> bpy.types.NodeSocket:
     """An arrow from the origin to (0, 0, 1)."""
     shaft = group.node("GeometryNodeMeshCylinder", {"Vertices": 8, "Radius": 0.035, "Depth": 0.7}, fill_type="NONE").outputs["Mesh"]
     shaft = group.node("GeometryNodeTransform", {"Geometry": shaft, "Translation": (0.0, 0.0, 0.35)}).outputs[0]

@@ -39,7 +39,7 @@ def refresh(scene: bpy.types.Scene) -> None:
     except SeeingWindError:
         recover = "incomplete"
     edit = edit_digest(scene)
-    status.derive(now, "recover", recover, settings.recovered_digest, "Settings have changed" if recover != settings.recovered_digest else "")
+    status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))
     status.derive(now, "resimulate", edit, settings.simulated_digest)
     status.derive(now, "bake", edit, settings.baked_digest)

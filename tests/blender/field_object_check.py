@@ -23,7 +23,7 @@ from seeing_wind.ui.clip_scene import setup_clip_scene  # noqa: E402
 from seeing_wind.ui.field_arrows import create_arrows  # noqa: E402
 from seeing_wind.ui.field_kernels import lattice  # noqa: E402
 from seeing_wind.ui.field_object import calibrate_particles, create_field_object  # noqa: E402
-from seeing_wind.ui.scene_export import export_mesh  # noqa: E402
+from seeing_wind.ui.scene_export import export_mesh, pinned_vertices  # noqa: E402
 
 FPS = 24.0
 DENSITY = 120.0
@@ -47,12 +47,21 @@ def swirl_field(scene: bpy.types.Scene, resolution: int = 7) -> bpy.types.Object
     probes = np.random.default_rng(1).uniform(*BOX, (1000, 3))
     values, more = (np.stack([swirl(places, frame) for frame in range(FRAMES)]) for places in (nodes, probes))
     return create_field_object(
-        scene, "Wind", nodes, values, fps=FPS, density=DENSITY, frame_start=FRAME_START, probes=probes, probe_vectors=more, take="/clips/a.take"
+        scene,
+        "Wind",
+        nodes,
+        values,
+        fps=FPS,
+        density=DENSITY,
+        frame_start=FRAME_START,
+        probes=probes,
+        probe_vectors=more,
+        take="/clips/a.take",
     )
 
 
 def released_accelerations(scene: bpy.types.Scene, field: bpy.types.Object, points: np.ndarray, frame: int, mass: float = 0.3, **options):
-    """Release native particles at rest at `points` in scene frame `frame`; their positions then and accelerations in the next frame [m/s²]."""
+    """Release native particles at rest at `points` in scene frame `frame`; their positions then and next accelerations [m/s²]."""
     mesh = bpy.data.meshes.new("Emitter")
     mesh.from_pydata(points.tolist(), [], [])
     emitter = bpy.data.objects.new("Emitter", mesh)
@@ -83,7 +92,7 @@ def worst_errors(found: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
 
 
 def field_errors(scene: bpy.types.Scene, field: bpy.types.Object, interval: int, count: int = 200, **options) -> tuple[float, float]:
-    """Worst errors of native particles against f / rho during a frame interval of the clip, the field's present place taken into account."""
+    """Worst errors of native particles against f / rho during a frame interval of the clip, wherever the field now stands."""
     bpy.context.view_layer.update()
     moved, rest = np.array(field.matrix_world), CENTRE
     points = np.random.default_rng(interval).uniform(*BOX, (count, 3))
@@ -114,7 +123,11 @@ def _check_field(scene: bpy.types.Scene) -> None:
             field = scene.objects["Wind"]
         for interval in (0, 3):
             angle, size = field_errors(scene, field, interval)
-            _check(f"native particles, field {place}, interval {interval}", angle < 2.0 and size < 0.05, f"{angle:.2f} degrees, {100 * size:.2f} %")
+            _check(
+                f"native particles, field {place}, interval {interval}",
+                angle < 2.0 and size < 0.05,
+                f"{angle:.2f} degrees, {100 * size:.2f} %",
+            )
 
 
 def _check_arrows(scene: bpy.types.Scene) -> None:
@@ -136,6 +149,9 @@ def _check_bake(scene: bpy.types.Scene) -> None:
     with tempfile.TemporaryDirectory() as folder:
         exported = export_mesh(grid, bpy.context.evaluated_depsgraph_get(), Path(folder) / "grid.npz")
         rest = np.load(exported.path)["vertices"]
+        grid.vertex_groups.new(name="Pin").add([0, 7], 1.0, "REPLACE")
+        pins = pinned_vertices(grid, bpy.context.evaluated_depsgraph_get(), "Pin")
+    _check("pinned vertices", pins.tolist() == [0, 7], str(pins))
     motion = rest + np.linspace(0.0, 1.0, FRAMES + 1)[:, None, None] ** 2 * [0.0, 0.3, 1.0]
     key = bake_shape_keys(grid, motion, FRAME_START, FPS)
     _check("two keyframes of the evaluation time", [len(curve.keyframe_points) for curve in evaluation_time_curves(key)] == [2])

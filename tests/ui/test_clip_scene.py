@@ -112,6 +112,33 @@ def test_recovered_object_wears_the_picture(scene):
     assert np.allclose(255.0 * pixels[::-1, :, :3], picture, atol=0.6) and texture.image.packed_file is not None
 
 
+def test_recovered_object_covers_its_own_pixels_in_a_render(scene, clip, tmp_path):
+    """A sheet textured with the picture and rendered through the camera is the picture again, to a fraction of a pixel."""
+    width, height = 96, 64
+    camera = Camera(width, height, 100.0, 100.0, 44.0, 35.5, turned(0.4))
+    row, column = np.mgrid[0:height, 0:width]
+    picture = np.stack([4 * (row % 50) + 20, 2 * column + 20, 100 + 60 * np.sin(0.2 * column + 0.1 * row)], axis=-1).astype(np.uint8)
+    # a sheet a little larger than the picture, as fine as an affine texture needs under perspective
+    px, py = np.meshgrid(np.linspace(-8.0, width + 8.0, 40), np.linspace(-8.0, height + 8.0, 30))
+    vertices = camera.unproject(np.stack([px, py], axis=-1), 2.5 + 0.004 * px).reshape(-1, 3)
+    uv = np.stack([(px + 0.5) / width, 1.0 - (py + 0.5) / height], axis=-1).reshape(-1, 2)
+    corner = np.arange(30 * 40).reshape(30, 40)
+    a, b, c, d = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel(), corner[1:, 1:].ravel(), corner[1:, :-1].ravel()
+    create_recovered_object(scene, "Sheet", vertices, np.concatenate([np.stack([a, d, c], 1), np.stack([a, c, b], 1)]), uv, picture)
+    setup_clip_scene(scene, clip, dataclasses.asdict(camera), 24.0, 0, FRAMES)
+    scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 16, False
+    scene.render.image_settings.file_format, scene.render.filepath = "PNG", str(tmp_path / "sheet.png")
+    bpy.ops.render.render(write_still=True)
+    image = bpy.data.images.load(scene.render.filepath)
+    image.colorspace_settings.name = "Non-Color"
+    rendered = 255.0 * np.array(image.pixels[:]).reshape(height, width, -1)[::-1, :, :3]
+    smooth = (row % 50 > 2) & (row % 50 < 47) & (row > 2) & (row < height - 3) & (column > 2) & (column < width - 3)
+    difference = (rendered - picture)[smooth]
+    # the first two channels change by 4 and 2 per pixel: their mean differences are shifts in y and x
+    assert abs(difference[:, 0].mean()) < 0.4 and abs(difference[:, 1].mean()) < 0.3
+    assert np.abs(difference).mean() < 3.0
+
+
 def test_bad_clip_and_camera_are_refused(scene, clip, tmp_path):
     camera = dataclasses.asdict(CAMERAS["plain"])
     with pytest.raises(ClipError, match="cannot open"):

@@ -127,13 +127,11 @@ def test_calibration_refuses_what_blender_cannot_weigh(scene, checks):
         calibrate_particles(settings, bpy.data.objects.new("Empty", None))
 
 
-def _arrow_tips(arrows: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Of each arrow shown: the tip (M, 3) and the strength (M,)."""
+def _drawn(arrows: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """Of each arrow shown: its 29 vertices (M, 29, 3), a shaft of 16 and a cone of 13, and its strength (M,)."""
     mesh = arrows.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     strength = np.array([value.value for value in mesh.attributes["strength"].data])
-    # the order of realised vertices: shaft 16, then the cone's tip or ring; the tip is the vertex farthest from the arrow's start
-    vertices = np.array([vertex.co[:] for vertex in mesh.vertices]).reshape(-1, 29, 3)
-    return vertices, strength.reshape(-1, 29)[:, 0]
+    return np.array([vertex.co[:] for vertex in mesh.vertices]).reshape(-1, 29, 3), strength.reshape(-1, 29)[:, 0]
 
 
 def test_arrows_show_direction_and_strength_of_each_frame(scene):
@@ -144,7 +142,7 @@ def test_arrows_show_direction_and_strength_of_each_frame(scene):
     arrows = create_arrows(scene, "Arrows", points, vectors, frame_start=3, length=0.5, peak=10.0)
     for frame, row in ((1, 0), (3, 0), (5, 2), (6, 3), (30, 3)):
         scene.frame_set(frame)
-        vertices, strength = _arrow_tips(arrows)
+        vertices, strength = _drawn(arrows)
         along = np.einsum("mvc,mc->mv", vertices - points[:, None], vectors[row] / np.linalg.norm(vectors[row], axis=-1, keepdims=True))
         assert np.allclose(strength, np.linalg.norm(vectors[row], axis=-1) / 10.0, atol=1e-6)
         assert np.allclose(along.max(axis=1), 0.5 * strength, atol=1e-5) and np.allclose(along.min(axis=1), 0.0, atol=1e-5)
@@ -156,7 +154,7 @@ def test_unsure_arrows_are_hidden_and_moving_points_followed(scene):
     confidence = np.array([[1.0, 0.0]] * 4)
     arrows = create_arrows(scene, "Arrows", points, vectors, confidence, frame_start=1, length=1.0)
     scene.frame_set(3)
-    vertices, _ = _arrow_tips(arrows)
+    vertices, _ = _drawn(arrows)
     assert len(vertices) == 1
     assert np.allclose(vertices[0].min(axis=0)[2], points[2, 0, 2]) and np.allclose(vertices[0].max(axis=0)[2], points[2, 0, 2] + 1.0)
     assert "Seeing Wind Arrows" in arrows.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.materials

@@ -90,7 +90,14 @@ def test_what_cannot_be_exported_is_refused(cube, tmp_path):
 
 def test_edit_is_what_the_engine_reads(tmp_path):
     bodies = [
-        {"name": 'red "flag"', "mesh": Path("flag.npz"), "material": "cotton", "mass_scale": 2.0, "pin": None, "velocity": np.array([0.0, 1.0, 0.0])},
+        {
+            "name": 'red "flag"',
+            "mesh": Path("flag.npz"),
+            "material": "cotton",
+            "mass_scale": 2.0,
+            "pin": None,
+            "velocity": np.array([0.0, 1.0, 0.0]),
+        },
         {"name": "leaf", "mesh": "recovered", "material": None, "start_frame": np.int64(3)},
     ]
     path = write_edit(tmp_path, bodies, (0.0, 0.0, -9.81), field_strength=[1.0, 0.5])

@@ -3,7 +3,17 @@
 from .analytic import ForceFieldAnalytic, GustField, UniformField
 from .distill import distill
 from .force_field import ForceField
-from .sampling import export, sample_file, sample_points
+from .sampling import export_field, sample_file, sample_points
 from .storage import load_field
 
-__all__ = ["ForceField", "ForceFieldAnalytic", "GustField", "UniformField", "distill", "export", "load_field", "sample_file", "sample_points"]
+__all__ = [
+    "ForceField",
+    "ForceFieldAnalytic",
+    "GustField",
+    "UniformField",
+    "distill",
+    "export_field",
+    "load_field",
+    "sample_file",
+    "sample_points",
+]

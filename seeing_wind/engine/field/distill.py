@@ -30,11 +30,11 @@ ITERATIONS = 800
 """Adam iterations for clips up to two seconds; longer clips get more, see `_iterations`."""
 
 BATCH = 1024
-SPACE_WEIGHT, TIME_WEIGHT = 1e-5, 1e-5
+SPACE_WEIGHT, TIME_WEIGHT = 1e-3, 1e-5
 """lambda_1 and lambda_2 of Eq. (14), for normalised forces."""
 
-RELATIVE_FLOOR, ABSOLUTE_FLOOR = 0.05, 0.02
-"""A sample is never trusted beyond this part of its own force and of the clip's root mean square force."""
+WEAK = 0.1
+"""Errors count relative to the force plus this part of the clip's root mean square force."""
 
 BACKGROUND_SHARE, BACKGROUND_WEIGHT = 0.1, 0.02
 """How many samples lie away from the body, and their weight beside a typical one."""
@@ -135,7 +135,9 @@ def _samples(recovery: Recovery, x: np.ndarray, box: np.ndarray, scale: float, s
     frames, count = recovery.deviation.shape
     force, deviation = recovery.force_density / scale, recovery.deviation / scale
     size = np.linalg.norm(force, axis=-1)
-    weight = 1 / (deviation**2 + (RELATIVE_FLOOR * size + ABSOLUTE_FLOOR) ** 2)
+    # accuracy counts relative to the force itself; samples known worse than the typical one give way
+    typical = float(np.median(deviation)) or 1.0
+    weight = 1 / ((size + WEAK) ** 2 * (1 + (deviation / typical) ** 2))
     weight /= weight.mean()
     random, radius = np.random.default_rng(seed), float(np.sqrt(x[0].var(axis=0).sum()))
     frame, points = np.repeat(np.arange(frames), count), x.reshape(-1, 3)

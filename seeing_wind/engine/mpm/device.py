@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import threading
 
 import taichi as ti
@@ -34,7 +35,7 @@ def start(device: str = "auto") -> None:
             arch = ti.cuda if wanted == "cuda" else ti.cpu
             # Taichi greets on stdout, where the worker's messages go.
             with contextlib.redirect_stdout(io.StringIO()):
-                ti.init(arch=arch, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, offline_cache=True, enable_fallback=True)
+                ti.init(arch=arch, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=len(os.sched_getaffinity(0)))
             _running = "cuda" if ti.cfg.arch == ti.cuda else "cpu"
     if _running != wanted and device != "auto":
         raise SimulationError(f"The solver runs on {_running}, not on {wanted}.", "Choose --device auto, or start the engine afresh.")

@@ -37,7 +37,7 @@ class Copies:
         self.x, self.v, self.C, self.F = x, v, C, F
         self.acceleration = np.zeros_like(x)
         self.gradient = np.zeros_like(F)
-        self._capacity = 0
+        self.capacity = 0
 
     def advance(self, copies: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One frame of the copies listed (A,) under `acceleration` (gravity included) and `gradient`; those that fail once more with half the dt.
@@ -62,7 +62,7 @@ class Copies:
         todo = np.asarray(copies, dtype=np.int32)
         stride = max(1, min(substeps, _WORK_PER_CALL // self.model.particles))
         while len(todo):
-            rows = max(1, min(len(todo), _WORK_PER_CALL // (self.model.particles * stride), _GRID_NODES_AT_ONCE // max(self._capacity, 1)))
+            rows = max(1, min(len(todo), _WORK_PER_CALL // (self.model.particles * stride), _GRID_NODES_AT_ONCE // max(self.capacity, 1)))
             for first in range(0, len(todo), rows):
                 some = np.ascontiguousarray(todo[first : first + rows])
                 progress.check()
@@ -74,6 +74,21 @@ class Copies:
             todo = todo[(status[todo, 0] == substep.RUNNING) & (status[todo, 2] < substeps)]
         return status[copies]
 
+    def record(self, substeps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """One frame of copy 0 with its states at every substep: x, v (substeps + 1, N, 3), C, F (substeps + 1, N, 3, 3)."""
+        rows: list[list[np.ndarray]] = [[array[0].copy()] for array in (self.x, self.v, self.C, self.F)]
+        status, only = np.zeros((1, 4), np.int32), np.zeros(1, np.int32)
+        for s in range(substeps):
+            while status[0, 2] == s:
+                self._launch(only, substeps, s + 1, status)
+                if status[0, 0] == substep.GRID_FULL:
+                    self._grow(status)
+                elif status[0, 0] != substep.RUNNING:
+                    raise failure(status[0], 0, substeps)
+            for row, array in zip(rows, (self.x, self.v, self.C, self.F)):
+                row.append(array[0].copy())
+        return np.stack(rows[0]), np.stack(rows[1]), np.stack(rows[2]), np.stack(rows[3])
+
     def _grow(self, status: np.ndarray) -> None:
         wanted = int(status[:, 3].max())
         if wanted > _MOST_NODES:
@@ -81,16 +96,16 @@ class Copies:
                 f"The body spread over {wanted} grid nodes.", "It burst: lower the force, or raise Young's modulus.", quantity="position"
             )
         # A third more than asked, so that a body that turns does not ask again at every substep.
-        self._capacity = wanted + wanted // 3
+        self.capacity = wanted + wanted // 3
 
     def _launch(self, copies: np.ndarray, substeps: int, until: int, status: np.ndarray) -> None:
         m = self.model
-        if not self._capacity:
+        if not self.capacity:
             extent = np.ceil(np.ptp(self.x, axis=1).max(axis=0) / m.dx) + 4
-            self._capacity = int(min(np.prod(extent) * 1.5, _MOST_NODES))
-        grid = np.empty((len(copies), self._capacity, 4))
+            self.capacity = int(min(np.prod(extent) * 1.5, _MOST_NODES))
+        grid = np.empty((len(copies), self.capacity, 4))
         substep.run_substeps(
-            m.mass, m.volume, m.mu, m.lam, m.law, m.pinned, m.clamp_lo, m.clamp, m.offset, m.dx, m.frame_dt / substeps,
+            m.mass, m.volume, m.mu, m.lam, m.law, m.role, m.clamp_lo, m.clamp, m.offset, m.dx, m.frame_dt / substeps,
             copies, until, self.acceleration, self.gradient, self.x, self.v, self.C, self.F, grid, status,
         )  # fmt: skip
 

@@ -6,6 +6,7 @@ private grid. That needs no atomics and no barrier, and a grid of a few thousand
 
 import taichi as ti
 
+from .boundary import FREE, HELD
 from .transfer import affine_momentum, base_of, clear, gather, momentum_to_velocity, scatter, vec3
 
 RUNNING, NOT_FINITE, TOO_FAST, INVERTED, GRID_FULL = 0, 1, 2, 3, 4
@@ -21,45 +22,47 @@ statuses = ti.types.ndarray(dtype=ti.i32, ndim=2)
 
 
 @ti.func
-def window(b, x: ti.template(), pinned: ti.template(), offset, dx):
-    """The box of nodes that the free particles of copy b touch: first node and node counts."""
+def window(b, x: ti.template(), role: ti.template(), offset, dx):
+    """The box of nodes that copy b touches: first node and node counts."""
     lo, hi = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
     for p in range(x.shape[1]):
-        if pinned[p] == 0:
+        if role[p] != HELD:
             base = base_of(x[b, p], offset, 1.0 / dx)
             lo = ti.min(lo, base)
             hi = ti.max(hi, base)
-    if hi[0] < lo[0]:  # everything is pinned
+    if hi[0] < lo[0]:  # everything is held
         hi = lo
     return lo, hi - lo + 3
 
 
 @ti.func
 def particles_to_grid(
-    b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(), law: ti.template(), pinned: ti.template(),
-    x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(), acceleration: ti.template(), gradient: ti.template(),
+    b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(), law: ti.template(), role: ti.template(),
+    x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(), force_row, acceleration: ti.template(), gradient: ti.template(),
     offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
-    """p2g of copy b. Pinned particles take no part: their inertia would slow the nodes that they share with free ones."""
+    """p2g of the particles in row b under the force in row `force_row`."""
     for p in range(x.shape[1]):
-        if pinned[p] == 0:
-            A = affine_momentum(law[p], mass[p], volume[p], mu[p], lam[p], C[b, p], F[b, p], gradient[b, p], dt, 1.0 / dx)
-            scatter(x[b, p], mass[p] * (v[b, p] + dt * acceleration[b, p]), mass[p], A, offset, dx, lo, dims, grid, r)
+        if role[p] != HELD:
+            A = affine_momentum(law[p], mass[p], volume[p], mu[p], lam[p], C[b, p], F[b, p], gradient[force_row, p], dt, 1.0 / dx)
+            scatter(x[b, p], mass[p] * (v[b, p] + dt * acceleration[force_row, p]), mass[p], A, offset, dx, lo, dims, grid, r)
 
 
 @ti.func
 def grid_to_particles(
-    b, r, pinned: ti.template(), x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
+    b, r, role: ti.template(), x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
     offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
-    """g2p of copy b; returns status, particle and the next window."""
+    """g2p of copy b. Pinned particles deform but keep their place. Returns status, particle and the next window."""
     status, culprit = RUNNING, -1
     next_lo, next_hi = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
     for p in range(x.shape[1]):
-        if pinned[p] == 0:
+        if role[p] != HELD:
             v_p, C_p = gather(x[b, p], offset, dx, lo, dims, grid, r)
             F_p = F[b, p] + dt * (C_p @ F[b, p])
-            x_p = x[b, p] + dt * v_p
+            x_p = x[b, p]
+            if role[p] == FREE:
+                x_p += dt * v_p
             size = v_p.norm() + C_p.norm()
             if not (size < 1e300):  # also when it is NaN
                 status, culprit = NOT_FINITE, p
@@ -80,7 +83,7 @@ def grid_to_particles(
 @ti.kernel
 def run_substeps(
     # model
-    mass: scalars, volume: scalars, mu: scalars, lam: scalars, law: flags, pinned: flags,
+    mass: scalars, volume: scalars, mu: scalars, lam: scalars, law: flags, role: flags,
     clamp_lo: ti.types.vector(3, ti.i32), clamp: nodes, offset: vec3, dx: ti.f64, dt: ti.f64,
     # which copies, and up to which substep of the frame
     copies: flags, until: ti.i32,
@@ -98,7 +101,7 @@ def run_substeps(
     ti.loop_config(block_dim=1)
     for r in range(copies.shape[0]):
         b = copies[r]
-        lo, dims = window(b, x, pinned, offset, dx)
+        lo, dims = window(b, x, role, offset, dx)
         code = RUNNING
         while status[b, 2] < until and code == RUNNING:
             # In 64 bits: the box of an exploding body overflows 32.
@@ -108,9 +111,9 @@ def run_substeps(
                 status[b, 3] = ti.cast(ti.min(wanted, 2**31 - 1), ti.i32)
             else:
                 clear(grid, r, dims)
-                particles_to_grid(b, r, mass, volume, mu, lam, law, pinned, x, v, C, F, acceleration, gradient, offset, dx, dt, lo, dims, grid)
+                particles_to_grid(b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient, offset, dx, dt, lo, dims, grid)
                 momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
-                code, status[b, 1], lo, dims = grid_to_particles(b, r, pinned, x, v, C, F, offset, dx, dt, lo, dims, grid)
+                code, status[b, 1], lo, dims = grid_to_particles(b, r, role, x, v, C, F, offset, dx, dt, lo, dims, grid)
                 if code == RUNNING:
                     status[b, 2] += 1
         status[b, 0] = code

@@ -81,7 +81,7 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     camera = observation.camera
     rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
     # The outline of a solid body is seen at the depth of its rim, not of its nearest point.
-    metre_per_pixel = float(np.median(front[mask & (rim < 0.25 * rim.max() + 0.5)])) / np.sqrt(camera.fx * camera.fy)
+    metre_per_pixel = float(np.median(front[mask & (rim < 0.05 * rim.max() + 1.0)])) / np.sqrt(camera.fx * camera.fy)
     area, radius = float(mask.sum()) * metre_per_pixel**2, float(rim.max()) * metre_per_pixel
     kind = _kind(mask, rim, front, flat, camera)
     if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):

@@ -101,6 +101,20 @@ def without_object(plate: Plate, picture: np.ndarray, mask: np.ndarray) -> Plate
     return Plate(plate.color, plate.reliable & ~reach, plate.noise)
 
 
+def plate_behind(frames: np.ndarray, masks: np.ndarray, before: Plate, progress: Progress) -> Plate:
+    """A better plate once the object's `masks` (T+1, H, W) are known: trusted wherever the object ever leaves and nothing else moves."""
+    color = clean_plate(frames, masks, True, progress)
+    grow = np.ones((9, 9), np.uint8)
+    leaves = np.zeros(color.shape[:2], np.int32)
+    passed = np.zeros(color.shape[:2], bool)
+    for mask in masks:
+        off = cv2.dilate(mask.astype(np.uint8), grow) == 0
+        leaves += off
+        passed |= ~off
+    # Three sights of a pixel are the least of which a median can drop one that is wrong.
+    return Plate(color, (before.reliable & ~passed) | (passed & (leaves >= 3)), before.noise)
+
+
 def clean_plate(frames: np.ndarray, masks: np.ndarray, still: bool, progress: Progress) -> np.ndarray:
     """The clip without the object, (H, W, 3) uint8 RGB.
 

@@ -24,11 +24,11 @@ KEYS = ("width", "height", "fx", "fy", "cx", "cy", "camera_to_world")
 
 
 def find_camera(
-    settings: ObserveSettings, width: int, height: int, pictures: int, first_frame: int, progress: Progress
+    settings: ObserveSettings, width: int, height: int, pictures: int, first_frame: int, depth: float | None, progress: Progress
 ) -> tuple[Camera, float]:
     """The camera of a clip of `pictures` pictures (width x height, from `first_frame` of its file) and the object's distance [m].
 
-    Without a camera file: a pinhole with the horizontal angle `settings.fov` in front view, the object's plane at y = 0,
+    `depth` [m] is the object's from a depth file, None without one; a distance or scale in the settings goes before it. Without a camera file: a pinhole with the horizontal angle `settings.fov` in front view, the object's plane at y = 0,
     so that the middle of the picture is the world's origin.
 
     Raises:
@@ -37,13 +37,14 @@ def find_camera(
     given = settings.distance is not None or settings.pixels_per_metre is not None
     if settings.camera is not None:
         camera = read_camera(settings.camera, width, height, pictures, first_frame)
-        distance = _distance(settings, camera.fx) if given else _distance_of_origin(camera, progress)
-        return camera, distance
+        if given:
+            return camera, _distance(settings, camera.fx)
+        return camera, depth if depth is not None else _distance_of_origin(camera, progress)
     if not 1.0 <= settings.fov <= 170.0:
         raise UsageError(f"The field of view {settings.fov:g} degrees is out of range.", "Give the horizontal angle, 1 to 170 degrees; a phone has about 50 to 65.")
     focal = 0.5 * width / np.tan(0.5 * np.radians(settings.fov))
-    distance = _distance(settings, focal) if given else DEFAULT_DISTANCE
-    if not given:
+    distance = _distance(settings, focal) if given else depth or DEFAULT_DISTANCE
+    if not given and depth is None:
         progress.warn(
             f"Nothing says how large the scene is, so the object is taken to be {DEFAULT_DISTANCE:g} m away: forces scale with this distance. "
             "Give --distance or --pixels-per-metre for absolute values."

@@ -35,6 +35,19 @@ def read_depth(path: str, height: int, width: int) -> np.ndarray:
     return depth
 
 
+def typical_depth(path: str | None, around: np.ndarray) -> float | None:
+    """Median depth [m] of a depth file over `around` (H, W) bool, or over all it knows where that is empty; None without a file.
+
+    Raises:
+        UsageError: as `read_depth`.
+    """
+    if path is None:
+        return None
+    depth = read_depth(path, *around.shape)
+    known = np.isfinite(depth) & (depth > 0)
+    return float(np.median(depth[known & around] if (known & around).any() else depth[known]))
+
+
 def object_depth(path: str | None, mask: np.ndarray, distance: float, progress: Progress) -> np.ndarray:
     """Depth (H, W) float32 [m] of the object's visible surface in picture 0, infinite off `mask` (H, W).
 

@@ -21,6 +21,9 @@ PARTLY = 0.75
 SHADOW_LIKE = 0.15
 """Part of the object's inside that may look like a shadow on the background before that test is useless for it."""
 
+GROWTH = 3
+"""Widths of the band beyond it in which changed pixels may still join the object."""
+
 
 class MaskFollower:
     """Follows one object: whole-body search, flow, then GrabCut in a band round the carried silhouette.
@@ -130,7 +133,8 @@ class MaskFollower:
         trimap[carried] = cv2.GC_PR_FGD
         trimap[inner] = cv2.GC_FGD
         if evidence is not None:
-            far = cv2.dilate(outer.astype(np.uint8), disc) > 0
+            # A silhouette may grow faster than the band (a sheet that turns from its edge): colours decide over what changed nearby.
+            far = cv2.dilate(outer.astype(np.uint8), disc, iterations=GROWTH) > 0
             trimap[far & ~outer & clean & (evidence > 0.9)] = cv2.GC_PR_BGD
             unchanged = clean & (evidence < 0.2)
             trimap[~inner & unchanged] = cv2.GC_BGD

@@ -3,7 +3,7 @@
     minimise |r(theta)|² + theta' P theta        r whitened residuals, P the prior's precision
 
 Damping adds lambda P, so that a shortened step is one that the prior likes, not an arbitrary one. One Jacobian serves several *chord*
-steps with fresh residuals: a Jacobian costs a simulation per unknown, a residual one.
+steps with fresh residuals: a Jacobian costs a simulation per unknown, a step half a dozen.
 """
 
 from __future__ import annotations
@@ -14,32 +14,32 @@ from dataclasses import dataclass
 import numpy as np
 
 DAMPING = (0.0, 0.3, 3.0, 30.0, 300.0, 3000.0)
-"""Candidates of lambda, all tried at once: the simulations of a line search run in parallel."""
-CHORD_STEPS = 3
-TOLERANCE = 1e-3
-"""Relative fall of the cost under which the solve has converged."""
-CHORD_GAIN = 0.2
-"""A chord step that wins less than this share of the cost's fall so far is not followed by another one."""
+"""Candidates of lambda, all tried at once: their simulations run in parallel."""
+CHORD_STEPS = 6
+"""Steps with one Jacobian at most."""
+TOLERANCE = (0.1, 1e-3)
+"""Converged when a step promises to lower the cost by less than this much (the cost is twice a negative log posterior) or this share."""
+STALE = 0.2
+"""A Jacobian is renewed when a step wins less than this share of what it promised."""
 
 
 @dataclass(frozen=True)
 class Linearisation:
-    """The problem at one point: residual (m,), Jacobian (n, m) of the whitened residuals."""
+    """The problem at one point."""
 
     theta: np.ndarray
+    """(n,)."""
     residual: np.ndarray
+    """(m,) whitened residuals."""
     jacobian: np.ndarray
+    """(n, m) their derivatives."""
     normal: np.ndarray
     """(n, n) J'J."""
 
     @staticmethod
     def at(theta: np.ndarray, residual: np.ndarray, jacobian: np.ndarray) -> Linearisation:
-        return Linearisation(theta, residual, jacobian, jacobian @ jacobian.T)
-
-    @property
-    def pull(self) -> np.ndarray:
-        """(n,) J'(J theta - r): the right side of the linearised problem's normal equations."""
-        return self.normal @ self.theta - self.jacobian @ self.residual
+        """From point, residual and Jacobian."""
+        return Linearisation(theta, residual, jacobian, (jacobian @ jacobian.T).astype(np.float64))
 
 
 @dataclass(frozen=True)
@@ -47,21 +47,27 @@ class Solution:
     """Where the iterations ended."""
 
     theta: np.ndarray
+    residual: np.ndarray
     cost: float
     iterations: int
     """Jacobians used."""
     converged: bool
-    last: Linearisation
+    point: Linearisation
+    """The last linearisation; theta may be some chord steps away."""
+
+    @property
+    def pull(self) -> np.ndarray:
+        """(n,) J'(J theta - r): right side of the normal equations (J'J + P) mean = pull of the linearised problem."""
+        return self.point.normal @ self.theta - self.point.jacobian @ self.residual
 
 
 Residuals = Callable[[np.ndarray], np.ndarray]
-"""(B, n) -> whitened residuals (B, m), with infinities where a simulation broke down."""
+"""(B, n) -> whitened residuals (B, m), infinite where a simulation broke down."""
 
 
 def cost_of(residual: np.ndarray, theta: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """(B,) costs; infinite where a residual is."""
-    data = np.where(np.isfinite(residual), residual, np.inf)
-    return (data**2).sum(axis=-1) + np.einsum("bi,ij,bj->b", theta, precision, theta)
+    """(B,) costs of residuals (B, m) at theta (B, n); infinite where a residual is."""
+    return (residual**2).sum(axis=-1) + np.einsum("bi,ij,bj->b", theta, precision, theta, optimize=True)
 
 
 def solve(
@@ -71,39 +77,42 @@ def solve(
     linearise: Callable[[np.ndarray], Linearisation],
     iterations: int,
     report: Callable[[int, float], None] = lambda iteration, cost: None,
+    point: Linearisation | None = None,
 ) -> Solution:
-    """Minimise from `theta` (n,) with at most `iterations` Jacobians.
+    """Minimise from `theta` (n,).
 
     Args:
-        theta: start (n,), at which the simulation does not break down.
+        theta: start, at which the simulation must not break down.
         precision: (n, n) of the prior, whose mean is zero.
-        residuals: whitened residuals of several candidates at once.
+        residuals: of several candidates at once.
         linearise: residual and Jacobian at one point.
-        iterations: Jacobians at most.
-        report: called with the iteration and the cost.
+        iterations: Jacobians at most, the one given not counted.
+        report: called with the number of Jacobians so far and the cost.
+        point: a linearisation near `theta` to begin with.
     """
-    cost, converged = np.inf, False
-    used = 0
+    used, residual = 0, residuals(theta[None])[0] if point else np.zeros(0)
     while True:
-        point = linearise(theta)
-        used += 1
-        start = float(cost_of(point.residual[None], theta[None], precision)[0])
-        cost = start
+        if point is None:
+            point, used = linearise(theta), used + 1
+            residual = point.residual
+        cost = float(cost_of(residual[None], theta[None], precision)[0])
         report(used, cost)
-        residual, damping = point.residual, DAMPING
+        at_start = cost
         for _ in range(CHORD_STEPS):
             gradient = point.jacobian @ residual + precision @ theta
-            steps = [np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in damping]
-            trial = theta - np.stack(steps)
-            missed = residuals(trial)
-            costs = cost_of(missed, trial, precision)
+            steps = np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in DAMPING])
+            promised = float(gradient @ steps[0])
+            if promised < max(TOLERANCE[0], TOLERANCE[1] * cost):
+                return Solution(theta, residual, cost, used, True, point)
+            trials = theta - steps
+            missed = residuals(trials)
+            costs = cost_of(missed, trials, precision)
             best = int(np.argmin(costs))
             if not costs[best] < cost:
                 break
-            gain, cost, theta, residual = cost - costs[best], float(costs[best]), trial[best], missed[best]
-            damping = tuple(sorted({0.0, DAMPING[best]}))
-            if gain < max(CHORD_GAIN * (start - cost), TOLERANCE * cost):
+            won, cost, theta, residual = cost - costs[best], float(costs[best]), trials[best], missed[best]
+            if won < STALE * promised:
                 break
-        converged = start - cost < TOLERANCE * start
-        if converged or used >= iterations:
-            return Solution(theta, cost, used, converged, point)
+        if used >= iterations or (used and cost >= at_start):
+            return Solution(theta, residual, cost, used, False, point)
+        point = None

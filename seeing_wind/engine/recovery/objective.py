@@ -22,7 +22,7 @@ from .basis import spatial_basis
 
 MISMATCH_PIXELS = (0.06, 0.12)
 """Standard deviation [px] of the white and of the slow part of what no force should explain: the solver is not the real body."""
-MISMATCH_SPACINGS = (0.01, 0.02)
+MISMATCH_SPACINGS = (0.001, 0.002)
 """The same for points in 3D, in particle spacings."""
 MISMATCH_TAU = 8.0
 """Correlation time of the slow part [frames]."""

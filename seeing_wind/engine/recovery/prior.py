@@ -22,7 +22,7 @@ LENGTH = 2.0
 """Correlation length over the body's radius before anything is learnt; degree d starts with a size of LENGTH**-d."""
 COMPONENT_FLOOR = 0.02
 """Added to the learnt component covariance (trace 3) so that no direction is ruled out."""
-EM_ITERATIONS = 5
+EM_ITERATIONS = 20
 
 
 @dataclass(frozen=True)

@@ -124,18 +124,18 @@ class _Solver:
         coarse = self._forward(basis.up_to(COARSE_DEGREE), self._knot(basis.up_to(COARSE_DEGREE), COARSE_KNOT))
         prior = first_prior(coarse.basis, frames, coarse.knot_spacing, max(_rms(started.coefficients[:, 0]), 0.05 * size), len(coarse.velocity), SPEED)
         prior = replace(prior, component=self._first_component())
-        theta = coarse.pack(started.coefficients, started.velocity)
-        first = self._solve(coarse, prior, theta, COARSE_ITERATIONS, (0.2, 0.4), "Solving coarsely")
-        prior = learn(prior, first.last.normal, first.last.pull)[0]
+        first = self._solve(coarse, prior, coarse.pack(started.coefficients, started.velocity), COARSE_ITERATIONS, (0.2, 0.4), "Solving coarsely")
+        prior = learn(prior, first.point.normal, first.pull)[0]
 
         self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
         fine = self._forward(basis, self._knot(basis, FULL_KNOT))
         prior = prior.reshaped(basis, frames, fine.knot_spacing)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
         left = max(1, self.settings.iterations - first.iterations)
-        second = self._solve(fine, prior, theta, max(1, left // 2), (0.4, 0.75), "Solving finely")
-        prior = learn(prior, second.last.normal, second.last.pull)[0]
-        last = self._solve(fine, prior, second.theta, max(1, left - second.iterations), (0.75, 0.98), "Solving with what was learnt")
+        second = self._solve(fine, prior, theta, max(1, left // 2), (0.4, 0.8), "Solving finely")
+        prior = learn(prior, second.point.normal, second.pull)[0]
+        left = max(1, left - second.iterations)
+        last = self._solve(fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt", second.point)
         return self._result(fine, prior, last, material, views, first.iterations + second.iterations + last.iterations, began)
 
     # -- parts ----------------------------------------------------------------------------------------------------------------
@@ -183,7 +183,10 @@ class _Solver:
         axis /= max(float(np.linalg.norm(axis)), 1e-12)
         return np.eye(3) - (1.0 - AXIAL_SHRINK**2) * np.outer(axis, axis)
 
-    def _solve(self, forward: Forward, prior: Prior, theta: np.ndarray, iterations: int, share: tuple[float, float], what: str) -> Solution:
+    def _solve(
+        self, forward: Forward, prior: Prior, theta: np.ndarray, iterations: int, share: tuple[float, float], what: str,
+        point: Linearisation | None = None,
+    ) -> Solution:
         objective, precision = self.objective, prior.precision()
 
         def residuals(candidates: np.ndarray) -> np.ndarray:
@@ -199,10 +202,10 @@ class _Solver:
             return Linearisation.at(point, objective.whiten(objective.residual(nominal.x[None]))[0], objective.whiten(raw))
 
         def report(iteration: int, cost: float) -> None:
-            fraction = share[0] + (share[1] - share[0]) * (iteration - 1) / iterations
+            fraction = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / iterations
             self.progress.update(fraction, f"{what}, iteration {iteration}", cost=cost)
 
-        return solve(theta, precision, residuals, linearise, iterations, report)
+        return solve(theta, precision, residuals, linearise, iterations, report, point)
 
     # -- result ---------------------------------------------------------------------------------------------------------------
 
@@ -211,7 +214,7 @@ class _Solver:
     ) -> Recovery:
         self.progress.update(0.98, "Simulating the result")
         trajectory = forward.trajectory(last.theta)
-        covariance = np.linalg.inv(last.last.normal + prior.precision())
+        covariance = np.linalg.inv(last.point.normal + prior.precision())
         deviation, by_direction = _deviation(forward, covariance)
         residual = self.objective.root_mean_square(trajectory.x)
         self._remark(trajectory, by_direction, views, residual)

@@ -1,0 +1,174 @@
+"""The stage *observe*: from a clip to the object's masks, depth and tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ObjectError
+from ..progress import Progress
+from ..records import Observation
+from ..settings import ObserveSettings
+from .background import Plate, clean_plate, median_plate, plate_behind, stands_still, without_object
+from .camera import find_camera
+from .clip import Clip, read_clip
+from .depth import object_depth, typical_depth
+from .follow import MaskFollower
+from .mask import first_mask, read_mask
+from .threads import one_thread
+from .tracks import Tracker, find_corners
+from .tracks_centroid import centroid_track
+from .tracks_file import read_tracks
+
+ENOUGH = 6
+"""Corner tracks in sight from which the body's motion is known better by them than by its silhouette."""
+
+SILHOUETTE = 0.02
+"""A turning body's silhouette has its centroid off the body's own by about this part of its size."""
+
+
+@dataclass(frozen=True)
+class _Tracks:
+    xy: np.ndarray
+    visible: np.ndarray
+    sigma: np.ndarray
+    on_centroid: np.ndarray
+
+
+def observe(clip: str | Path, settings: ObserveSettings, progress: Progress) -> Observation:
+    """What is seen in `clip` (a video, a folder of pictures, or a pattern), with pixels those of the file.
+
+    Raises:
+        ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
+        Cancelled: at a safe point, at least twice a second.
+    """
+    with one_thread():
+        return _observe(clip, settings, progress)
+
+
+def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) -> Observation:
+    progress.update(0.0, "reading the clip")
+    clip = read_clip(path, settings.frames, settings.fps, progress)
+    pictures, height, width = clip.frames.shape[:3]
+    around = read_mask(settings.mask, height, width) if settings.mask else _box_area(settings, height, width)
+    depth_of_object = typical_depth(settings.depth, around)
+    camera, distance = find_camera(settings, width, height, pictures, clip.first_frame, depth_of_object, progress)
+    progress.update(0.05, "looking at the background")
+    still = stands_still(clip.frames, camera, around)
+    plate = median_plate(clip.frames, progress) if still else None
+    progress.update(0.08, "finding the object")
+    mask = first_mask(settings, clip.frames[0], plate, progress)
+    progress.update(0.1, "following the object")
+    pin = _pin(settings, mask)
+    depth = object_depth(settings.depth, mask, distance, progress)
+    plate = without_object(plate, clip.frames[0], mask) if plate is not None else None
+    masks, tracks = _follow(clip, mask, plate, settings, progress)
+    progress.update(0.95, "background")
+    background = clean_plate(clip.frames, masks, still, progress)
+    progress.update(1.0, f"{len(tracks.on_centroid)} tracks")
+    return Observation(
+        clip=clip.path,
+        fps=clip.fps,
+        first_frame=clip.first_frame,
+        camera=camera,
+        image=clip.frames[0].copy(),
+        background=background,
+        masks=masks,
+        depth=depth,
+        pin=pin,
+        xy=tracks.xy,
+        visible=tracks.visible,
+        sigma=tracks.sigma,
+        on_centroid=tracks.on_centroid,
+    )
+
+
+def _box_area(settings: ObserveSettings, height: int, width: int) -> np.ndarray:
+    area = np.zeros((height, width), bool)
+    if settings.box is not None and np.isfinite(settings.box).all():
+        x0, y0, x1, y1 = (int(value) for value in np.clip(settings.box, 0, max(height, width)))
+        area[y0 : y1 + 1, x0 : x1 + 1] = True
+    return area
+
+
+def _pin(settings: ObserveSettings, mask: np.ndarray) -> np.ndarray:
+    """(H, W) bool, the held part of the object."""
+    if settings.pin is None:
+        return np.zeros_like(mask)
+    pin = read_mask(settings.pin, *mask.shape, what="pin mask") & mask
+    if not pin.any():
+        raise ObjectError("The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first picture.")
+    return pin
+
+
+def _follow(clip: Clip, mask: np.ndarray, plate: Plate | None, settings: ObserveSettings, progress: Progress) -> tuple[np.ndarray, _Tracks]:
+    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
+    frames = clip.frames
+    given = read_tracks(settings.tracks, len(frames), clip.first_frame, mask, progress) if settings.tracks else None
+    corners = find_corners(frames[0], mask) if given is None else np.zeros((0, 2))
+    tracker = Tracker(frames[0], mask, corners)
+    rows = [(tracker.xy, tracker.visible, tracker.sigma)]
+    masks = [mask]
+    for new, follower in _carry(frames, mask, plate, progress, 0.1, 0.7):
+        tracker.advance(frames[len(masks)], follower.flow, new)
+        masks.append(new)
+        rows.append((tracker.xy, tracker.visible, tracker.sigma))
+    _tell_lost(np.stack(masks), progress)
+    if given is not None:
+        return np.stack(masks), _Tracks(*given, np.zeros(given[0].shape[1], bool))
+    xy, visible, sigma = (np.stack(column) for column in zip(*rows))
+    found = _Tracks(xy, visible, sigma, np.zeros(len(corners), bool))
+    seen = np.array([one.any() for one in masks])
+    enough = visible.sum(axis=1) >= ENOUGH
+    if enough[seen].all():
+        return np.stack(masks), found
+    if plate is not None:
+        # The silhouette counts now, and its first masks show what is behind it.
+        plate = plate_behind(frames, np.stack(masks), plate, progress)
+        masks = [mask, *(new for new, _ in _carry(frames, mask, plate, progress, 0.7, 0.9))]
+    return np.stack(masks), _with_centroid(frames, np.stack(masks), plate, found, enough, progress)
+
+
+def _carry(
+    frames: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
+) -> Iterator[tuple[np.ndarray, MaskFollower]]:
+    """The masks of pictures 1 to T and the follower in its state after each; reports progress from `start` to `end`."""
+    follower = MaskFollower(frames[0], mask, plate)
+    for t in range(1, len(frames)):
+        progress.update(start + (end - start) * t / len(frames), f"following the object, frame {t} of {len(frames) - 1}")
+        yield follower.advance(frames[t]), follower
+
+
+def _tell_lost(masks: np.ndarray, progress: Progress) -> None:
+    seen = masks.any(axis=(1, 2))
+    if not seen[1:].any():
+        raise ObjectError("The object is lost right after the first picture.", "Mark it more closely, start where it is in full view, or choose a slower clip.")
+    if not seen.all():
+        lost = np.flatnonzero(~seen)
+        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in picture {lost[0]}.")
+
+
+def _with_centroid(
+    frames: np.ndarray, masks: np.ndarray, plate: Plate | None, corners: _Tracks, enough: np.ndarray, progress: Progress
+) -> _Tracks:
+    """The silhouette's centroid instead of the corner tracks, or after them.
+
+    Not `enough` (T+1,) corners for most of the clip's first half: the centroid alone. Corners that turn out of sight later (a sheet
+    seen edge-on): the centroid joins where they are too few, with the larger sigma of a silhouette that turns.
+    """
+    place, visible, sigma = centroid_track(frames, masks, plate)
+    if enough[: max(2, len(frames) // 2)].mean() < 0.75:
+        progress.warn("The object is too small or too plain for single points, so its silhouette's centroid is followed: its rotation stays unknown.")
+        return _Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
+    joins = visible & ~enough
+    progress.warn(f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} pictures; there the silhouette's centroid is followed.")
+    sigma = np.hypot(sigma, SILHOUETTE * np.sqrt(masks.sum(axis=(1, 2)).max()))
+    return _Tracks(
+        np.concatenate([corners.xy, place[:, None]], axis=1),
+        np.concatenate([corners.visible, joins[:, None]], axis=1),
+        np.concatenate([corners.sigma, sigma[:, None]], axis=1),
+        np.append(corners.on_centroid, True),
+    )

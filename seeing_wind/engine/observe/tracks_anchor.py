@@ -1,0 +1,135 @@
+"""Aligning patches with the picture they were cut from: what keeps a chain of frame-to-frame steps from drifting.
+
+Inverse-compositional affine alignment (Baker and Matthews 2004) of all patches at once, each normalised to its own mean and
+deviation, so that brightness and contrast may change.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+HALF = 8
+"""Half the patch's side: 17x17 pixels."""
+
+BLUR = 0.7
+"""Blur [px] before sampling, against noise and the codec's block edges."""
+
+ITERATIONS = 10
+CONVERGED = 0.01
+"""Pixels of the last update below which no patch needs another iteration."""
+
+CORRELATED = 4.0
+"""How many neighbouring residual pixels share one error (blur, the codec's blocks): the variance of a position grows by it."""
+
+_OFFSETS = np.stack(np.meshgrid(np.arange(-HALF, HALF + 1.0), np.arange(-HALF, HALF + 1.0)), axis=-1).reshape(-1, 2)
+
+
+def smooth(picture: np.ndarray) -> np.ndarray:
+    """The gray float32 picture (H, W) that patches are cut from, of an RGB uint8 one (H, W, 3)."""
+    return cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), BLUR)
+
+
+def sample(picture: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Bilinear values (...,) of `picture` (H, W) at points (..., 2) [px], the rim repeated outside."""
+    points = np.ascontiguousarray(xy, dtype=np.float32)
+    flat = points.reshape(-1, points.shape[-2] if points.ndim > 2 else 1, 2)
+    return cv2.remap(picture, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(points.shape[:-1])
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Templates of K points, ready to be aligned with other pictures. P = 17 * 17 pixels."""
+
+    values: np.ndarray
+    """(K, P) normalised to weighted mean 0 and deviation 1."""
+    weight: np.ndarray
+    """(K, P), summing to one: a gaussian of 0.6 of the half width times the object's mask."""
+    descent: np.ndarray
+    """(K, 6, P) the inverse-compositional update's matrix: Hessian^-1 times weighted steepest descent."""
+    covariance: np.ndarray
+    """(K, 2, 2) of the position [px²] for residuals of deviation 1 (normalised), before correlation."""
+
+    def take(self, index: np.ndarray) -> Patches:
+        """The patches of the points `index` only."""
+        return Patches(self.values[index], self.weight[index], self.descent[index], self.covariance[index])
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Where K patches were found."""
+
+    xy: np.ndarray
+    """(K, 2) [px]."""
+    affine: np.ndarray
+    """(K, 2, 2): the patch's shape, d(here) / d(where it was cut)."""
+    ncc: np.ndarray
+    """(K,) weighted normalised cross-correlation with the template."""
+    sigma: np.ndarray
+    """(K,) standard deviation of the position from the residuals [px]."""
+
+
+def cut_patches(picture: np.ndarray, mask: np.ndarray, xy: np.ndarray) -> Patches:
+    """Templates round points (K, 2) [px] of the smoothed `picture` (H, W), weighted by `mask` (H, W) float32 in 0..1."""
+    grid = xy[:, None, :] + _OFFSETS
+    raw = sample(picture, grid).astype(np.float64)
+    gaussian = np.exp(-0.5 * (_OFFSETS**2).sum(axis=1) / (0.6 * HALF) ** 2)
+    weight = gaussian * sample(mask, grid) + 1e-9
+    weight /= weight.sum(axis=1, keepdims=True)
+    values, deviation = _normalise(raw, weight)
+    step = np.array([[0.5, 0.0], [0.0, 0.5]])
+    gx = (sample(picture, grid + step[0]) - sample(picture, grid - step[0])) / deviation
+    gy = (sample(picture, grid + step[1]) - sample(picture, grid - step[1])) / deviation
+    u, v = _OFFSETS[:, 0], _OFFSETS[:, 1]
+    steepest = np.stack([gx, gy, gx * u, gx * v, gy * u, gy * v], axis=1)
+    # Normalising removes a constant and a factor from the residual, so their directions carry no information.
+    for known in (np.ones_like(values), values):
+        share = (steepest * (weight * known)[:, None, :]).sum(axis=2) / (weight * known**2).sum(axis=1)[:, None]
+        steepest = steepest - share[:, :, None] * known[:, None, :]
+    weighted = steepest * weight[:, None, :]
+    hessian = np.matmul(weighted, np.swapaxes(steepest, 1, 2))
+    # A little damping of the four shape parameters (in units of their effect at the patch's rim) keeps flat patches from shearing.
+    hessian += np.diag([1e-6, 1e-6, 2e-2, 2e-2, 2e-2, 2e-2]) * np.trace(hessian[:, :2, :2], axis1=1, axis2=2)[:, None, None]
+    inverse = np.linalg.inv(hessian + 1e-12 * np.eye(6))
+    descent = np.matmul(inverse, weighted)
+    spread = np.matmul(descent, np.swapaxes(descent, 1, 2))[:, :2, :2]
+    return Patches(values, weight, descent, spread)
+
+
+def _normalise(raw: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    centred = raw - (weight * raw).sum(axis=1, keepdims=True)
+    # Half a grey level is the least contrast that is not the codec's own.
+    deviation = np.maximum(np.sqrt((weight * centred**2).sum(axis=1, keepdims=True)), 0.5)
+    return centred / deviation, deviation
+
+
+def align(patches: Patches, picture: np.ndarray, xy: np.ndarray, affine: np.ndarray) -> Alignment:
+    """Align the patches with the smoothed `picture` (H, W), starting from positions (K, 2) [px] and shapes (K, 2, 2)."""
+    xy, affine = np.array(xy, dtype=np.float64), np.array(affine, dtype=np.float64)
+    moving = np.arange(len(xy))
+    for _ in range(ITERATIONS):
+        if not len(moving):
+            break
+        residual = _values(picture, xy[moving], affine[moving], patches.weight[moving]) - patches.values[moving]
+        update = np.matmul(patches.descent[moving], residual[:, :, None])[:, :, 0]
+        # Two pixels and a fifth of shape at once: beyond, the linearisation says nothing.
+        update[:, :2] = np.clip(update[:, :2], -2.0, 2.0)
+        update[:, 2:] = np.clip(update[:, 2:], -0.2, 0.2)
+        inverse = np.linalg.inv(np.eye(2) + update[:, 2:].reshape(-1, 2, 2))
+        affine[moving] = np.matmul(affine[moving], inverse)
+        step = np.matmul(affine[moving], update[:, :2, None])[:, :, 0]
+        xy[moving] -= step
+        moving = moving[np.linalg.norm(step, axis=1) > CONVERGED]
+    values = _values(picture, xy, affine, patches.weight)
+    ncc = (patches.weight * values * patches.values).sum(axis=1)
+    residual_variance = (patches.weight * (values - patches.values) ** 2).sum(axis=1)
+    shape = np.matmul(np.matmul(affine, patches.covariance), np.swapaxes(affine, 1, 2))
+    sigma = np.sqrt(CORRELATED * residual_variance * 0.5 * np.trace(shape, axis1=1, axis2=2))
+    return Alignment(xy, affine, ncc, sigma)
+
+
+def _values(picture: np.ndarray, xy: np.ndarray, affine: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    grid = np.matmul(_OFFSETS, np.swapaxes(affine, 1, 2)) + xy[:, None, :]
+    return _normalise(sample(picture, grid).astype(np.float64), weight)[0]

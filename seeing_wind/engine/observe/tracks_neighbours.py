@@ -1,0 +1,64 @@
+"""What a point's neighbours say about its motion: a surface moves nearly affinely over the reach of a dozen tracks."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+NEIGHBOURS = 12
+
+
+def predict(
+    rest: np.ndarray, now: np.ndarray, trusted: np.ndarray, previous: np.ndarray, reach: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Robust local affine motion of every point from its trusted neighbours, the point itself left out.
+
+    Args:
+        rest: (K, 2) [px], positions in picture 0.
+        now: (K, 2) [px], positions in the newest picture.
+        trusted: (K,) bool, whose `now` counts.
+        previous: (K, 2, 2), each point's shape before; directions that the neighbours do not span keep it.
+        reach: [px], neighbours farther than this say nothing.
+
+    Returns:
+        predicted (K, 2) [px], affine (K, 2, 2), and support (K,) int, the neighbours used.
+    """
+    count = len(rest)
+    known = np.flatnonzero(trusted)
+    if len(known) < 2:
+        return now.copy(), previous.copy(), np.zeros(count, int)
+    reach_count = min(NEIGHBOURS + 1, len(known))
+    distance, index = cKDTree(rest[known]).query(rest, k=reach_count)
+    index = known[index]
+    weight = ((distance < reach) & (index != np.arange(count)[:, None])).astype(np.float64)
+    weight *= 1.0 / (1.0 + (distance / (0.5 * reach)) ** 2)
+    predicted, affine = _fit(rest, now, index, weight, previous, reach)
+    for _ in range(2):
+        model = np.matmul(affine, np.swapaxes(rest[index] - rest[:, None, :], 1, 2)).swapaxes(1, 2) + predicted[:, None, :]
+        off = np.linalg.norm(now[index] - model, axis=2)
+        # Cauchy weights with a scale of one pixel: a lost neighbour must not pull.
+        predicted, affine = _fit(rest, now, index, weight / (1.0 + off**2), previous, reach)
+    return predicted, affine, (weight > 0).sum(axis=1)
+
+
+def _fit(
+    rest: np.ndarray, now: np.ndarray, index: np.ndarray, weight: np.ndarray, previous: np.ndarray, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted ridge fit now = affine (rest - rest_k) + predicted, drawn to `previous` where the neighbours leave it open."""
+    total = weight.sum(axis=1, keepdims=True) + 1e-12
+    near, target = rest[index], now[index]
+    near_mean = (weight[..., None] * near).sum(axis=1) / total
+    target_mean = (weight[..., None] * target).sum(axis=1) / total
+    a, b = near - near_mean[:, None, :], target - target_mean[:, None, :]
+    weighted = np.swapaxes(weight[..., None] * a, 1, 2)
+    # The ridge is a pixel of slack across the patch: neighbours in a line leave the other direction to `previous`.
+    ridge = 4.0 * total[:, :, None] * np.eye(2)
+    normal, mixed = np.matmul(weighted, a) + ridge, np.matmul(weighted, b) + np.matmul(ridge, np.swapaxes(previous, 1, 2))
+    affine = np.swapaxes(np.linalg.solve(normal, mixed), 1, 2)
+    predicted = target_mean + np.matmul(affine, (rest - near_mean)[:, :, None])[:, :, 0]
+    return predicted, affine
+
+
+def disagreement(xy: np.ndarray, predicted: np.ndarray, support: np.ndarray, least: int = 4) -> np.ndarray:
+    """Distance (K,) [px] of points (K, 2) from their neighbours' prediction; 0 with fewer than `least` neighbours, which prove nothing."""
+    return np.where(support >= least, np.linalg.norm(xy - predicted, axis=1), 0.0)

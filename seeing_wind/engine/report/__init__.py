@@ -1,0 +1,7 @@
+"""What the user looks at after a recovery: report.json, report.png and overlay.mp4."""
+
+from .accuracy import field_errors, uniform_errors
+from .overlay import write_overlay
+from .report import write_report, write_trajectory_report
+
+__all__ = ["field_errors", "uniform_errors", "write_overlay", "write_report", "write_trajectory_report"]

@@ -1,0 +1,78 @@
+"""Pinned vertices: which particles hold them, and vertices that ride on particles without letting go of their pins."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import UsageError
+from ..object.control import attach, carry
+from ..records import Attachment, Particles
+
+GRIP = 2.0
+"""Particles within that many spacings of a pinned vertex are pinned: one grid cell, the least that the grid can hold still."""
+
+
+@dataclass(frozen=True)
+class Rider:
+    """Vertices on particles: each moves by the displacement of its carriers."""
+
+    rest: np.ndarray
+    """(V, 3) [m]."""
+    attachment: Attachment
+    particles_rest: np.ndarray
+    """(N, 3) [m]."""
+
+    def follow(self, x: np.ndarray) -> np.ndarray:
+        """Particles (..., N, 3) -> vertices (..., V, 3), those of picture 0 exactly where the mesh has them."""
+        return carry(self.attachment, self.rest, self.particles_rest, x)
+
+
+def read_pins(path: str | os.PathLike[str], count: int, what: str) -> np.ndarray:
+    """Indices (P,) from an NPY file, each in 0..count-1; `what` (vertices, particles) names them in messages.
+
+    Raises:
+        UsageError: no such file, no list of whole numbers, none at all, or one out of range.
+    """
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file of pins {path}.", f"Write the indices of the pinned {what} with numpy.save.")
+    try:
+        pins = np.asarray(np.load(path, allow_pickle=False))
+    except (OSError, ValueError, EOFError) as error:
+        raise UsageError(f"The pins {path} cannot be read: {error}.", f"Write the indices of the pinned {what} with numpy.save.") from error
+    if pins.ndim != 1 or len(pins) == 0 or not np.issubdtype(pins.dtype, np.integer):
+        raise UsageError(f"The pins {path} are {pins.dtype} of shape {pins.shape}.", f"A list of at least one index of {what} is needed.")
+    if pins.min() < 0 or pins.max() >= count:
+        bad = int(pins.max() if pins.max() >= count else pins.min())
+        raise UsageError(f"The pins {path} name {bad}, but there are {count} {what}.", "Choose them again on this mesh.")
+    return np.unique(pins)
+
+
+def particles_at(vertices: np.ndarray, particles: Particles) -> np.ndarray:
+    """(N,) bool: the particles that hold vertices (P, 3): the nearest of each, and all within a grid cell."""
+    tree = cKDTree(particles.x)
+    held = np.zeros(len(particles.x), dtype=bool)
+    held[tree.query(vertices)[1]] = True
+    distance = cKDTree(vertices).query(particles.x)[0]
+    return held | (distance <= GRIP * particles.spacing)
+
+
+def ride(vertices: np.ndarray, particles: Particles, pins: np.ndarray) -> Rider:
+    """Attach vertices (V, 3) to particles, the vertices `pins` to pinned particles alone.
+
+    Elsewhere a vertex rides on its neighbours by affine moving least squares; at a pin some of those may be free, and their motion would
+    draw the vertex along.
+    """
+    attachment = attach(vertices, particles.x)
+    if len(pins):
+        index, weight = attachment.index.copy(), attachment.weight.copy()
+        held = np.flatnonzero(particles.pinned)
+        index[pins] = held[cKDTree(particles.x[held]).query(vertices[pins])[1]][:, None]
+        weight[pins] = 0.0
+        weight[pins, 0] = 1.0
+        attachment = Attachment(index, weight)
+    return Rider(vertices, attachment, particles.x)

@@ -1,0 +1,228 @@
+"""An edit becomes motion: every body of it simulated in a recovered field."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import SimulationError, UsageError
+from ..field.force_field import ForceField
+from ..materials import DEFAULT, adjusted, find
+from ..mpm.model import Model, model_for
+from ..mpm.rollout import advance
+from ..mpm.state import State
+from ..progress import NoProgress, Progress
+from ..records import Body, Material, Particles, Recovery
+from ..settings import BodyEdit, Edit
+from .fill import fill
+from .mesh import load_mesh
+from .pins import Rider, particles_at, read_pins, ride
+
+MIN_SUBSTEPS, MAX_SUBSTEPS = 100, 400
+"""Per frame. At least so many that a fall's first frame is right to a hundredth, whatever the stiffness; at most twice what a recovery
+affords itself, for here every body is simulated once."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """One body after the simulation."""
+
+    vertices: np.ndarray
+    """(T+1, V, 3) [m]."""
+    triangles: np.ndarray
+    """(M, 3) int32."""
+    particles: int
+    """How many particles stood for it."""
+    notes: list[str]
+    """What the user should know."""
+
+
+@dataclass(frozen=True)
+class _Actor:
+    """A body before the simulation."""
+
+    edit: BodyEdit
+    particles: Particles
+    material: Material
+    velocity: np.ndarray
+    """(N, 3) [m/s] when it starts."""
+    rider: Rider
+    triangles: np.ndarray
+    notes: list[str]
+
+
+def simulate_bodies(
+    edit: Edit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path, progress: Progress | None = None
+) -> dict[str, Simulated]:
+    """Move every body of `edit` through `field` for all the frames that it knows.
+
+    A particle feels strength f(x, t) / (rho mass_scale), asked at the frame's start and held over the frame, its gradient within the
+    particle's cell, and the edit's gravity. Outside its box the field goes on as at the nearest place of the box.
+
+    Args:
+        recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
+        base_dir: folder against which the edit's paths are understood.
+
+    Raises:
+        UsageError: a mesh, a list of pins, a start frame or a strength that does not fit; MaterialError: an unknown material.
+        SimulationError: the motion broke; the message names the body.
+        Cancelled: when the user asked to stop.
+    """
+    progress = progress or NoProgress()
+    if not edit.body:
+        raise UsageError("The edit has no body.", "Add one with a name and a mesh.")
+    strength = _strengths(edit.field_strength, field.frames)
+    actors = [_enter(body, field, recovered, Path(base_dir)) for body in edit.body]
+    groups = [actors] if edit.contact else [[actor] for actor in actors]
+    done: dict[str, Simulated] = {}
+    for number, group in enumerate(groups):
+        try:
+            paths, notes = _move(group, field, edit.gravity, strength, progress, number / len(groups), 1.0 / len(groups))
+        except SimulationError as error:
+            names = ", ".join(actor.edit.name for actor in group)
+            where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
+            raise SimulationError(f"{names}: {error.message}", error.hint, **where) from error
+        for actor, x in zip(group, paths):
+            remarks = [*actor.notes, *notes, *_outside_note(x, field)]
+            for note in remarks:
+                progress.warn(f"{actor.edit.name}: {note}")
+            done[actor.edit.name] = Simulated(actor.rider.follow(x), actor.triangles, len(actor.particles.x), remarks)
+    return done
+
+
+# -- before -----------------------------------------------------------------------------------------------------------------------
+
+
+def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
+    values = np.atleast_1d(np.asarray(strength, dtype=np.float64))
+    if len(values) not in (1, frames) or not np.isfinite(values).all():
+        raise UsageError(f"field_strength has {len(values)} values for {frames} frames.", "Give one finite number, or one per frame.")
+    return np.broadcast_to(values, (frames,))
+
+
+def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> _Actor:
+    """Mesh, particles, material and pins of one body."""
+    if not (np.isfinite(body.mass_scale) and body.mass_scale > 0.0):
+        raise UsageError(f"{body.name}: mass_scale is {body.mass_scale}.", "Give a number above zero; 1 leaves the mass as it is.")
+    if not 0 <= body.start_frame < field.frames:
+        raise UsageError(f"{body.name}: start_frame {body.start_frame} is outside the clip.", f"Its frames are 0 to {field.frames - 1}.")
+    if body.velocity is not None and (np.shape(body.velocity) != (3,) or not np.isfinite(body.velocity).all()):
+        raise UsageError(f"{body.name}: velocity is {body.velocity}.", "Give three finite numbers in m/s.")
+    if body.mesh == "recovered":
+        if recovered is None:
+            raise UsageError(f"{body.name}: there is no recovered object here.", "Give a mesh instead.")
+        actor = _enter_recovered(body, *recovered)
+    else:
+        actor = _enter_mesh(body, base_dir)
+    if body.pin is None:
+        return actor
+    return _pin(actor, base_dir / body.pin)
+
+
+def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor:
+    material = source.material if body.material is None else find(body.material)
+    particles, surface = source.particles, source.surface
+    velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
+    rider = Rider(surface.vertices, surface.attachment, particles.x)
+    return _Actor(body, particles, _overridden(material, body), np.array(velocity, dtype=np.float64), rider, surface.triangles, [])
+
+
+def _enter_mesh(body: BodyEdit, base_dir: Path) -> _Actor:
+    vertices, triangles = load_mesh(base_dir / body.mesh)
+    filling = fill(vertices, triangles)
+    particles = filling.particles
+    velocity = np.broadcast_to(np.zeros(3) if body.velocity is None else np.asarray(body.velocity), particles.x.shape)
+    rider = ride(vertices, particles, np.zeros(0, dtype=int))
+    material = _overridden(find(body.material or DEFAULT), body)
+    return _Actor(body, particles, material, np.array(velocity, dtype=np.float64), rider, triangles, list(filling.notes))
+
+
+def _overridden(material: Material, body: BodyEdit) -> Material:
+    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")
+    return adjusted(material, **{name: getattr(body, name) for name in names})
+
+
+def _pin(actor: _Actor, path: Path) -> _Actor:
+    """The actor with pins: vertex indices for a mesh, particle indices for the recovered object."""
+    pinned = actor.particles.pinned.copy()
+    if actor.edit.mesh == "recovered":
+        pinned[read_pins(path, len(pinned), "particles")] = True
+        particles = dataclasses.replace(actor.particles, pinned=pinned)
+        return dataclasses.replace(actor, particles=particles, velocity=np.where(pinned[:, None], 0.0, actor.velocity))
+    rest = actor.rider.rest
+    pins = read_pins(path, len(rest), "vertices")
+    pinned |= particles_at(rest[pins], actor.particles)
+    particles = dataclasses.replace(actor.particles, pinned=pinned)
+    velocity = np.where(pinned[:, None], 0.0, actor.velocity)
+    return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=ride(rest, particles, pins))
+
+
+# -- the motion -------------------------------------------------------------------------------------------------------------------
+
+
+def _move(
+    actors: Sequence[_Actor], field: ForceField, gravity: Sequence[float], strength: np.ndarray, progress: Progress, begun: float, share: float
+) -> tuple[list[np.ndarray], list[str]]:
+    """Simulate actors that share a grid. Returns positions (T+1, N, 3) of each, and notes on the solver's choices."""
+    ends = np.cumsum([len(actor.particles.x) for actor in actors])
+    slices = [slice(end - len(actor.particles.x), end) for actor, end in zip(actors, ends)]
+    density = np.concatenate([np.full(len(a.particles.x), a.material.density * a.edit.mass_scale) for a in actors])
+    starts = {actor.edit.start_frame for actor in actors}
+    state = State.at_rest(np.concatenate([actor.particles.x for actor in actors]))
+    model, notes = _model(actors, 0, field.fps, gravity)
+    history = [state.x]
+    for t in range(field.frames):
+        progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {', '.join(a.edit.name for a in actors)}")
+        if t in starts:
+            model = _model(actors, t, field.fps, gravity)[0]
+            state = _released(state, actors, slices, t)
+        if t >= min(starts):
+            force, gradient = continued(field, state.x, t)
+            scale = strength[t] / density
+            state = advance(model, state, force * scale[:, None], gradient * scale[:, None, None], frame=t)
+        history.append(state.x)
+    path = np.stack(history)
+    return [path[:, part] for part in slices], notes
+
+
+def _model(actors: Sequence[_Actor], frame: int, fps: float, gravity: Sequence[float]) -> tuple[Model, list[str]]:
+    """The solver's model while all bodies that start after `frame` are held."""
+    particles = [
+        actor.particles if actor.edit.start_frame <= frame else dataclasses.replace(actor.particles, pinned=np.ones(len(actor.particles.x), dtype=bool))
+        for actor in actors
+    ]
+    speed = max(5.0, 1.5 * max(float(np.linalg.norm(actor.velocity, axis=1).max()) for actor in actors))
+    model, notes = model_for(
+        particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
+        max_substeps=MAX_SUBSTEPS,
+    )  # fmt: skip
+    return dataclasses.replace(model, substeps=max(model.substeps, MIN_SUBSTEPS)), notes
+
+
+def _released(state: State, actors: Sequence[_Actor], slices: Sequence[slice], frame: int) -> State:
+    """The state with the velocity of every body that starts now."""
+    v = state.v.copy()
+    for actor, part in zip(actors, slices):
+        if actor.edit.start_frame == frame:
+            v[part] = actor.velocity
+    return State(state.x, v, state.C, state.F)
+
+
+def continued(field: ForceField, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]; beyond the box those of its nearest place."""
+    nearest = np.clip(points, field.box[0], field.box[1])
+    force, _ = field.sample(nearest, frame)
+    return force, field.gradient(nearest, frame) * (nearest == points)[:, None, :]
+
+
+def _outside_note(x: np.ndarray, field: ForceField) -> list[str]:
+    """A note if more than a tenth of a body was outside the field's box at some time. x (T+1, N, 3) [m]."""
+    outside = ((x < field.box[0]) | (x > field.box[1])).any(axis=2).mean(axis=1)
+    if outside.max() <= 0.1:
+        return []
+    first = int(np.argmax(outside > 0.1))
+    return [f"{100 * outside.max():.0f} % of it lies outside the field's box at times, first in frame {first}; there the force is the box's edge's"]

@@ -1,0 +1,39 @@
+"""The Blender side. Imports bpy, NumPy and the engine's ground floor; never torch, Taichi or OpenCV."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import commands, engine_environment, freshness, job_operator, operators, panels, preferences, properties, status
+
+CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *job_operator.CLASSES, *panels.CLASSES)
+
+
+def register() -> None:
+    """Called by Blender when the extension is switched on."""
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.seeing_wind = bpy.props.PointerProperty(type=properties.SEEING_WIND_PG_scene)
+    freshness.register()
+    job_operator.register()
+    commands.register()
+    bpy.app.timers.register(_look_round, first_interval=0.0)
+
+
+def unregister() -> None:
+    """Called by Blender when the extension is switched off: running workers end with it."""
+    if bpy.app.timers.is_registered(_look_round):
+        bpy.app.timers.unregister(_look_round)
+    commands.unregister()
+    job_operator.unregister()
+    freshness.unregister()
+    status.forget_all()
+    del bpy.types.Scene.seeing_wind
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
+
+
+def _look_round() -> None:
+    """While it is being switched on, Blender lends no data: the first look at the scenes comes right after."""
+    engine_environment.refresh()
+    freshness.refresh_all()

@@ -1,0 +1,130 @@
+"""`blender --command seeing_wind VERB ...`: the worker's verbs and options, unchanged, with Blender's scene on top.
+
+`recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`. Exit codes are the worker's: 0 done, 1 failed, 2 wrong
+usage, 130 cancelled.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import bpy
+
+from ..engine.errors import SeeingWindError, UsageError
+from . import job, results, worker_calls
+from .console import Console
+from .engine_environment import engine_python
+
+NAME = "seeing_wind"
+VERBS = ("recover", "recover-trajectories", "sample", "resimulate", "export", "doctor")
+SAVES = ("recover", "recover-trajectories", "resimulate")
+
+USAGE = f"""usage: blender --command {NAME} VERB ...
+
+verbs: {", ".join(VERBS)}
+Each takes the options of `python -m seeing_wind.engine VERB`; see `blender --command {NAME} VERB --help`.
+{", ".join(SAVES)} also take --save FILE.blend."""
+
+
+def main(argv: list[str]) -> int:
+    """Run one verb; returns the exit code."""
+    if not argv or argv[0] in ("-h", "--help"):
+        print(USAGE)
+        return 0 if argv else 2
+    console = Console()
+    try:
+        verb, options, save = _split(argv)
+        python = engine_python()
+        if "-h" in options or "--help" in options:
+            return subprocess.run(worker_calls.command(python, verb, *options), env=worker_calls.environment(), check=False).returncode
+        code = _run(python, verb, options, console)
+        if code == 0 and save:
+            code = _save(python, verb, options, save, console)
+        return code
+    except SeeingWindError as error:
+        console.show({"type": "error", "message": error.message, "hint": error.hint})
+        return error.exit_code
+
+
+def _split(argv: list[str]) -> tuple[str, list[str], str]:
+    """Verb, the worker's options, and the file to save ("" for none).
+
+    Raises:
+        UsageError: for an unknown verb, or a --save that makes no sense.
+    """
+    verb, options, save = argv[0], [], ""
+    if verb not in VERBS:
+        raise UsageError(f"There is no verb '{verb}'.", f"Verbs: {', '.join(VERBS)}.")
+    rest = iter(argv[1:])
+    for word in rest:
+        if word == "--save" or word.startswith("--save="):
+            save = word.partition("=")[2] if "=" in word else next(rest, "")
+            if verb not in SAVES or not save.endswith(".blend"):
+                raise UsageError("--save takes the path of a .blend file, after recover or resimulate.", f"Got '{save}' after {verb}.")
+            if not os.path.isdir(os.path.dirname(os.path.abspath(save))):
+                raise UsageError(f"There is no folder for {save}.", "Make it first.")
+        else:
+            options.append(word)
+    return verb, options, save
+
+
+def _run(python: str, verb: str, options: list[str], console: Console) -> int:
+    """Run the worker in the user's own folder, so that relative paths mean what they say."""
+    call = worker_calls.command(python, verb, *options)
+    last = job.wait(job.run(call, cwd=os.getcwd(), env=worker_calls.environment() | {"PYTHONSAFEPATH": "1"}), console.show)
+    return last["code"] if last["code"] in (0, 1, 2) else job.CANCELLED if last["outcome"] == "cancelled" else 1
+
+
+def _save(python: str, verb: str, options: list[str], save: str, console: Console) -> int:
+    """A new file with the results: the field and the recovered object, and for a re-simulation its bodies with their motion."""
+    take = Path(_value(options, "--take")).resolve()
+    # The folder of the recovered field is the verb's own argument where --take names the re-simulation.
+    source = Path(options[0]).resolve() if verb == "resimulate" else take
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    if not hasattr(scene, "seeing_wind"):  # factory settings switch extensions off
+        from . import register
+
+        register()
+    settings = scene.seeing_wind
+    last = job.wait(results.sampling(python, source, settings.field_resolution), console.show)
+    if last["outcome"] != "done":
+        return 1
+    results.build(scene, source, str(Path(options[0]).resolve()) if verb == "recover" else "")
+    settings.recovered_take, settings.recovered_digest = str(source), "loaded"
+    if verb == "resimulate":
+        settings.simulated_take, settings.simulated_digest = str(take), "loaded"
+        results.import_bodies(scene, take, settings.frame_start)
+    bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(save))
+    print(f"Saved {os.path.abspath(save)}", flush=True)
+    return 0
+
+
+def _value(options: list[str], name: str) -> str:
+    """The value of an option that the worker has accepted already."""
+    for index, word in enumerate(options):
+        if word == name:
+            return options[index + 1]
+        if word.startswith(f"{name}="):
+            return word.partition("=")[2]
+    raise UsageError(f"{name} is missing.", f"See `blender --command {NAME} --help`.")
+
+
+_handle: object | None = None
+
+
+def register() -> None:
+    """Make the command known."""
+    global _handle
+    unregister()
+    _handle = bpy.utils.register_cli_command(NAME, main)
+
+
+def unregister() -> None:
+    """Forget the command."""
+    global _handle
+    if _handle is not None:
+        bpy.utils.unregister_cli_command(_handle)
+        _handle = None

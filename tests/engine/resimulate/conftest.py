@@ -1,0 +1,22 @@
+"""Meshes for the tests of this room."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def sheet() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
+    """An open rectangle in the XZ plane, its corner at the origin: sheet(width, height) -> vertices, triangles."""
+
+    def make(width: float, height: float, columns: int = 8, rows: int = 6) -> tuple[np.ndarray, np.ndarray]:
+        u, v = np.meshgrid(np.linspace(0, width, columns + 1), np.linspace(0, height, rows + 1), indexing="ij")
+        vertices = np.stack([u.ravel(), np.zeros(u.size), v.ravel()], 1)
+        index = np.arange(u.size).reshape(u.shape)
+        a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+        return vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+    return make

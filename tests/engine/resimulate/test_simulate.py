@@ -1,0 +1,216 @@
+"""Inserted meshes move as physics and the edit say."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import MaterialError, UsageError
+from seeing_wind.engine.field.analytic import ForceFieldAnalytic, UniformField
+from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Outcome, Particles, Recovery, Surface
+from seeing_wind.engine.resimulate import simulate_bodies
+from seeing_wind.engine.resimulate.simulate import continued
+from seeing_wind.engine.settings import BodyEdit, Edit
+
+trimesh = pytest.importorskip("trimesh")
+
+FPS, FRAMES = 30.0, 8
+BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+SOFT = {"density": 500.0, "youngs_modulus": 2e4}
+WEIGHTLESS = (0.0, 0.0, 0.0)
+
+
+def uniform(force=(600.0, 0.0, 300.0), frames=FRAMES) -> UniformField:
+    return UniformField(BOX, FPS, frames, np.array(force))
+
+
+def waves(frames=FRAMES) -> ForceFieldAnalytic:
+    """A field that bends and turns."""
+    amplitude = np.broadcast_to(np.array([[0.0, 900.0, 400.0]]), (frames, 1, 3))
+    return ForceFieldAnalytic(BOX, FPS, frames, np.tile([500.0, 0.0, 0.0], (frames, 1)), np.array([[9.0, 0.0, 0.0]]), np.zeros(1), amplitude)
+
+
+@pytest.fixture
+def folder(tmp_path, sheet):
+    trimesh.creation.box((0.2, 0.2, 0.2)).export(tmp_path / "box.obj")
+    vertices, triangles = sheet(0.3, 0.2)
+    np.savez(tmp_path / "flag.npz", vertices=vertices, triangles=triangles)
+    return tmp_path
+
+
+def run(folder, *bodies: BodyEdit, field=None, gravity=WEIGHTLESS, recovered=None, **edit):
+    return simulate_bodies(Edit(body=bodies, gravity=gravity, **edit), field or uniform(), recovered, folder)
+
+
+def centre_acceleration(vertices: np.ndarray, frames: int = 4) -> np.ndarray:
+    """Constant acceleration of the mean vertex over the first frames, from x = a t² / 2."""
+    t = np.arange(1, frames + 1) / FPS
+    moved = vertices[1 : frames + 1].mean(1) - vertices[0].mean(0)
+    return (moved * t[:, None] ** 2).sum(0) / (t**4).sum() * 2.0
+
+
+def test_a_free_body_accelerates_by_force_over_density(folder):
+    body = run(folder, BodyEdit("box", "box.obj", **SOFT))["box"]
+    assert body.vertices.shape == (FRAMES + 1, 8, 3)
+    assert body.triangles.shape == (12, 3)
+    np.testing.assert_allclose(centre_acceleration(body.vertices), [1.2, 0.0, 0.6], atol=0.012)
+
+
+def test_picture_zero_is_the_mesh_itself(folder):
+    body = run(folder, BodyEdit("flag", "flag.npz", **SOFT))["flag"]
+    np.testing.assert_allclose(body.vertices[0], np.load(folder / "flag.npz")["vertices"], atol=1e-12)
+
+
+@pytest.mark.parametrize("field", [uniform(), waves()])
+def test_doubled_mass_halves_the_acceleration(folder, field):
+    one, two = BodyEdit("one", "flag.npz", **SOFT), BodyEdit("two", "flag.npz", mass_scale=2.0, **SOFT)
+    bodies = run(folder, one, two, field=field)
+    single, double = (centre_acceleration(bodies[name].vertices) for name in ("one", "two"))
+    assert np.linalg.norm(single) > 0.5
+    np.testing.assert_allclose(double, single / 2.0, atol=0.02 * np.linalg.norm(single) / 2.0)
+
+
+def test_gravity_does_not_depend_on_mass(folder):
+    body = run(folder, BodyEdit("box", "box.obj", mass_scale=3.0, **SOFT), gravity=(0, 0, -9.81), field_strength=0.0)["box"]
+    np.testing.assert_allclose(centre_acceleration(body.vertices), [0, 0, -9.81], atol=0.1)
+
+
+def test_field_strength_per_frame(folder):
+    strength = (1.0,) * 4 + (0.0,) * 4
+    body = run(folder, BodyEdit("box", "box.obj", **SOFT), field_strength=strength)["box"]
+    velocity = np.diff(body.vertices.mean(1), axis=0) * FPS
+    np.testing.assert_allclose(velocity[5:], np.tile([1.2 * 4 / FPS, 0.0, 0.6 * 4 / FPS], (3, 1)), atol=5e-3)
+
+
+def test_pinned_vertices_stay(folder):
+    vertices = np.load(folder / "flag.npz")["vertices"]
+    pins = np.flatnonzero(vertices[:, 0] < 1e-6)
+    np.save(folder / "pins.npy", pins)
+    field = waves(20)
+    bodies = run(folder, BodyEdit("held", "flag.npz", pin="pins.npy", **SOFT), BodyEdit("free", "flag.npz", **SOFT), field=field, gravity=(0, 0, -9.81))
+    moved = np.linalg.norm(bodies["held"].vertices - vertices, axis=-1)
+    assert moved[:, pins].max() < 1e-4
+    assert moved[-1].max() > 0.02
+    free = np.linalg.norm(bodies["free"].vertices - vertices, axis=-1)
+    assert free[-1].min() > 0.5
+
+
+def test_a_single_pinned_vertex_holds(folder):
+    vertices = np.load(folder / "flag.npz")["vertices"]
+    np.save(folder / "corner.npy", np.array([0]))
+    body = run(folder, BodyEdit("held", "flag.npz", pin="corner.npy", **SOFT), gravity=(0, 0, -9.81))["held"]
+    assert np.linalg.norm(body.vertices[:, 0] - vertices[0], axis=-1).max() < 1e-4
+    assert np.isfinite(body.vertices).all()
+
+
+def test_a_body_waits_for_its_start_frame(folder):
+    late = run(folder, BodyEdit("late", "box.obj", start_frame=3, velocity=(0.5, 0.0, 0.0), **SOFT))["late"].vertices
+    early = run(folder, BodyEdit("early", "box.obj", velocity=(0.5, 0.0, 0.0), **SOFT))["early"].vertices
+    np.testing.assert_array_equal(late[:4], np.broadcast_to(late[0], (4, 8, 3)))
+    np.testing.assert_allclose(late[3:], early[: FRAMES - 2], atol=1e-9)
+
+
+def test_bodies_in_contact_push_each_other(folder):
+    first = trimesh.creation.box((0.2,) * 3).apply_translation((-0.16, 0, 0))
+    first.export(folder / "left.obj")
+    bodies = (BodyEdit("left", "left.obj", velocity=(2.0, 0, 0), **SOFT), BodyEdit("right", "box.obj", **SOFT))
+    bodies_apart = (bodies[0], BodyEdit("right", "moved.obj", **SOFT))
+    trimesh.creation.box((0.2,) * 3).apply_translation((0.1, 0, 0)).export(folder / "moved.obj")
+    alone = run(folder, *bodies_apart, field=uniform((0, 0, 0)))
+    together = run(folder, *bodies_apart, field=uniform((0, 0, 0)), contact=True)
+    assert np.abs(alone["right"].vertices[-1] - alone["right"].vertices[0]).max() < 1e-6
+    assert (together["right"].vertices[-1] - together["right"].vertices[0])[:, 0].mean() > 0.05
+    momentum = sum((body.vertices[-1] - body.vertices[-2]).mean(0)[0] * FPS for body in together.values())
+    assert momentum == pytest.approx(2.0, rel=0.03)
+
+
+def test_contact_with_a_body_that_has_not_started(folder):
+    trimesh.creation.box((0.2,) * 3).apply_translation((0.4, 0, 0)).export(folder / "other.obj")
+    bodies = (BodyEdit("now", "box.obj", **SOFT), BodyEdit("late", "other.obj", start_frame=5, **SOFT))
+    result = run(folder, *bodies, contact=True)
+    assert np.abs(result["late"].vertices[:6] - result["late"].vertices[0]).max() < 1e-12
+    assert result["late"].vertices[-1, :, 0].mean() > result["late"].vertices[0, :, 0].mean() + 1e-3
+
+
+def recovered_object() -> tuple[Body, Recovery]:
+    axis = (np.arange(8) + 0.5) * 0.02
+    x = np.stack(np.meshgrid(axis, [0.0, 0.02], axis, indexing="ij"), -1).reshape(-1, 3)
+    count = len(x)
+    each = Attachment(np.arange(count, dtype=np.int32)[:, None], np.ones((count, 1)))
+    particles = Particles(x, np.full(count, 8e-6), np.zeros(count, dtype=bool), 0.02)
+    cloud = Gaussians(x, np.full((count, 3), 0.01), np.tile([1.0, 0, 0, 0], (count, 1)), np.ones(count), np.zeros((count, 1, 3)), each)
+    surface = Surface(x[:3], np.array([[0, 1, 2]], dtype=np.int32), np.zeros((3, 2)), Attachment(each.index[:3], each.weight[:3]))
+    body = Body(particles, Material("clip", "corotated", 500.0, 2e4, 0.3), cloud, surface, each, np.zeros((FRAMES + 1, count, 3)))
+    v0 = np.tile([0.0, 0.3, 0.0], (count, 1))
+    zero = np.zeros((FRAMES, count, 3))
+    path = np.tile(x, (FRAMES + 1, 1, 1))
+    F = np.tile(np.eye(3), (FRAMES + 1, count, 1, 1))
+    return body, Recovery(Outcome.CONVERGED, zero, zero[..., 0], path, F, v0, np.zeros(FRAMES + 1), "m", 1, 0.0)
+
+
+def test_the_recovered_object_starts_with_its_own_velocity_and_takes_particle_pins(folder):
+    source = recovered_object()
+    free = run(folder, BodyEdit("clip", "recovered"), field=uniform((0, 0, 0)), recovered=source)["clip"].vertices
+    np.testing.assert_allclose(free[-1] - free[0], np.tile([0, 0.3 * FRAMES / FPS, 0], (3, 1)), atol=1e-4)
+    np.save(folder / "particles.npy", np.arange(32))
+    held = run(folder, BodyEdit("clip", "recovered", pin="particles.npy"), recovered=source)["clip"].vertices
+    assert np.linalg.norm(held - held[0], axis=-1).max() < 1e-4
+
+
+def test_beyond_its_box_the_field_goes_on_from_the_edge():
+    field = waves()
+    points = np.array([[0.5, 0.0, 0.0], [1.5, 0.2, 0.0]])
+    force, gradient = continued(field, points, 0)
+    np.testing.assert_allclose(force[1], field.sample(np.array([[1.0, 0.2, 0.0]]), 0)[0][0])
+    assert np.abs(gradient[0, :, 0]).max() > 0.0
+    np.testing.assert_array_equal(gradient[1, :, 0], 0.0)
+
+
+def test_leaving_the_box_is_said(folder):
+    body = run(folder, BodyEdit("box", "box.obj", velocity=(4.0, 0, 0), start_frame=0, **SOFT), field=UniformField(BOX * 0.3, FPS, FRAMES, np.zeros(3)))
+    assert any("outside the field's box" in note for note in body["box"].notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "says"),
+    [
+        ({"mesh": "none.obj"}, UsageError, "no mesh"),
+        ({"material": "unobtainium"}, MaterialError, "unobtainium"),
+        ({"mass_scale": 0.0}, UsageError, "mass_scale"),
+        ({"mass_scale": float("nan")}, UsageError, "mass_scale"),
+        ({"start_frame": 99}, UsageError, "start_frame"),
+        ({"velocity": (1.0, 2.0)}, UsageError, "velocity"),
+        ({"pin": "none.npy"}, UsageError, "pins"),
+        ({"pin": "float.npy"}, UsageError, "float64"),
+        ({"pin": "far.npy"}, UsageError, "name 800"),
+        ({"pin": "empty.npy"}, UsageError, "at least one|index"),
+        ({"mesh": "recovered"}, UsageError, "no recovered object"),
+        ({"density": -1.0}, MaterialError, "density"),
+    ],
+)
+def test_bad_edits_are_refused_with_a_sentence(folder, change, error, says):
+    np.save(folder / "float.npy", np.array([0.5]))
+    np.save(folder / "far.npy", np.array([800]))
+    np.save(folder / "empty.npy", np.zeros(0, dtype=int))
+    with pytest.raises(error) as raised:
+        run(folder, BodyEdit(**({"name": "box", "mesh": "box.obj", **SOFT} | change)))
+    assert re.search(says, str(raised.value))
+
+
+def test_a_list_of_strengths_must_fit_the_clip(folder):
+    with pytest.raises(UsageError, match="3 values for 8 frames"):
+        run(folder, BodyEdit("box", "box.obj"), field_strength=(1.0, 2.0, 3.0))
+
+
+def test_cancel_stops_between_frames(folder):
+    calls = []
+
+    def cancelled() -> bool:
+        calls.append(1)
+        return len(calls) > 3
+
+    with pytest.raises(Cancelled):
+        simulate_bodies(Edit((BodyEdit("box", "box.obj", **SOFT),)), uniform(), None, folder, Progress(cancelled=cancelled))
