@@ -38,7 +38,8 @@ def run(script: Path, arguments: list[str], blender: str | None = None, follow: 
         BlenderFailed: also when the script ends with an error.
     """
     lines: list[str] = []
-    with subprocess.Popen(command(script, arguments, blender), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace") as process:
+    line_of = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "errors": "replace"}
+    with subprocess.Popen(command(script, arguments, blender), **line_of) as process:
         assert process.stdout is not None
         for line in process.stdout:
             lines.append(line)

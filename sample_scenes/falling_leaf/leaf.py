@@ -1,7 +1,7 @@
 """The leaf: an outline with teeth and a stalk, a triangle mesh of it, and its picture, all from a seed with NumPy alone.
 
 Leaf coordinates: u across, v from the stalk's end towards the tip [m], the blade's middle at the origin; the mesh lies flat in that
-plane. One square picture covers `PICTURE` metres, so a texture coordinate is (u, v) / PICTURE + 1/2 (Blender's convention, origin bottom left).
+plane. One square picture covers `PICTURE` metres, so a texture coordinate is (u, v) / PICTURE + 1/2 (origin bottom left, as in Blender).
 """
 
 from __future__ import annotations
@@ -39,8 +39,10 @@ def make_leaf(seed: int, edge: float = 0.006) -> Leaf:
     """The leaf of `seed`, triangles with edges of about `edge` metres."""
     outline = _outline(np.random.default_rng(seed))
     low, high = outline.min(0), outline.max(0)
-    rows = [np.stack([np.arange(low[0] + (k % 2) * edge / 2, high[0], edge), np.full(len(np.arange(low[0] + (k % 2) * edge / 2, high[0], edge)), v)], 1)
-            for k, v in enumerate(np.arange(low[1], high[1], edge * np.sqrt(0.75)))]
+    rows = []
+    for k, v in enumerate(np.arange(low[1], high[1], edge * np.sqrt(0.75))):
+        u = np.arange(low[0] + (k % 2) * edge / 2, high[0], edge)
+        rows.append(np.stack([u, np.full(len(u), v)], 1))
     grid = np.concatenate(rows)
     border = _resample(outline, edge)
     grid = grid[inside(outline, grid) & (cKDTree(border).query(grid)[0] > 0.55 * edge)]
@@ -126,7 +128,8 @@ def _outline(rng: np.random.Generator) -> np.ndarray:
     right, left = sides
     low = -LENGTH / 2
     drift = rng.uniform(-0.4, 0.4) * STALK * 0.3
-    stalk = np.array([[-STALK_HALF_WIDTH, low + 0.004], [drift - STALK_HALF_WIDTH, low - STALK], [drift + STALK_HALF_WIDTH, low - STALK], [STALK_HALF_WIDTH, low + 0.004]])
+    half = STALK_HALF_WIDTH
+    stalk = np.array([[-half, low + 0.004], [drift - half, low - STALK], [drift + half, low - STALK], [half, low + 0.004]])
     right, left = (side[np.abs(side[:, 0]) > STALK_HALF_WIDTH * (side[:, 1] < low + 0.02)] for side in sides)
     return np.concatenate([right, left[::-1], stalk])
 
@@ -212,7 +215,8 @@ def make_backdrop(seed: int, width: int = 1280, height: int = 720) -> np.ndarray
     picture = np.broadcast_to(sky, (height, width, 3)).copy()
     x = np.arange(width)
     for base, rise, colour, blur in ((0.60, 0.05, [0.56, 0.66, 0.68], 10), (0.64, 0.09, [0.42, 0.52, 0.44], 7)):
-        line = gaussian_filter(rng.standard_normal(width), width / 40) * 5.0 + gaussian_filter(rng.standard_normal(width), width / 160) * 1.2
+        line = gaussian_filter(rng.standard_normal(width), width / 40) * 5.0
+        line += gaussian_filter(rng.standard_normal(width), width / 160) * 1.2
         top = base - rise * (0.5 + line / 3.0)
         mask = gaussian_filter((y > top[None, x]).astype(float), blur)
         picture = _mix(picture, colour, mask)
@@ -224,5 +228,6 @@ def make_backdrop(seed: int, width: int = 1280, height: int = 720) -> np.ndarray
     for _ in range(46):
         cx, cy, radius = rng.uniform(0, width), rng.uniform(0.52, 0.72) * height, rng.uniform(9, 24)
         away = np.hypot(np.arange(width)[None] - cx, np.arange(height)[:, None] - cy)
-        picture = _mix(picture, list(rng.choice([[0.98, 0.90, 0.66], [0.80, 0.86, 0.62], [0.99, 0.80, 0.55]])), 0.22 * np.clip(1.0 - (away - radius) / 3.0, 0.0, 1.0))
+        glow = list(rng.choice([[0.98, 0.90, 0.66], [0.80, 0.86, 0.62], [0.99, 0.80, 0.55]]))
+        picture = _mix(picture, glow, 0.22 * np.clip(1.0 - (away - radius) / 3.0, 0.0, 1.0))
     return (np.clip(picture + rng.normal(0.0, 0.006, (height, width, 1)), 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

@@ -1,6 +1,6 @@
 """Builds the sample clip from nothing: a leaf in a known wind, simulated with the engine's solver and rendered with Blender.
 
-    python sample_scenes/falling_leaf/make.py --out DIR [--seed N] [--frames 45] [--size 640x360] [--samples N] [--blender PATH] [--no-render]
+    python sample_scenes/falling_leaf/make.py --out DIR [--seed N] [--frames 45] [--size 640x360] [--samples N] [--blender PATH]
 
 What a user of the clip would have: clip.mp4, camera.json, mask_0000.png, box.json (box round the leaf, distance, what it is made of).
 For the report only: known_wind.safetensors (the field) and truth.npz (particles and forces), which the recovery never reads.
@@ -23,9 +23,11 @@ sys.path[:0] = [str(HERE), str(HERE.parents[1])]  # a script of the source tree:
 from in_blender import BlenderFailed, run  # noqa: E402
 from leaf import Leaf, make_backdrop, make_leaf, make_picture  # noqa: E402
 from motion import DENSITY, MATERIAL, START, THICKNESS, YOUNGS_MODULUS, Flight, fly, tilt  # noqa: E402
+
 from seeing_wind.engine.conventions import GRAVITY, front_view  # noqa: E402
 from seeing_wind.engine.errors import SeeingWindError  # noqa: E402
 from seeing_wind.engine.records import Camera  # noqa: E402
+from seeing_wind.engine.report.accuracy import uniform_errors  # noqa: E402
 
 DISTANCE = 2.0
 """From the camera to the leaf in picture 0 [m]."""
@@ -53,10 +55,12 @@ def main(argv: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 1
     fall = flight.x[-1].mean(0) - flight.x[0].mean(0)
+    magnitude, direction = uniform_errors(flight.acceleration)
     print(
-        f"{len(flight.x)} pictures at {camera.width}x{camera.height}, {len(flight.particles.x)} particles; the leaf sinks {-fall[2]:.2f} m, "
-        f"drifts {fall[0]:.2f} m and tilts up to {tilt(flight).max():.0f} degrees.\n"
-        f"simulated in {simulated - started:.0f} s, rendered in {time.perf_counter() - simulated:.0f} s: {out}"
+        f"{len(flight.x)} pictures at {camera.width}x{camera.height}, {len(flight.particles.x)} particles.\n"
+        f"The leaf sinks {-fall[2]:.2f} m, drifts {fall[0]:.2f} m and tilts up to {tilt(flight).max():.0f} degrees.\n"
+        f"A uniform field with the right net force in every frame would be off by {magnitude:.0f} % and {direction:.0f} degrees.\n"
+        f"Simulated in {simulated - started:.0f} s, rendered in {time.perf_counter() - simulated:.0f} s: {out}"
     )
     return 0
 
@@ -132,9 +136,8 @@ def write_scene(out: Path, leaf: Leaf, flight: Flight, camera: Camera, seed: int
     for name, picture in (("mask_0000", mask), ("leaf", make_picture(seed)[:, :, ::-1]), ("backdrop", make_backdrop(seed)[:, :, ::-1])):
         if not cv2.imwrite(str(out / f"{name}.png"), picture):
             raise SeeingWindError(f"Cannot write {out / name}.png.", "Choose another folder.")
-    np.savez_compressed(
-        out / "scene.npz", vertices=flight.surface.astype(np.float32), triangles=leaf.triangles, uv=leaf.uv, fps=flight.wind.fps, samples=samples
-    )
+    shape = {"vertices": flight.surface.astype(np.float32), "triangles": leaf.triangles, "uv": leaf.uv}
+    np.savez_compressed(out / "scene.npz", **shape, fps=flight.wind.fps, samples=samples)
     flight.wind.save(out / "known_wind.safetensors")
     material = flight.material
     np.savez_compressed(

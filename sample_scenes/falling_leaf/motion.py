@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
 from leaf import Leaf, inside
+from wind import Wind
+
 from seeing_wind.engine.conventions import GRAVITY
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 from seeing_wind.engine.materials import adjusted, find
@@ -15,7 +16,6 @@ from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.object.control import attach
 from seeing_wind.engine.records import Material, Particles
-from wind import Wind
 
 MATERIAL = "leaf"
 DENSITY = 400.0
@@ -23,7 +23,7 @@ DENSITY = 400.0
 THICKNESS = 0.012
 """Metres: forty times a real leaf's, so that particles fit in."""
 YOUNGS_MODULUS = 6.0e4
-"""Pa. A plate's stiffness against bending per mass goes as E h² / rho: with forty times the thickness, 6e4 Pa bends like 1e8 Pa in a real leaf."""
+"""Pa. A plate's stiffness against bending per mass goes as E h² / rho: at forty times the thickness 6e4 Pa do what 1e8 Pa do in a leaf."""
 START = (0.0, 0.0, 1.6)
 """Where the blade's middle is in picture 0 [m]."""
 ROLL = 0.5

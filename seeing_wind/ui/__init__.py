@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+
 import bpy
 
 from . import commands, engine_environment, freshness, job_operator, operators, panels, preferences, properties, status
@@ -18,10 +20,14 @@ def register() -> None:
     job_operator.register()
     commands.register()
     bpy.app.timers.register(_look_round, first_interval=0.0)
+    if bpy.app.module:
+        # Blender as a Python module (4.5.15) crashes or hangs at exit with Python handlers still attached.
+        atexit.register(unregister)
 
 
 def unregister() -> None:
     """Called by Blender when the extension is switched off: running workers end with it."""
+    atexit.unregister(unregister)
     if bpy.app.timers.is_registered(_look_round):
         bpy.app.timers.unregister(_look_round)
     commands.unregister()

@@ -33,7 +33,11 @@ class Console:
         elif kind == "log":
             print(message["message"], file=self.out, flush=True)
         elif kind == "result" and message.get("outcome") != "failed":  # its error has been shown
-            figures = [f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}" for key, value in message.items() if _is_figure(key, value)]
+            figures = [
+                f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}"
+                for key, value in message.items()
+                if _is_figure(key, value)
+            ]
             print(", ".join([str(message.get("outcome", "done")), *figures]), file=self.out, flush=True)
 
     def _progress(self, message: Message) -> None:

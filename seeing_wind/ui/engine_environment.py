@@ -51,7 +51,9 @@ def engine_python() -> str:
     for chosen, where in ((preferred_python(), "the preferences"), (os.environ.get("SEEING_WIND_PYTHON", ""), "SEEING_WIND_PYTHON")):
         if chosen:
             if not os.path.isfile(chosen):
-                raise WrongPython(f"The engine's Python named by {where} is not there: {chosen}.", "Correct it, or clear it to use the installed engine.")
+                raise WrongPython(
+                    f"The engine's Python named by {where} is not there: {chosen}.", "Correct it, or clear it to use the installed engine."
+                )
             return chosen
     home = user_environment(create=False)
     if home is not None and (home / MARKER).is_file() and executable(home).is_file():
@@ -93,7 +95,8 @@ def base_python() -> str:
     wanted = ", ".join(f"{a}.{b}" for a, b in VERSIONS)
     found = f" ({'; '.join(tried)})" if tried else ""
     raise SeeingWindError(
-        f"No Python {wanted} with venv was found{found}.", "Install one of these from your system or python.org, then try again, or name one in the preferences."
+        f"No Python {wanted} with venv was found{found}.",
+        "Install one of these from your system or python.org, then try again, or name one in the preferences.",
     )
 
 
@@ -105,7 +108,9 @@ def install() -> job.Messages:
         SeeingWindError: when there is no fitting Python or no place for the environment.
     """
     if not bpy.app.online_access:
-        raise NoOnlineAccess("Installing the engine needs the network, and Blender may not use it.", "Allow Online Access in Preferences > System > Network.")
+        raise NoOnlineAccess(
+            "Installing the engine needs the network, and Blender may not use it.", "Allow Online Access in Preferences > System > Network."
+        )
     folder = user_environment(create=True)
     if folder is None:
         raise SeeingWindError("This is not an installed extension.", "From source, run `make setup` instead.")
@@ -117,7 +122,11 @@ def _install(base: str, folder: Path) -> job.Messages:
     requirements = str(ROOT / "seeing_wind" / "engine" / "requirements.txt")
     programs = [
         ("Making the environment", 0.02, [base, "-m", "venv", "--clear", str(folder)]),
-        ("Downloading packages", 0.05, [str(executable(folder)), "-m", "pip", "install", "--no-input", "--progress-bar", "off", "-r", requirements]),
+        (
+            "Downloading packages",
+            0.05,
+            [str(executable(folder)), "-m", "pip", "install", "--no-input", "--progress-bar", "off", "-r", requirements],
+        ),
         ("Trying the engine", 0.95, command(str(executable(folder)), "doctor")),
     ]
     last: job.Message = {}

@@ -114,5 +114,7 @@ def unregister() -> None:
     """Detach the handlers, also those of a former registration."""
     for name, handler in HANDLERS:
         handlers = getattr(bpy.app.handlers, name)
-        for present in [h for h in handlers if getattr(h, "__qualname__", "") == handler.__qualname__ and h.__module__ == handler.__module__]:
+        for present in [
+            h for h in handlers if getattr(h, "__qualname__", "") == handler.__qualname__ and h.__module__ == handler.__module__
+        ]:
             handlers.remove(present)

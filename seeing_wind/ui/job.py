@@ -48,7 +48,9 @@ def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: floa
         process = _start(command, cwd, env)
     except OSError as error:
         reason = error.strerror or str(error)
-        failure = _error(f"{command[0]} cannot be started: {reason}.", "Check the engine's Python in the preferences, or install the engine again.")
+        failure = _error(
+            f"{command[0]} cannot be started: {reason}.", "Check the engine's Python in the preferences, or install the engine again."
+        )
         failure["mend"] = "install_engine"
         farewell = {"type": "exit", "code": -1, "outcome": "failed", "log": ""}
         yield [failure, farewell]

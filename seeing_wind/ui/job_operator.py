@@ -88,10 +88,9 @@ class JobOperator:
         except SeeingWindError as error:
             return self._fail(scene, error.message, error.hint, error.mend)
         status.begin(status.of(self.key), self.step, self.bl_label)
-        window = context.window
-        if bpy.app.background or window is None:
+        if blocks(context):
             return self._block(scene)
-        self.timer = context.window_manager.event_timer_add(TICK, window=window)
+        self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
         context.window_manager.modal_handler_add(self)
         redraw()
         return {"RUNNING_MODAL"}
@@ -215,6 +214,11 @@ class SEEING_WIND_OT_cancel(bpy.types.Operator):
         status.of(context.scene.session_uid).cancelling = True
         redraw()
         return {"FINISHED"}
+
+
+def blocks(context) -> bool:
+    """Whether there is no window whose timer could drive a job, so that the operator has to wait for it."""
+    return bpy.app.background or context.window is None
 
 
 def redraw() -> None:

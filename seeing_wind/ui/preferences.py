@@ -24,7 +24,7 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
     )  # fmt: skip
 
     def draw(self, context) -> None:
-        from .panels import draw_engine
+        from .panel_pieces import draw_engine
 
         self.layout.prop(self, "python")
         draw_engine(self.layout, context)

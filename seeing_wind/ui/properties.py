@@ -25,7 +25,11 @@ KEPT = {"SKIP_SAVE"}
 """An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
 
 MATERIAL_ITEMS = [
-    (name, name.replace("_", " ").title(), f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}")
+    (
+        name,
+        name.replace("_", " ").title(),
+        f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}",
+    )
     for name, m in MATERIALS.items()
 ]
 
@@ -78,7 +82,13 @@ class ClipOptions:
     fps: _number("Frame Rate (1/s)", 0.0, "Frames per second of the clip; 0 takes what the file says", min=0.0, soft_max=240.0, step=100)
     use_frames: _toggle("Part of the Clip", "Use only some of the clip's pictures")
     frames: IntVectorProperty(
-        name="Pictures", size=2, default=(0, 40), min=0, description="First and last picture, both inclusive, counted from 0", options=KEPT, update=_changed
+        name="Pictures",
+        size=2,
+        default=(0, 40),
+        min=0,
+        description="First and last picture, both inclusive, counted from 0",
+        options=KEPT,
+        update=_changed,
     )
 
     object_mode: _choice("Object", "How the object is marked in the first picture", [
@@ -97,7 +107,9 @@ class ClipOptions:
         ("PIXELS", "Pixels per Metre", "The image scale in the object's plane is known"),
     ])  # fmt: skip
     distance: _number("Distance (m)", 2.0, "Metres from the camera to the object", min=0.001, soft_max=100.0, step=10, precision=3)
-    pixels_per_metre: _number("Scale (px/m)", 400.0, "Pixels per metre in the object's plane", min=0.01, soft_max=10000.0, step=1000, precision=1)
+    pixels_per_metre: _number(
+        "Scale (px/m)", 400.0, "Pixels per metre in the object's plane", min=0.01, soft_max=10000.0, step=1000, precision=1
+    )
     camera_mode: _choice("Camera", "What is known of the camera", [
         ("FOV", "Field of View", "A level camera that stands still and looks along +Y"),
         ("JSON", "File", "JSON with width height fx fy cx cy and camera_to_world"),
@@ -128,7 +140,13 @@ class ClipOptions:
         description="Folder of the results; empty: CLIP.take beside the .blend file, or in the temporary folder while it is unsaved",
     )  # fmt: skip
     iterations: IntProperty(
-        name="Iterations", default=RecoverSettings.iterations, min=1, soft_max=50, description="Gauss-Newton iterations at most", options=KEPT, update=_changed
+        name="Iterations",
+        default=RecoverSettings.iterations,
+        min=1,
+        soft_max=50,
+        description="Gauss-Newton iterations at most",
+        options=KEPT,
+        update=_changed,
     )
     seed: IntProperty(name="Seed", default=0, min=0, description="Of every random choice", options=KEPT, update=_changed)
 
@@ -143,11 +161,17 @@ class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
     density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
     use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
     youngs_modulus: _number("Young's Modulus (Pa)", 1e5, "Stiffness in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
-    mass_scale: _number("Mass Factor", 1.0, "2 doubles the mass: half the acceleration in the same wind", min=0.001, soft_max=100.0, step=10, precision=3)
+    mass_scale: _number(
+        "Mass Factor", 1.0, "2 doubles the mass: half the acceleration in the same wind", min=0.001, soft_max=100.0, step=10, precision=3
+    )
     pin_group: StringProperty(name="Pinned", description="Vertex group whose vertices are held in place", update=_changed)
     use_velocity: _toggle("Velocity", "Start with a velocity of its own instead of at rest (or as recovered)")
-    velocity: FloatVectorProperty(name="Velocity (m/s)", size=3, soft_min=-20.0, soft_max=20.0, step=10, description="At the start", update=_changed)
-    start_frame: IntProperty(name="Start Picture", default=0, min=0, description="The body stands still before this picture of the clip", update=_changed)
+    velocity: FloatVectorProperty(
+        name="Velocity (m/s)", size=3, soft_min=-20.0, soft_max=20.0, step=10, description="At the start", update=_changed
+    )
+    start_frame: IntProperty(
+        name="Start Picture", default=0, min=0, description="The body stands still before this picture of the clip", update=_changed
+    )
 
     result: StringProperty(options={"HIDDEN"}, description="Name of the body in the last re-simulation")
     baked_copy: PointerProperty(type=bpy.types.Object, options={"HIDDEN"}, description="Carries the motion where the object itself cannot")
@@ -164,11 +188,15 @@ class SEEING_WIND_PG_scene(ClipOptions, bpy.types.PropertyGroup):
         ("NONE", "None", "No gravity"),
         ("CUSTOM", "Custom", "An acceleration of your own"),
     ])  # fmt: skip
-    edit_gravity: FloatVectorProperty(name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, update=_changed)
+    edit_gravity: FloatVectorProperty(
+        name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, update=_changed
+    )
     contact: BoolProperty(name="Contact", default=False, description="Bodies push each other; off: each moves alone", update=_changed)
 
     frame_start: IntProperty(name="First Frame", default=1, description="Scene frame of the clip's first picture")
-    field_resolution: IntProperty(name="Field Nodes", default=6, min=2, max=12, description="Wind sources along each side of the field object")
+    field_resolution: IntProperty(
+        name="Field Nodes", default=6, min=2, max=12, description="Wind sources along each side of the field object"
+    )
 
     # What was made, and with which settings: part of the file and of its undo.
     recovered_digest: StringProperty(options={"HIDDEN"})

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..engine.errors import TakeError
-from ..engine.records import Surface
+from ..engine.records import Camera, Surface
 from ..engine.take import Take, from_arrays
 from . import job, worker_calls
 from .bake import bake_shape_keys, clear_bake
@@ -19,9 +19,26 @@ from .field_kernels import lattice
 from .field_object import create_field_object
 
 COLLECTION = "Seeing Wind"
-POINTS, SAMPLES = "blender_points.npz", "blender_samples.npz"
+POINTS, SAMPLES = "blender_points.npy", "blender_samples.npz"
 RIDING = 64
 """Arrows that ride on the recovered object, at most: more of them hide it."""
+
+
+@dataclass(frozen=True)
+class FieldSummary:
+    """What the scene needs to know of a recovered field."""
+
+    box: np.ndarray
+    """(2, 3) lower and upper corner [m]."""
+    fps: float
+    frames: int
+    """T."""
+    density: float
+    """Of the recovered material [kg/m³]."""
+    clip: str
+    """Path of the video; "" for a field from trajectories."""
+    first_frame: int
+    """Index in the video of picture 0."""
 
 
 @dataclass(frozen=True)
@@ -51,18 +68,18 @@ def places(take: Take, resolution: int) -> Places:
     Raises:
         TakeError: when the take has no report.
     """
-    field = _field_report(take)
-    box = np.asarray(field["box"], dtype=np.float64)
+    field = field_summary(take)
+    box = field.box
     nodes = lattice(box, resolution)
     inset = 0.5 * (box[1] - box[0]) / max(resolution - 1, 1)
-    x = take.read_arrays("trajectory.npz")["x"][: field["frames"]]
+    x = take.read_arrays("trajectory.npz")["x"][: field.frames]
     return Places(nodes, lattice(np.stack([box[0] + inset, box[1] - inset]), resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
 
 
 def sampling(python: str, folder: Path, resolution: int) -> job.Messages:
     """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
     take = Take(folder)
-    points = take.file("blender_points.npy")
+    points = take.file(POINTS)
     with take.writing(points.name) as aside:
         np.save(aside, places(take, resolution).rows())
     options = (str(folder), "--points", str(points), "--out", str(take.file(SAMPLES)))
@@ -81,24 +98,23 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         TakeError: when the take lacks something; the scene is then as before.
     """
     settings, take = scene.seeing_wind, Take(folder)
-    report, field = take.read_json("report.json"), _field_report(take)
-    where, samples = places(take, settings.field_resolution), take.read_arrays(SAMPLES)
-    if samples["force_density"].shape != (field["frames"], where.rows().shape[1], 3):
-        raise TakeError(f"The samples in {folder} do not fit its field.", "Build the scene again.")
+    field, where, samples = field_summary(take), places(take, settings.field_resolution), take.read_arrays(SAMPLES)
+    if samples["force_density"].shape != (field.frames, where.rows().shape[1], 3):
+        raise TakeError(f"The samples in {folder} do not fit its field.", "Load the results again.")
     at_nodes, at_probes, at_riding = where.split(samples["force_density"])
     sure_nodes, _, sure_riding = where.split(samples["confidence"])
-    body = take.read_arrays("particles.npz") if take.file("particles.npz").is_file() else None
+    body = take.read_arrays("particles.npz") if take.file("particles.npz").is_file() else {}
+    seen = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
 
     remove(settings)
     collection = _collection(scene)
-    camera = report.get("camera")
-    clip = clip or take.description().get("stages", {}).get("observe", {}).get("settings", {}).get("clip", "")
-    if camera and clip:
+    if seen:
+        camera = vars(from_arrays(Camera, seen, "camera."))
         settings.camera_object = setup_clip_scene(
-            scene, clip, camera, field["fps"], int(report.get("first_frame", 0)), field["frames"], settings.frame_start
+            scene, clip or field.clip, camera, field.fps, field.first_frame, field.frames, settings.frame_start
         )
     settings.field_object = create_field_object(
-        scene, "Recovered Wind", where.nodes, at_nodes, fps=field["fps"], density=float(report["density"]), frame_start=settings.frame_start,
+        scene, "Recovered Wind", where.nodes, at_nodes, fps=field.fps, density=field.density, frame_start=settings.frame_start,
         probes=where.probes, probe_vectors=at_probes, take=folder, collection=collection,
     )  # fmt: skip
     nodes = np.broadcast_to(where.nodes, at_nodes.shape)
@@ -106,8 +122,8 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         scene, "Recovered Wind Arrows", np.concatenate([nodes, where.riding], axis=1), np.concatenate([at_nodes, at_riding], axis=1),
         np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, collection=collection,
     )  # fmt: skip
-    if body is not None and "surface.vertices" in body:
-        settings.recovered_object = _recovered(scene, take, body, field["fps"], collection)
+    if body and seen:
+        settings.recovered_object = _recovered(scene, take, body, seen["image"], field.fps, collection)
 
 
 def remove(settings: bpy.types.PropertyGroup) -> None:
@@ -123,25 +139,34 @@ def remove(settings: bpy.types.PropertyGroup) -> None:
                 bpy.data.meshes.remove(data)
 
 
+def field_summary(take: Take) -> FieldSummary:
+    """Read it from the report.
+
+    Raises:
+        TakeError: when the report is missing, or from another version.
+    """
+    report = take.read_json("report.json")
+    try:
+        box, clip = np.asarray(report["box"], dtype=np.float64), report.get("clip", {})
+        return FieldSummary(
+            box,
+            float(report["fps"]),
+            int(report["frames"]),
+            float(report["material"]["density"]),
+            clip.get("path", ""),
+            int(clip.get("first_frame", 0)),
+        )
+    except (KeyError, TypeError, ValueError) as error:
+        raise TakeError(f"The report of {take.path} does not describe its field ({error}).", "Run Recover again.") from error
+
+
 def _recovered(
-    scene: bpy.types.Scene, take: Take, body: dict[str, np.ndarray], fps: float, collection: bpy.types.Collection
+    scene: bpy.types.Scene, take: Take, body: dict[str, np.ndarray], picture: np.ndarray, fps: float, collection: bpy.types.Collection
 ) -> bpy.types.Object:
     surface = from_arrays(Surface, body, "surface.")
-    if take.file("observation.npz").is_file():
-        picture = take.read_arrays("observation.npz")["image"]
-    else:
-        picture = np.full((2, 2, 3), 128, dtype=np.uint8)
     obj = create_recovered_object(scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, picture, collection)
     bake_shape_keys(obj, surface.attachment.follow(take.read_arrays("trajectory.npz")["x"]), scene.seeing_wind.frame_start, fps, scene)
     return obj
-
-
-def _field_report(take: Take) -> dict:
-    report = take.read_json("report.json")
-    field = report.get("field")
-    if not isinstance(field, dict) or not all(key in field for key in ("box", "fps", "frames")) or "density" not in report:
-        raise TakeError(f"The report of {take.path} does not describe its field.", "Run Recover again.")
-    return field
 
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:

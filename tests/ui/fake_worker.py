@@ -1,7 +1,7 @@
 """Speaks the worker's protocol without an engine: `fake_worker.py BEHAVIOUR [arguments ignored]`, standard library only.
 
-Behaviours: done, error, crash (Python exception), die (kills itself), mute (exit 1, says nothing), hang (stops on SIGINT), stubborn (ignores
-SIGINT and SIGTERM), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
+Behaviours: done, error, crash (Python exception), die (kills itself), mute (exit 1, says nothing), hang (stops on SIGINT), stubborn (takes no
+SIGINT and no SIGTERM), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
 SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` take.
 """
 
@@ -56,7 +56,12 @@ def main() -> int:
         send(type="result", outcome="converged", residual=0.21, iterations=7, seconds=SECONDS)
     elif behaviour == "error":
         send(type="progress", stage="observe", fraction=0.1, message="reading")
-        send(type="error", message="The box lies outside the picture of 480 x 270 pixels.", hint="Draw it round the object in the first picture.", mend="")
+        send(
+            type="error",
+            message="The box lies outside the picture of 480 x 270 pixels.",
+            hint="Draw it round the object in the first picture.",
+            mend="",
+        )
         send(type="result", outcome="failed", message="The box lies outside the picture.")
         return 1
     elif behaviour == "crash":

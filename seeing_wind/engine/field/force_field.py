@@ -74,7 +74,7 @@ class ForceField(ABC):
         }
         content = save({key: np.ascontiguousarray(value) for key, value in self._tensors().items()}, metadata)
         try:
-            Path(path).write_bytes(content)
+            Path(path).write_bytes(_reproducible(content))
         except OSError as error:
             raise TakeError(f"Cannot write {path}: {error.strerror or error}.", "Free some space or choose another folder.") from error
 
@@ -113,3 +113,11 @@ class ForceField(ABC):
         if not 0 <= frame < self.frames:
             raise UsageError(f"The field has no frame {frame}.", f"Its frames are 0 to {self.frames - 1}.")
         return points
+
+
+def _reproducible(content: bytes) -> bytes:
+    """The same safetensors file with its header sorted: the library writes metadata in random order, and stamps hash files."""
+    size = int.from_bytes(content[:8], "little")
+    header = json.dumps(json.loads(content[8 : 8 + size]), sort_keys=True, separators=(",", ":")).encode()
+    header += b" " * (-len(header) % 8)
+    return len(header).to_bytes(8, "little") + header + content[8 + size :]

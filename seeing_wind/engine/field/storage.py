@@ -8,7 +8,7 @@ from pathlib import Path
 
 from safetensors import SafetensorError, safe_open
 
-from ..errors import TakeError
+from ..errors import TakeError, UsageError
 from .analytic import ForceFieldAnalytic
 from .force_field import UNITS, VERSION, ForceField
 from .kplanes import ForceFieldKPlanes
@@ -43,5 +43,5 @@ def load_field(path: str | PathLike[str]) -> ForceField:
             raise ValueError(f"representation {name}, version {version}, units {units}")
         box, fps, frames = json.loads(metadata["box"]), float(metadata["fps"]), int(metadata["frames"])
         return REPRESENTATIONS[name].from_file(tensors, metadata, box, fps, frames)
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+    except (KeyError, ValueError, TypeError, RuntimeError, UsageError) as error:
         raise TakeError(f"{path} is no field that this version knows: {error}.", again) from error

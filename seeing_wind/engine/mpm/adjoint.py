@@ -1,8 +1,11 @@
 """The substep backwards: derivatives of a loss with respect to a frame's start, from those with respect to its end.
 
-Each function here is the adjoint of its namesake in `transfer` and `substep`, called in reverse order. A name with `_bar` is the derivative of the
-loss with respect to the name. The grid is not stored: every backward substep first redoes its p2g from the stored particles.
+Each function here is the adjoint of its namesake in `transfer` and `substep`, called in reverse order. A name with `_bar` is the
+derivative of the loss with respect to the name. The grid is not stored: every backward substep first redoes its p2g from the stored
+particles.
 """
+# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# mypy: ignore-errors
 
 import taichi as ti
 

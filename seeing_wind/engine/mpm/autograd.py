@@ -7,9 +7,12 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..errors import MaterialError
 from ..progress import NoProgress, Progress
 from . import adjoint
+from .constitutive import ELASTIC_LAWS
 from .model import Model
+from .plasticity import VON_MISES
 from .rollout import Copies, rollout
 from .state import State, Trajectory
 
@@ -42,10 +45,13 @@ class RolloutFunction(torch.autograd.Function):
         bar = [array[-1:].copy() for array in (x_bars, v_bars, C_bars, F_bars)]
         acceleration_bar, gradient_bar = np.zeros_like(ctx.acceleration), np.zeros_like(ctx.gradient)
         for t in reversed(range(path.frames)):
-            force_bars = _frame_adjoint(ctx.model, path.state(t), int(path.substeps[t]), ctx.acceleration[t], ctx.gradient[t], bar, ctx.progress)
-            acceleration_bar[t], gradient_bar[t] = force_bars
+            acceleration_bar[t], gradient_bar[t] = _frame_adjoint(
+                ctx.model, path.state(t), int(path.substeps[t]), ctx.acceleration[t], ctx.gradient[t], bar, ctx.progress
+            )
             for total, bars_at in zip(bar, (x_bars, v_bars, C_bars, F_bars)):
                 total += bars_at[t : t + 1]
+        bar[1][0, ctx.model.pinned] = 0.0  # they start at rest whatever they are given
+        bar[2][0, ctx.model.pinned] = 0.0
         state_bars = (torch.from_numpy(total[0]) for total in bar)
         return None, None, *state_bars, torch.from_numpy(acceleration_bar), torch.from_numpy(gradient_bar)
 
@@ -73,8 +79,11 @@ def simulate(
         x, v (T+1, N, 3) and C, F (T+1, N, 3, 3).
 
     Raises:
+        MaterialError: for a plastic law, which has no adjoint.
         SimulationError, Cancelled: as `rollout`, in the forward sweep; Cancelled also in the backward sweep.
     """
+    if (model.law >= VON_MISES).any():
+        raise MaterialError("The solver has no gradients for plastic laws.", f"Choose one of {', '.join(ELASTIC_LAWS)}.")
     count, frames = len(x0), len(acceleration)
     C0 = torch.zeros(count, 3, 3, dtype=torch.float64) if C0 is None else C0
     F0 = torch.eye(3, dtype=torch.float64).repeat(count, 1, 1) if F0 is None else F0

@@ -7,14 +7,18 @@ Sources: corotated: Stomakhin et al. 2012, "Energetically consistent invertible 
 neo-Hookean: Bonet and Wood, "Nonlinear continuum mechanics", psi = mu/2 (|F|² - 3) - mu log J + lam/2 (log J)²;
 polar factor: Higham 1986, "Computing the polar decomposition".
 """
-# Taichi reads the annotations of kernels and functions at run time, so this file cannot postpone them.
+# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# mypy: ignore-errors
 
 import taichi as ti
 
+from .plasticity import PLASTIC_LAWS, VON_MISES, hencky
+
 COROTATED = 0
 NEO_HOOKEAN = 1
-LAWS = {"corotated": COROTATED, "neo_hookean": NEO_HOOKEAN}
-"""Elastic laws by the names that materials use."""
+ELASTIC_LAWS = {"corotated": COROTATED, "neo_hookean": NEO_HOOKEAN}
+LAWS = ELASTIC_LAWS | PLASTIC_LAWS
+"""All laws by the names that materials use."""
 
 _POLAR_ITERATIONS = 30
 _POLAR_TOLERANCE = 1e-24
@@ -56,6 +60,8 @@ def kirchhoff(law, F, mu, lam):
     tau = ti.Matrix.zero(ti.f64, 3, 3)
     if law == NEO_HOOKEAN:
         tau = neo_hookean(F, mu, lam)
+    elif law >= VON_MISES:
+        tau = hencky(F, mu, lam)
     else:
         tau = corotated(F, mu, lam)
     return tau
@@ -89,7 +95,7 @@ def neo_hookean_adjoint(F, mu, lam, tau_bar):
 
 @ti.func
 def kirchhoff_adjoint(law, F, mu, lam, tau_bar):
-    """F_bar of the particle's law."""
+    """F_bar of the particle's elastic law."""
     F_bar = ti.Matrix.zero(ti.f64, 3, 3)
     if law == NEO_HOOKEAN:
         F_bar = neo_hookean_adjoint(F, mu, lam, tau_bar)

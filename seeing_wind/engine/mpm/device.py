@@ -35,7 +35,12 @@ def start(device: str = "auto") -> None:
             arch = ti.cuda if wanted == "cuda" else ti.cpu
             # Taichi greets on stdout, where the worker's messages go.
             with contextlib.redirect_stdout(io.StringIO()):
-                ti.init(arch=arch, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=len(os.sched_getaffinity(0)))
+                ti.init(arch=arch, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=_cores())
             _running = "cuda" if ti.cfg.arch == ti.cuda else "cpu"
     if _running != wanted and device != "auto":
         raise SimulationError(f"The solver runs on {_running}, not on {wanted}.", "Choose --device auto, or start the engine afresh.")
+
+
+def _cores() -> int:
+    """Cores that this process may use; some systems cannot say and count the machine's."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

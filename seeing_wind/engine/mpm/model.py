@@ -13,12 +13,13 @@ from ..errors import MaterialError, SimulationError
 from ..records import Material, Particles
 from .boundary import FREE, clamped_nodes, lattice_offset, particle_roles
 from .constitutive import LAWS
+from .plasticity import PLASTIC_LAWS
 
 COURANT = 0.3
 """Cells that an elastic wave may cross in one substep."""
 CELL_SPACINGS = 1.6
-"""dx over the particles' spacing. Two, the usual choice, bends plates of two particles three times less accurately (measured against another
-simulator: 6.0 mm at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm); below 1.3 particles lose touch when stretched."""
+"""dx over the particles' spacing. Two, the usual choice, bends plates of two particles three times less accurately: against another
+simulator 6.0 mm off at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm of travel."""
 MIN_SUBSTEPS = 8
 MAX_SUBSTEPS = 200
 """Per frame. More is slower than a recovery can afford; a stiffer body hardly moves differently."""
@@ -38,6 +39,10 @@ class Model:
     """(N,) [Pa]."""
     lam: np.ndarray
     """(N,) [Pa]."""
+    yield_stress: np.ndarray
+    """(N,) [Pa]; plastic laws only."""
+    viscosity: np.ndarray
+    """(N,) [Pa s]; the viscoplastic law only."""
     law: np.ndarray
     """(N,) int32, a value of `constitutive.LAWS`."""
     role: np.ndarray
@@ -122,18 +127,21 @@ def model_for(
         youngs_modulus, needed = _affordable_modulus(stuff, scale, dx, frame_dt, max_substeps, notes)
         substeps = max(substeps, needed)
         columns.append(_body_columns(body, stuff, scale, youngs_modulus))
-    mass, volume, mu, lam, law, pinned = (np.concatenate(column) for column in zip(*columns))
+    mass, volume, mu, lam, yield_stress, viscosity, law, pinned = (np.concatenate(column) for column in zip(*columns))
     x = np.concatenate([np.asarray(body.x, dtype=np.float64) for body in bodies])
     offset = lattice_offset(x, pinned, spacing, dx)
     clamp_lo, clamp = clamped_nodes(x, mass, pinned, offset, dx)
     role = particle_roles(x, pinned, offset, dx, clamp_lo, clamp)
     model = Model(
-        mass, volume, mu, lam, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps, np.asarray(gravity, dtype=np.float64), device
-    )
+        mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
+        np.asarray(gravity, dtype=np.float64), device,
+    )  # fmt: skip
     return model, notes
 
 
-def _affordable_modulus(material: Material, mass_scale: float, dx: float, frame_dt: float, max_substeps: int, notes: list[str]) -> tuple[float, int]:
+def _affordable_modulus(
+    material: Material, mass_scale: float, dx: float, frame_dt: float, max_substeps: int, notes: list[str]
+) -> tuple[float, int]:
     """Young's modulus [Pa] that `max_substeps` can carry, and the substeps it needs: dt <= 0.3 dx / c, c² = (lam + 2 mu) / rho."""
     mu, lam = lame(material.youngs_modulus, material.poisson_ratio)
     wave_speed = math.sqrt((lam + 2.0 * mu) / (material.density * mass_scale))
@@ -149,11 +157,11 @@ def _affordable_modulus(material: Material, mass_scale: float, dx: float, frame_
 
 
 def _body_columns(body: Particles, material: Material, mass_scale: float, youngs_modulus: float) -> tuple[np.ndarray, ...]:
-    """mass, volume, mu, lam, law, pinned of one body's particles."""
+    """mass, volume, mu, lam, yield_stress, viscosity, law, pinned of one body's particles."""
     if material.law not in LAWS:
-        raise MaterialError(
-            f"The solver has no law {material.law!r} (material {material.name}).", f"Choose one of {', '.join(LAWS)}."
-        )
+        raise MaterialError(f"The solver has no law {material.law!r} (material {material.name}).", f"Choose one of {', '.join(LAWS)}.")
+    if material.law in PLASTIC_LAWS and not material.yield_stress > 0.0:
+        raise MaterialError(f"{material.name} flows but has no yield stress.", "Give a yield stress in Pa, or choose an elastic law.")
     count = len(body.x)
     mu, lam = lame(youngs_modulus, material.poisson_ratio)
     volume = np.array(np.broadcast_to(body.volume, (count,)), dtype=np.float64)
@@ -162,6 +170,8 @@ def _body_columns(body: Particles, material: Material, mass_scale: float, youngs
         volume,
         np.full(count, mu),
         np.full(count, lam),
+        np.full(count, float(material.yield_stress)),
+        np.full(count, float(material.viscosity)),
         np.full(count, LAWS[material.law], np.int32),
         np.asarray(body.pinned, dtype=bool),
     )

@@ -13,17 +13,18 @@ from . import device, substep
 from .model import Model
 from .state import State, Trajectory
 
-_WORK_PER_CALL = 3_000_000
-"""Particle-substeps between two safe points: about a third of a second on one core."""
+_WORK_PER_CALL = 2_000_000
+"""Particle-substeps between two safe points: a quarter of a second on one core, a second on a crowded one."""
 _GRID_NODES_AT_ONCE = 8_000_000
 """Nodes of all private grids together: 256 MB."""
-_MOST_NODES = 60_000_000
-"""Nodes of one grid (2 GB). A body spread over more has burst."""
+_MOST_NODES = 30_000_000
+"""Nodes of one grid (1 GB). A body spread over more has burst."""
 
 _REASONS = {
-    substep.NOT_FINITE: ("a velocity that is not finite", "velocity"),
+    substep.NOT_FINITE: ("has a velocity that is not finite", "velocity"),
     substep.TOO_FAST: ("moved more than one grid cell in one substep", "velocity"),
     substep.INVERTED: ("was turned inside out", "det F"),
+    substep.BURST: ("flew off so far that the grid no longer fits in memory", "position"),
 }
 
 
@@ -31,8 +32,15 @@ class Copies:
     """States of B copies of one body, advanced in place frame by frame."""
 
     def __init__(self, model: Model, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> None:
-        """x, v (B, N, 3); C, F (B, N, 3, 3). The arrays are changed."""
+        """x, v (B, N, 3); C, F (B, N, 3, 3). The arrays are changed: now and by `advance`. Pinned particles start at rest."""
         device.start(model.device)
+        for name, array in (("position", x), ("velocity", v), ("affine velocity", C), ("deformation", F)):
+            if not np.isfinite(array).all():
+                particle = int(np.argwhere(~np.isfinite(array))[0, 1])
+                message = f"The {name} of particle {particle} at the start is not finite."
+                raise SimulationError(message, "Check the body and its initial velocity.", particle=particle, quantity=name)
+        v[:, model.pinned] = 0.0
+        C[:, model.pinned] = 0.0
         self.model = model
         self.x, self.v, self.C, self.F = x, v, C, F
         self.acceleration = np.zeros_like(x)
@@ -40,7 +48,9 @@ class Copies:
         self.capacity = 0
 
     def advance(self, copies: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """One frame of the copies listed (A,) under `acceleration` (gravity included) and `gradient`; those that fail once more with half the dt.
+        """One frame of the copies listed (A,) under `acceleration` (gravity included) and `gradient`.
+
+        Copies that fail start the frame once more with half the dt.
 
         Returns:
             substeps (A,) that the frame took, code (A,) of `substep` (RUNNING is success), status (A, 4) for `failure`.
@@ -68,6 +78,9 @@ class Copies:
                 progress.check()
                 self._launch(some, substeps, min(substeps, int(status[some, 2].min()) + stride), status)
             full = todo[status[todo, 0] == substep.GRID_FULL]
+            burst = status[full, 3] > _MOST_NODES
+            status[full[burst], 0] = substep.BURST
+            full = full[~burst]
             if len(full):
                 self._grow(status[full])
                 status[full, 0] = substep.RUNNING
@@ -91,10 +104,6 @@ class Copies:
 
     def _grow(self, status: np.ndarray) -> None:
         wanted = int(status[:, 3].max())
-        if wanted > _MOST_NODES:
-            raise SimulationError(
-                f"The body spread over {wanted} grid nodes.", "It burst: lower the force, or raise Young's modulus.", quantity="position"
-            )
         # A third more than asked, so that a body that turns does not ask again at every substep.
         self.capacity = wanted + wanted // 3
 
@@ -105,7 +114,8 @@ class Copies:
             self.capacity = int(min(np.prod(extent) * 1.5, _MOST_NODES))
         grid = np.empty((len(copies), self.capacity, 4))
         substep.run_substeps(
-            m.mass, m.volume, m.mu, m.lam, m.law, m.role, m.clamp_lo, m.clamp, m.offset, m.dx, m.frame_dt / substeps,
+            m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role,
+            m.clamp_lo, m.clamp, m.offset, m.dx, m.frame_dt / substeps,
             copies, until, self.acceleration, self.gradient, self.x, self.v, self.C, self.F, grid, status,
         )  # fmt: skip
 
@@ -114,15 +124,22 @@ def failure(status: np.ndarray, frame: int, substeps: int) -> SimulationError:
     """The error for status (4,) of a copy that failed in `frame` with `substeps` a frame."""
     reason, quantity = _REASONS[int(status[0])]
     particle, at = int(status[1]), int(status[2])
+    who = f"Particle {particle}" if particle >= 0 else "A particle"
     return SimulationError(
-        f"Particle {particle} {'has ' if quantity == 'velocity' and 'finite' in reason else ''}{reason} in frame {frame}, substep {at} of {substeps}.",
+        f"{who} {reason} in frame {frame}, substep {at} of {substeps}.",
         "Allow more substeps a frame, lower the force or Young's modulus, or use fewer particles.",
         frame=frame, substep=at, particle=particle, quantity=quantity,
     )  # fmt: skip
 
 
 def rollout(
-    model: Model, state: State, acceleration: np.ndarray, gradient: np.ndarray | None = None, *, progress: Progress | None = None, first_frame: int = 0
+    model: Model,
+    state: State,
+    acceleration: np.ndarray,
+    gradient: np.ndarray | None = None,
+    *,
+    progress: Progress | None = None,
+    first_frame: int = 0,
 ) -> Trajectory:
     """Simulate T frames.
 
@@ -150,13 +167,14 @@ def rollout(
         taken.append(int(substeps[0]))
         for rows, array in zip(history, (one.x, one.v, one.C, one.F)):
             rows.append(array[0].copy())
-    return Trajectory(*(np.stack(rows) for rows in history), np.array(taken, dtype=np.int64))
+    x, v, C, F = (np.stack(rows) for rows in history)
+    return Trajectory(x, v, C, F, np.array(taken, dtype=np.int64))
 
 
 def advance(model: Model, state: State, acceleration: np.ndarray, gradient: np.ndarray | None = None, *, frame: int = 0) -> State:
     """One frame of `rollout`: acceleration (N, 3) [m/s²], gradient (N, 3, 3) [1/s²] -> the state at the next picture."""
-    path = rollout(model, state, np.asarray(acceleration)[None], None if gradient is None else np.asarray(gradient)[None], first_frame=frame)
-    return path.state(1)
+    gradients = None if gradient is None else np.asarray(gradient)[None]
+    return rollout(model, state, np.asarray(acceleration)[None], gradients, first_frame=frame).state(1)
 
 
 @dataclass(frozen=True)
@@ -208,14 +226,13 @@ def rollout_batch(
         Cancelled: when the user asked to stop.
     """
     progress = progress or NoProgress()
-    path = nominal if isinstance(nominal, Trajectory) else Trajectory(nominal.x[None], nominal.v[None], nominal.C[None], nominal.F[None], np.zeros(0, int))
+    path = nominal if isinstance(nominal, Trajectory) else Trajectory.of(nominal)
     copies, frames = coefficients.shape[:2]
     start = np.zeros(copies, int) if start_frame is None else np.asarray(start_frame, dtype=int)
-    body = Copies(model, *(np.ascontiguousarray(array[np.minimum(start, path.frames)], dtype=np.float64) for array in (path.x, path.v, path.C, path.F)))
-    if v0 is not None:
-        body.v[:] = v0
-    if C0 is not None:
-        body.C[:] = C0
+    if start.max(initial=0) > path.frames:
+        raise ValueError(f"start_frame {start.max()} lies beyond the nominal trajectory of {path.frames + 1} pictures")
+    x, v, C, F = (np.array(array[start], dtype=np.float64) for array in (path.x, path.v, path.C, path.F))
+    body = Copies(model, x, v if v0 is None else np.array(v0, dtype=np.float64), C if C0 is None else np.array(C0, dtype=np.float64), F)
     phi, dphi = np.ascontiguousarray(phi, dtype=np.float64), np.ascontiguousarray(dphi, dtype=np.float64)
     follow = (lambda x: x) if attachment is None else attachment.follow
     rest = follow(path.x[: frames + 1])

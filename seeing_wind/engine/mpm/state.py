@@ -48,6 +48,11 @@ class Trajectory:
     substeps: np.ndarray
     """(T,) substeps that each frame took: the model's, or twice that where they were too long."""
 
+    @staticmethod
+    def of(state: State) -> Trajectory:
+        """The trajectory of no frames."""
+        return Trajectory(state.x[None], state.v[None], state.C[None], state.F[None], np.zeros(0, np.int64))
+
     @property
     def frames(self) -> int:
         """T."""

@@ -3,13 +3,16 @@
 Copies are independent: the outer loop over them is Taichi's parallel loop, and all of a copy's work stays on one thread with one
 private grid. That needs no atomics and no barrier, and a grid of a few thousand nodes stays in the core's cache.
 """
+# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# mypy: ignore-errors
 
 import taichi as ti
 
 from .boundary import FREE, HELD
+from .plasticity import VON_MISES, plastic_flow
 from .transfer import affine_momentum, base_of, clear, gather, momentum_to_velocity, scatter, vec3
 
-RUNNING, NOT_FINITE, TOO_FAST, INVERTED, GRID_FULL = 0, 1, 2, 3, 4
+RUNNING, NOT_FINITE, TOO_FAST, INVERTED, GRID_FULL, BURST = 0, 1, 2, 3, 4, 5
 """Status of a copy. GRID_FULL is no failure: the caller gives more nodes and calls again."""
 
 scalars = ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -50,8 +53,8 @@ def particles_to_grid(
 
 @ti.func
 def grid_to_particles(
-    b, r, role: ti.template(), x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
-    offset, dx, dt, lo, dims, grid: ti.template(),
+    b, r, mu: ti.template(), yield_stress: ti.template(), viscosity: ti.template(), law: ti.template(), role: ti.template(),
+    x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """g2p of copy b. Pinned particles deform but keep their place. Returns status, particle and the next window."""
     status, culprit = RUNNING, -1
@@ -74,6 +77,8 @@ def grid_to_particles(
                 base = base_of(x_p, offset, 1.0 / dx)
                 next_lo = ti.min(next_lo, base)
                 next_hi = ti.max(next_hi, base)
+                if law[p] >= VON_MISES:
+                    F_p = plastic_flow(law[p], F_p, mu[p], yield_stress[p], viscosity[p], dt)
             x[b, p], v[b, p], C[b, p], F[b, p] = x_p, v_p, C_p, F_p
     if next_hi[0] < next_lo[0]:
         next_hi = next_lo
@@ -83,8 +88,9 @@ def grid_to_particles(
 @ti.kernel
 def run_substeps(
     # model
-    mass: scalars, volume: scalars, mu: scalars, lam: scalars, law: flags, role: flags,
-    clamp_lo: ti.types.vector(3, ti.i32), clamp: nodes, offset: vec3, dx: ti.f64, dt: ti.f64,
+    mass: scalars, volume: scalars, mu: scalars, lam: scalars, yield_stress: scalars, viscosity: scalars,
+    law: flags, role: flags, clamp_lo: ti.types.vector(3, ti.i32), clamp: nodes,
+    offset: vec3, dx: ti.f64, dt: ti.f64,
     # which copies, and up to which substep of the frame
     copies: flags, until: ti.i32,
     # force
@@ -111,9 +117,13 @@ def run_substeps(
                 status[b, 3] = ti.cast(ti.min(wanted, 2**31 - 1), ti.i32)
             else:
                 clear(grid, r, dims)
-                particles_to_grid(b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient, offset, dx, dt, lo, dims, grid)
+                particles_to_grid(
+                    b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient, offset, dx, dt, lo, dims, grid
+                )
                 momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
-                code, status[b, 1], lo, dims = grid_to_particles(b, r, role, x, v, C, F, offset, dx, dt, lo, dims, grid)
+                code, status[b, 1], lo, dims = grid_to_particles(
+                    b, r, mu, yield_stress, viscosity, law, role, x, v, C, F, offset, dx, dt, lo, dims, grid
+                )
                 if code == RUNNING:
                     status[b, 2] += 1
         status[b, 0] = code

@@ -11,14 +11,14 @@ from .control import attach
 from .particles import columns_of
 from .relief import MAX_SLANT, Relief, sample
 
-COUNT = 2500
+COUNT = 3500
 """Gaussians of an object with more pixels than this; smaller objects have one per pixel."""
 
 SH0 = 0.28209479177387814
 """The constant spherical harmonic, 1 / (2 sqrt(pi)): colour = 0.5 + SH0 * sh[0]."""
 
-INITIAL_OPACITY = 0.8
-INITIAL_SIGMA = 0.55
+INITIAL_OPACITY = 0.9
+INITIAL_SIGMA = 0.45
 """Standard deviation along the surface in units of the distance of neighbours."""
 FLATTENING = 0.2
 """Standard deviation across the surface in units of the smaller one along it: pixels see a surface, not a volume."""

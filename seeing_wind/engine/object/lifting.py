@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import solve
 from scipy.spatial import cKDTree
 
 from ..errors import ObjectError
@@ -145,7 +146,8 @@ class _Picture:
         free = np.repeat(~self.held, 3)
         step = np.zeros(3 * count)
         matrix = hessian.reshape(3 * count, 3 * count)[np.ix_(free, free)]
-        step[free] = -np.linalg.solve(matrix, gradient.ravel()[free])
+        if free.any():
+            step[free] = -solve(matrix, gradient.ravel()[free], assume_a="pos", overwrite_a=True, check_finite=False)
         return step.reshape(count, 3)
 
     def _reprojection(self, points: np.ndarray, hessian: np.ndarray, gradient: np.ndarray) -> None:

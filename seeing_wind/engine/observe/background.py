@@ -38,16 +38,18 @@ class Plate:
     """Typical difference between a picture and the plate where nothing moves, largest channel [grey levels]."""
 
     def difference(self, picture: np.ndarray) -> np.ndarray:
-        """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise and block edges; 0 where unreliable."""
+        """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise; 0 where unreliable."""
         away = cv2.absdiff(picture, self.color).astype(np.float32)
         return np.where(self.reliable, cv2.GaussianBlur(away, (0, 0), 0.8).max(axis=2), 0.0).astype(np.float32)
 
-    def shadowed(self, picture: np.ndarray) -> np.ndarray:
-        """(H, W) bool: the plate darkened alike in all channels, as a cast shadow does it; False where unreliable."""
-        ratio = (cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32) + 4.0) / (cv2.GaussianBlur(self.color, (0, 0), 1.0).astype(np.float32) + 4.0)
+    def relit(self, picture: np.ndarray) -> np.ndarray:
+        """(H, W) bool: the plate darker or brighter by one factor in all channels, a shadow that came or went; False where unreliable."""
+        ratio = (cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32) + 4.0) / (
+            cv2.GaussianBlur(self.color, (0, 0), 1.0).astype(np.float32) + 4.0
+        )
         middle = ratio.mean(axis=2)
         alike = ratio.max(axis=2) - ratio.min(axis=2) < SHADOW_TINT * middle
-        return self.reliable & alike & (middle > 0.25) & (middle < 1.0)
+        return self.reliable & alike & (middle > 0.25) & (middle < 4.0)
 
 
 def stands_still(frames: np.ndarray, camera: Camera, around: np.ndarray) -> bool:

@@ -28,7 +28,9 @@ def find_camera(
 ) -> tuple[Camera, float]:
     """The camera of a clip of `pictures` pictures (width x height, from `first_frame` of its file) and the object's distance [m].
 
-    `depth` [m] is the object's from a depth file, None without one; a distance or scale in the settings goes before it. Without a camera file: a pinhole with the horizontal angle `settings.fov` in front view, the object's plane at y = 0,
+    `depth` [m] is the object's from a depth file, None without one; a distance or scale in the settings goes before it.
+
+    Without a camera file: a pinhole with the horizontal angle `settings.fov` in front view, the object's plane at y = 0,
     so that the middle of the picture is the world's origin.
 
     Raises:
@@ -41,13 +43,16 @@ def find_camera(
             return camera, _distance(settings, camera.fx)
         return camera, depth if depth is not None else _distance_of_origin(camera, progress)
     if not 1.0 <= settings.fov <= 170.0:
-        raise UsageError(f"The field of view {settings.fov:g} degrees is out of range.", "Give the horizontal angle, 1 to 170 degrees; a phone has about 50 to 65.")
+        raise UsageError(
+            f"The field of view {settings.fov:g} degrees is out of range.",
+            "Give the horizontal angle, 1 to 170 degrees; a phone has about 50 to 65.",
+        )
     focal = 0.5 * width / np.tan(0.5 * np.radians(settings.fov))
     distance = _distance(settings, focal) if given else depth or DEFAULT_DISTANCE
     if not given and depth is None:
         progress.warn(
-            f"Nothing says how large the scene is, so the object is taken to be {DEFAULT_DISTANCE:g} m away: forces scale with this distance. "
-            "Give --distance or --pixels-per-metre for absolute values."
+            f"Nothing says how large the scene is, so the object is taken to be {DEFAULT_DISTANCE:g} m away: "
+            "forces scale with this distance. Give --distance or --pixels-per-metre for absolute values."
         )
     return Camera(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), front_view(distance)), distance
 
@@ -71,9 +76,13 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
         fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
         poses = np.array(values["camera_to_world"], dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise UsageError(f"The camera {path} holds something that is not a number ({error}).", "Write plain numbers and 4x4 lists.") from error
+        raise UsageError(
+            f"The camera {path} holds something that is not a number ({error}).", "Write plain numbers and 4x4 lists."
+        ) from error
     if not np.isfinite([fx, fy, cx, cy]).all() or fx <= 0 or fy <= 0:
-        raise UsageError(f"The camera {path} has a focal length or centre that is not usable.", "fx and fy must be positive, all four finite.")
+        raise UsageError(
+            f"The camera {path} has a focal length or centre that is not usable.", "fx and fy must be positive, all four finite."
+        )
     return Camera(width, height, fx, fy, cx, cy, _poses(path, poses, pictures, first_frame))
 
 
@@ -96,7 +105,9 @@ def _poses(path: str, poses: np.ndarray, pictures: int, first_frame: int) -> np.
     if poses.ndim == 3 and len(poses) != pictures:
         # The file may describe the whole clip of which a range was chosen.
         if len(poses) < first_frame + pictures:
-            raise UsageError(f"{path} has {len(poses)} camera matrices, the clip {pictures} pictures.", "Give one matrix, or one per picture.")
+            raise UsageError(
+                f"{path} has {len(poses)} camera matrices, the clip {pictures} pictures.", "Give one matrix, or one per picture."
+            )
         poses = poses[first_frame : first_frame + pictures]
     if not np.isfinite(poses).all():
         raise UsageError(f"camera_to_world of {path} holds values that are not finite.", "Export the camera again.")
@@ -117,7 +128,9 @@ def _distance(settings: ObserveSettings, focal: float) -> float:
     distance, scale = settings.distance, settings.pixels_per_metre
     for name, value in (("distance", distance), ("pixels-per-metre", scale)):
         if value is not None and not (np.isfinite(value) and value > 0):
-            raise UsageError(f"--{name} {value:g} is not positive.", "Give metres from the camera to the object, or pixels per metre in its plane.")
+            raise UsageError(
+                f"--{name} {value:g} is not positive.", "Give metres from the camera to the object, or pixels per metre in its plane."
+            )
     if distance is None:
         assert scale is not None
         return focal / scale

@@ -34,7 +34,8 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
     """Decode pictures A..B (inclusive, indices in the file; None takes all) of `path`.
 
     Args:
-        path: a video that OpenCV opens, a folder of pictures (sorted by the numbers in their names), or a pattern: `shot_%04d.png`, `shot_*.png`.
+        path: a video that OpenCV opens, a folder of pictures (sorted by the numbers in their names), or a pattern such as
+            `shot_%04d.png` or `shot_*.png`.
         frames: first and last picture.
         fps: frames per second; None takes the file's.
 
@@ -76,15 +77,21 @@ def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
         return 0, None
     first, last = int(frames[0]), int(frames[1])
     if first < 0 or last < first:
-        raise ClipError(f"The frame range {first}:{last} is empty.", "Give the first and the last frame, counted from 0, for example --frames 0:40.")
+        raise ClipError(
+            f"The frame range {first}:{last} is empty.", "Give the first and the last frame, counted from 0, for example --frames 0:40."
+        )
     return first, last
 
 
 def _check_count(path: str, kept: list[np.ndarray], count: int, first: int, last: int | None) -> None:
     if count == 0:
-        raise ClipError(f"{path} holds no picture that can be read.", "Play it in a video player; if it plays there, convert it to H.264 MP4.")
+        raise ClipError(
+            f"{path} holds no picture that can be read.", "Play it in a video player; if it plays there, convert it to H.264 MP4."
+        )
     if not kept or (last is not None and len(kept) < last - first + 1):
-        raise ClipError(f"{path} has frames 0 to {count - 1}, so {first}:{last} reaches past its end.", f"Choose --frames inside 0:{count - 1}.")
+        raise ClipError(
+            f"{path} has frames 0 to {count - 1}, so {first}:{last} reaches past its end.", f"Choose --frames inside 0:{count - 1}."
+        )
     if len(kept) < 2:
         raise ClipError(f"{path} gives one picture, and motion needs two.", "Use a longer clip or a wider --frames range.")
 
@@ -107,7 +114,9 @@ def _open(path: str) -> tuple[Iterator[np.ndarray], float]:
     if place.is_dir() or "*" in path or re.search(r"%0?\d*d", place.name):
         return _pictures(_sequence(path), path), float("nan")
     if not place.is_file():
-        raise ClipError(f"There is no clip at {path}.", "Check the path: a video file, a folder of pictures, or a pattern like shot_%04d.png.")
+        raise ClipError(
+            f"There is no clip at {path}.", "Check the path: a video file, a folder of pictures, or a pattern like shot_%04d.png."
+        )
     if place.suffix.lower() in PICTURE_SUFFIXES:
         return _pictures([place], path), float("nan")
     capture = cv2.VideoCapture(path)

@@ -25,10 +25,14 @@ def read_depth(path: str, height: int, width: int) -> np.ndarray:
     except OSError as error:
         raise UsageError(f"The depth file {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
     except ValueError as error:
-        raise UsageError(f"The depth file {path} is not an NPY array ({error}).", "Save it with numpy.save, metres, shape (H, W).") from error
+        raise UsageError(
+            f"The depth file {path} is not an NPY array ({error}).", "Save it with numpy.save, metres, shape (H, W)."
+        ) from error
     if not isinstance(depth, np.ndarray) or depth.shape != (height, width) or depth.dtype.kind not in "fiu":
         shape = getattr(depth, "shape", "several arrays")
-        raise UsageError(f"The depth file {path} has the shape {shape}, the clip {(height, width)}.", "Give metres per pixel of the first picture.")
+        raise UsageError(
+            f"The depth file {path} has the shape {shape}, the clip {(height, width)}.", "Give metres per pixel of the first picture."
+        )
     depth = depth.astype(np.float32)
     if not (np.isfinite(depth) & (depth > 0)).any():
         raise UsageError(f"The depth file {path} has no positive, finite value.", "Give metres along the view axis.")
@@ -63,10 +67,13 @@ def object_depth(path: str | None, mask: np.ndarray, distance: float, progress: 
     part = float((known & mask).sum()) / float(mask.sum())
     if part < LEAST_KNOWN:
         raise UsageError(
-            f"{Path(path).name} gives a depth for only {100 * part:.0f} % of the object.", "Check that mask and depth are of the same picture."
+            f"{Path(path).name} gives a depth for only {100 * part:.0f} % of the object.",
+            "Check that mask and depth are of the same picture.",
         )
     if part < 0.98:
-        progress.warn(f"{100 * (1 - part):.0f} % of the object's pixels have no depth in {Path(path).name}; they take the nearest known one.")
+        progress.warn(
+            f"{100 * (1 - part):.0f} % of the object's pixels have no depth in {Path(path).name}; they take the nearest known one."
+        )
     # Only depths on the object itself may fill its rim: the nearest pixel outside could belong to the wall behind it.
     rows, columns = distance_transform_edt(~(known & mask), return_distances=False, return_indices=True)
     return np.where(mask, depth[rows, columns], np.float32(np.inf)).astype(np.float32)

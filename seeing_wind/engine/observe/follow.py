@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from .background import Plate
 from .mask import LEAST_PIXELS, grab_cut, tidy
@@ -21,8 +22,27 @@ PARTLY = 0.75
 SHADOW_LIKE = 0.15
 """Part of the object's inside that may look like a shadow on the background before that test is useless for it."""
 
-GROWTH = 3
-"""Widths of the band beyond it in which changed pixels may still join the object."""
+COLORS = 12
+"""Bins per channel of the colour histograms."""
+
+
+class Colors:
+    """Which colours are the object's rather than its surroundings', from smoothed histograms of picture 0."""
+
+    def __init__(self, picture: np.ndarray, mask: np.ndarray) -> None:
+        """`picture` (H, W, 3) uint8 and `mask` (H, W) bool."""
+        inside, outside = (np.bincount(self._bins(picture[part]), minlength=COLORS**3).reshape(3 * (COLORS,)) for part in (mask, ~mask))
+        density = [gaussian_filter(counts.astype(np.float64), 0.7) / counts.sum() for counts in (inside, outside)]
+        self._object = (density[0] > density[1] + 1e-7).ravel()
+
+    @staticmethod
+    def _bins(colors: np.ndarray) -> np.ndarray:
+        level = colors.astype(np.int32) * COLORS // 256
+        return (level[..., 0] * COLORS + level[..., 1]) * COLORS + level[..., 2]
+
+    def likely(self, picture: np.ndarray) -> np.ndarray:
+        """(h, w) bool: pixels of `picture` (h, w, 3) uint8 whose colour is more frequent on the object."""
+        return self._object[self._bins(picture)]
 
 
 class MaskFollower:
@@ -41,6 +61,7 @@ class MaskFollower:
         """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0."""
         self._plate = plate
         self._solver = FlowSolver()
+        self._colors = Colors(picture, mask)
         self._before = picture
         self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         self._shape_window: Window = window_of(mask, 0)
@@ -118,7 +139,9 @@ class MaskFollower:
             return tidy((evidence > 0.5) & near & visible, carried)
         band = int(np.clip(0.06 * np.sqrt(area), 2, 9))
         trimap = self._trimap(carried, evidence, clean, band)
-        self._drop_shadow(picture, where, carried, trimap)
+        self._use_light(picture, where, carried, trimap)
+        if evidence is not None:
+            self._let_grow(crop, clean & (evidence > 0.9), trimap)
         trimap[~visible] = cv2.GC_BGD
         return tidy(grab_cut(crop, trimap, 2), carried & visible)
 
@@ -133,25 +156,34 @@ class MaskFollower:
         trimap[carried] = cv2.GC_PR_FGD
         trimap[inner] = cv2.GC_FGD
         if evidence is not None:
-            # A silhouette may grow faster than the band (a sheet that turns from its edge): colours decide over what changed nearby.
-            far = cv2.dilate(outer.astype(np.uint8), disc, iterations=GROWTH) > 0
-            trimap[far & ~outer & clean & (evidence > 0.9)] = cv2.GC_PR_BGD
             unchanged = clean & (evidence < 0.2)
             trimap[~inner & unchanged] = cv2.GC_BGD
             # Inside, chance likeness of colours is possible, so the colours round it decide.
             trimap[inner & unchanged] = cv2.GC_PR_BGD
         return trimap
 
-    def _drop_shadow(self, picture: np.ndarray, where: Window, carried: np.ndarray, trimap: np.ndarray) -> None:
-        """Label cast shadow as background, unless the object itself is of a colour that looks like one."""
+    def _use_light(self, picture: np.ndarray, where: Window, carried: np.ndarray, trimap: np.ndarray) -> None:
+        """Label shadows that came or went as background, unless the object itself has the background's tint."""
         if self._plate is None:
             return
-        shadowed = cut(self._plate.shadowed(picture), where, cv2.BORDER_CONSTANT)
+        relit = cut(self._plate.relit(picture), where, cv2.BORDER_CONSTANT)
         inner = trimap == cv2.GC_FGD
-        if shadowed[inner if inner.any() else carried].mean() < SHADOW_LIKE:
-            trimap[shadowed & ~inner] = cv2.GC_BGD
+        if relit[inner if inner.any() else carried].mean() < SHADOW_LIKE:
+            trimap[relit & ~inner] = cv2.GC_BGD
 
-    def _remember(self, picture: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window) -> None:
+    def _let_grow(self, crop: np.ndarray, changed: np.ndarray, trimap: np.ndarray) -> None:
+        """Offer changed pixels of the object's colours that adjoin it: turning from its edge, it grows faster than the band."""
+        alike = cv2.morphologyEx((changed & self._colors.likely(crop)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+        joined = alike | ((trimap & 1) > 0)
+        count, labels = cv2.connectedComponents(joined.astype(np.uint8), connectivity=4)
+        own = np.zeros(count, bool)
+        own[np.unique(labels[(trimap & 1) > 0])] = True
+        own[0] = False
+        trimap[own[labels] & ((trimap & 1) == 0)] = cv2.GC_PR_FGD
+
+    def _remember(
+        self, picture: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window
+    ) -> None:
         area = float(found.sum())
         self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
         self._missed = self._missed + 1 if self.hidden else 0

@@ -16,7 +16,7 @@ from .depth import read_depth
 LEAST_PIXELS = 12
 """Smallest object that can be followed: a disc of four pixels."""
 
-GRABCUT_PIXELS = 200_000
+GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
 
 NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, or --mask with a PNG."
@@ -36,7 +36,7 @@ def first_mask(settings: ObserveSettings, picture: np.ndarray, plate: Plate | No
     if settings.mask is not None:
         mask = read_mask(settings.mask, height, width)
     elif settings.box is not None:
-        mask = mask_in_box(picture, settings.box, plate)
+        mask = mask_in_box(picture, settings.box, plate, progress)
     elif settings.depth is not None and not np.isfinite(depth := read_depth(settings.depth, height, width)).all():
         mask = np.isfinite(depth) & (depth > 0)
     else:
@@ -62,7 +62,8 @@ def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndar
         raise UsageError(f"The {what} {path} is not a picture.", "Save it as PNG.")
     if values.shape[:2] != (height, width):
         raise UsageError(
-            f"The {what} {path} is {values.shape[1]}x{values.shape[0]}, the clip {width}x{height}.", "Draw it over the clip's first picture."
+            f"The {what} {path} is {values.shape[1]}x{values.shape[0]}, the clip {width}x{height}.",
+            "Draw it over the clip's first picture.",
         )
     if values.ndim == 2:
         return values > 0
@@ -70,7 +71,7 @@ def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndar
     return inside & (values[..., 3] > 0) if values.shape[2] == 4 else inside
 
 
-def mask_in_box(picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None) -> np.ndarray:
+def mask_in_box(picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None, progress: Progress) -> np.ndarray:
     """The object (H, W) bool inside `box` (x0, y0, x1, y1) [px] by GrabCut (Rother 2004), the surroundings of the box being background.
 
     Raises:
@@ -85,7 +86,9 @@ def mask_in_box(picture: np.ndarray, box: tuple[float, float, float, float], pla
     if x1 <= x0 or y1 <= y0:
         raise UsageError(f"The box {_numbers(box)} lies outside the {width}x{height} picture.", NEITHER)
     if x1 - x0 >= width - 2 and y1 - y0 >= height - 2:
-        raise UsageError("The box covers the whole picture, so nothing is left to tell the background from.", "Draw it close round the object.")
+        raise UsageError(
+            "The box covers the whole picture, so nothing is left to tell the background from.", "Draw it close round the object."
+        )
     margin = max(20, (x1 - x0) // 2, (y1 - y0) // 2)
     rows, columns = slice(max(y0 - margin, 0), y1 + margin + 1), slice(max(x0 - margin, 0), x1 + margin + 1)
     crop = picture[rows, columns]
@@ -94,44 +97,52 @@ def mask_in_box(picture: np.ndarray, box: tuple[float, float, float, float], pla
     inside[y0 : y1 + 1, x0 : x1 + 1] = True
     trimap[inside[rows, columns]] = cv2.GC_PR_FGD
     changed = plate.difference(picture)[rows, columns] > 6.0 * plate.noise if plate is not None else None
-    found = _cut_box(crop, trimap, changed)
+    found = _cut_box(crop, trimap, changed, progress)
     mask = np.zeros((height, width), bool)
     mask[rows, columns] = tidy(found & inside[rows, columns])
     if mask.sum() < LEAST_PIXELS:
-        raise ObjectError(f"Nothing in the box {_numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG.")
+        raise ObjectError(
+            f"Nothing in the box {_numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
+        )
     return mask
 
 
-def _cut_box(crop: np.ndarray, trimap: np.ndarray, changed: np.ndarray | None) -> np.ndarray:
+def _cut_box(crop: np.ndarray, trimap: np.ndarray, changed: np.ndarray | None, progress: Progress) -> np.ndarray:
     inside = trimap == cv2.GC_PR_FGD
     small = inside.sum() < 900
     if small and changed is not None and LEAST_PIXELS <= (changed & inside).sum() < 0.9 * inside.sum():
         # A few dozen pixels are no colour model; what differs from the clean background is better evidence.
         return changed & inside
-    found = grab_cut(crop, trimap, 5)
+    found = grab_cut(crop, trimap, 5, progress)
     # A box that GrabCut empties holds something too small or too alike: trust what changed.
     if found.sum() < LEAST_PIXELS and changed is not None:
         return changed & inside
     return found
 
 
-def grab_cut(crop: np.ndarray, trimap: np.ndarray, iterations: int) -> np.ndarray:
-    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a smaller copy if large."""
-    if not (trimap & 1).any() or (trimap & 1).all():
-        return (trimap & 1) > 0
+def grab_cut(crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Progress | None = None) -> np.ndarray:
+    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a smaller copy if large.
+
+    `progress` is asked between iterations, each of which may take a fifth of a second.
+    """
+    given = (trimap & 1) > 0
     scale = min(1.0, float(np.sqrt(GRABCUT_PIXELS / trimap.size)))
     size = (max(8, round(crop.shape[1] * scale)), max(8, round(crop.shape[0] * scale)))
     small = crop if scale == 1.0 else cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
     labels = trimap.copy() if scale == 1.0 else cv2.resize(trimap, size, interpolation=cv2.INTER_NEAREST)
     # Five colours per side need at least as many samples.
     if min((labels & 1).sum(), ((labels & 1) == 0).sum()) < 10:
-        return (trimap & 1) > 0
+        return given
     cv2.setRNGSeed(0)
-    cv2.grabCut(small, labels, None, np.zeros((1, 65)), np.zeros((1, 65)), iterations, cv2.GC_INIT_WITH_MASK)
+    behind, front = np.zeros((1, 65)), np.zeros((1, 65))
+    for iteration in range(iterations):
+        cv2.grabCut(small, labels, None, behind, front, 1, cv2.GC_EVAL if iteration else cv2.GC_INIT_WITH_MASK)
+        if progress is not None:
+            progress.check()
+        if not (labels & 1).any():
+            break
     found = (labels & 1).astype(np.float32)
-    if scale == 1.0:
-        return found > 0
-    return cv2.resize(found, crop.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0.5
+    return found > 0 if scale == 1.0 else cv2.resize(found, crop.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0.5
 
 
 def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
@@ -155,7 +166,9 @@ def _what_moves(picture: np.ndarray, plate: Plate | None) -> np.ndarray:
     if plate is None:
         raise ObjectError("No object was marked, and the camera moves, so nothing says what it is.", NEITHER)
     changed = (plate.difference(picture) > 6.0 * plate.noise + 6.0).astype(np.uint8)
-    changed = cv2.morphologyEx(cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    changed = cv2.morphologyEx(
+        cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
+    )
     count, labels, stats, _ = cv2.connectedComponentsWithStats(changed, connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]
     if count < 2 or areas.max() < LEAST_PIXELS:

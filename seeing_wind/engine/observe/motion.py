@@ -119,7 +119,7 @@ class FlowSolver:
     """Dense inverse search flow (Kroeger 2016) round a known shift, on the object's window only."""
 
     def __init__(self) -> None:
-        self._solver = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        self._solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         self._solver.setFinestScale(0)
 
     def between(self, before: np.ndarray, after: np.ndarray, window: Window, shift: np.ndarray) -> Flow:
@@ -134,4 +134,4 @@ class FlowSolver:
         motion = self._solver.calc(np.ascontiguousarray(first), np.ascontiguousarray(second), None)
         if scale < 1.0:
             motion = cv2.resize(motion, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR) * np.float32(1.0 / scale)
-        return Flow(x0, y0, motion + np.float32([dx, dy]))
+        return Flow(x0, y0, motion + np.array([dx, dy], np.float32))

@@ -26,6 +26,9 @@ from .tracks_file import read_tracks
 ENOUGH = 6
 """Corner tracks in sight from which the body's motion is known better by them than by its silhouette."""
 
+FEW_PATCHES = 900
+"""Pixels (three tracking patches) below which a body's corners are nearly one and the same patch: losing some, all go."""
+
 SILHOUETTE = 0.02
 """A turning body's silhouette has its centroid off the body's own by about this part of its size."""
 
@@ -58,6 +61,8 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
     camera, distance = find_camera(settings, width, height, pictures, clip.first_frame, depth_of_object, progress)
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
+    if not still and settings.camera is None:
+        progress.warn("The camera moves, and without --camera its motion is taken for the object's.")
     plate = median_plate(clip.frames, progress) if still else None
     progress.update(0.08, "finding the object")
     mask = first_mask(settings, clip.frames[0], plate, progress)
@@ -98,9 +103,11 @@ def _pin(settings: ObserveSettings, mask: np.ndarray) -> np.ndarray:
     """(H, W) bool, the held part of the object."""
     if settings.pin is None:
         return np.zeros_like(mask)
-    pin = read_mask(settings.pin, *mask.shape, what="pin mask") & mask
+    pin = read_mask(settings.pin, mask.shape[0], mask.shape[1], "pin mask") & mask
     if not pin.any():
-        raise ObjectError("The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first picture.")
+        raise ObjectError(
+            "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first picture."
+        )
     return pin
 
 
@@ -145,7 +152,10 @@ def _carry(
 def _tell_lost(masks: np.ndarray, progress: Progress) -> None:
     seen = masks.any(axis=(1, 2))
     if not seen[1:].any():
-        raise ObjectError("The object is lost right after the first picture.", "Mark it more closely, start where it is in full view, or choose a slower clip.")
+        raise ObjectError(
+            "The object is lost right after the first picture.",
+            "Mark it more closely, start where it is in full view, or choose a slower clip.",
+        )
     if not seen.all():
         lost = np.flatnonzero(~seen)
         progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in picture {lost[0]}.")
@@ -156,15 +166,20 @@ def _with_centroid(
 ) -> _Tracks:
     """The silhouette's centroid instead of the corner tracks, or after them.
 
-    Not `enough` (T+1,) corners for most of the clip's first half: the centroid alone. Corners that turn out of sight later (a sheet
+    Not `enough` (T+1,) corners for most of the clip's first half, or a tiny body: the centroid alone. Corners that turn out of sight later (a sheet
     seen edge-on): the centroid joins where they are too few, with the larger sigma of a silhouette that turns.
     """
     place, visible, sigma = centroid_track(frames, masks, plate)
-    if enough[: max(2, len(frames) // 2)].mean() < 0.75:
-        progress.warn("The object is too small or too plain for single points, so its silhouette's centroid is followed: its rotation stays unknown.")
+    if enough[: max(2, len(frames) // 2)].mean() < 0.75 or masks[0].sum() < FEW_PATCHES:
+        progress.warn(
+            "The object is too small or too plain for single points, so its silhouette's centroid is followed: its rotation stays unknown."
+        )
         return _Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
     joins = visible & ~enough
-    progress.warn(f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} pictures; there the silhouette's centroid is followed.")
+    progress.warn(
+        f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} pictures; "
+        "there the silhouette's centroid is followed."
+    )
     sigma = np.hypot(sigma, SILHOUETTE * np.sqrt(masks.sum(axis=(1, 2)).max()))
     return _Tracks(
         np.concatenate([corners.xy, place[:, None]], axis=1),

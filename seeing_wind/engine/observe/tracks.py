@@ -36,6 +36,9 @@ FLOOR = 0.06
 CHAIN_STEP = 0.2
 """Standard deviation that one unanchored frame-to-frame step adds [px]."""
 
+LARGEST = 300.0
+"""Square root of the object's area [px] beyond which it is followed in a smaller copy."""
+
 FORGOTTEN = 12
 """Pictures without sight after which a point is not looked for any more."""
 
@@ -68,52 +71,88 @@ def _refined(gray: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Corners with real contrast only: the smaller eigenvalue of the structure tensor above that of the codec's noise."""
     if not len(corners):
         return corners
-    strength = cv2.cornerMinEigenVal(cv2.GaussianBlur(gray, (0, 0), 1.0), 7, 3)
+    strength = cv2.cornerMinEigenVal(cv2.GaussianBlur(gray, (0, 0), 1.0), 7, ksize=3)
     values = sample(strength.astype(np.float32), corners[:, None, :])[:, 0]
     # 1e-4 is a step of about five grey levels across the block.
     return corners[values > 1e-4]
 
 
+def _middle(mask: np.ndarray) -> np.ndarray:
+    """Centroid x, y of `mask` (H, W)."""
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()])
+
+
 class Tracker:
     """Follows points from picture 0 on.
 
-    Attributes (K points):
-        xy: (K, 2) [px], newest positions.
+    Patches and thresholds are in working pixels: a large object is followed in a smaller copy of the clip, where a patch holds as
+    much of its pattern as on a small one. Positions in and out are those of the file.
+
+    Attributes:
         visible: (K,) bool.
-        sigma: (K,) [px].
     """
 
     def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
         """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of picture 0."""
         count = len(corners)
-        self._first = smooth(picture)
-        self._rest = corners
-        soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 1.0)
-        self._patches = cut_patches(self._first, soft, corners)
+        self._scale = max(1.0, float(np.sqrt(mask.sum())) / LARGEST)
+        first, inside = self._smaller(picture, mask)
+        self._rest = self._inward(corners)
+        self._patches = cut_patches(first, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), 1.0), self._rest)
         self._second: Patches = self._patches
         self._second_affine = np.tile(np.eye(2), (count, 1, 1))
         self._second_sigma = np.zeros(count)
-        self._reach = max(30.0, 0.5 * float(np.sqrt(mask.sum())))
+        self._reach = max(30.0, 0.5 * float(np.sqrt(inside.sum())))
         self._affine = np.tile(np.eye(2), (count, 1, 1))
         self._unseen = np.zeros(count, int)
-        self.xy = corners.copy()
+        self._center = _middle(inside)
+        self._xy = self._rest.copy()
+        self._sigma = np.full(count, FLOOR)
         self.visible = np.ones(count, bool)
-        self.sigma = np.full(count, FLOOR)
+
+    @property
+    def xy(self) -> np.ndarray:
+        """(K, 2) [px], newest positions."""
+        return (self._xy + 0.5) * self._scale - 0.5
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(K,) [px]."""
+        return self._sigma * self._scale
+
+    def _smaller(self, picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The smoothed gray picture and the mask at the working size."""
+        if self._scale > 1.0:
+            size = (round(picture.shape[1] / self._scale), round(picture.shape[0] / self._scale))
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+            mask = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        return smooth(picture), mask
+
+    def _inward(self, xy: np.ndarray) -> np.ndarray:
+        """File pixels to working pixels; pixel centres are at integers in both."""
+        return (xy + 0.5) / self._scale - 0.5
 
     def advance(self, picture: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
         """Follow the points into the next `picture` (H, W, 3) uint8 RGB with its `mask` (H, W) and the flow that leads there.
 
-        Without flow (the object was hidden) all points are invisible and nothing is known of them.
+        Without flow or mask (the object is hidden) all points are invisible; when it is back they start where its centre has gone.
         """
-        if flow is None or not len(self.xy) or not mask.any():
-            self.visible[:] = False
-            self._unseen += 1
+        now, mask = self._smaller(picture, mask)
+        if not len(self._xy) or not mask.any():
+            self.visible = np.zeros(len(self._xy), bool)
+            self._unseen = self._unseen + 1
             return
-        now = smooth(picture)
-        start = self.xy + flow.at(self.xy)
-        guess, affine, support = predict(self._rest, start, self.visible, self._affine, self._reach)
+        center, before = _middle(mask), self._center
+        self._center = center
+        if flow is None or not self.visible.any():
+            back = (self._unseen > 0) & (self._unseen <= FORGOTTEN)
+            start, known = self._xy + (center - before), back | self.visible
+        else:
+            start, known = self._xy + flow.at(self.xy) / self._scale, self.visible
+        guess, affine, support = predict(self._rest, start, known, self._affine, self._reach)
         # A point out of sight has no chain of its own: it starts where its neighbours are.
-        lost = ~self.visible
+        lost = ~known
         start[lost] = guess[lost]
         wanted = ~lost | ((support >= 4) & (self._unseen <= FORGOTTEN))
         xy, shape, sigma, anchored = self._anchor(now, start, affine, wanted)
@@ -121,22 +160,22 @@ class Tracker:
         off = disagreement(xy, predicted, support)
         good = anchored & (off < ODD)
         # An anchor that failed or is odd, but whose chain the neighbours confirm, lives on.
-        chain = ~good & ~lost & (support >= 4) & (disagreement(start, predicted, support) < CHAIN_AGREES)
+        chain = ~good & self.visible & (support >= 4) & (disagreement(start, predicted, support) < CHAIN_AGREES)
         xy[chain] = start[chain]
-        sigma[chain] = np.hypot(self.sigma[chain], CHAIN_STEP)
+        sigma[chain] = np.hypot(self._sigma[chain], CHAIN_STEP)
         flat = np.linalg.svd(shape, compute_uv=False)[:, 1] < EDGE_ON
         seen = (good | chain) & ~flat & self._on_object(xy, mask)
-        self.xy = np.where(seen[:, None], xy, predicted)
+        self._xy = np.where(seen[:, None], xy, predicted)
         self._affine = np.where(seen[:, None, None], shape, affine)
         self.visible = seen
         self._unseen = np.where(seen, 0, self._unseen + 1)
-        self.sigma = np.maximum(sigma, FLOOR)
+        self._sigma = np.maximum(sigma, FLOOR)
 
     def _anchor(
         self, now: np.ndarray, start: np.ndarray, affine: np.ndarray, wanted: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Positions, shapes, sigmas and success of aligning with picture 0, or failing that with the point's second template."""
-        xy, shape, sigma = start.copy(), affine.copy(), self.sigma.copy()
+        xy, shape, sigma = start.copy(), affine.copy(), self._sigma.copy()
         anchored = np.zeros(len(start), bool)
         for second in (False, True):
             todo = np.flatnonzero(wanted & ~anchored)

@@ -35,6 +35,8 @@ def smooth(picture: np.ndarray) -> np.ndarray:
 def sample(picture: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """Bilinear values (...,) of `picture` (H, W) at points (..., 2) [px], the rim repeated outside."""
     points = np.ascontiguousarray(xy, dtype=np.float32)
+    if not points.size:
+        return np.zeros(points.shape[:-1], np.float32)
     flat = points.reshape(-1, points.shape[-2] if points.ndim > 2 else 1, 2)
     return cv2.remap(picture, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(points.shape[:-1])
 

@@ -21,6 +21,9 @@ UNKNOWN = 0.3
 WITHOUT_PLATE = 0.02
 """Part of the object's size added to the deviation when the silhouette comes from a cut instead of a clean background."""
 
+HIDDEN = 0.3
+"""Of a small body's size, how far its centroid may move when all of it is hidden: half its radius."""
+
 LIKE_BACKGROUND = 0.12
 """Part of the object in front of a background of its own colour, or one not known, from which its whole shape is registered instead."""
 
@@ -39,7 +42,8 @@ def centroid_track(frames: np.ndarray, masks: np.ndarray, plate: Plate | None) -
     """
     xy = np.full((len(frames), 2), np.nan)
     sigma = np.zeros(len(frames))
-    color = np.median(frames[0][cv2.erode(masks[0].astype(np.uint8), np.ones((3, 3))) > 0] if masks[0].sum() > 60 else frames[0][masks[0]], axis=0)
+    inner = cv2.erode(masks[0].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    color = np.median(frames[0][inner if inner.any() else masks[0]], axis=0)
     usual = float(np.median(masks.sum(axis=(1, 2))[masks.any(axis=(1, 2))]))
     full: np.ndarray | None = None
     registered = np.zeros(len(frames), bool)
@@ -59,7 +63,7 @@ def centroid_track(frames: np.ndarray, masks: np.ndarray, plate: Plate | None) -
             continue
         xy[t] = origin + _mean_place(cover)
         # A small body's hidden part shifts its centroid by up to that part of the radius; a large one is cut out by its colours there.
-        sigma[t] = missing * (0.3 if mask.sum() < SMALL else WITHOUT_PLATE) * np.sqrt(usual)
+        sigma[t] = missing * (HIDDEN if plate is not None and mask.sum() < SMALL else WITHOUT_PLATE) * np.sqrt(usual)
         if not partly:
             full = _centred(cover)
     xy[_astray(xy, registered)] = np.nan
@@ -108,18 +112,24 @@ def _centred(cover: np.ndarray) -> np.ndarray:
     half = int(np.ceil(max(cover.shape) / 2))
     grid = np.mgrid[-half : half + 1, -half : half + 1].astype(np.float32)
     return cv2.remap(
-        cover.astype(np.float32), grid[1] + np.float32(place[0]), grid[0] + np.float32(place[1]), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        cover.astype(np.float32),
+        grid[1] + np.float32(place[0]),
+        grid[0] + np.float32(place[1]),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_CONSTANT,
     )
 
 
 def _register(shape: np.ndarray, cover: np.ndarray, known: np.ndarray) -> tuple[np.ndarray, float]:
-    """Where the centred `shape` fits the known part of `cover` best (x, y in the window), and the part of the shape that was known there."""
+    """Where the centred `shape` fits the known part of `cover` best (x, y in the window), and the part of it known there."""
     half = shape.shape[0] // 2
     rows, columns = np.mgrid[: cover.shape[0], : cover.shape[1]].astype(np.float32)
     place = _mean_place(np.where(known, cover, 0.0)) if (known & (cover > 0.1)).any() else np.array(cover.shape[::-1]) / 2.0
 
     def moved(at: np.ndarray) -> np.ndarray:
-        return cv2.remap(shape, columns - np.float32(at[0] - half), rows - np.float32(at[1] - half), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        return cv2.remap(
+            shape, columns - np.float32(at[0] - half), rows - np.float32(at[1] - half), cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT
+        )
 
     best, place = np.inf, place.copy()
     # A grid of half pixels first, for the part in view need not be the middle; then parabolas.

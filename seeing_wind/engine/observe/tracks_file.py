@@ -38,13 +38,18 @@ def read_tracks(
         part = slice(first_frame, first_frame + pictures)
         xy, visible, sigma = xy[part], visible[part], sigma[part]
     if not np.isfinite(xy[visible]).all() or not np.isfinite(sigma[visible]).all() or (sigma[visible] <= 0).any():
-        raise UsageError(f"The tracks {path} hold visible points that are not finite, or sigmas that are not positive.", "Mark such points as not visible.")
+        raise UsageError(
+            f"The tracks {path} hold visible points that are not finite, or sigmas that are not positive.",
+            "Mark such points as not visible.",
+        )
     height, width = mask.shape
     nearest = np.round(np.nan_to_num(xy[0], nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(int)
     inside = (nearest >= 0).all(axis=1) & (nearest[:, 0] < width) & (nearest[:, 1] < height)
     on = visible[0] & inside & mask[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
     if not on.any():
-        raise UsageError(f"No track of {path} is visible on the object in the first picture.", "Check the mask, and that pixels count from the top left.")
+        raise UsageError(
+            f"No track of {path} is visible on the object in the first picture.", "Check the mask, and that pixels count from the top left."
+        )
     if not on.all():
         progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first picture and are left out.")
     # An invisible point's place is never used; zero keeps arithmetic on whole arrays finite.

@@ -28,8 +28,10 @@ MISMATCH_TAU = 8.0
 """Correlation time of the slow part [frames]."""
 SMOOTH_TRACKS = 15.0
 """The mismatch is smooth over the body: beyond this number, further tracks share it and add nothing to what is known of it."""
-PLASTIC_FACTOR, PINNED_FACTOR = 10.0, 3.0
-"""How much more variance the mismatch has when the body flows plastically or is held."""
+PLASTIC_FACTOR = 10.0
+"""How much more variance the mismatch has when the body flows plastically."""
+PINNED_FACTOR_POINTS, PINNED_FACTOR_TRACKS = 1000.0, 30.0
+"""The same for a held body: a clamp is never exactly where it seems, and moves the whole body like a lever."""
 LATE_OFFSET = 0.5
 """Standard deviation [px] of the attachment of a track that was not there in picture 0."""
 MODES = 20
@@ -267,11 +269,6 @@ def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
     return np.stack([row @ series[i : i + width] for i in range(len(series) - width + 1)])
 
 
-def mismatch_factor(particles: Particles, plastic: bool) -> float:
-    """How much more variance than a free elastic body's the simulator's error has."""
-    return (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if particles.pinned.any() else 1.0)
-
-
 def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -> PointChannels:
     """Channels of points in 3D.
 
@@ -297,7 +294,8 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
             observed[t, :fitted] = inverse @ targets.x[t, seen]
             used[t, :fitted] = t > 0
     white, slow = (share * particles.spacing for share in MISMATCH_SPACINGS)
-    mismatch = _mismatch(pictures, white, slow, mismatch_factor(particles, plastic))
+    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR_POINTS if particles.pinned.any() else 1.0)
+    mismatch = _mismatch(pictures, white, slow, factor)
     if targets.sigma is not None:
         sigma = np.full(modes.shape[1], targets.sigma / np.sqrt(count))
     else:
@@ -319,7 +317,8 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
     visible = targets.visible & ~edge_on(targets.xy, targets.visible)
     used = np.repeat(visible, 2, axis=1)
     used[0] = False
-    factor = mismatch_factor(particles, plastic) * max(1.0, visible.sum(axis=1).mean() / SMOOTH_TRACKS)
+    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR_TRACKS if particles.pinned.any() else 1.0)
+    factor *= max(1.0, visible.sum(axis=1).mean() / SMOOTH_TRACKS)
     return TrackChannels(targets, attachment_matrix(targets.attachment, len(particles.x)), used, factor, np.ones(used.shape))
 
 

@@ -61,11 +61,11 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
 
     inside, owner = _lattice(vertices, triangles[closed], parts[closed], spacing)
     caught = np.bincount(owner, minlength=parts.max() + 1)
-    thickness = 2.0 * part_volumes(vertices, triangles, parts) / np.maximum(np.bincount(parts, area), 1e-300)
+    contents = part_volumes(vertices, triangles, parts)
+    thickness = 2.0 * np.abs(contents) / np.maximum(np.bincount(parts, area), 1e-300)
     shell = ~closed | (caught < _FEWEST)[parts] | (thickness < _THINNEST * spacing)[parts]
-    inside = inside[~np.isin(owner, np.unique(parts[shell]))]
-    bulk_volume = abs(signed_volume(vertices, triangles[~shell]))
-    x, sizes = [inside], [np.full(len(inside), bulk_volume / max(len(inside), 1))]
+    in_bulk = ~np.isin(owner, np.unique(parts[shell]))
+    x, sizes = [inside[in_bulk]], [_shares(owner[in_bulk], contents)]
     notes: list[str] = []
     if shell.any():
         points, normals, patch = sample_surface(vertices, triangles[shell], cross[shell], area[shell], spacing)
@@ -84,6 +84,15 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
             notes.append("closed but thinner than its particles: simulated as a shell of the same volume")
     particles = Particles(np.concatenate(x), np.concatenate(sizes), np.zeros(sum(map(len, x)), dtype=bool), float(spacing))
     return Filling(particles, notes)
+
+
+def _shares(owner: np.ndarray, contents: np.ndarray) -> np.ndarray:
+    """Volume (P,) [m³] of lattice points: those of a part share its volume; where a part bounds a cavity of another, all share alike."""
+    caught = np.bincount(owner, minlength=len(contents))
+    volumes = contents[caught > 0]
+    if len(volumes) and (np.sign(volumes) != np.sign(volumes[0])).any():
+        return np.full(len(owner), abs(volumes.sum()) / len(owner))
+    return np.abs(contents)[owner] / np.maximum(caught, 1)[owner]
 
 
 def _spacing_for(volume: float, closed_area: float, open_area: float, count: int) -> float:
@@ -125,9 +134,9 @@ def signed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
 
 
 def part_volumes(vertices: np.ndarray, triangles: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """(P,) volume [m³] of each connected part; without meaning for open ones."""
+    """(P,) signed volume [m³] of each connected part, negative for a cavity's wall; without meaning for open parts."""
     a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
-    return np.abs(np.bincount(parts, np.einsum("mi,mi->m", a, np.cross(b, c)) / 6.0))
+    return np.bincount(parts, np.einsum("mi,mi->m", a, np.cross(b, c)) / 6.0)
 
 
 def connected_parts(triangles: np.ndarray, vertex_count: int) -> np.ndarray:

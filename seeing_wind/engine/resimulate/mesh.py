@@ -47,8 +47,10 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """`v` and `f` lines of a Wavefront OBJ. (Libraries split vertices at seams and repeat them per object, which would move the pins.)"""
     vertices: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    at = 0
     try:
-        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+        for at, line in enumerate(lines, 1):  # noqa: B007, the message names the line
             words = line.split()
             if not words:
                 continue
@@ -59,7 +61,7 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 corners = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
                 triangles += [(corners[0], b, c) for b, c in zip(corners[1:], corners[2:])]
     except ValueError as error:
-        raise UsageError(f"{path.name}, line {number}: {error}.", "Export the mesh again.") from error
+        raise UsageError(f"{path.name}, line {at}: {error}.", "Export the mesh again.") from error
     if any(len(vertex) != 3 for vertex in vertices):
         raise UsageError(f"{path.name}: a vertex has fewer than three coordinates.", "Export the mesh again.")
     return np.array(vertices, dtype=np.float64).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)
@@ -72,8 +74,8 @@ def _read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
         raise MissingPackage("PLY meshes need the package trimesh.", "Install the engine, or give an OBJ or NPZ.") from error
     try:
         # Unprocessed: merged or reordered vertices would move the pins.
-        mesh = trimesh.load(path, file_type="ply", force="mesh", process=False)
-        return mesh.vertices, mesh.faces
+        mesh = trimesh.load_mesh(path, file_type="ply", process=False)
+        return np.asarray(mesh.vertices), np.asarray(mesh.faces)
     except Exception as error:  # trimesh raises whatever its parser stumbles over
         raise UsageError(f"{path.name} cannot be read as a PLY mesh: {error}.", "Export the mesh again.") from error
 

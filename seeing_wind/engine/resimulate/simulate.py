@@ -165,7 +165,13 @@ def _pin(actor: _Actor, path: Path) -> _Actor:
 
 
 def _move(
-    actors: Sequence[_Actor], field: ForceField, gravity: Sequence[float], strength: np.ndarray, progress: Progress, begun: float, share: float
+    actors: Sequence[_Actor],
+    field: ForceField,
+    gravity: Sequence[float],
+    strength: np.ndarray,
+    progress: Progress,
+    begun: float,
+    share: float,
 ) -> tuple[list[np.ndarray], list[str]]:
     """Simulate actors that share a grid. Returns positions (T+1, N, 3) of each, and notes on the solver's choices."""
     ends = np.cumsum([len(actor.particles.x) for actor in actors])
@@ -192,8 +198,7 @@ def _move(
 def _model(actors: Sequence[_Actor], frame: int, fps: float, gravity: Sequence[float]) -> tuple[Model, list[str]]:
     """The solver's model while all bodies that start after `frame` are held."""
     particles = [
-        actor.particles if actor.edit.start_frame <= frame else dataclasses.replace(actor.particles, pinned=np.ones(len(actor.particles.x), dtype=bool))
-        for actor in actors
+        dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors
     ]
     speed = max(5.0, 1.5 * max(float(np.linalg.norm(actor.velocity, axis=1).max()) for actor in actors))
     model, notes = model_for(
@@ -225,4 +230,5 @@ def _outside_note(x: np.ndarray, field: ForceField) -> list[str]:
     if outside.max() <= 0.1:
         return []
     first = int(np.argmax(outside > 0.1))
-    return [f"{100 * outside.max():.0f} % of it lies outside the field's box at times, first in frame {first}; there the force is the box's edge's"]
+    share = 100 * outside.max()
+    return [f"up to {share:.0f} % of it lies outside the field's box, first in frame {first}; the force there is that of the box's edge"]

@@ -65,7 +65,7 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
             body.material = settings.material if self.material == "SAME" else self.material
             body.mass_scale, body.pin_group, body.start_frame = self.mass_scale, self.pin_group, self.start_frame
         settings.active_body = len(settings.bodies) - 1
-        return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new):])}"
+        return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new) :])}"
 
     def _meshes(self, context) -> list:
         settings = context.scene.seeing_wind

@@ -41,7 +41,10 @@ class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
     def finish(self, scene, result):
         """The findings as a text that the Text Editor shows."""
         checks = result.get("checks", [])
-        lines = [f"{'ok     ' if check['ok'] else 'missing'}  {check['name']}: {check['detail']}  {check.get('advice', '')}".rstrip() for check in checks]
+        lines = [
+            f"{'ok     ' if check['ok'] else 'missing'}  {check['name']}: {check['detail']}  {check.get('advice', '')}".rstrip()
+            for check in checks
+        ]
         text = bpy.data.texts.get(TEXT) or bpy.data.texts.new(TEXT)
         text.from_string("\n".join([f"Python: {engine_environment.engine_python()}", *lines, ""]))
         return f"The engine is well: {sum(check['ok'] for check in checks)} of {len(checks)} checks, see the text {TEXT}"

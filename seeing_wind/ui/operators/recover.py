@@ -52,13 +52,17 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
     bl_options = {"UNDO"}
     step = "recover"
 
-    take: StringProperty(name="Take", subtype="DIR_PATH", options={"SKIP_SAVE"}, description="Folder of the results; empty: that of the settings")
+    take: StringProperty(
+        name="Take", subtype="DIR_PATH", options={"SKIP_SAVE"}, description="Folder of the results; empty: that of the settings"
+    )
     clip: StringProperty(name="Clip", subtype="FILE_PATH", options={"SKIP_SAVE"}, description="The video, if it has been moved since")
 
     def start(self, scene):
         """The engine is asked for the field at the places that the scene needs."""
         settings = scene.seeing_wind
-        self.folder = Path(worker_calls.absolute(self.take)) if self.take else Path(settings.recovered_take or worker_calls.take_folder(settings))
+        self.folder = (
+            Path(worker_calls.absolute(self.take)) if self.take else Path(settings.recovered_take or worker_calls.take_folder(settings))
+        )
         if not (self.folder / "field.safetensors").is_file():
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
         return results.sampling(engine_python(), self.folder, settings.field_resolution)

@@ -60,16 +60,17 @@ def test_npz_with_pickled_objects_is_refused(tmp_path):
 
 @pytest.mark.parametrize("shape", ["box", "ball", "ring", "two"])
 def test_volumes_sum_to_the_closed_mesh(shape):
+    small = trimesh.creation.box((0.05,) * 3).apply_translation((1, 0, 0))
     mesh = {
         "box": lambda: trimesh.creation.box((0.2, 0.3, 0.1)),
         "ball": lambda: trimesh.creation.icosphere(subdivisions=3, radius=0.2),
         "ring": lambda: trimesh.creation.torus(0.3, 0.1),
-        "two": lambda: trimesh.util.concatenate([trimesh.creation.box((0.1,) * 3), trimesh.creation.icosphere(radius=0.05).apply_translation((1, 0, 0))]),
+        "two": lambda: trimesh.util.concatenate([trimesh.creation.box((0.1,) * 3), small]),
     }[shape]()
     particles = fill(mesh.vertices, mesh.faces, count=1500).particles
     assert particles.volume.sum() == pytest.approx(mesh.volume, rel=1e-9)
     assert 1000 < len(particles.x) < 2200
-    assert particles.volume.mean() == pytest.approx(particles.spacing**3, rel=0.15)
+    assert particles.volume.mean() == pytest.approx(particles.spacing**3, rel=0.2)
     np.testing.assert_allclose(particles.x.mean(0), mesh.center_mass, atol=0.7 * particles.spacing)
 
 

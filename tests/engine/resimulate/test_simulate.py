@@ -29,8 +29,8 @@ def uniform(force=(600.0, 0.0, 300.0), frames=FRAMES) -> UniformField:
 
 def waves(frames=FRAMES) -> ForceFieldAnalytic:
     """A field that bends and turns."""
-    amplitude = np.broadcast_to(np.array([[0.0, 900.0, 400.0]]), (frames, 1, 3))
-    return ForceFieldAnalytic(BOX, FPS, frames, np.tile([500.0, 0.0, 0.0], (frames, 1)), np.array([[9.0, 0.0, 0.0]]), np.zeros(1), amplitude)
+    amplitude, mean = np.broadcast_to(np.array([[0.0, 900.0, 400.0]]), (frames, 1, 3)), np.tile([500.0, 0.0, 0.0], (frames, 1))
+    return ForceFieldAnalytic(BOX, FPS, frames, mean, np.array([[9.0, 0.0, 0.0]]), np.zeros(1), amplitude)
 
 
 @pytest.fixture
@@ -89,8 +89,8 @@ def test_pinned_vertices_stay(folder):
     vertices = np.load(folder / "flag.npz")["vertices"]
     pins = np.flatnonzero(vertices[:, 0] < 1e-6)
     np.save(folder / "pins.npy", pins)
-    field = waves(20)
-    bodies = run(folder, BodyEdit("held", "flag.npz", pin="pins.npy", **SOFT), BodyEdit("free", "flag.npz", **SOFT), field=field, gravity=(0, 0, -9.81))
+    flags = BodyEdit("held", "flag.npz", pin="pins.npy", **SOFT), BodyEdit("free", "flag.npz", **SOFT)
+    bodies = run(folder, *flags, field=waves(20), gravity=(0, 0, -9.81))
     moved = np.linalg.norm(bodies["held"].vertices - vertices, axis=-1)
     assert moved[:, pins].max() < 1e-4
     assert moved[-1].max() > 0.02
@@ -170,7 +170,8 @@ def test_beyond_its_box_the_field_goes_on_from_the_edge():
 
 
 def test_leaving_the_box_is_said(folder):
-    body = run(folder, BodyEdit("box", "box.obj", velocity=(4.0, 0, 0), start_frame=0, **SOFT), field=UniformField(BOX * 0.3, FPS, FRAMES, np.zeros(3)))
+    small = UniformField(BOX * 0.3, FPS, FRAMES, np.zeros(3))
+    body = run(folder, BodyEdit("box", "box.obj", velocity=(4.0, 0, 0), **SOFT), field=small)
     assert any("outside the field's box" in note for note in body["box"].notes)
 
 

@@ -1,0 +1,15 @@
+"""The object: from an observation to particles, material, Gaussians, surface and key points.
+
+    relief.py     front and back of the body in picture 0        particles.py  material points between them
+    keypoints.py  tracked points on the body                     control.py    what rides on what
+    lifting.py    tracks to 3D, as rigid as possible             surface.py    closed mesh for display
+    gaussians.py  3D Gaussians G^0                               splatting.py  their rasteriser and fit (torch)
+    ply.py        their file                                     views.py      further cameras
+"""
+
+from __future__ import annotations
+
+from .body import build
+from .ply import read_ply, write_ply
+
+__all__ = ["build", "read_ply", "write_ply"]

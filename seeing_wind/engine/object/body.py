@@ -1,0 +1,75 @@
+"""Stage *build*: from an observation to a body that physics can move (paper, section 3.1)."""
+
+from __future__ import annotations
+
+from ..materials import PLASTIC_LAWS, adjusted, find
+from ..progress import NoProgress, Progress
+from ..records import Body, Observation
+from ..settings import BuildSettings
+from .gaussians import pixel_aligned
+from .keypoints import held, place, ride
+from .lifting import lift
+from .particles import fill
+from .relief import relief_of
+from .surface import surface_of
+
+POOR_LOOK = 25.0
+"""PSNR [dB] under which the user is told that the Gaussians do not show the object well."""
+
+
+def build(observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None) -> Body:
+    """Particles, material, Gaussians, surface and key points of the object in picture 0.
+
+    Args:
+        observation: what was seen; settings: material, thickness, number of particles.
+
+    Raises:
+        MaterialError: an unknown material or numbers that are not physical.
+        ObjectError: no object in picture 0, too few pixels, no depth on it, or a pin off the object.
+        Cancelled: at a safe point, when the user asked to stop.
+    """
+    settings, progress = settings or BuildSettings(), progress or NoProgress()
+    material = adjusted(
+        find(settings.material),
+        law=settings.law,
+        density=settings.density,
+        youngs_modulus=settings.youngs_modulus,
+        poisson_ratio=settings.poisson_ratio,
+        yield_stress=settings.yield_stress,
+        viscosity=settings.viscosity,
+    )
+    relief = relief_of(observation, settings.thickness)
+    particles = fill(relief, settings.particles, observation.pin)
+    progress.update(0.05, f"{len(particles.x)} particles in a {relief.kind}, {1000.0 * relief.thickness:.1f} mm thick")
+    points = place(observation, relief, particles)
+    keypoints = ride(points, observation.on_centroid, particles)
+    # A body that flows forgets picture 0: its neighbourhoods are compared with the previous picture.
+    arap = "previous" if material.law in PLASTIC_LAWS else "rest"
+    lifted = lift(
+        observation.camera, observation.xy, observation.visible, observation.sigma, points, held(observation, points), arap, progress
+    )
+    progress.update(0.15, f"{len(points)} key points lifted")
+    surface = surface_of(relief, particles.x)
+    progress.update(0.2, f"surface of {len(surface.vertices)} vertices")
+    from .splatting import fit  # brings torch: here, so that the rest of this room loads fast
+
+    rough = pixel_aligned(relief, observation.image, particles.x)
+    gaussians, quality = fit(rough, relief, observation.image, progress=_Share(progress, 0.2, 1.0))
+    if quality < POOR_LOOK:
+        progress.warn(f"The Gaussians show the object with {quality:.1f} dB only; forces do not depend on it.")
+    progress.update(1.0, f"{len(gaussians.x)} Gaussians, {quality:.1f} dB", psnr=round(quality, 2))
+    return Body(particles=particles, material=material, gaussians=gaussians, surface=surface, keypoints=keypoints, lifted=lifted)
+
+
+class _Share(Progress):
+    """A part, `begin`..`end`, of another progress."""
+
+    def __init__(self, whole: Progress, begin: float, end: float) -> None:
+        super().__init__()
+        self._whole, self._begin, self._end = whole, begin, end
+
+    def update(self, fraction: float, message: str = "", **figures: float) -> None:
+        self._whole.update(self._begin + fraction * (self._end - self._begin), message, **figures)
+
+    def check(self) -> None:
+        self._whole.check()

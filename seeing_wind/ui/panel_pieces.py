@@ -1,0 +1,89 @@
+"""What the panels are put together from: states, messages with the button that mends them, progress bars."""
+
+from __future__ import annotations
+
+import textwrap
+
+from . import status
+from .status import State
+
+ICONS = {State.IDLE: "RADIOBUT_OFF", State.DONE: "CHECKMARK", State.STALE: "FILE_REFRESH", State.RUNNING: "SORTTIME", State.FAILED: "ERROR"}
+
+SAYS = {State.STALE: "Settings have changed since: run it again"}
+
+MENDS = {
+    "install_engine": ("seeing_wind.install_engine", "Install Engine", "IMPORT"),
+    "allow_online": ("extensions.userpref_allow_online", "Allow Online Access", "URL"),
+    "open_preferences": ("seeing_wind.open_preferences", "Open Preferences", "PREFERENCES"),
+}
+"""The control that mends an error, by `SeeingWindError.mend`."""
+
+
+def draw_text(layout, context, text: str, icon: str = "NONE") -> None:
+    """A text in as many lines as the region is wide; Blender's labels do not wrap."""
+    region, scale = context.region, context.preferences.system.ui_scale
+    characters = max(16, int((region.width / scale - 75) / 6.4)) if region is not None else 60
+    column = layout.column(align=True)
+    column.scale_y = 0.8
+    for number, line in enumerate(textwrap.wrap(text, characters)):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
+
+
+def draw_failure(layout, context, step: status.Step) -> None:
+    """What went wrong, what to do, and the button that does it."""
+    box = layout.box()
+    message = box.column()
+    message.alert = True
+    draw_text(message, context, step.message, "ERROR")
+    if step.hint:
+        draw_text(box, context, step.hint)
+    if step.mend in MENDS:
+        operator, text, icon = MENDS[step.mend]
+        box.operator(operator, text=text, icon=icon)
+
+
+def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
+    """The bar of a running job, what it does, and the way to stop it."""
+    column = layout.column(align=True)
+    column.progress(factor=step.fraction, text=f"{100 * step.fraction:.0f} %", type="BAR")
+    row = column.row()
+    row.active = False
+    row.label(text=step.message[:60])
+    row = column.row()
+    row.enabled = not cancelling
+    row.operator("seeing_wind.cancel", text="Stopping..." if cancelling else "Cancel", icon="CANCEL")
+
+
+def draw_job(layout, context, name: str, operator: str, text: str, icon: str, ready: bool = True) -> None:
+    """The button of a step's job, or its bar while it runs; then how it stands."""
+    now = status.of(context.scene.session_uid)
+    step = now.steps[name]
+    if now.running == name:
+        draw_progress(layout, step, now.cancelling)
+        return
+    row = layout.row()
+    row.scale_y = 1.4
+    row.enabled = ready and not now.running
+    row.operator(operator, text=text, icon=icon)
+    if step.state == State.FAILED:
+        draw_failure(layout, context, step)
+    elif step.state == State.STALE:
+        draw_text(layout, context, SAYS[State.STALE], "INFO")
+    elif step.message:
+        draw_text(layout, context, step.message)
+
+
+def draw_engine(layout, context) -> None:
+    """Whether there is an engine, and the button that makes one."""
+    now = status.of(context.scene.session_uid)
+    job = now.steps.get("engine")
+    if now.running == "engine" and job is not None:
+        layout.label(text=now.title, icon="SORTTIME")
+        draw_progress(layout, job, now.cancelling)
+        return
+    if job is not None and job.state == State.FAILED:
+        draw_failure(layout, context, job)
+    elif job is not None and job.message:
+        draw_text(layout, context, job.message)
+    if status.engine.problem is not None:
+        draw_failure(layout, context, status.engine.problem)

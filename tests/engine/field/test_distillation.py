@@ -1,0 +1,112 @@
+"""Distilling: what the representations keep of the samples, gradients, confidence, determinism."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.field import ForceField, distill, sample_points
+from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.report.accuracy import field_errors, uniform_errors
+
+from .conftest import FPS, FRAMES, recovery_of
+from .test_analytic import differences
+
+
+@pytest.fixture(scope="module")
+def triplane(tumbling) -> ForceField:
+    return distill(*tumbling, FPS)
+
+
+def test_the_triplane_keeps_a_curved_field(tumbling, triplane):
+    recovery, _ = tumbling
+    flat = uniform_errors(recovery.force_density)
+    assert flat[0] > 10 and flat[1] > 6, "the scene must need the spatial part"
+    magnitude, direction = field_errors(recovery.force_density, sample_points(triplane, recovery.x[:-1])[0])
+    assert magnitude < 0.8 and direction < 0.8
+
+
+def test_between_the_samples_it_is_close_to_the_true_field(tumbling, triplane, known_wind):
+    recovery, _ = tumbling
+    between = (recovery.x[:-1, :100] + recovery.x[:-1, 100:200]) / 2
+    want, got = sample_points(known_wind, between)[0], sample_points(triplane, between)[0]
+    assert np.sqrt(((want - got) ** 2).sum(-1).mean()) < 0.05 * np.sqrt((want**2).sum(-1).mean())
+
+
+def test_the_gradient_is_that_of_the_force_and_near_the_true_one(tumbling, triplane, known_wind):
+    x = tumbling[0].x[11]
+    gradient = triplane.gradient(x, 11)
+    assert np.abs(gradient - differences(triplane, x, 11, 1e-6)).max() < 1e-4 * np.abs(gradient).max()
+    # only along the plate has the field been seen
+    along = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[2][:2]
+    want, got = known_wind.gradient(x, 11) @ along.T, gradient @ along.T
+    assert np.sqrt(((want - got) ** 2).mean()) < 0.35 * np.sqrt((want**2).mean())
+
+
+def test_away_from_the_body_the_force_stays_near_the_mean_and_is_not_trusted(tumbling, triplane):
+    recovery, _ = tumbling
+    frame = 3
+    corner = np.array([triplane.box[0], triplane.box[1], [10.0, 10.0, 10.0]])
+    force, confidence = triplane.sample(corner, frame)
+    strength = np.linalg.norm(recovery.force_density[frame], axis=1)
+    assert (np.linalg.norm(force, axis=1) < 1.5 * strength.max()).all()
+    assert (confidence < 0.1).all()
+
+
+def test_confidence_follows_coverage_and_noise(tumbling):
+    recovery, particles = tumbling
+    side = recovery.x[0, :, 0] > 0
+    rms = np.sqrt((recovery.force_density**2).sum(-1).mean())
+    unsure, _ = recovery_of(recovery.force_density, recovery.x, np.where(side, 2 * rms, 0.01 * rms))
+    field = distill(unsure, particles, FPS, "point")
+    _, confidence = field.sample(recovery.x[5], 5)
+    assert ((0 <= confidence) & (confidence <= 1)).all()
+    assert np.median(confidence[~side]) > 0.9 and np.median(confidence[side]) < 0.2
+    assert (field.sample(recovery.x[5] + [0, 0.3, 0], 5)[1] < 0.1).all()
+
+
+def test_kplanes_keep_the_field_too(tumbling):
+    recovery, particles = tumbling
+    field = distill(recovery, particles, FPS, "kplanes")
+    magnitude, direction = field_errors(recovery.force_density, sample_points(field, recovery.x[:-1])[0])
+    assert magnitude < 2 and direction < 2
+
+
+def test_point_forces_return_the_samples(tumbling):
+    recovery, particles = tumbling
+    field = distill(recovery, particles, FPS, "point")
+    assert np.array_equal(sample_points(field, recovery.x[:-1])[0], recovery.force_density)
+    assert not field.gradient(recovery.x[0], 0).any()
+
+
+def test_wrong_input_is_refused(tumbling):
+    recovery, particles = tumbling
+    with pytest.raises(UsageError, match="voxels"):
+        distill(recovery, particles, FPS, "voxels")
+    broken = recovery.force_density.copy()
+    broken[2, 3, 1] = np.nan
+    with pytest.raises(UsageError, match="not finite"):
+        distill(recovery_of(broken, recovery.x)[0], particles, FPS)
+
+
+def test_it_can_be_cancelled_and_reports(tumbling):
+    messages: list[dict] = []
+    progress = Progress(messages.append, lambda: len(messages) > 2)
+    with pytest.raises(Cancelled):
+        distill(*tumbling, FPS, progress=progress)
+    assert len(messages) == 3 and messages[-1]["misfit"] > 0
+
+
+def test_every_frames_code_starts_from_its_predecessor():
+    import torch
+
+    from seeing_wind.engine.field.triplane import CausalTimeEncoder
+
+    torch.manual_seed(0)
+    encoder = CausalTimeEncoder(FRAMES, 8)
+    before = encoder.codes().detach()
+    with torch.no_grad():
+        encoder.step[9].add_(0.1)
+    moved = (encoder.codes().detach() - before).abs().amax(dim=1) > 1e-6
+    assert moved.tolist() == [t >= 10 for t in range(FRAMES)], "a step changes its frame and all later ones, none before"

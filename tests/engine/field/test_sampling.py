@@ -1,0 +1,86 @@
+"""Sampling from files and exporting."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from seeing_wind.engine.errors import MissingPackage, UsageError
+from seeing_wind.engine.field import export_field, sample_file, sample_points
+from seeing_wind.engine.field.sampling import lattice
+
+from .conftest import BOX, FRAMES
+
+
+def test_points_of_one_frame_and_of_every_frame(known_wind, tmp_path):
+    points = np.random.default_rng(0).uniform(BOX[0], BOX[1], (FRAMES, 20, 3))
+    np.save(tmp_path / "all.npy", points)
+    np.save(tmp_path / "one.npy", points[4])
+    force, confidence = sample_file(known_wind, tmp_path / "all.npy")
+    assert force.shape == (FRAMES, 20, 3) and confidence.shape == (FRAMES, 20)
+    assert np.array_equal(sample_file(known_wind, tmp_path / "one.npy", 4)[0], force[4])
+    assert not np.array_equal(force[4], force[5])
+
+
+@pytest.mark.parametrize("shape, frame", [((3, 20, 3), None), ((20, 3), None), ((FRAMES, 20, 3), 0), ((20, 2), 0)])
+def test_shapes_that_do_not_fit(known_wind, shape, frame):
+    with pytest.raises(UsageError):
+        sample_points(known_wind, np.zeros(shape), frame)
+
+
+def test_files_that_hold_no_points(known_wind, tmp_path):
+    np.savez(tmp_path / "points.npz", np.zeros((2, 3)))
+    np.save(tmp_path / "words.npy", np.array(["a", "b"]))
+    np.save(tmp_path / "objects.npy", np.array([{}, None], dtype=object), allow_pickle=True)
+    (tmp_path / "text.npy").write_text("0 0 0")
+    for name in ("points.npz", "words.npy", "objects.npy", "text.npy", "missing.npy"):
+        with pytest.raises(UsageError):
+            sample_file(known_wind, tmp_path / name, 0)
+
+
+def test_the_lattice_spans_the_box_with_x_fastest():
+    points, (x, y, z) = lattice(BOX, 11)
+    assert (x, y, z) == (11, 7, 11) and len(points) == x * y * z
+    assert np.array_equal(points[[0, -1]], BOX)
+    assert np.ptp(points[:x, 0]) == 1.0 and not np.ptp(points[:x, 1:], axis=0).any()
+
+
+def test_npz(known_wind, tmp_path):
+    (path,) = export_field(known_wind, "npz", tmp_path / "wind", nodes=6)
+    assert path == tmp_path / "wind.npz"
+    with np.load(path, allow_pickle=False) as data:
+        assert data["force_density"].shape == (FRAMES, len(data["points"]), 3)
+        assert np.array_equal(data["force_density"][3], known_wind.sample(data["points"], 3)[0])
+        assert float(data["fps"]) == known_wind.fps
+
+
+def test_ply(known_wind, tmp_path):
+    files = export_field(known_wind, "ply", tmp_path / "clouds", nodes=6)
+    assert [path.name for path in files] == [f"frame_{frame:04d}.ply" for frame in range(FRAMES)]
+    cloud = trimesh.load(files[2])
+    force, _ = known_wind.sample(cloud.vertices, 2)
+    columns = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    got = np.stack([columns[name] for name in ("fx", "fy", "fz")], axis=1).reshape(-1, 3)
+    assert np.allclose(got, force, atol=1e-3)
+    assert not list((tmp_path / "clouds").glob(".*"))
+
+
+def test_fga_is_left_handed_and_in_centimetres(known_wind, tmp_path):
+    files = export_field(known_wind, "fga", tmp_path / "vectors", nodes=6)
+    rows = [[float(value) for value in line.strip(",").split(",")] for line in files[1].read_text().splitlines()]
+    x, y, z = (int(count) for count in rows[0])
+    low, high, vectors = np.array(rows[1]), np.array(rows[2]), np.array(rows[3:])
+    assert vectors.shape == (x * y * z, 3) and (high > low).all()
+    i, j, k = 2, 1, 3
+    place = low + (high - low) * np.array([i, j, k]) / (np.array([x, y, z]) - 1)
+    want, _ = known_wind.sample(place[None] / 100 * [1, -1, 1], 1)
+    assert np.allclose(vectors[i + x * (j + y * k)], want[0] * [1, -1, 1], rtol=1e-4)
+
+
+def test_formats_that_cannot_be_written(known_wind, tmp_path):
+    with pytest.raises(UsageError, match="obj"):
+        export_field(known_wind, "obj", tmp_path / "x")
+    with pytest.raises(MissingPackage, match="OpenVDB"):
+        export_field(known_wind, "vdb", tmp_path / "x")
+    assert not (tmp_path / "x").exists()

@@ -1,0 +1,111 @@
+"""Fields on disk: round trips, and files that must be refused."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from safetensors import safe_open
+from safetensors.numpy import load_file, save_file
+
+from seeing_wind.engine.errors import TakeError
+from seeing_wind.engine.field import GustField, distill, load_field
+
+from .conftest import BOX, FPS, recovery_of
+
+
+@pytest.fixture(scope="module")
+def fields(tumbling, known_wind, hasty):
+    recovery, particles = tumbling
+    short, _ = recovery_of(recovery.force_density[:2], recovery.x[:3])
+    made = {name: distill(short, particles, FPS, name) for name in ("causal_triplane", "kplanes", "point")}
+    return {**made, "analytic": known_wind}
+
+
+@pytest.mark.parametrize("name", ["causal_triplane", "kplanes", "point", "analytic"])
+def test_a_field_survives_the_disk_exactly(fields, tumbling, tmp_path, name):
+    field, x = fields[name], tumbling[0].x[1]
+    field.save(tmp_path / "field.safetensors")
+    again = load_field(tmp_path / "field.safetensors")
+    assert again.representation == name
+    assert np.array_equal(again.box, field.box) and again.fps == field.fps and again.frames == field.frames
+    for want, got in zip(field.sample(x, 1), again.sample(x, 1)):
+        assert np.array_equal(want, got)
+    assert np.array_equal(field.gradient(x, 1), again.gradient(x, 1))
+
+
+def test_the_metadata_can_be_read_without_this_package(fields, tmp_path):
+    path = tmp_path / "field.safetensors"
+    fields["causal_triplane"].save(path)
+    with safe_open(path, framework="numpy") as file:
+        metadata = file.metadata()
+    assert metadata["units"] == "N/m3" and metadata["representation"] == "causal_triplane" and metadata["frames"] == "2"
+    assert np.array(json.loads(metadata["box"])).shape == (2, 3)
+    assert float(metadata["fps"]) == FPS
+
+
+def test_missing_and_damaged_files(tmp_path, known_wind):
+    path = tmp_path / "field.safetensors"
+    with pytest.raises(TakeError, match="no field"):
+        load_field(path)
+    for content in (b"", b"not a field", b"\xff" * 64):
+        path.write_bytes(content)
+        with pytest.raises(TakeError):
+            load_field(path)
+    known_wind.save(path)
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(TakeError):
+        load_field(path)
+
+
+CONTRADICTIONS = [
+    {"representation": "tensor_train"},
+    {"version": "99"},
+    {"units": "lbf/ft3"},
+    {"frames": "7"},
+    {"frames": "many"},
+    {"box": "[[0,0,0]]"},
+    {"box": "[[0,0,0],[0,0,0]]"},
+    {"fps": "0"},
+    {"fps": None},
+    {"scale": None},
+    {"shape": '{"nodes": [[5,5,5]]}'},
+    {"shape": '{"surprise": 1}'},
+]
+
+
+@pytest.mark.parametrize("change", CONTRADICTIONS)
+def test_incomplete_or_contradictory_metadata(fields, tmp_path, change):
+    path = tmp_path / "field.safetensors"
+    fields["causal_triplane"].save(path)
+    with safe_open(path, framework="numpy") as file:
+        metadata = {key: value for key, value in {**file.metadata(), **change}.items() if value is not None}
+    save_file(load_file(path), path, metadata)
+    with pytest.raises(TakeError):
+        load_field(path)
+
+
+TENSORS = [("causal_triplane", "module.planes.table"), ("point", "confidence.value"), ("analytic", "phase")]
+
+
+@pytest.mark.parametrize("name, missing", TENSORS)
+def test_missing_tensors(fields, tmp_path, name, missing):
+    path = tmp_path / "field.safetensors"
+    fields[name].save(path)
+    with safe_open(path, framework="numpy") as file:
+        metadata = file.metadata()
+    save_file({key: value for key, value in load_file(path).items() if key != missing}, path, metadata)
+    with pytest.raises(TakeError):
+        load_field(path)
+
+
+def test_a_folder_that_is_not_there(known_wind, tmp_path):
+    with pytest.raises(TakeError):
+        known_wind.save(tmp_path / "nowhere" / "field.safetensors")
+
+
+def test_files_are_the_same_for_the_same_field(tmp_path):
+    for name in "ab":
+        GustField(1, BOX, FPS, 5, np.zeros(3), 2.0).save(tmp_path / name)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()

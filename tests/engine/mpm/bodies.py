@@ -1,0 +1,18 @@
+"""Small bodies for the solver's tests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seeing_wind.engine.records import Material, Particles
+
+SPACING = 0.01
+RUBBER = Material("rubber", "corotated", density=300.0, youngs_modulus=2e4, poisson_ratio=0.3)
+
+
+def block(shape=(4, 3, 5), jitter=0.1, pinned_below=None, seed=0) -> Particles:
+    """A block of particles, slightly disordered; those lower than `pinned_below` [m] are pinned."""
+    rng = np.random.default_rng(seed)
+    x = np.stack(np.meshgrid(*[np.arange(n) * SPACING for n in shape], indexing="ij"), -1).reshape(-1, 3)
+    pinned = np.zeros(len(x), bool) if pinned_below is None else x[:, 2] < pinned_below
+    return Particles(x + jitter * SPACING * rng.uniform(-1, 1, size=x.shape), np.full(len(x), SPACING**3), pinned, SPACING)

@@ -1,0 +1,77 @@
+"""Pinned bodies."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.mpm import State, model_for, rollout
+from seeing_wind.engine.mpm.boundary import FREE, HELD, PINNED
+from seeing_wind.engine.records import Material
+from tests.engine.mpm.bodies import SPACING, block
+from tests.engine.mpm.test_rollout import driven
+
+POST = Material("post", "corotated", density=500.0, youngs_modulus=1e5, poisson_ratio=0.3)
+
+
+def bend(particles, dx=None, push=2.0, frames=8):
+    model, _ = model_for(particles, POST, 30.0, gravity=(0, 0, 0), dx=dx)
+    acceleration = np.broadcast_to([push, 0.0, 0.0], (frames, model.particles, 3))
+    return rollout(model, State.at_rest(particles.x), acceleration), model
+
+
+def tip(path, particles):
+    top = particles.x[:, 2] > particles.x[:, 2].max() - SPACING
+    return (path.x[:, top] - path.x[0, top]).mean(axis=1)[:, 0].max()
+
+
+def test_pinned_particles_stay_and_the_rest_bends():
+    particles = block((4, 4, 16), pinned_below=0.035)
+    path, model = bend(particles)
+    assert np.abs(path.x - path.x[0])[:, particles.pinned].max() == 0.0
+    assert tip(path, particles) > 2e-3
+    assert set(np.unique(model.role)) == {FREE, PINNED, HELD}
+    assert np.array_equal(model.pinned, particles.pinned)
+
+
+def test_the_clamp_does_not_depend_on_place_or_grid():
+    particles = block((4, 4, 16), pinned_below=0.035)
+    here = tip(bend(particles)[0], particles)
+    for moved in ([0.0031, 0.0, 0.0], [0.0, 0.0, 0.0043], [1.0, 2.0, 3.0077]):
+        there = replace(particles, x=particles.x + moved)
+        assert np.isclose(tip(bend(there)[0], there), here, rtol=1e-6)
+    for cells in (1.4, 1.9):
+        assert np.isclose(tip(bend(particles, dx=cells * SPACING)[0], particles), here, rtol=0.1)
+
+
+def test_all_pinned_stands_still():
+    particles = block((3, 3, 3), pinned_below=1.0)
+    path, _ = bend(particles, frames=2)
+    assert np.array_equal(path.x, np.broadcast_to(path.x[0], path.x.shape)) and np.isfinite(path.F).all()
+
+
+def test_two_pinned_corners_hold_a_hanging_plate():
+    particles = block((10, 2, 10))
+    corners = (particles.x[:, 2] > 0.085) & (np.abs(particles.x[:, 0] - 0.045) > 0.03)
+    particles = replace(particles, pinned=corners)
+    model, _ = model_for(particles, replace(POST, youngs_modulus=3e4), 30.0)
+    path = rollout(model, State.at_rest(particles.x), np.zeros((10, model.particles, 3)))
+    assert np.abs(path.x - path.x[0])[:, corners].max() == 0.0
+    fall = (path.x[0] - path.x)[:, :, 2].max()
+    assert 1e-3 < fall < 0.05  # free fall would be 0.54 m
+
+
+def test_post_bends_as_in_the_other_simulator(shared):
+    truth = np.load(shared / "truth" / "pole.npz")
+    path, _, _ = driven(truth)
+    assert np.abs(path.x - path.x[0])[:, truth["fixed"]].max() < 1e-4
+    top = truth["x"][0][:, 2] > 0.48
+    got, want = ((x[:, top] - truth["x"][0][top]).mean(axis=1)[:, :2] for x in (path.x, truth["x"]))
+    gain = (got * want).sum() / (want * want).sum()
+    assert gain == pytest.approx(1.0, abs=0.07)
+    free = ~truth["fixed"]
+    error = np.sqrt(((path.x - truth["x"])[:, free] ** 2).sum(-1).mean())
+    moved = np.sqrt(((truth["x"] - truth["x"][0])[:, free] ** 2).sum(-1).mean())
+    assert error < 0.15 * moved

@@ -1,0 +1,58 @@
+"""Depth of the object: a plane, or a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.observe.depth import object_depth, typical_depth
+from seeing_wind.engine.progress import NoProgress, Progress
+
+MASK = np.zeros((20, 30), bool)
+MASK[5:15, 8:22] = True
+
+
+def test_plane() -> None:
+    depth = object_depth(None, MASK, 1.5, NoProgress())
+    assert depth.dtype == np.float32 and (depth[MASK] == 1.5).all() and np.isinf(depth[~MASK]).all()
+
+
+def test_file_is_infinite_off_the_object(tmp_path: Path) -> None:
+    values = np.tile(np.linspace(1, 2, 30), (20, 1))
+    np.save(tmp_path / "d.npy", values)
+    depth = object_depth(str(tmp_path / "d.npy"), MASK, 9.0, NoProgress())
+    assert np.allclose(depth[MASK], values[MASK]) and np.isinf(depth[~MASK]).all()
+    assert typical_depth(str(tmp_path / "d.npy"), MASK) == pytest.approx(np.median(values[MASK]))
+
+
+def test_rim_takes_the_objects_own_depth(tmp_path: Path) -> None:
+    values = np.full((20, 30), 7.0)
+    values[MASK] = 1.0
+    values[5, 8:22] = np.inf
+    np.save(tmp_path / "d.npy", values)
+    told: list[dict] = []
+    depth = object_depth(str(tmp_path / "d.npy"), MASK, 9.0, Progress(told.append))
+    assert (depth[MASK] == 1.0).all() and told[0]["type"] == "warning"
+
+
+@pytest.mark.parametrize("case", ["shape", "half", "empty", "text", "none", "object"])
+def test_files_refused(tmp_path: Path, case: str) -> None:
+    path = tmp_path / "d.npy"
+    values = np.ones((20, 30))
+    if case == "shape":
+        np.save(path, np.ones((30, 20)))
+    elif case == "half":
+        values[:, 15:] = np.nan
+        np.save(path, values)
+    elif case == "empty":
+        np.save(path, -values)
+    elif case == "text":
+        path.write_text("no array")
+    elif case == "object":
+        np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(UsageError) as caught:
+        object_depth(str(path), MASK, 1.0, NoProgress())
+    assert caught.value.hint

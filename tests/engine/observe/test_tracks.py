@@ -1,0 +1,193 @@
+"""Tracks against known motion: corners, the centroid of small things, files, and a rendered scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scenes import Scene, moving_body
+from scipy.interpolate import RBFInterpolator
+
+from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.tracks_anchor import align, cut_patches
+from seeing_wind.engine.observe.tracks_neighbours import disagreement, predict
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
+from seeing_wind.engine.records import Observation
+from seeing_wind.engine.settings import ObserveSettings
+
+
+def errors(seen: Observation, truth: np.ndarray) -> np.ndarray:
+    """Distances [px] of visible tracks after picture 0."""
+    counted = seen.visible.copy()
+    counted[0] = False
+    return np.linalg.norm(seen.xy - truth, axis=2)[counted]
+
+
+def test_turning_disc(disc: Scene, disc_seen: Observation) -> None:
+    truth = np.stack([disc.moved(disc_seen.xy[0], t) for t in range(len(disc.frames))])
+    off = errors(disc_seen, truth)
+    assert disc_seen.xy.shape[1] >= 60 and not disc_seen.on_centroid.any()
+    assert disc_seen.visible[-1].mean() > 0.75
+    assert np.median(off) < 0.2 and np.percentile(off, 90) < 0.5
+
+
+def test_sigma_says_how_far_off_a_track_is(disc: Scene, disc_seen: Observation) -> None:
+    truth = np.stack([disc.moved(disc_seen.xy[0], t) for t in range(len(disc.frames))])
+    counted = disc_seen.visible.copy()
+    counted[0] = False
+    ratio = (np.linalg.norm(disc_seen.xy - truth, axis=2) / disc_seen.sigma)[counted]
+    # A 2D gaussian's median distance is 1.18 sigma.
+    assert 0.3 < np.median(ratio) < 2.4
+    assert (disc_seen.sigma > 0).all() and np.isfinite(disc_seen.sigma).all() and np.isfinite(disc_seen.xy).all()
+
+
+def test_alignment_recovers_a_known_affine() -> None:
+    rng = np.random.default_rng(3)
+    picture = cv2.GaussianBlur(rng.uniform(0, 255, (80, 80)).astype(np.float32), (0, 0), 1.5)
+    affine = np.array([[1.06, 0.05], [-0.04, 0.97]])
+    center, moved = np.array([40.0, 40.0]), np.array([41.3, 38.6])
+    back = np.linalg.inv(affine)
+    warped = 20 + 0.7 * cv2.warpAffine(
+        picture, np.c_[back, center - back @ moved], (80, 80), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REFLECT
+    )
+    found = align(cut_patches(picture, np.ones_like(picture), center[None]), warped, center[None], np.eye(2)[None])
+    assert np.allclose(found.xy[0], moved, atol=0.05) and np.allclose(found.affine[0], affine, atol=0.02)
+    assert found.ncc[0] > 0.99 and found.sigma[0] < 0.1
+
+
+def test_neighbours_predict_an_affine_motion_and_expose_a_stray() -> None:
+    rng = np.random.default_rng(5)
+    rest = rng.uniform(0, 100, (60, 2))
+    affine = np.array([[1.1, 0.2], [-0.1, 0.9]])
+    now = rest @ affine.T + [5.0, -3.0]
+    true = now.copy()
+    now[7] += [6.0, 0.0]
+    predicted, found, support = predict(rest, now, np.ones(60, bool), np.tile(np.eye(2), (60, 1, 1)), 60.0)
+    others = np.arange(60) != 7
+    assert np.linalg.norm(predicted - true, axis=1).max() < 0.8
+    assert np.abs(found - affine).max() < 0.06
+    off = disagreement(now, predicted, support)
+    assert off[7] > 5.0 and off[others].max() < 0.8
+
+
+def test_small_fast_ball_is_followed_by_its_centroid(ball: Scene) -> None:
+    told: list[dict] = []
+    seen = observe(ball.path, ObserveSettings(box=ball.box, distance=1.0), Progress(told.append))
+    assert seen.xy.shape[1] == 1 and seen.on_centroid.all() and seen.visible.all()
+    assert np.linalg.norm(seen.xy[:, 0] - ball.centers, axis=1).max() < 0.3
+    t = np.arange(len(ball.centers))
+    acceleration = 2 * np.polyfit(t, seen.xy[:, 0], 2)[0]
+    assert np.allclose(acceleration, [0.0, 1.2], atol=0.03)
+    assert any("centroid" in message["message"] for message in told if message["type"] == "warning")
+
+
+def test_ball_that_leaves_the_picture_becomes_invisible(tmp_path: Path) -> None:
+    t = np.arange(12.0)
+    scene = moving_body(tmp_path, np.stack([60 + 18 * t, 80 + 0 * t], axis=1), 0 * t, 6.0, None)
+    told: list[dict] = []
+    seen = observe(scene.path, ObserveSettings(box=scene.box, distance=1.0), Progress(told.append))
+    inside = scene.centers[:, 0] < 205
+    assert seen.visible[inside].all() and not seen.visible[scene.centers[:, 0] > 212].any()
+    assert any("out of sight" in message["message"] for message in told if message["type"] == "warning")
+
+
+def test_given_tracks_replace_ours(disc: Scene, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    start = disc.centers[0] + rng.uniform(-20, 20, (9, 2))
+    start[8] = [5.0, 5.0]
+    xy = np.stack([disc.moved(start, t) for t in range(len(disc.frames))])
+    visible = np.ones(xy.shape[:2], bool)
+    visible[3, 2] = False
+    xy[3, 2] = np.nan
+    np.savez(tmp_path / "tracks.npz", xy=xy, visible=visible)
+    seen = observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(tmp_path / "tracks.npz")), NoProgress())
+    assert seen.xy.shape == (13, 8, 2), "the track off the object is left out"
+    assert np.array_equal(seen.visible, visible[:, :8]) and np.allclose(seen.xy[seen.visible], xy[:, :8][visible[:, :8]])
+    assert np.isfinite(seen.xy).all() and np.allclose(seen.sigma, 0.3)
+    part = observe(
+        disc.path, ObserveSettings(box=(50, 30, 130, 120), distance=1.0, tracks=str(tmp_path / "tracks.npz"), frames=(2, 6)), NoProgress()
+    )
+    assert np.allclose(part.xy[0], xy[2, :8])
+
+
+@pytest.mark.parametrize("case", ["keys", "rows", "shape", "nan", "sigma", "off", "text", "none"])
+def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
+    xy = np.tile(disc.centers[0], (13, 4, 1))
+    values = {"xy": xy, "visible": np.ones((13, 4), bool), "sigma": np.full((13, 4), 0.2)}
+    if case == "keys":
+        del values["visible"]
+    elif case == "rows":
+        values = {key: value[:5] for key, value in values.items()}
+    elif case == "shape":
+        values["visible"] = np.ones((13, 3), bool)
+    elif case == "nan":
+        xy[4, 1] = np.nan
+    elif case == "sigma":
+        values["sigma"][0, 0] = 0.0
+    elif case == "off":
+        xy[:] = [3.0, 3.0]
+    path = tmp_path / "tracks.npz"
+    if case == "text":
+        path.write_text("no arrays")
+    elif case != "none":
+        np.savez(path, **values)
+    with pytest.raises(UsageError) as caught:
+        observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(path)), NoProgress())
+    assert caught.value.hint
+
+
+def test_cancel_is_heeded_at_every_frame(disc: Scene) -> None:
+    asked = 0
+
+    def cancelled() -> bool:
+        nonlocal asked
+        asked += 1
+        return asked > 24
+
+    before = cv2.getNumThreads()
+    with pytest.raises(Cancelled):
+        observe(disc.path, ObserveSettings(box=disc.box, distance=1.0), Progress(None, cancelled))
+    assert asked == 25 and cv2.getNumThreads() == before
+
+
+def test_progress_rises_and_names_frames(disc: Scene) -> None:
+    told: list[dict] = []
+    observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, frames=(0, 5)), Progress(told.append))
+    fractions = [message["fraction"] for message in told if message["type"] == "progress"]
+    assert fractions == sorted(fractions) and fractions[-1] == 1.0
+    assert sum("frame" in message["message"] for message in told) >= 5
+
+
+def test_rendered_sheet(shared: Path) -> None:
+    folder = shared / "truth" / "rendered" / "sheet_v0"
+    settings = ObserveSettings(
+        mask=str(folder / "mask_0000.png"), camera=str(folder / "camera.json"), depth=str(folder / "depth_0000.npy"), frames=(0, 8)
+    )
+    seen = observe(folder / "clip.mp4", settings, NoProgress())
+    masks = np.load(folder / "masks.npz")["mask"][:9] > 0
+    assert ((seen.masks & masks).sum(axis=(1, 2)) / (seen.masks | masks).sum(axis=(1, 2))).min() > 0.95
+    truth = np.load(folder / "tracks_truth.npz")["xy"][:9]
+    _, distinct = np.unique(truth[0].round(3), axis=0, return_index=True)
+    known = np.stack([RBFInterpolator(truth[0, distinct], truth[t, distinct], neighbors=30)(seen.xy[0]) for t in range(9)])
+    off = errors(seen, known)
+    assert np.median(off) < 0.15 and np.percentile(off, 90) < 0.8
+    assert seen.visible[-1].mean() > 0.75
+    assert np.isfinite(seen.depth[seen.masks[0]]).all()
+
+
+def test_real_ball_falls_with_g(shared: Path) -> None:
+    """Free flight filmed before a hanging rule that the ball passes; 398.7 px/m and 30.19 frames a second."""
+    clip = shared / "clips" / "ball_toss_osp" / "BallTossOut.mov"
+    settings = ObserveSettings(frames=(12, 27), box=(168, 145, 188, 165), fps=30.19, pixels_per_metre=398.7)
+    seen = observe(clip, settings, NoProgress())
+    assert seen.on_centroid.all()
+    points = seen.camera.unproject(seen.xy[:, 0], np.full(len(seen.xy), seen.camera.fx / 398.7))
+    t = np.arange(len(points)) / seen.fps
+    use = seen.visible[:, 0]
+    assert use.mean() > 0.9
+    acceleration = 2 * np.polyfit(t[use], points[use], 2)[0]
+    assert np.linalg.norm(acceleration) == pytest.approx(9.8, rel=0.05)
+    assert np.degrees(np.arccos(-acceleration[2] / np.linalg.norm(acceleration))) < 5.0

@@ -1,0 +1,145 @@
+"""report.json, report.png and overlay.mp4 of a small made-up recovery."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from seeing_wind.engine.conventions import front_view
+from seeing_wind.engine.errors import ClipError
+from seeing_wind.engine.field import UniformField
+from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Observation, Outcome, Particles, Recovery, Surface
+from seeing_wind.engine.report import write_overlay, write_report, write_trajectory_report
+from seeing_wind.engine.take import Take
+
+FRAMES, COUNT, FPS = 5, 40, 20.0
+BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
+FORCE = np.array([30.0, 0.0, 10.0])
+CAMERA = Camera(161, 121, 150.0, 150.0, 80.0, 60.0, front_view(2.0))
+
+
+def recovery() -> tuple[Recovery, Particles]:
+    rest = np.random.default_rng(0).uniform(-0.15, 0.15, (COUNT, 3))
+    x = rest + np.linspace(0, 1, FRAMES + 1)[:, None, None] * [0.3, 0, 0.1]
+    residual = np.array([0.1, 0.2, 0.3, np.nan, 0.5, 0.6])
+    found = Recovery(
+        Outcome.CONVERGED, np.tile(FORCE, (FRAMES, COUNT, 1)), np.ones((FRAMES, COUNT)), x, np.tile(np.eye(3), (FRAMES + 1, COUNT, 1, 1)),
+        np.zeros((COUNT, 3)), residual, "px", 6, 2.5, ["stiffness capped"],
+    )  # fmt: skip
+    return found, Particles(rest, np.full(COUNT, 2e-4), np.zeros(COUNT, dtype=bool), 0.05)
+
+
+def observation(clip: str) -> Observation:
+    image = np.full((CAMERA.height, CAMERA.width, 3), 128, dtype=np.uint8)
+    masks = np.zeros((FRAMES + 1, CAMERA.height, CAMERA.width), dtype=bool)
+    masks[:, 45:75, 65:95] = True
+    xy = np.tile(np.array([[70.0, 50.0], [85.0, 70.0]]), (FRAMES + 1, 1, 1))
+    seen = np.ones((FRAMES + 1, 2), dtype=bool)
+    depth = np.full(image.shape[:2], np.inf, dtype=np.float32)
+    return Observation(
+        clip, FPS, 0, CAMERA, image, image, masks, depth, np.zeros(image.shape[:2], bool), xy, seen, np.ones(seen.shape), np.zeros(2, bool)
+    )
+
+
+def body(particles: Particles) -> Body:
+    ride = Attachment(np.zeros((2, 1), dtype=np.int32), np.ones((2, 1)))
+    gaussians = Gaussians(np.zeros((2, 3)), np.ones((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)), np.ones(2), np.zeros((2, 1, 3)), ride)
+    surface = Surface(np.zeros((2, 3)), np.zeros((0, 3), np.int32), np.zeros((2, 2)), ride)
+    return Body(particles, Material("leaf", "corotated", 700.0, 1e6, 0.3), gaussians, surface, ride, np.zeros((FRAMES + 1, 2, 3)))
+
+
+@pytest.fixture
+def pictures(tmp_path) -> str:
+    folder = tmp_path / "clip"
+    folder.mkdir()
+    for index in range(FRAMES + 1):
+        cv2.imwrite(str(folder / f"{index:03d}.png"), observation("").image)
+    return str(folder)
+
+
+def test_all_three_files(tmp_path, pictures):
+    found, particles = recovery()
+    take, field = Take(tmp_path / "a.take"), UniformField(BOX, FPS, FRAMES, FORCE)
+    truth = UniformField(BOX, FPS, FRAMES, FORCE / 1.25)
+    figures = write_report(take, observation(pictures), body(particles), found, field, {"observe": 1.0, "recover": 2.5}, truth=truth)
+    assert json.loads(take.file("report.json").read_text()) == figures
+    assert figures["outcome"] == "converged" and figures["iterations"] == 6 and figures["notes"] == ["stiffness capped"]
+    assert figures["seconds"] == {"observe": 1.0, "recover": 2.5, "total": 3.5}
+    assert figures["residual"] == {"median": 0.3, "p90": pytest.approx(0.56), "max": 0.6}
+    assert figures["residual_per_picture"][3] is None
+    assert np.allclose(figures["net_force"], FORCE * COUNT * 2e-4)
+    assert figures["confidence"]["mean"] == 1.0
+    assert figures["truth"]["magnitude_percent"] == pytest.approx(25)
+    assert figures["truth"]["direction_degrees"] == pytest.approx(0, abs=1e-4)
+    page = cv2.imread(str(take.file("report.png")))
+    assert page.shape[1] > 1000 and page.std() > 20
+    assert sorted(path.name for path in take.path.iterdir()) == ["overlay.mp4", "report.json", "report.png"]
+
+
+def test_a_report_without_a_clip_or_anything_seen(tmp_path):
+    found, particles = recovery()
+    found = dataclasses.replace(found, residual=np.full(FRAMES + 1, np.nan), residual_unit="m")
+    take = Take(tmp_path / "b.take")
+    figures = write_trajectory_report(take, particles, body(particles).material, found, UniformField(BOX, FPS, FRAMES, FORCE), {})
+    assert figures["residual"] == {} and set(figures["residual_per_picture"]) == {None}
+    assert "NaN" not in take.file("report.json").read_text()
+    assert cv2.imread(str(take.file("report.png"))) is not None
+
+
+def read(path) -> np.ndarray:
+    capture, frames = cv2.VideoCapture(str(path)), []
+    while True:
+        good, frame = capture.read()
+        if not good:
+            return np.array(frames)
+        frames.append(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB).astype(int))
+
+
+def test_arrows_stand_on_the_object_and_point_with_the_force(tmp_path):
+    found, _ = recovery()
+    seen, field = observation("clip"), UniformField(BOX, FPS, FRAMES, [40.0, 0.0, 0.0])
+    path = write_overlay(Take(tmp_path), [seen.image] * (FRAMES + 1), seen, found, field)
+    video = read(path)
+    assert video.shape == (FRAMES + 1, 726, 966, 3), "enlarged to whole multiples, with even sides"
+    colourful = np.ptp(video, axis=-1) > 60
+    zoom = 6
+    for picture in (0, FRAMES):
+        xy, _ = seen.camera.project(found.x[picture], picture)
+        low, high = xy.min(axis=0) * zoom, xy.max(axis=0) * zoom
+        inside = colourful[picture, int(low[1]) : int(high[1]), int(low[0]) : int(high[0])]
+        assert inside.mean() > 0.02
+        # nothing is drawn left of the object, as the force points right
+        assert colourful[picture, int(low[1]) : int(high[1]), 200 : int(low[0]) - 8].mean() < 0.001
+
+
+def test_untrusted_forces_are_not_drawn(tmp_path):
+    class Doubtful(UniformField):
+        def _confidence(self, points, frame):
+            return np.full(len(points), 0.05)
+
+    found, _ = recovery()
+    seen = observation("clip")
+    video = read(write_overlay(Take(tmp_path), [seen.image] * (FRAMES + 1), seen, found, Doubtful(BOX, FPS, FRAMES, FORCE)))
+    assert (np.ptp(video[:, 250:500, 350:700], axis=-1) > 60).mean() < 0.001
+
+
+def test_a_clip_that_has_become_shorter(tmp_path):
+    found, _ = recovery()
+    seen = observation("clip")
+    with pytest.raises(ClipError, match="picture 3"):
+        write_overlay(Take(tmp_path / "c.take"), [seen.image] * 3, seen, found, UniformField(BOX, FPS, FRAMES, FORCE))
+    assert not list((tmp_path / "c.take").iterdir()), "nothing half-written"
+
+
+def test_cancelling_leaves_nothing(tmp_path):
+    found, _ = recovery()
+    seen = observation("clip")
+    with pytest.raises(Cancelled):
+        field = UniformField(BOX, FPS, FRAMES, FORCE)
+        write_overlay(Take(tmp_path / "d.take"), [seen.image] * 6, seen, found, field, Progress(cancelled=lambda: True))
+    assert not list((tmp_path / "d.take").iterdir())

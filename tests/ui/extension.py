@@ -1,0 +1,33 @@
+"""What the tests of the operators share: the add-on switched on, a stand-in for the engine, a small clip."""
+
+from __future__ import annotations
+
+import os
+import stat
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+
+
+def fake_python(folder: Path) -> Path:
+    """An executable that stands for the engine's Python."""
+    path = folder / "fake_python"
+    path.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{HERE / "fake_engine.py"}" "$@"\n')
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return path
+
+
+def make_clip(path: Path, pictures: int = 13, size: tuple[int, int] = (96, 64)) -> Path:
+    """A short video of a white square that moves."""
+    import cv2
+    import numpy as np
+
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 24.0, size)
+    for picture in range(pictures):
+        image = np.full((size[1], size[0], 3), 60, np.uint8)
+        image[20:44, 20 + 2 * picture : 44 + 2 * picture] = 230
+        writer.write(image)
+    writer.release()
+    assert os.path.getsize(path) > 0
+    return path

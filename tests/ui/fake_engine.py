@@ -1,0 +1,100 @@
+"""Stands for the engine's Python: `fake_engine.py -m seeing_wind.engine VERB ...` writes small, known results in no time.
+
+SEEING_WIND_FAKE chooses another behaviour for `recover` and `resimulate` (see fake_worker.py). Needs NumPy and the ground floor, which the
+caller puts on PYTHONPATH as it does for the real engine. The field is a swirl about world Z that grows with time.
+"""
+
+from __future__ import annotations
+
+import os
+import runpy
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+FRAMES, FPS, DENSITY = 12, 24.0, 700.0
+SIZE = (96, 64)
+
+
+def swirl(points: np.ndarray) -> np.ndarray:
+    """Field (T, M, 3) [N/m³] at points (T, M, 3) [m]."""
+    growing = np.linspace(0.5, 1.5, len(points))[:, None, None]
+    return 500.0 * growing * np.stack([-points[..., 1], points[..., 0], np.full(points.shape[:-1], 0.2)], axis=-1)
+
+
+def recover(options: list[str]) -> None:
+    """A flat square of particles that drifts to the right."""
+    from seeing_wind.engine.conventions import front_view
+    from seeing_wind.engine.records import Attachment, Camera, Particles, Surface
+    from seeing_wind.engine.take import Take, to_arrays
+
+    take = Take(options[options.index("--take") + 1])
+    side = np.linspace(-0.2, 0.2, 4)
+    x = np.stack(np.meshgrid(side, [0.0], side, indexing="ij"), -1).reshape(-1, 3)
+    moving = x + np.arange(FRAMES + 1)[:, None, None] * np.array([0.02, 0.0, 0.01])
+    cells = [(i, i + 1, i + 5, i + 4) for i in range(11) if i % 4 < 3]
+    triangles = np.array([t for a, b, c, d in cells for t in ((a, b, c), (a, c, d))], dtype=np.int32)
+    riding = Attachment(np.arange(16, dtype=np.int32)[:, None], np.ones((16, 1)))
+    width, height = SIZE
+    camera = Camera(width, height, 120.0, 120.0, (width - 1) / 2, (height - 1) / 2, front_view(2.0))
+    take.write_arrays("observation.npz", {"image": np.full((height, width, 3), 90, np.uint8), **to_arrays(camera, "camera.")})
+    surface = Surface(x, triangles, x[:, [0, 2]] + 0.5, riding)
+    body = to_arrays(Particles(x, np.full(16, 1e-5), np.zeros(16, bool), 0.13), "particles.") | to_arrays(surface, "surface.")
+    take.write_arrays("particles.npz", body)
+    take.write_arrays("trajectory.npz", {"x": moving, "fps": np.array(FPS)})
+    with take.writing("field.safetensors") as path:
+        path.write_bytes(b"no field")
+    report = {"box": [[-0.5, -0.3, -0.5], [0.7, 0.3, 0.6]], "fps": FPS, "frames": FRAMES, "material": {"density": DENSITY}}
+    take.write_json("report.json", {**report, "clip": {"path": options[0], "first_frame": 0}})
+    take.finish("recover", "stamp", {"gravity": [0.0, 0.0, -3.0], "options": options})
+
+
+def sample(options: list[str]) -> None:
+    """The swirl."""
+    from seeing_wind.engine.take import Take
+
+    points, out = np.load(options[options.index("--points") + 1]), Path(options[options.index("--out") + 1])
+    assert points.shape[0] == FRAMES and points.ndim == 3, points.shape
+    Take(out.parent).write_arrays(out.name, {"force_density": swirl(points), "confidence": np.ones(points.shape[:2])})
+
+
+def resimulate(options: list[str]) -> None:
+    """Every vertex falls with half the edit's gravity per mass factor; pinned ones stay."""
+    from seeing_wind.engine.take import Take
+
+    edit_path, out = Path(options[options.index("--edit") + 1]), Take(options[options.index("--take") + 1])
+    edit = tomllib.loads(edit_path.read_text())
+    for body in edit["body"]:
+        if body["mesh"] == "recovered":
+            mesh = {key: Take(options[0]).read_arrays("particles.npz")[f"surface.{key}"] for key in ("vertices", "triangles")}
+        else:
+            mesh = Take(edit_path.parent).read_arrays(body["mesh"])
+        time = np.arange(FRAMES + 1)[:, None, None] / FPS
+        vertices = mesh["vertices"] + 0.5 * np.array(edit["gravity"]) * time**2 / body["mass_scale"]
+        if "pin" in body:
+            pinned = np.load(edit_path.parent / body["pin"])
+            vertices[:, pinned] = mesh["vertices"][pinned]
+        out.write_arrays(f"bodies/{body['name']}.npz", {"vertices": vertices, "triangles": mesh["triangles"], "fps": np.array(FPS)})
+
+
+def main() -> None:
+    """Do the verb, unless another behaviour is wanted; then end as the worker does."""
+    module, name, verb, *options = sys.argv[1:]
+    assert (module, name) == ("-m", "seeing_wind.engine"), sys.argv
+    assert not any(key.startswith("PYTHON") and key not in KNOWN for key in os.environ), "Blender's Python settings leaked"
+    behaviour = os.environ.get("SEEING_WIND_FAKE", "done") if verb in ("recover", "resimulate") else "done"
+    if behaviour == "done":
+        {"recover": recover, "sample": sample, "resimulate": resimulate}.get(verb, lambda options: None)(options)
+    if verb == "sample":
+        print('{"type": "result", "outcome": "converged"}')
+        return
+    sys.argv[1:] = [behaviour]
+    runpy.run_path(str(Path(__file__).with_name("fake_worker.py")), run_name="__main__")
+
+
+KNOWN = ("PYTHONPATH", "PYTHONUTF8", "PYTHONNOUSERSITE", "PYTHONDONTWRITEBYTECODE", "PYTHONSAFEPATH")
+
+if __name__ == "__main__":
+    main()
