@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seeing_wind.engine.report.accuracy import field_errors, uniform_field
+from seeing_wind.engine.report.accuracy import field_errors, uniform_errors
 
 
 def engine(*arguments: str | Path) -> dict:
@@ -41,7 +41,7 @@ def scores(truth_file: Path, take: Path) -> str:
     truth = np.load(truth_file, allow_pickle=False)
     want, free = truth["acc"] * float(truth["rho"]), ~truth["fixed"]
     got = field_errors(want, sampled(take, truth["x"][:-1]), free)
-    flat = field_errors(want, uniform_field(want, free), free)
+    flat = uniform_errors(want, free)
     scores.last = got  # type: ignore[attr-defined]
     return f"{got[0]:5.1f} % {got[1]:5.1f} deg   uniform field {flat[0]:5.1f} % {flat[1]:5.1f} deg"
 

@@ -157,11 +157,12 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
     Raises:
         TakeError: when a field is missing (a take of another version).
     """
-    hints, values = get_type_hints(cls), {}
+    hints: dict[str, Any] = get_type_hints(cls)
+    values: dict[str, Any] = {}
     for field in dataclasses.fields(cls):  # type: ignore[arg-type]
         key, kind = prefix + field.name, hints[field.name]
         if dataclasses.is_dataclass(kind):
-            values[field.name] = from_arrays(kind, arrays, key + ".")  # type: ignore[arg-type]
+            values[field.name] = from_arrays(kind, arrays, key + ".")
         elif key not in arrays:
             raise TakeError(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
         elif kind is np.ndarray:

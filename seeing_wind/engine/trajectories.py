@@ -6,6 +6,7 @@ import os
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -85,5 +86,5 @@ def _material(values: dict[str, np.ndarray]) -> Material:
     yield_stress = float(values.get("yield_stress", 0.0))
     base = Material("trajectories", "von_mises" if yield_stress > 0.0 else "corotated", 300.0, 1e5, 0.3, source="the trajectory file")
     numbers = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
-    given = {name: float(values[key]) for name, key in numbers.items() if key in values}
+    given: dict[str, Any] = {name: float(values[key]) for name, key in numbers.items() if key in values}
     return adjusted(base, **given, **({"yield_stress": yield_stress} if yield_stress > 0.0 else {}))

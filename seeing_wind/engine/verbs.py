@@ -30,7 +30,7 @@ def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
     from .observe import observe
     from .report import write_report
 
-    take, seconds = Take(arguments.take), {}
+    take, seconds = Take(arguments.take), dict[str, float]()
     observing = settings_of(ObserveSettings, arguments)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
     body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, settings_of(BuildSettings, arguments), progress))

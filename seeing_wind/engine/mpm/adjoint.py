@@ -107,7 +107,7 @@ def particles_to_grid_adjoint(
     """p2g backwards: completes the derivatives with respect to row s of the history and adds up those of the force."""
     for p in range(x.shape[1]):
         if role[p] != HELD:
-            A = affine_momentum(law[p], mass[p], volume[p], mu[p], lam[p], C[s, p], F[s, p], gradient[0, p], dt, 1.0 / dx)
+            A = affine_momentum(False, law[p], mass[p], volume[p], mu[p], lam[p], C[s, p], F[s, p], gradient[0, p], dt, 1.0 / dx)
             momentum = mass[p] * (v[s, p] + dt * acceleration[0, p])
             through_x, momentum_bar, A_bar = scatter_adjoint(x[s, p], momentum, mass[p], A, offset, dx, lo, dims, grid_bar, r)
             x_bar[0, p] += through_x
@@ -140,7 +140,9 @@ def run_substeps_adjoint(
             lo, dims = window(s, x, role, offset, dx)
             clear(grid, r, dims)
             clear(grid_bar, r, dims)
-            particles_to_grid(s, r, mass, volume, mu, lam, law, role, x, v, C, F, 0, acceleration, gradient, offset, dx, dt, lo, dims, grid)
+            particles_to_grid(
+                False, s, r, mass, volume, mu, lam, law, role, x, v, C, F, 0, acceleration, gradient, offset, dx, dt, lo, dims, grid
+            )
             momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
             grid_to_particles_adjoint(s, r, role, x, F, C, x_bar, v_bar, C_bar, F_bar, offset, dx, dt, lo, dims, grid, grid_bar)
             momentum_to_velocity_adjoint(lo, dims, clamp_lo, clamp, grid, grid_bar, r)

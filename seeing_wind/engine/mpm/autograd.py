@@ -12,7 +12,6 @@ from ..progress import NoProgress, Progress
 from . import adjoint
 from .constitutive import ELASTIC_LAWS
 from .model import Model
-from .plasticity import VON_MISES
 from .rollout import Copies, rollout
 from .state import State, Trajectory
 
@@ -82,7 +81,7 @@ def simulate(
         MaterialError: for a plastic law, which has no adjoint.
         SimulationError, Cancelled: as `rollout`, in the forward sweep; Cancelled also in the backward sweep.
     """
-    if (model.law >= VON_MISES).any():
+    if model.plastic:
         raise MaterialError("The solver has no gradients for plastic laws.", f"Choose one of {', '.join(ELASTIC_LAWS)}.")
     count, frames = len(x0), len(acceleration)
     C0 = torch.zeros(count, 3, 3, dtype=torch.float64) if C0 is None else C0

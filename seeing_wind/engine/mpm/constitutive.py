@@ -12,7 +12,7 @@ polar factor: Higham 1986, "Computing the polar decomposition".
 
 import taichi as ti
 
-from .plasticity import PLASTIC_LAWS, VON_MISES, hencky
+from .plasticity import PLASTIC_LAWS, hencky
 
 COROTATED = 0
 NEO_HOOKEAN = 1
@@ -55,15 +55,15 @@ def neo_hookean(F, mu, lam):
 
 
 @ti.func
-def kirchhoff(law, F, mu, lam):
-    """tau of the particle's law."""
+def kirchhoff(plastic: ti.template(), law, F, mu, lam):
+    """tau of the particle's law; `plastic` is a constant that keeps the plastic laws out of kernels that do not need them."""
     tau = ti.Matrix.zero(ti.f64, 3, 3)
     if law == NEO_HOOKEAN:
         tau = neo_hookean(F, mu, lam)
-    elif law >= VON_MISES:
-        tau = hencky(F, mu, lam)
-    else:
+    elif law == COROTATED:
         tau = corotated(F, mu, lam)
+    elif ti.static(plastic):
+        tau = hencky(F, mu, lam)
     return tau
 
 

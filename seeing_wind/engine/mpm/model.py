@@ -13,7 +13,7 @@ from ..errors import MaterialError, SimulationError
 from ..records import Material, Particles
 from .boundary import FREE, clamped_nodes, lattice_offset, particle_roles
 from .constitutive import LAWS
-from .plasticity import PLASTIC_LAWS
+from .plasticity import PLASTIC_LAWS, VON_MISES
 
 COURANT = 0.3
 """Cells that an elastic wave may cross in one substep."""
@@ -68,6 +68,11 @@ class Model:
     def particles(self) -> int:
         """N."""
         return len(self.mass)
+
+    @property
+    def plastic(self) -> bool:
+        """Whether any particle has a plastic law, which has no adjoint."""
+        return bool((self.law >= VON_MISES).any())
 
     @property
     def pinned(self) -> np.ndarray:

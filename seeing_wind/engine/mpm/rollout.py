@@ -114,7 +114,7 @@ class Copies:
             self.capacity = int(min(np.prod(extent) * 1.5, _MOST_NODES))
         grid = np.empty((len(copies), self.capacity, 4))
         substep.run_substeps(
-            m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role,
+            m.plastic, m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role,
             m.clamp_lo, m.clamp, m.offset, m.dx, m.frame_dt / substeps,
             copies, until, self.acceleration, self.gradient, self.x, self.v, self.C, self.F, grid, status,
         )  # fmt: skip

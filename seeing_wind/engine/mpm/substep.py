@@ -40,20 +40,20 @@ def window(b, x: ti.template(), role: ti.template(), offset, dx):
 
 @ti.func
 def particles_to_grid(
-    b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(), law: ti.template(), role: ti.template(),
+    plastic: ti.template(), b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(), law: ti.template(), role: ti.template(),
     x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(), force_row, acceleration: ti.template(), gradient: ti.template(),
     offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """p2g of the particles in row b under the force in row `force_row`."""
     for p in range(x.shape[1]):
         if role[p] != HELD:
-            A = affine_momentum(law[p], mass[p], volume[p], mu[p], lam[p], C[b, p], F[b, p], gradient[force_row, p], dt, 1.0 / dx)
+            A = affine_momentum(plastic, law[p], mass[p], volume[p], mu[p], lam[p], C[b, p], F[b, p], gradient[force_row, p], dt, 1.0 / dx)
             scatter(x[b, p], mass[p] * (v[b, p] + dt * acceleration[force_row, p]), mass[p], A, offset, dx, lo, dims, grid, r)
 
 
 @ti.func
 def grid_to_particles(
-    b, r, mu: ti.template(), yield_stress: ti.template(), viscosity: ti.template(), law: ti.template(), role: ti.template(),
+    plastic: ti.template(), b, r, mu: ti.template(), yield_stress: ti.template(), viscosity: ti.template(), law: ti.template(), role: ti.template(),
     x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """g2p of copy b. Pinned particles deform but keep their place. Returns status, particle and the next window."""
@@ -77,8 +77,9 @@ def grid_to_particles(
                 base = base_of(x_p, offset, 1.0 / dx)
                 next_lo = ti.min(next_lo, base)
                 next_hi = ti.max(next_hi, base)
-                if law[p] >= VON_MISES:
-                    F_p = plastic_flow(law[p], F_p, mu[p], yield_stress[p], viscosity[p], dt)
+                if ti.static(plastic):
+                    if law[p] >= VON_MISES:
+                        F_p = plastic_flow(law[p], F_p, mu[p], yield_stress[p], viscosity[p], dt)
             x[b, p], v[b, p], C[b, p], F[b, p] = x_p, v_p, C_p, F_p
     if next_hi[0] < next_lo[0]:
         next_hi = next_lo
@@ -87,8 +88,8 @@ def grid_to_particles(
 
 @ti.kernel
 def run_substeps(
-    # model
-    mass: scalars, volume: scalars, mu: scalars, lam: scalars, yield_stress: scalars, viscosity: scalars,
+    # model; `plastic`: whether any particle has a plastic law
+    plastic: ti.template(), mass: scalars, volume: scalars, mu: scalars, lam: scalars, yield_stress: scalars, viscosity: scalars,
     law: flags, role: flags, clamp_lo: ti.types.vector(3, ti.i32), clamp: nodes,
     offset: vec3, dx: ti.f64, dt: ti.f64,
     # which copies, and up to which substep of the frame
@@ -118,11 +119,11 @@ def run_substeps(
             else:
                 clear(grid, r, dims)
                 particles_to_grid(
-                    b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient, offset, dx, dt, lo, dims, grid
+                    plastic, b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient, offset, dx, dt, lo, dims, grid
                 )
                 momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
                 code, status[b, 1], lo, dims = grid_to_particles(
-                    b, r, mu, yield_stress, viscosity, law, role, x, v, C, F, offset, dx, dt, lo, dims, grid
+                    plastic, b, r, mu, yield_stress, viscosity, law, role, x, v, C, F, offset, dx, dt, lo, dims, grid
                 )
                 if code == RUNNING:
                     status[b, 2] += 1

@@ -45,9 +45,9 @@ def clear(grid: ti.template(), r, dims):
 
 
 @ti.func
-def affine_momentum(law, mass, volume, mu, lam, C, F, G, dt, inv_dx):
+def affine_momentum(plastic: ti.template(), law, mass, volume, mu, lam, C, F, G, dt, inv_dx):
     """A of the MLS-MPM transfer: m (C + dt grad a) - dt V 4/dx² tau [kg/s]."""
-    tau = kirchhoff(law, F, mu, lam)
+    tau = kirchhoff(plastic, law, F, mu, lam)
     return mass * (C + dt * G) - (4.0 * dt * volume * inv_dx * inv_dx) * tau
 
 

@@ -8,7 +8,7 @@ from ..records import Body, Observation
 from ..settings import BuildSettings
 from .gaussians import pixel_aligned
 from .keypoints import held, place, ride
-from .lifting import lift
+from .lifting import Arap, lift
 from .particles import fill
 from .relief import relief_of
 from .surface import surface_of
@@ -44,7 +44,7 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
     points = place(observation, relief, particles)
     keypoints = ride(points, observation.on_centroid, particles)
     # A body that flows forgets picture 0: its neighbourhoods are compared with the previous picture.
-    arap = "previous" if material.law in PLASTIC_LAWS else "rest"
+    arap: Arap = "previous" if material.law in PLASTIC_LAWS else "rest"
     lifted = lift(
         observation.camera, observation.xy, observation.visible, observation.sigma, points, held(observation, points), arap, progress
     )

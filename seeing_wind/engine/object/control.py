@@ -42,7 +42,7 @@ def attach(points: np.ndarray, particles_x: np.ndarray, neighbours: int = 16, *,
     if len(particles_x) == 0:
         raise ObjectError("There are no particles to attach points to.", "Check the mask of the first picture.")
     if not (np.isfinite(points).all() and np.isfinite(particles_x).all()):
-        raise ObjectError("A point or particle to attach has no finite position.", "Check the depth map and the tracks of the first picture.")
+        raise ObjectError("A point or particle to attach has no finite position.", "Check depth and tracks of the first picture.")
     count = min(neighbours, len(particles_x))
     distance, index = cKDTree(particles_x).query(points, k=count)
     distance, index = distance.reshape(-1, count), index.reshape(-1, count)

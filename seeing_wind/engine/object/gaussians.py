@@ -31,7 +31,10 @@ def pixel_aligned(relief: Relief, image: np.ndarray, particles_x: np.ndarray, co
         image: (H, W, 3) uint8 RGB, picture 0; particles_x: (N, 3) what the Gaussians ride on [m]; count: at most about this many.
     """
     stride = max(1.0, float(np.sqrt(relief.mask.sum() / count)))
-    xy = columns_of(relief, np.eye(2), stride, np.zeros_like(relief.mask)).xy
+    if stride == 1.0:
+        xy = np.argwhere(relief.mask)[:, ::-1].astype(float)
+    else:
+        xy = columns_of(relief, np.eye(2), stride, np.zeros_like(relief.mask)).xy
     x = relief.points(xy, 0.0)
     frame, size = surface_frames(relief, xy)
     along = INITIAL_SIGMA * stride * size

@@ -17,7 +17,7 @@ def place(observation: Observation, relief: Relief, particles: Particles) -> np.
     """Key points P^0 = pi^-1(p^0, d), Eq. (10), on the visible surface in picture 0.
 
     A centroid track is the point behind the silhouette's centroid at the depth of the body's centre of mass. A track that begins later
-    is placed among the tracks of the picture in which it begins (affine moving least squares in the picture), then carried back to picture 0.
+    is placed among the tracks of the picture in which it begins (affine moving least squares there) and carried back to picture 0.
 
     Returns:
         (K, 3) [m], NaN for a track that is seen in no picture.

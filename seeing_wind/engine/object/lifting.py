@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import solve
 from scipy.spatial import cKDTree
 
 from ..errors import ObjectError
@@ -30,6 +29,8 @@ HUBER = 2.0
 """Reprojection residuals beyond this many sigmas count linearly."""
 PREDICTION_SIGMA = 1.0
 """Trust in the straight continuation of the motion, in units of the body's radius: only what nothing else determines is left to it."""
+ACROSS_TRUST = 1e-6
+"""Trust in the continuation across the view, relative to that along it."""
 MAX_ITERATIONS = 8
 TOLERANCE = 1e-4
 """Iterations end when no point moves by more than this part of the median edge."""
@@ -140,14 +141,16 @@ class _Picture:
         self._reprojection(points, hessian, gradient)
         if self.edges.shape[1]:
             self._rigidity(points, reference, rotation, hessian, gradient)
-        trust = 1.0 / (PREDICTION_SIGMA * self.radius) ** 2
-        hessian[everyone, :, everyone, :] += trust * np.eye(3)
-        gradient += trust * (points - ahead)
+        # Across the view pixels and neighbours know better; what is left of the trust there only keeps the system regular.
+        axes = self.camera.pose(self.frame)[:3, :3]
+        trust = axes @ np.diag([ACROSS_TRUST, ACROSS_TRUST, 1.0]) @ axes.T / (PREDICTION_SIGMA * self.radius) ** 2
+        hessian[everyone, :, everyone, :] += trust
+        gradient += (points - ahead) @ trust
         free = np.repeat(~self.held, 3)
         step = np.zeros(3 * count)
         matrix = hessian.reshape(3 * count, 3 * count)[np.ix_(free, free)]
         if free.any():
-            step[free] = -solve(matrix, gradient.ravel()[free], assume_a="pos", overwrite_a=True, check_finite=False)
+            step[free] = -np.linalg.solve(matrix, gradient.ravel()[free])
         return step.reshape(count, 3)
 
     def _reprojection(self, points: np.ndarray, hessian: np.ndarray, gradient: np.ndarray) -> None:

@@ -75,7 +75,7 @@ def layers_of(thickness: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def surface_metric(relief: Relief) -> np.ndarray:
-    """(2, 2) metres per pixel along the plane that fits the visible surface best, so that a lattice is regular there and not in the picture.
+    """(2, 2) metres per pixel along the plane that fits the visible surface best: a lattice is to be regular there, not in the picture.
 
     Rows are coordinates in that plane, columns are picture x and y.
     """

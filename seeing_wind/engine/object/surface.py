@@ -18,6 +18,8 @@ VERTICES = 900
 MIN_STEP = 1.5
 """Least distance of vertices in the picture [px]."""
 
+BIGGER = "Use a clip of higher resolution, or crop it round the object."
+
 OUTLINE_BLUR = 0.7
 """Gaussian that takes the stairs off the mask's outline [px]."""
 
@@ -57,11 +59,11 @@ def silhouette_triangles(mask: np.ndarray, step: float) -> tuple[np.ndarray, np.
     lattice = lattice[sample(inside, lattice) > 0.7 * step + 0.5]
     points = np.concatenate([outline, lattice]) if len(lattice) else outline
     if len(points) < 3:
-        raise ObjectError("The object is too small for a surface.", "Use a clip of higher resolution, or crop it round the object.")
+        raise ObjectError("The object is too small for a surface.", BIGGER)
     try:
         triangles = Delaunay(points).simplices
     except QhullError as error:
-        raise ObjectError("The object is too thin for a surface.", "Use a clip of higher resolution, or crop it round the object.") from error
+        raise ObjectError("The object is too thin for a surface.", BIGGER) from error
     corners = points[triangles]
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
@@ -69,7 +71,7 @@ def silhouette_triangles(mask: np.ndarray, step: float) -> tuple[np.ndarray, np.
     triangles = triangles[(np.abs(area) > 1e-3 * step**2) & (sample(soft, corners.mean(axis=1)) > 0.5)]
     triangles = without_pinches(triangles)
     if len(triangles) == 0:
-        raise ObjectError("The object is too thin for a surface.", "Use a clip of higher resolution, or crop it round the object.")
+        raise ObjectError("The object is too thin for a surface.", BIGGER)
     used, renumbered = np.unique(triangles, return_inverse=True)
     return points[used] - 4.0, renumbered.reshape(-1, 3)
 
@@ -102,7 +104,7 @@ def without_pinches(triangles: np.ndarray) -> np.ndarray:
 
 
 def closed(triangles: np.ndarray, count: int) -> np.ndarray:
-    """Close a sheet of triangles (M, 3) over `count` vertices, seen from its back side, with a back whose vertices are numbered on by `count`.
+    """Close a sheet of triangles (M, 3) over `count` vertices with a back, whose vertices are numbered on from `count`, and a rim.
 
     The input is counter-clockwise in (x right, y down), so its normals point away from the camera: it is turned for the front.
     """
@@ -114,8 +116,9 @@ def closed(triangles: np.ndarray, count: int) -> np.ndarray:
 
 def _outline(soft: np.ndarray, step: float) -> np.ndarray:
     """(B, 2) points on the outlines of a soft mask, `step` apart."""
-    pieces = []
-    for line in contourpy.contour_generator(z=soft).lines(0.5):
+    pieces: list[np.ndarray] = []
+    lines = [np.asarray(line) for line in contourpy.contour_generator(z=soft, line_type="Separate").lines(0.5)]
+    for line in lines:
         length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
         number = int(round(length[-1] / step))
         if number < 3:

@@ -62,6 +62,8 @@ def stands_still(frames: np.ndarray, camera: Camera, around: np.ndarray) -> bool
     """
     if np.ndim(camera.camera_to_world) == 3:
         return False
+    if around.all():
+        return True
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
     surroundings = np.where(around, 0, 255).astype(np.uint8)
     corners = cv2.goodFeaturesToTrack(first, 200, 0.01, 8, mask=surroundings)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from ..progress import Progress
 from .background import Plate
 from .mask import LEAST_PIXELS, grab_cut, tidy
 from .motion import Flow, FlowSolver, Window, body_shift, cut, paste, window_of
@@ -57,8 +58,9 @@ class MaskFollower:
         hidden: the object was not found in the newest picture.
     """
 
-    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0."""
+    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> None:
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture."""
+        self._progress = progress
         self._plate = plate
         self._solver = FlowSolver()
         self._colors = Colors(picture, mask)
@@ -79,11 +81,13 @@ class MaskFollower:
         gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         changed = self._changed(picture)
         shift = self._search(picture, changed)
+        self._progress.check()
         window = self._shape_window
         side = max(window[2] - window[0], window[3] - window[1])
         margin = int(np.clip(0.25 * side, 12, 80))
         wide = (window[0] - margin, window[1] - margin, window[2] + margin, window[3] + margin)
         self.flow = None if self.hidden else self._solver.between(self._gray, gray, wide, shift)
+        self._progress.check()
         carried, where = self._carry(shift, margin)
         found = self._silhouette(picture, changed, carried, where)
         self._remember(picture, gray, shift, carried, found, where)
@@ -143,7 +147,7 @@ class MaskFollower:
         if evidence is not None:
             self._let_grow(crop, clean & (evidence > 0.9), trimap)
         trimap[~visible] = cv2.GC_BGD
-        return tidy(grab_cut(crop, trimap, 2), carried & visible)
+        return tidy(grab_cut(crop, trimap, 2, self._progress), carried & visible)
 
     @staticmethod
     def _trimap(carried: np.ndarray, evidence: np.ndarray | None, clean: np.ndarray, band: int) -> np.ndarray:

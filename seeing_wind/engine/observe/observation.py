@@ -143,7 +143,7 @@ def _carry(
     frames: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
 ) -> Iterator[tuple[np.ndarray, MaskFollower]]:
     """The masks of pictures 1 to T and the follower in its state after each; reports progress from `start` to `end`."""
-    follower = MaskFollower(frames[0], mask, plate)
+    follower = MaskFollower(frames[0], mask, plate, progress)
     for t in range(1, len(frames)):
         progress.update(start + (end - start) * t / len(frames), f"following the object, frame {t} of {len(frames) - 1}")
         yield follower.advance(frames[t]), follower

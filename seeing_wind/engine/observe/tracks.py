@@ -96,7 +96,9 @@ class Tracker:
     def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
         """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of picture 0."""
         count = len(corners)
-        self._scale = max(1.0, float(np.sqrt(mask.sum())) / LARGEST)
+        factor = max(1.0, float(np.sqrt(mask.sum())) / LARGEST)
+        self._size = (round(mask.shape[1] / factor), round(mask.shape[0] / factor))
+        self._scale = np.array(mask.shape[::-1]) / self._size
         first, inside = self._smaller(picture, mask)
         self._rest = self._inward(corners)
         self._patches = cut_patches(first, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), 1.0), self._rest)
@@ -119,14 +121,13 @@ class Tracker:
     @property
     def sigma(self) -> np.ndarray:
         """(K,) [px]."""
-        return self._sigma * self._scale
+        return self._sigma * self._scale.mean()
 
     def _smaller(self, picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The smoothed gray picture and the mask at the working size."""
-        if self._scale > 1.0:
-            size = (round(picture.shape[1] / self._scale), round(picture.shape[0] / self._scale))
-            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-            mask = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+        if self._size != mask.shape[::-1]:
+            picture = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+            mask = cv2.resize(mask.astype(np.uint8), self._size, interpolation=cv2.INTER_NEAREST) > 0
         return smooth(picture), mask
 
     def _inward(self, xy: np.ndarray) -> np.ndarray:

@@ -75,3 +75,11 @@ def test_post_bends_as_in_the_other_simulator(shared):
     error = np.sqrt(((path.x - truth["x"])[:, free] ** 2).sum(-1).mean())
     moved = np.sqrt(((truth["x"] - truth["x"][0])[:, free] ** 2).sum(-1).mean())
     assert error < 0.15 * moved
+
+
+def test_one_pinned_row_bends_like_two():
+    # The free part is the same; only how much of the foot is pinned differs.
+    long, short = block((3, 3, 12), jitter=0.0), block((3, 3, 11), jitter=0.0)
+    two = replace(long, pinned=long.x[:, 2] < 0.015)
+    one = replace(short, pinned=short.x[:, 2] < 0.005)
+    assert np.isclose(tip(bend(one)[0], one), tip(bend(two)[0], two), rtol=0.1)

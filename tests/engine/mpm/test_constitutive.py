@@ -16,7 +16,7 @@ matrices = ti.types.ndarray(dtype=ti.types.matrix(3, 3, ti.f64), ndim=1)
 @ti.kernel
 def stresses(law: ti.i32, mu: ti.f64, lam: ti.f64, F: matrices, tau_out: matrices):
     for p in range(F.shape[0]):
-        tau_out[p] = kirchhoff(law, F[p], mu, lam)
+        tau_out[p] = kirchhoff(True, law, F[p], mu, lam)
 
 
 @ti.kernel

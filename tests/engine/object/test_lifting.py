@@ -1,0 +1,113 @@
+"""Tracks to 3D on a plate that turns out of the picture plane."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from seeing_wind.engine.errors import ObjectError
+from seeing_wind.engine.object.lifting import best_rotations, lift, neighbour_edges
+from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.records import Camera
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A plate of 0.2 m, 2 m from the camera, turning by 40 degrees about its upright axis while it drifts: truth, tracks, camera."""
+    rng = np.random.default_rng(0)
+    rest = np.column_stack([rng.uniform(-0.1, 0.1, 40), rng.uniform(-0.1, 0.1, 40), 2.0 + 0.01 * rng.normal(size=40)])
+    camera = Camera(640, 480, 1500.0, 1500.0, 319.5, 239.5, np.eye(4))
+    truth = []
+    for t in range(13):
+        turn = Rotation.from_euler("yx", [40 * t / 12, 10 * t / 12], degrees=True).as_matrix()
+        truth.append((rest - [0, 0, 2]) @ turn.T + [0.02 * t / 12, 0.05 * t / 12, 2.0 + 0.1 * t / 12])
+    truth = np.array(truth)
+    xy = np.stack([camera.project(x)[0] for x in truth]) + 0.1 * rng.normal(size=(13, 40, 2))
+    return truth, xy, camera
+
+
+def errors(lifted: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
+    difference = np.abs(lifted - truth)[1:]
+    return float(np.median(difference[..., 2])), float(np.median(np.linalg.norm(difference[..., :2], axis=-1)))
+
+
+def run(scene, **options) -> np.ndarray:
+    truth, xy, camera = scene
+    visible = np.ones(xy.shape[:2], dtype=bool)
+    return lift(camera, xy, visible, np.full(visible.shape, 0.1), truth[0], **options)
+
+
+def test_rotation_aware_lift_follows_the_turn(scene) -> None:
+    along, across = errors(run(scene), scene[0])
+    assert along < 3e-3
+    assert across < 3e-4
+
+
+def test_previous_frame_reference_follows_too(scene) -> None:
+    assert errors(run(scene, arap="previous"), scene[0])[0] < 8e-3
+
+
+def test_difference_vectors_turn_rotation_into_false_depth(scene) -> None:
+    ours, paper = errors(run(scene), scene[0])[0], errors(run(scene, arap="difference"), scene[0])[0]
+    assert paper > 4.0 * ours
+
+
+def test_hidden_points_are_carried_and_unseen_ones_are_nan(scene) -> None:
+    truth, xy, camera = scene
+    visible = np.ones(xy.shape[:2], dtype=bool)
+    visible[4:, 3] = False
+    visible[:, 7] = False
+    gaps = xy.copy()
+    gaps[~visible] = np.nan
+    start = truth[0].copy()
+    start[7] = np.nan
+    lifted = lift(camera, gaps, visible, np.full(visible.shape, 0.1), start)
+    assert np.isnan(lifted[:, 7]).all()
+    assert np.isfinite(np.delete(lifted, 7, axis=1)).all()
+    assert np.linalg.norm(lifted[-1, 3] - truth[-1, 3]) < 0.01
+
+
+def test_outliers_do_not_pull(scene) -> None:
+    truth, xy, camera = scene
+    bad = xy.copy()
+    bad[6, 5] += 40.0
+    visible = np.ones(xy.shape[:2], dtype=bool)
+    lifted = lift(camera, bad, visible, np.full(visible.shape, 0.1), truth[0])
+    assert np.median(np.linalg.norm(lifted[6] - truth[6], axis=1)) < 5e-3
+
+
+def test_pinned_points_stay(scene) -> None:
+    pinned = np.zeros(40, dtype=bool)
+    pinned[:2] = True
+    lifted = run(scene, pinned=pinned)
+    assert lifted[:, :2] == pytest.approx(np.broadcast_to(scene[0][0, :2], (13, 2, 3)), abs=1e-12)
+
+
+def test_one_point_moves_in_its_depth_plane() -> None:
+    camera = Camera(100, 100, 100.0, 100.0, 49.5, 49.5, np.eye(4))
+    truth = np.array([[[0.01 * t, 0.02 * t, 1.0]] for t in range(5)])
+    xy = np.stack([camera.project(x)[0] for x in truth])
+    visible = np.ones((5, 1), dtype=bool)
+    lifted = lift(camera, xy, visible, np.full((5, 1), 0.1), truth[0])
+    assert lifted == pytest.approx(truth, abs=1e-4)
+
+
+def test_best_rotations_recovers_a_turn() -> None:
+    rng = np.random.default_rng(4)
+    rest = rng.normal(size=(30, 3))
+    turn = Rotation.from_rotvec([0.3, -1.2, 0.5]).as_matrix()
+    found = best_rotations(rest, rest @ turn.T + 3.0, neighbour_edges(rest))
+    assert found == pytest.approx(np.broadcast_to(turn, (30, 3, 3)), abs=1e-10)
+
+
+def test_bad_input_and_cancel(scene) -> None:
+    truth, xy, camera = scene
+    visible = np.ones(xy.shape[:2], dtype=bool)
+    sigma = np.full(visible.shape, 0.1)
+    with pytest.raises(ObjectError):
+        lift(camera, xy, visible[:, :5], sigma, truth[0])
+    with pytest.raises(ObjectError, match="depth"):
+        lift(camera, xy, visible, sigma, np.full_like(truth[0], np.nan))
+    with pytest.raises(Cancelled):
+        lift(camera, xy, visible, sigma, truth[0], progress=Progress(cancelled=lambda: True))

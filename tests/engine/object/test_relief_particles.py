@@ -1,0 +1,125 @@
+"""Front, back and the particles between."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import ObjectError
+from seeing_wind.engine.object.particles import fill
+from seeing_wind.engine.object.relief import relief_of
+
+from .conftest import FOCAL, observed
+
+
+def test_unprojection_goes_back_to_the_pixels(plate) -> None:
+    relief = relief_of(plate)
+    rows, columns = np.nonzero(relief.mask)
+    xy = np.stack([columns, rows], axis=1).astype(float)
+    for across in (0.0, 0.5, 1.0):
+        back, depth = plate.camera.project(relief.points(xy, across))
+        assert np.abs(back - xy).max() < 1e-9
+        assert (depth > 0).all()
+    assert plate.camera.project(relief.points(xy, 0.0))[1] == pytest.approx(plate.depth[relief.mask], rel=1e-5)
+
+
+def test_kinds_of_bodies(plate, ball) -> None:
+    assert relief_of(plate).kind == "plate"
+    assert relief_of(ball).kind == "ball"
+    long = np.zeros_like(plate.masks[0])
+    long[10:60, 40:46] = True
+    assert relief_of(observed(long, 1.0)).kind == "post"
+    # A measured front of a ball is solid; a measured flat disc is none.
+    rows, columns = np.mgrid[:72, :96]
+    disc = (rows - 36) ** 2 + (columns - 48) ** 2 <= 400
+    bulge = 1.0 - np.sqrt(np.maximum(400 - (rows - 36.0) ** 2 - (columns - 48.0) ** 2, 0.0)) / FOCAL
+    tilt = 1.0 + 0.002 * (columns - 48)
+    assert relief_of(observed(disc, bulge)).kind == "ball"
+    assert relief_of(observed(disc, tilt)).kind == "plate"
+
+
+@pytest.mark.parametrize("count", [60, 200, 450])
+def test_plate_volume_number_and_layers(plate, count: int) -> None:
+    relief = relief_of(plate, thickness=0.02)
+    particles = fill(relief, count)
+    assert particles.volume.sum() == pytest.approx(relief.pixel_volume().sum(), rel=1e-12)
+    # The plane z = 1 + 0.5 x: its area is the pixels' area divided by the cosine, its thickness is across the plane.
+    slope = (np.arange(30, 70) - 47.5) / FOCAL
+    z = 1.0 / (1.0 - 0.5 * slope)
+    # dA = z^3 / (f^2 z_plane n.e) with the plane's distance 1 / sqrt(1.25) from the camera
+    area = 24 * (z**3 / FOCAL**2).sum() * np.sqrt(1.25)
+    assert particles.volume.sum() == pytest.approx(0.02 * area, rel=0.08)
+    assert (particles.volume > 0).all()
+    assert abs(len(particles.x) - count) <= 0.25 * count
+
+
+def test_thin_body_has_two_layers(plate) -> None:
+    particles = fill(relief_of(plate), 300)
+    centred = particles.x - particles.x.mean(axis=0)
+    normal = np.linalg.svd(centred, full_matrices=False)[2][-1]
+    offset = centred @ normal
+    assert (offset > 0).mean() == pytest.approx(0.5, abs=0.05)
+    assert np.abs(offset).min() > 0.1 * np.abs(offset).max()
+
+
+def test_small_ball_is_round(ball) -> None:
+    relief = relief_of(ball)
+    particles = fill(relief, 600)
+    assert 24 <= len(particles.x) <= 200
+    extent = np.ptp(particles.x, axis=0)
+    assert extent.max() / extent.min() < 1.3
+    radius = np.sqrt(ball.masks[0].sum() / np.pi) / FOCAL
+    assert particles.volume.sum() == pytest.approx(4.0 / 3.0 * np.pi * radius**3, rel=0.15)
+    centre = np.average(particles.x, axis=0, weights=particles.volume)
+    # Front view from (0, -1, 0): the ball's middle is at distance 1, at the picture's centre plus half a pixel.
+    assert centre == pytest.approx([0.5 / FOCAL, 0.0, -0.5 / FOCAL], abs=0.02 * radius)
+
+
+def test_thickness_overrides_the_guess(plate, ball) -> None:
+    thin, thick = (fill(relief_of(plate, thickness=t), 300).volume.sum() for t in (0.01, 0.02))
+    assert thick == pytest.approx(2.0 * thin, rel=0.05)
+    flat, tall = (relief_of(ball, thickness=t).pixel_volume().sum() for t in (0.02, 0.04))
+    assert tall == pytest.approx(2.0 * flat, rel=0.05)
+    with pytest.raises(ObjectError):
+        relief_of(plate, thickness=-1.0)
+
+
+def test_pin_holds_all_layers(plate) -> None:
+    pin = np.zeros_like(plate.masks[0])
+    pin[:, :40] = True
+    particles = fill(relief_of(plate), 400, pin)
+    xy, _ = plate.camera.project(particles.x)
+    assert particles.pinned[xy[:, 0] < 37].all()
+    assert not particles.pinned[xy[:, 0] > 43].any()
+    speck = np.zeros_like(pin)
+    speck[30, 50] = True
+    assert fill(relief_of(plate), 100, speck).pinned.any()
+    with pytest.raises(ObjectError, match="off the object"):
+        fill(relief_of(plate), 100, np.roll(speck, -40, axis=1))
+
+
+def test_objects_that_cannot_be_built(plate) -> None:
+    empty = dataclasses.replace(plate, masks=np.zeros_like(plate.masks))
+    with pytest.raises(ObjectError, match="empty"):
+        relief_of(empty)
+    tiny = np.zeros_like(plate.masks)
+    tiny[:, 30:33, 40:43] = True
+    with pytest.raises(ObjectError, match="pixels"):
+        relief_of(dataclasses.replace(plate, masks=tiny))
+    with pytest.raises(ObjectError, match="depth"):
+        relief_of(dataclasses.replace(plate, depth=np.full_like(plate.depth, np.inf)))
+    with pytest.raises(ObjectError, match="depth map is"):
+        relief_of(dataclasses.replace(plate, depth=plate.depth[:10]))
+    with pytest.raises(ObjectError):
+        fill(relief_of(plate), 0)
+
+
+def test_holes_in_the_depth_are_filled(plate) -> None:
+    holes = plate.depth.copy()
+    holes[25:28, 35:39] = np.inf
+    holes[30, 50] = -1.0
+    whole, mended = relief_of(plate), relief_of(dataclasses.replace(plate, depth=holes))
+    assert np.isfinite(mended.front).all()
+    assert np.abs(mended.front - whole.front)[whole.mask].max() < 0.03

@@ -1,0 +1,78 @@
+"""The library of materials and the user's own numbers."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from seeing_wind.engine.errors import MaterialError
+from seeing_wind.engine.materials import DEFAULT, LAWS, MATERIALS, PLASTIC_LAWS, adjusted, find
+
+
+def test_library_is_complete_and_physical() -> None:
+    assert len(MATERIALS) >= 25
+    assert DEFAULT in MATERIALS
+    for name, material in MATERIALS.items():
+        assert material.name == name
+        assert material.law in LAWS
+        assert material.source, name
+        assert 10.0 <= material.density <= 2e4, name
+        assert 1e3 <= material.youngs_modulus <= 1e12, name
+        assert -1.0 < material.poisson_ratio < 0.5, name
+        assert (material.yield_stress > 0.0) == (material.law in PLASTIC_LAWS), name
+        assert (material.viscosity > 0.0) == (material.law == "viscoplastic"), name
+
+
+def test_order_of_known_stiffness() -> None:
+    stiffness = [MATERIALS[name].youngs_modulus for name in ("jelly", "rubber", "wood", "steel")]
+    assert stiffness == sorted(stiffness)
+    assert MATERIALS["steel"].density == pytest.approx(7850.0)
+
+
+def test_find_ignores_case_and_spaces() -> None:
+    assert find("Plant Stem") is MATERIALS["plant_stem"]
+    assert find("flag-nylon") is MATERIALS["flag_nylon"]
+
+
+def test_unknown_material_names_the_nearest() -> None:
+    with pytest.raises(MaterialError, match="cotton") as caught:
+        find("cotten")
+    assert caught.value.exit_code == 2
+    with pytest.raises(MaterialError, match="leaf"):
+        find("xqzw")
+
+
+def test_adjusted_replaces_and_records() -> None:
+    leaf = adjusted(find("leaf"), density=500.0, youngs_modulus=1e5)
+    assert (leaf.density, leaf.youngs_modulus, leaf.poisson_ratio) == (500.0, 1e5, find("leaf").poisson_ratio)
+    assert "density, youngs_modulus" in leaf.source
+    assert adjusted(find("leaf")) == find("leaf")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"density": 0.0},
+        {"density": -3.0},
+        {"density": math.nan},
+        {"youngs_modulus": 0.0},
+        {"youngs_modulus": math.inf},
+        {"poisson_ratio": 0.5},
+        {"poisson_ratio": -1.0},
+        {"poisson_ratio": math.nan},
+        {"yield_stress": -1.0},
+        {"viscosity": -1.0},
+        {"law": "jelly"},
+        {"law": "von_mises"},
+        {"density": "heavy"},
+    ],
+)
+def test_unphysical_numbers_are_refused(change: dict) -> None:
+    with pytest.raises(MaterialError) as caught:
+        adjusted(find("leaf"), **change)
+    assert caught.value.hint
+
+
+def test_a_plastic_law_with_its_yield_stress_is_fine() -> None:
+    assert adjusted(find("leaf"), law="von_mises", yield_stress=1e4).law == "von_mises"
