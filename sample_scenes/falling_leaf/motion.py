@@ -22,8 +22,8 @@ DENSITY = 400.0
 """kg/m³, between a fresh and a dry leaf."""
 THICKNESS = 0.012
 """Metres: forty times a real leaf's, so that particles fit in."""
-YOUNGS_MODULUS = 6.0e4
-"""Pa. A plate's stiffness against bending per mass goes as E h² / rho: at forty times the thickness 6e4 Pa do what 1e8 Pa do in a leaf."""
+YOUNGS_MODULUS = 2.0e4
+"""Pa. A plate's stiffness against bending per mass goes as E h² / rho: at forty times the thickness 2e4 Pa do what 3e7 Pa do in a leaf."""
 START = (0.0, 0.0, 1.6)
 """Where the blade's middle is in picture 0 [m]."""
 ROLL = 0.5

@@ -22,7 +22,7 @@ EDDY_PERIOD = 0.5
 """In this time the eddy turns one way and back [s]."""
 RIPPLE_WAVELENGTH = 0.45
 """[m]."""
-RIPPLE = 1.3
+RIPPLE = 0.8
 """Amplitude of a ripple [m/s²]."""
 
 

@@ -162,7 +162,7 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
     for field in dataclasses.fields(cls):  # type: ignore[arg-type]
         key, kind = prefix + field.name, hints[field.name]
         if dataclasses.is_dataclass(kind):
-            values[field.name] = from_arrays(kind, arrays, key + ".")
+            values[field.name] = from_arrays(kind, arrays, key + ".")  # type: ignore[arg-type]
         elif key not in arrays:
             raise TakeError(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
         elif kind is np.ndarray:

@@ -87,4 +87,4 @@ def _material(values: dict[str, np.ndarray]) -> Material:
     base = Material("trajectories", "von_mises" if yield_stress > 0.0 else "corotated", 300.0, 1e5, 0.3, source="the trajectory file")
     numbers = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
     given: dict[str, Any] = {name: float(values[key]) for name, key in numbers.items() if key in values}
-    return adjusted(base, **given, **({"yield_stress": yield_stress} if yield_stress > 0.0 else {}))
+    return adjusted(base, **given, yield_stress=yield_stress if yield_stress > 0.0 else None)

@@ -20,14 +20,10 @@ def register() -> None:
     job_operator.register()
     commands.register()
     bpy.app.timers.register(_look_round, first_interval=0.0)
-    if bpy.app.module:
-        # Blender as a Python module (4.5.15) crashes or hangs at exit with Python handlers still attached.
-        atexit.register(unregister)
 
 
 def unregister() -> None:
     """Called by Blender when the extension is switched off: running workers end with it."""
-    atexit.unregister(unregister)
     if bpy.app.timers.is_registered(_look_round):
         bpy.app.timers.unregister(_look_round)
     commands.unregister()
@@ -43,3 +39,13 @@ def _look_round() -> None:
     """While it is being switched on, Blender lends no data: the first look at the scenes comes right after."""
     engine_environment.refresh()
     freshness.refresh_all()
+
+
+def _at_exit() -> None:
+    """End the workers with Blender. As a Python module Blender (4.5.15) also hangs or crashes at exit with handlers still attached."""
+    job_operator.kill_all()
+    if bpy.app.module and hasattr(bpy.types.Scene, "seeing_wind"):
+        unregister()
+
+
+atexit.register(_at_exit)

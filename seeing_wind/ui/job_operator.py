@@ -5,7 +5,6 @@ An operator supplies `start` (gather, return the generator of messages) and `fin
 
 from __future__ import annotations
 
-import atexit
 import traceback
 from dataclasses import dataclass
 
@@ -236,16 +235,14 @@ def _before_load(*_: object) -> None:
 
 
 def register() -> None:
-    """End the workers with their file and with Blender."""
+    """End the workers with their file."""
     unregister()
     bpy.app.handlers.load_pre.append(_before_load)
-    atexit.register(kill_all)
 
 
 def unregister() -> None:
     """End the workers now."""
     kill_all()
-    atexit.unregister(kill_all)
     if _before_load in bpy.app.handlers.load_pre:
         bpy.app.handlers.load_pre.remove(_before_load)
 

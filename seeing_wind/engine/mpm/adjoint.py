@@ -11,7 +11,20 @@ import taichi as ti
 
 from .boundary import FREE, HELD
 from .constitutive import kirchhoff_adjoint
-from .substep import flags, grids, matrices, nodes, particles_to_grid, scalars, vectors, window
+from .substep import (
+    GRID_FULL,
+    RUNNING,
+    flags,
+    grid_to_particles,
+    grids,
+    matrices,
+    nodes,
+    particles_to_grid,
+    scalars,
+    statuses,
+    vectors,
+    window,
+)
 from .transfer import affine_momentum, base_of, clear, momentum_to_velocity, spline, spline_slope, vec3, vec4
 
 
@@ -117,6 +130,42 @@ def particles_to_grid_adjoint(
             gradient_bar[0, p] += dt * mass[p] * A_bar
             tau_bar = (-4.0 * dt * volume[p] / (dx * dx)) * A_bar
             F_bar[0, p] += kirchhoff_adjoint(law[p], F[s, p], mu[p], lam[p], tau_bar)
+
+
+@ti.kernel
+def record_substeps(
+    # model
+    mass: scalars, volume: scalars, mu: scalars, lam: scalars, law: flags, role: flags,
+    clamp_lo: ti.types.vector(3, ti.i32), clamp: nodes, offset: vec3, dx: ti.f64, dt: ti.f64,
+    # force (1, N), states (substeps + 1, N): row 0 in, the others out
+    acceleration: vectors, gradient: matrices, x: vectors, v: vectors, C: matrices, F: matrices,
+    # scratch, and status (1, 4) as in `substep.run_substeps`
+    grid: grids, status: statuses,
+):  # fmt: skip
+    """The forward substeps of an elastic model once more, each state kept."""
+    for r in range(1):
+        code = RUNNING
+        while status[0, 2] < x.shape[0] - 1 and code == RUNNING:
+            s = status[0, 2] + 1
+            lo, dims = window(s - 1, x, role, offset, dx)
+            wanted = ti.cast(dims[0], ti.i64) * dims[1] * dims[2]
+            if wanted > grid.shape[1]:
+                code = GRID_FULL
+                status[0, 3] = ti.cast(wanted, ti.i32)
+            else:
+                for p in range(x.shape[1]):
+                    x[s, p], v[s, p], C[s, p], F[s, p] = x[s - 1, p], v[s - 1, p], C[s - 1, p], F[s - 1, p]
+                clear(grid, r, dims)
+                particles_to_grid(
+                    False, s, r, mass, volume, mu, lam, law, role, x, v, C, F, 0, acceleration, gradient, offset, dx, dt, lo, dims, grid
+                )
+                momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
+                code, status[0, 1], lo, dims = grid_to_particles(
+                    False, s, r, mu, mu, mu, law, role, x, v, C, F, offset, dx, dt, lo, dims, grid
+                )
+                if code == RUNNING:
+                    status[0, 2] = s
+        status[0, 0] = code
 
 
 @ti.kernel

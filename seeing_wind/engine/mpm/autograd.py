@@ -9,10 +9,11 @@ import torch
 
 from ..errors import MaterialError
 from ..progress import NoProgress, Progress
-from . import adjoint
+from . import adjoint, substep
+from .boundary import HELD
 from .constitutive import ELASTIC_LAWS
 from .model import Model
-from .rollout import Copies, rollout
+from .rollout import failure, rollout
 from .state import State, Trajectory
 
 _CALL = 25
@@ -45,12 +46,12 @@ class RolloutFunction(torch.autograd.Function):
         acceleration_bar, gradient_bar = np.zeros_like(ctx.acceleration), np.zeros_like(ctx.gradient)
         for t in reversed(range(path.frames)):
             acceleration_bar[t], gradient_bar[t] = _frame_adjoint(
-                ctx.model, path.state(t), int(path.substeps[t]), ctx.acceleration[t], ctx.gradient[t], bar, ctx.progress
+                ctx.model, path.state(t), t, int(path.substeps[t]), ctx.acceleration[t], ctx.gradient[t], bar, ctx.progress
             )
             for total, bars_at in zip(bar, (x_bars, v_bars, C_bars, F_bars)):
                 total += bars_at[t : t + 1]
-        bar[1][0, ctx.model.pinned] = 0.0  # they start at rest whatever they are given
-        bar[2][0, ctx.model.pinned] = 0.0
+        held = ctx.model.role == HELD  # these start at rest whatever they are given
+        bar[1][0, held], bar[2][0, held] = 0.0, 0.0
         state_bars = (torch.from_numpy(total[0]) for total in bar)
         return None, None, *state_bars, torch.from_numpy(acceleration_bar), torch.from_numpy(gradient_bar)
 
@@ -91,21 +92,37 @@ def simulate(
 
 
 def _frame_adjoint(
-    model: Model, start: State, substeps: int, acceleration: np.ndarray, gradient: np.ndarray, bar: list[np.ndarray], progress: Progress
+    model: Model,
+    start: State,
+    frame: int,
+    substeps: int,
+    acceleration: np.ndarray,
+    gradient: np.ndarray,
+    bar: list[np.ndarray],
+    progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Turns `bar` (x, v, C, F, each (1, N, ...)) from the frame's end to its start; returns those of the force, (N, 3) and (N, 3, 3)."""
-    copy = Copies(model, *(array[None].copy() for array in (start.x, start.v, start.C, start.F)))
-    copy.acceleration[0], copy.gradient[0] = acceleration + model.gravity, gradient
-    history = copy.record(substeps)
-    acceleration_bar, gradient_bar = np.zeros_like(copy.acceleration), np.zeros_like(copy.gradient)
-    grid, grid_bar = np.empty((1, copy.capacity, 4)), np.empty((1, copy.capacity, 4))
+    fixed = (
+        model.mass, model.volume, model.mu, model.lam, model.law, model.role,
+        model.clamp_lo, model.clamp, model.offset, model.dx, model.frame_dt / substeps,
+    )  # fmt: skip
+    force = (acceleration + model.gravity)[None], np.array(gradient[None])
+    history = [np.concatenate([array[None], np.empty((substeps, *array.shape))]) for array in (start.x, start.v, start.C, start.F)]
+    status, nodes = np.zeros((1, 4), np.int32), 0
+    while status[0, 2] < substeps:
+        progress.check()
+        grid = np.empty((1, nodes, 4))
+        adjoint.record_substeps(*fixed, *force, *history, grid, status)
+        if status[0, 0] not in (substep.RUNNING, substep.GRID_FULL):
+            raise failure(status[0], frame, substeps)  # the forward sweep went through; only a changed model can fail here
+        nodes = int(1.3 * status[0, 3])
+    acceleration_bar, gradient_bar = np.zeros_like(force[0]), np.zeros_like(force[1])
+    grid_bar = np.empty_like(grid)
     for last in range(substeps, 0, -_CALL):
         progress.check()
         adjoint.run_substeps_adjoint(
-            model.mass, model.volume, model.mu, model.lam, model.law, model.role,
-            model.clamp_lo, model.clamp, model.offset, model.dx, model.frame_dt / substeps, max(0, last - _CALL), last,
-            copy.acceleration, copy.gradient, *history, *bar, acceleration_bar, gradient_bar, grid, grid_bar,
-        )  # fmt: skip
+            *fixed, max(0, last - _CALL), last, *force, *history, *bar, acceleration_bar, gradient_bar, grid, grid_bar
+        )
     return acceleration_bar[0], gradient_bar[0]
 
 

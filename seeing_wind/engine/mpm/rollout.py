@@ -10,6 +10,7 @@ from ..errors import SimulationError
 from ..progress import NoProgress, Progress
 from ..records import Attachment
 from . import device, substep
+from .boundary import HELD
 from .model import Model
 from .state import State, Trajectory
 
@@ -32,15 +33,15 @@ class Copies:
     """States of B copies of one body, advanced in place frame by frame."""
 
     def __init__(self, model: Model, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> None:
-        """x, v (B, N, 3); C, F (B, N, 3, 3). The arrays are changed: now and by `advance`. Pinned particles start at rest."""
+        """x, v (B, N, 3); C, F (B, N, 3, 3). The arrays are changed: now and by `advance`. Held particles start at rest."""
         device.start(model.device)
         for name, array in (("position", x), ("velocity", v), ("affine velocity", C), ("deformation", F)):
             if not np.isfinite(array).all():
                 particle = int(np.argwhere(~np.isfinite(array))[0, 1])
                 message = f"The {name} of particle {particle} at the start is not finite."
                 raise SimulationError(message, "Check the body and its initial velocity.", particle=particle, quantity=name)
-        v[:, model.pinned] = 0.0
-        C[:, model.pinned] = 0.0
+        v[:, model.role == HELD] = 0.0
+        C[:, model.role == HELD] = 0.0
         self.model = model
         self.x, self.v, self.C, self.F = x, v, C, F
         self.acceleration = np.zeros_like(x)
@@ -86,21 +87,6 @@ class Copies:
                 status[full, 0] = substep.RUNNING
             todo = todo[(status[todo, 0] == substep.RUNNING) & (status[todo, 2] < substeps)]
         return status[copies]
-
-    def record(self, substeps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """One frame of copy 0 with its states at every substep: x, v (substeps + 1, N, 3), C, F (substeps + 1, N, 3, 3)."""
-        rows: list[list[np.ndarray]] = [[array[0].copy()] for array in (self.x, self.v, self.C, self.F)]
-        status, only = np.zeros((1, 4), np.int32), np.zeros(1, np.int32)
-        for s in range(substeps):
-            while status[0, 2] == s:
-                self._launch(only, substeps, s + 1, status)
-                if status[0, 0] == substep.GRID_FULL:
-                    self._grow(status)
-                elif status[0, 0] != substep.RUNNING:
-                    raise failure(status[0], 0, substeps)
-            for row, array in zip(rows, (self.x, self.v, self.C, self.F)):
-                row.append(array[0].copy())
-        return np.stack(rows[0]), np.stack(rows[1]), np.stack(rows[2]), np.stack(rows[3])
 
     def _grow(self, status: np.ndarray) -> None:
         wanted = int(status[:, 3].max())

@@ -40,9 +40,9 @@ def window(b, x: ti.template(), role: ti.template(), offset, dx):
 
 @ti.func
 def particles_to_grid(
-    plastic: ti.template(), b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(), law: ti.template(), role: ti.template(),
-    x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(), force_row, acceleration: ti.template(), gradient: ti.template(),
-    offset, dx, dt, lo, dims, grid: ti.template(),
+    plastic: ti.template(), b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(), law: ti.template(),
+    role: ti.template(), x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
+    force_row, acceleration: ti.template(), gradient: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """p2g of the particles in row b under the force in row `force_row`."""
     for p in range(x.shape[1]):
@@ -53,8 +53,9 @@ def particles_to_grid(
 
 @ti.func
 def grid_to_particles(
-    plastic: ti.template(), b, r, mu: ti.template(), yield_stress: ti.template(), viscosity: ti.template(), law: ti.template(), role: ti.template(),
-    x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
+    plastic: ti.template(), b, r, mu: ti.template(), yield_stress: ti.template(), viscosity: ti.template(), law: ti.template(),
+    role: ti.template(), x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
+    offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """g2p of copy b. Pinned particles deform but keep their place. Returns status, particle and the next window."""
     status, culprit = RUNNING, -1

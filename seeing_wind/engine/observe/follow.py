@@ -64,7 +64,6 @@ class MaskFollower:
         self._plate = plate
         self._solver = FlowSolver()
         self._colors = Colors(picture, mask)
-        self._before = picture
         self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         self._shape_window: Window = window_of(mask, 0)
         self._shape = cut(mask, self._shape_window)
@@ -170,7 +169,7 @@ class MaskFollower:
         """Label shadows that came or went as background, unless the object itself has the background's tint."""
         if self._plate is None:
             return
-        relit = cut(self._plate.relit(picture), where, cv2.BORDER_CONSTANT)
+        relit = self._plate.relit(picture, where)
         inner = trimap == cv2.GC_FGD
         if relit[inner if inner.any() else carried].mean() < SHADOW_LIKE:
             trimap[relit & ~inner] = cv2.GC_BGD
@@ -191,7 +190,7 @@ class MaskFollower:
         area = float(found.sum())
         self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
         self._missed = self._missed + 1 if self.hidden else 0
-        self._before, self._gray = picture, gray
+        self._gray = gray
         self._steps += 1
         if self.hidden or (self._shape.sum() < SMALL and area < PARTLY * self._shape.sum()):
             # The last full sight moves on: by the velocity when nothing was seen, by the search when something was.

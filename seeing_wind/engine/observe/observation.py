@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from .clip import Clip, read_clip
 from .depth import object_depth, typical_depth
 from .follow import MaskFollower
 from .mask import first_mask, read_mask
+from .shake import as_filmed, camera_turns, steadied, turning
 from .threads import one_thread
 from .tracks import Tracker, find_corners
 from .tracks_centroid import centroid_track
@@ -61,7 +62,12 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
     camera, distance = find_camera(settings, width, height, pictures, clip.first_frame, depth_of_object, progress)
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
-    if not still and settings.camera is None:
+    turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress)
+    if turns is not None:
+        progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
+        still = True
+        clip = replace(clip, frames=steadied(clip.frames, turns, camera, progress))
+    elif not still and settings.camera is None:
         progress.warn("The camera moves, and without --camera its motion is taken for the object's.")
     plate = median_plate(clip.frames, progress) if still else None
     progress.update(0.08, "finding the object")
@@ -73,6 +79,12 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
     masks, tracks = _follow(clip, mask, plate, settings, progress)
     progress.update(0.95, "background")
     background = clean_plate(clip.frames, masks, still, progress)
+    xy = tracks.xy
+    if turns is not None:
+        steady_xy, masks = as_filmed(xy, masks, turns, camera)
+        # Tracks from a file are in the filmed pixels already.
+        xy = steady_xy if settings.tracks is None else xy
+        camera = turning(camera, turns)
     progress.update(1.0, f"{len(tracks.on_centroid)} tracks")
     return Observation(
         clip=clip.path,
@@ -84,7 +96,7 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
         masks=masks,
         depth=depth,
         pin=pin,
-        xy=tracks.xy,
+        xy=xy,
         visible=tracks.visible,
         sigma=tracks.sigma,
         on_centroid=tracks.on_centroid,
@@ -166,8 +178,8 @@ def _with_centroid(
 ) -> _Tracks:
     """The silhouette's centroid instead of the corner tracks, or after them.
 
-    Not `enough` (T+1,) corners for most of the clip's first half, or a tiny body: the centroid alone. Corners that turn out of sight later (a sheet
-    seen edge-on): the centroid joins where they are too few, with the larger sigma of a silhouette that turns.
+    Not `enough` (T+1,) corners for most of the clip's first half, or a tiny body: the centroid alone. Corners that turn out of sight
+    later (a sheet seen edge-on): the centroid joins where they are too few, with the larger sigma of a silhouette that turns.
     """
     place, visible, sigma = centroid_track(frames, masks, plate)
     if enough[: max(2, len(frames) // 2)].mean() < 0.75 or masks[0].sum() < FEW_PATCHES:

@@ -109,10 +109,8 @@ def _monomial(local: np.ndarray, exponent: tuple[int, ...]) -> tuple[np.ndarray,
 
 
 def knots(frames: int, spacing: float) -> np.ndarray:
-    """Knots from frame 0 to the last frame interval, at most `spacing` frames apart and evenly."""
-    if frames == 1:
-        return np.zeros(1)
-    return np.linspace(0.0, frames - 1.0, math.ceil((frames - 1) / spacing) + 1)
+    """Knots at 0, spacing, 2 spacing ... as far as needed to reach the last frame interval: a longer clip has the same first knots."""
+    return spacing * np.arange(math.ceil((frames - 1) / spacing - 1e-9) + 1)
 
 
 def hats(frames: int, spacing: float) -> np.ndarray:

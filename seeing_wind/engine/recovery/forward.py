@@ -29,6 +29,8 @@ class Forward:
     """A body, the functions its field is written with, and how it may start."""
 
     model: Model
+    rough: Model
+    """The same body with half the substeps: good enough for derivatives and for looking ahead."""
     x: np.ndarray
     """(N, 3) rest positions [m]."""
     basis: SpatialBasis
@@ -73,17 +75,17 @@ class Forward:
         """(T, N, 3) [m/s²] on the particles."""
         return np.einsum("np,tpi->tni", self.basis.phi, self.per_frame(theta))
 
-    def advance(self, state: State, coefficients: np.ndarray, frame: int) -> State:
-        """One frame under coefficients (modes, 3)."""
+    def advance(self, state: State, coefficients: np.ndarray, frame: int, model: Model | None = None) -> State:
+        """One frame under coefficients (modes, 3), with the fine model unless told otherwise."""
         gradient = np.einsum("pi,npj->nij", coefficients, self.basis.gradient) @ np.linalg.inv(state.F)
-        return advance(self.model, state, self.basis.phi @ coefficients, gradient, frame=frame)
+        return advance(model or self.model, state, self.basis.phi @ coefficients, gradient, frame=frame)
 
-    def trajectory(self, theta: np.ndarray) -> Trajectory:
+    def trajectory(self, theta: np.ndarray, model: Model | None = None) -> Trajectory:
         """The simulation under theta (n,). Raises SimulationError when it breaks down."""
         coefficients, state = self.per_frame(theta), self.start(theta[self.size :])
         states, substeps = [state], []
         for t in range(len(coefficients)):
-            state = self.advance(state, coefficients[t], t)
+            state = self.advance(state, coefficients[t], t, model)
             states.append(state)
             substeps.append(self.model.substeps)
             self.progress.check()
@@ -92,7 +94,7 @@ class Forward:
     def positions(self, theta: np.ndarray) -> np.ndarray:
         """Candidates (B, n) -> (B, T+1, N, 3), NaN after a breakdown."""
         velocity = theta[:, self.size :]
-        return self._batch(State.at_rest(self.x), self.per_frame(theta), velocity)
+        return self._batch(self.model, State.at_rest(self.x), self.per_frame(theta), velocity)
 
     def window(self, state: State | None, unknowns: np.ndarray, frames: int) -> np.ndarray:
         """Constant coefficients over a few frames: (B, modes 3 [+ V]) -> (B, frames+1, N, 3). State None starts at rest with velocities."""
@@ -100,54 +102,48 @@ class Forward:
         constant = unknowns[:, : 3 * modes].reshape(-1, 1, modes, 3)
         coefficients = np.repeat(constant, frames, axis=1)
         if state is None:
-            return self._batch(State.at_rest(self.x), coefficients, unknowns[:, 3 * modes :])
-        return self._batch(state, coefficients, None)
+            return self._batch(self.rough, State.at_rest(self.x), coefficients, unknowns[:, 3 * modes :])
+        return self._batch(self.rough, state, coefficients, None)
 
-    def _batch(self, state: State | Trajectory, coefficients: np.ndarray, velocity: np.ndarray | None, start: np.ndarray | None = None) -> np.ndarray:
+    def _batch(
+        self, model: Model, state: State | Trajectory, coefficients: np.ndarray, velocity: np.ndarray | None, start: np.ndarray | None = None
+    ) -> np.ndarray:
         v0 = C0 = None
         if velocity is not None:
             v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
         phi, gradient = self.basis.phi, self.basis.gradient
         return rollout_batch(
-            self.model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress
+            model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress
         ).points
 
-    def jacobian(self, theta: np.ndarray, nominal: Trajectory, objective: Objective, scale: np.ndarray) -> np.ndarray:
-        """d (raw residuals) / d theta, (n, T+1, channels), by one simulation per unknown.
+    def jacobian(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
+        """d (raw residuals) / d theta[active], (number active, T+1, channels), by one simulation per unknown with the rough model.
 
         Args:
             theta: (n,) the point.
-            nominal: the simulation there.
+            active: (n,) bool, the unknowns to differentiate by.
             objective: whose residuals.
             scale: (n,) expected sizes of the unknowns.
 
         Raises:
-            SimulationError: when a perturbed simulation breaks down, though the nominal one did not.
+            SimulationError: when a simulation breaks down.
         """
-        # A hat is felt from the frame after the knot before its own.
-        first = np.concatenate([np.repeat(np.argmax(self.hats > 0.0, axis=0), 3 * self.shape[1]), np.zeros(len(theta) - self.size, int)])
+        nominal = self.trajectory(theta, self.rough)
         base = objective.residual(nominal.x[None])[0]
-        columns = np.zeros((len(theta), *base.shape), np.float32)
-        base_velocity = theta[self.size :]
-        for begin in range(0, len(theta), COLUMNS_AT_ONCE):
-            some = np.arange(begin, min(begin + COLUMNS_AT_ONCE, len(theta)))
-            offset = OFFSET * scale[some]
-            moved = np.repeat(theta[None], len(some), axis=0)
-            moved[np.arange(len(some)), some] += offset
-            velocity = moved[:, self.size :] if (some >= self.size).any() else None
-            positions = self._columns(nominal, moved, velocity, first[some], base_velocity)
-            if not np.isfinite(positions).all():
-                raise SimulationError("A slightly different force breaks the simulation down.", "Choose a stiffer or heavier material.")
-            columns[some] = (objective.residual(positions) - base) / offset[:, None, None]
-            self.progress.check()
+        first = np.concatenate([np.repeat(np.argmax(self.hats > 0.0, axis=0), 3 * self.shape[1]), np.zeros(len(theta) - self.size, int)])
+        which = np.flatnonzero(active)
+        columns = np.zeros((len(which), *base.shape), np.float32)
+        for group, moving in ((which < self.size, False), (which >= self.size, True)):
+            rows = np.flatnonzero(group)
+            for some in np.array_split(rows, max(1, -(-len(rows) // COLUMNS_AT_ONCE))):
+                if not len(some):
+                    continue
+                offset = OFFSET * scale[which[some]]
+                moved = np.repeat(theta[None], len(some), axis=0)
+                moved[np.arange(len(some)), which[some]] += offset
+                velocity = moved[:, self.size :] if moving else None
+                positions = self._batch(self.rough, nominal, self.per_frame(moved), velocity, first[which[some]])
+                if not np.isfinite(positions).all():
+                    raise SimulationError("A slightly different force breaks the simulation down.", "Choose a stiffer or heavier material.")
+                columns[some] = (objective.residual(positions) - base) / offset[:, None, None]
         return columns
-
-    def _columns(self, nominal: Trajectory, moved: np.ndarray, velocity: np.ndarray | None, first: np.ndarray, base: np.ndarray) -> np.ndarray:
-        if velocity is None:
-            return self._batch(nominal, self.per_frame(moved), None, first)
-        changed = (velocity != base).any(axis=1)
-        out = np.empty((len(moved), *nominal.x.shape))
-        if (~changed).any():
-            out[~changed] = self._batch(nominal, self.per_frame(moved[~changed]), None, first[~changed])
-        out[changed] = self._batch(nominal, self.per_frame(moved[changed]), velocity[changed], first[changed])
-        return out

@@ -1,6 +1,6 @@
 """Dense Gauss-Newton with Levenberg damping in the prior's own metric.
 
-    minimise |r(theta)|² + theta' P theta        r whitened residuals, P the prior's precision
+    minimise |r(theta)|² + (theta - m)' P (theta - m)        r whitened residuals, m mean and P precision of the prior
 
 Damping adds lambda P, so that a shortened step is one that the prior likes, not an arbitrary one. One Jacobian serves several *chord*
 steps with fresh residuals: a Jacobian costs a simulation per unknown, a step half a dozen.
@@ -65,13 +65,14 @@ Residuals = Callable[[np.ndarray], np.ndarray]
 """(B, n) -> whitened residuals (B, m), infinite where a simulation broke down."""
 
 
-def cost_of(residual: np.ndarray, theta: np.ndarray, precision: np.ndarray) -> np.ndarray:
-    """(B,) costs of residuals (B, m) at theta (B, n); infinite where a residual is."""
-    return (residual**2).sum(axis=-1) + np.einsum("bi,ij,bj->b", theta, precision, theta, optimize=True)
+def cost_of(residual: np.ndarray, offset: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    """(B,) costs of residuals (B, m) at theta - mean (B, n); infinite where a residual is."""
+    return (residual**2).sum(axis=-1) + np.einsum("bi,ij,bj->b", offset, precision, offset, optimize=True)
 
 
 def solve(
     theta: np.ndarray,
+    mean: np.ndarray,
     precision: np.ndarray,
     residuals: Residuals,
     linearise: Callable[[np.ndarray], Linearisation],
@@ -83,7 +84,7 @@ def solve(
 
     Args:
         theta: start, at which the simulation must not break down.
-        precision: (n, n) of the prior, whose mean is zero.
+        mean, precision: (n,) and (n, n) of the prior.
         residuals: of several candidates at once.
         linearise: residual and Jacobian at one point.
         iterations: Jacobians at most, the one given not counted.
@@ -95,18 +96,18 @@ def solve(
         if point is None:
             point, used = linearise(theta), used + 1
             residual = point.residual
-        cost = float(cost_of(residual[None], theta[None], precision)[0])
+        cost = float(cost_of(residual[None], (theta - mean)[None], precision)[0])
         report(used, cost)
         at_start = cost
         for _ in range(CHORD_STEPS):
-            gradient = point.jacobian @ residual + precision @ theta
+            gradient = point.jacobian @ residual + precision @ (theta - mean)
             steps = np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in DAMPING])
             promised = float(gradient @ steps[0])
             if promised < max(TOLERANCE[0], TOLERANCE[1] * cost):
                 return Solution(theta, residual, cost, used, True, point)
             trials = theta - steps
             missed = residuals(trials)
-            costs = cost_of(missed, trials, precision)
+            costs = cost_of(missed, trials - mean, precision)
             best = int(np.argmin(costs))
             if not costs[best] < cost:
                 break

@@ -194,7 +194,8 @@ class TrackChannels:
 class Objective:
     """All channels together."""
 
-    def __init__(self, channels: Sequence[Channels]) -> None:
+    def __init__(self, channels: Sequence[Channels], pictures: int | None = None) -> None:
+        """`pictures`: look only at the first so many."""
         self.channels = list(channels)
         self.used = np.concatenate([one.used for one in self.channels], axis=1)
         self.whitener = np.concatenate([_whiteners(one) for one in self.channels])
@@ -202,6 +203,13 @@ class Objective:
         marginal = [np.diag(one.covariance(channel)) for one in self.channels for channel in range(one.count)]
         self.deviation = np.sqrt(np.stack(marginal, axis=1))
         """(T+1, channels) standard deviation of each raw residual alone."""
+        if pictures is not None:  # Cholesky factors are causal: the first rows do not know of the later ones
+            self.used, self.deviation = self.used[:pictures], self.deviation[:pictures]
+            self.whitener = self.whitener[:, :pictures, :pictures]
+
+    def until(self, frames: int) -> Objective:
+        """The objective of the clip's first frames only."""
+        return self if frames == self.frames else Objective(self.channels, frames + 1)
 
     @property
     def frames(self) -> int:

@@ -1,8 +1,7 @@
 """A first guess that tracks the body: receding-horizon control.
 
 From the simulated state, a window of a few frames is simulated with a field that is affine over the body and constant over the window;
-one or two damped Gauss-Newton steps fit it, the body is moved on by one frame, and the window follows. The simulation never strays far
-from what was seen, which a solve over the whole clip from a mean acceleration does as soon as the body turns.
+a damped Gauss-Newton step fits it, the body is moved on, and the window follows. The simulation never strays far from what was seen, which a solve over the whole clip from a mean acceleration does as soon as the body turns.
 """
 
 from __future__ import annotations
@@ -11,86 +10,89 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .basis import SpatialBasis
+from ..mpm.state import State
 from .forward import Forward
 from .objective import Objective
 
-WINDOW = 3
+WINDOW = 4
 """Frames looked ahead."""
+HOP = 2
+"""Frames that the body is moved on before it is looked ahead again."""
 FIRST_WINDOW = 6
 """Frames of the first window, which finds the initial velocity too."""
-STEPS = 2
+STEPS = 1
 FIRST_STEPS = 5
 JUMP = 0.5
 """Standard deviation of the change of the field from frame to frame, relative to its expected size."""
+BROKEN = 1e6
+"""Residual [m or px] of a simulation that broke down."""
 DAMPING = (0.0, 1.0, 10.0, 100.0)
 
 
 @dataclass(frozen=True)
 class WarmStart:
-    """What the receding horizon found."""
+    """What the receding horizon found in its part of the clip."""
 
     coefficients: np.ndarray
-    """(T, modes, 3) accelerations per frame [m/s²]."""
+    """(frames, modes, 3) accelerations per frame [m/s²]."""
     velocity: np.ndarray
-    """(V,) initial velocities [m/s]."""
-    x: np.ndarray
-    """(T+1, N, 3) where it took the body [m]."""
+    """(V,) initial velocities [m/s]; empty when the part does not begin with picture 0."""
 
 
-def warm_start(forward: Forward, objective: Objective, size: float, speed: np.ndarray) -> WarmStart:
-    """Track the targets from picture 0 to the last.
+def warm_start(
+    forward: Forward, objective: Objective, size: float, speed: np.ndarray, state: State | None = None, begin: int = 0, end: int | None = None
+) -> WarmStart:
+    """Track the targets through the frames begin ... end - 1.
 
     Args:
         forward: simulations with the few modes of the start.
         objective: what to follow.
         size: expected root mean square of the field [m/s²].
         speed: (V,) standard deviations of the initial velocities [m/s].
+        state: at picture `begin`; None starts at rest in picture 0 and finds the initial velocity too.
+        end: None is the clip's end.
     """
-    frames, basis = objective.frames, forward.basis
-    deviation = _deviations(basis, size)
-    found, positions = [], [forward.x]
-    coefficients = np.zeros((basis.phi.shape[1], 3))
+    end = objective.frames if end is None else end
+    deviation = np.repeat(size * forward.basis.size[:, None], 3, axis=1)
+    count, velocity = deviation.size, np.zeros(0)
+    coefficients = np.zeros(count)
+    if state is None:
+        spread = np.concatenate([deviation.ravel(), speed])
+        unknown = _fit(forward, objective, None, 0, min(FIRST_WINDOW, objective.frames), np.zeros(len(spread)), spread, FIRST_STEPS)
+        coefficients, velocity = unknown[:count], unknown[count:]
+        state = forward.start(velocity)
+    else:  # nothing is known of the field yet: let the first window find it
+        coefficients = _fit(forward, objective, state, begin, min(WINDOW, objective.frames - begin), coefficients, deviation.ravel(), FIRST_STEPS)
 
-    window = min(FIRST_WINDOW, frames)
-    unknown = np.zeros(coefficients.size + len(speed))
-    spread = np.concatenate([deviation.ravel(), speed])
-    unknown = _fit(forward, objective, None, 0, window, unknown, np.zeros_like(unknown), spread, FIRST_STEPS)
-    coefficients, velocity = unknown[: coefficients.size].reshape(-1, 3), unknown[coefficients.size :]
-
-    state = forward.start(velocity)
-    for t in range(frames):
-        forward.progress.update(0.05 + 0.15 * t / frames, f"Following the object, frame {t + 1} of {frames}")
-        window = min(WINDOW, frames - t)
-        fitted = _fit(forward, objective, state, t, window, coefficients.ravel(), coefficients.ravel(), JUMP * deviation.ravel(), STEPS)
-        coefficients = fitted.reshape(-1, 3)
-        state = forward.advance(state, coefficients, t)
-        found.append(coefficients)
-        positions.append(state.x)
-    return WarmStart(np.stack(found), velocity, np.stack(positions))
-
-
-def _deviations(basis: SpatialBasis, size: float) -> np.ndarray:
-    """(modes, 3) prior standard deviations [m/s²]."""
-    return np.repeat(size * basis.size[:, None], 3, axis=1)
+    found = []
+    for t in range(begin, end):
+        if (t - begin) % HOP == 0:
+            window = min(WINDOW, objective.frames - t)
+            coefficients = _fit(forward, objective, state, t, window, coefficients, JUMP * deviation.ravel(), STEPS)
+        state = forward.advance(state, coefficients.reshape(-1, 3), t)
+        found.append(coefficients.reshape(-1, 3))
+    return WarmStart(np.stack(found), velocity)
 
 
-def _fit(forward, objective, state, frame, window, unknown, mean, spread, steps):  # type: ignore[no-untyped-def]
-    """Damped Gauss-Newton over pictures frame + 1 ... frame + window; the unknowns beyond the coefficients are initial velocities."""
+def _fit(
+    forward: Forward, objective: Objective, state: State | None, frame: int, window: int, mean: np.ndarray, spread: np.ndarray, steps: int
+) -> np.ndarray:
+    """Damped Gauss-Newton over pictures frame + 1 ... frame + window, from the prior's mean.
+
+    The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
+    """
+    unknown, offset = mean, 1e-3 * spread
     for _ in range(steps):
-        offset = 1e-3 * spread
         trials = np.concatenate([unknown[None], unknown + np.diag(offset)])
-        raw = objective.residual(forward.window(state, trials, window)[:, 1:], frame + 1)
-        white = _whiten(objective, raw, frame + 1)
+        white = _whiten(objective, forward.window(state, trials, window), frame)
+        before = float((white[0] ** 2).sum() + (((unknown - mean) / spread) ** 2).sum())
         jacobian = (white[1:] - white[0]) / offset[:, None]
         precision = np.diag(1.0 / spread**2)
         gradient = jacobian @ white[0] + precision @ (unknown - mean)
-        steps_tried = np.stack([np.linalg.solve(jacobian @ jacobian.T + (1 + damp) * precision, gradient) for damp in DAMPING])
-        candidates = unknown - steps_tried
-        missed = _whiten(objective, objective.residual(forward.window(state, candidates, window)[:, 1:], frame + 1), frame + 1)
+        candidates = unknown - np.stack([np.linalg.solve(jacobian @ jacobian.T + (1.0 + damp) * precision, gradient) for damp in DAMPING])
+        missed = _whiten(objective, forward.window(state, candidates, window), frame)
         costs = (missed**2).sum(axis=1) + (((candidates - mean) / spread) ** 2).sum(axis=1)
-        before = (white[0] ** 2).sum() + (((unknown - mean) / spread) ** 2).sum()
-        best = int(np.nanargmin(costs))
+        best = int(np.argmin(costs))
         if not costs[best] < before:
             break
         unknown = candidates[best]
@@ -99,7 +101,13 @@ def _fit(forward, objective, state, frame, window, unknown, mean, spread, steps)
     return unknown
 
 
-def _whiten(objective: Objective, raw: np.ndarray, first: int) -> np.ndarray:
-    """Residuals over the marginal deviation of each channel and picture: within a few frames the slow mismatch is a plain offset."""
-    scaled = raw / objective.deviation[first : first + raw.shape[1]]
-    return np.where(objective.used[first : first + raw.shape[1]], scaled, 0.0).reshape(len(raw), -1)
+def _whiten(objective: Objective, x: np.ndarray, frame: int) -> np.ndarray:
+    """Trajectories from picture `frame` (B, S, N, 3) -> residuals of the pictures after it, each over its own deviation.
+
+    Within a few frames the slow part of the mismatch is a plain offset. A simulation that broke down misses everything by far.
+    """
+    rows = slice(frame + 1, frame + x.shape[1])
+    broken = ~np.isfinite(x).all(axis=(1, 2, 3))
+    raw = objective.residual(np.where(broken[:, None, None, None], 0.0, x)[:, 1:], frame + 1)
+    raw[broken] = BROKEN
+    return np.where(objective.used[rows], raw / objective.deviation[rows], 0.0).reshape(len(x), -1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -112,6 +113,21 @@ def test_two_bodies_on_one_grid_push_each_other():
     assert path.v[-1][27:, 0].mean() > 0.2 and path.v[-1][:27, 0].mean() < 0.6
 
 
+def two_flying_apart():
+    left = block((3, 3, 3))
+    bodies = [left, replace(left, x=left.x + [0.1, 0.0, 0.0])]
+    model, _ = model_for(bodies, RUBBER, 30.0, gravity=(0, 0, 0))
+    v = np.zeros((54, 3))
+    v[:27, 0], v[27:, 0] = -4.0, 4.0
+    return model, State.at_rest(np.concatenate([body.x for body in bodies]), v)
+
+
+def test_the_grid_grows_with_the_bodies():
+    model, state = two_flying_apart()
+    path = rollout(model, state, still(model, 8))
+    assert np.allclose(path.x[-1], state.x + state.v * 8 / 30.0, atol=1e-9)
+
+
 # -- notices and failures ---------------------------------------------------------------------------------------------------------
 
 
@@ -159,6 +175,14 @@ def test_a_frame_that_is_a_little_too_fast_takes_half_the_substep():
     path = rollout(replace(model, gravity=np.zeros(3)), State.at_rest(body.x, v=[speed, 0, 0]), still(model, 2))
     assert list(path.substeps) == [2 * model.substeps] * 2
     assert np.allclose(path.x[-1] - path.x[0], [speed * 2 / 30.0, 0, 0], atol=1e-9)
+
+
+def test_a_grid_too_large_for_memory_is_an_error(monkeypatch):
+    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.rollout"), "_MOST_NODES", 2000)
+    model, state = two_flying_apart()
+    with pytest.raises(SimulationError, match="flew off") as caught:
+        rollout(model, state, still(model, 8))
+    assert caught.value.quantity == "position" and caught.value.frame > 0
 
 
 @pytest.mark.parametrize("where", ["state", "force"])

@@ -1,0 +1,90 @@
+"""A camera that trembles: its turns are found, taken out, and kept as poses."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from scenes import HEIGHT, WIDTH, Scene, disc_scene, noise, write_video
+
+from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.camera import find_camera
+from seeing_wind.engine.observe.shake import as_filmed, camera_turns, homography, steadied, through
+from seeing_wind.engine.progress import NoProgress, Progress
+from seeing_wind.engine.settings import ObserveSettings
+
+CAMERA, DISTANCE = find_camera(ObserveSettings(distance=1.0), WIDTH, HEIGHT, 13, 0, None, NoProgress())
+
+
+def turns_of_a_hand() -> np.ndarray:
+    """Rotations (13, 3, 3): up to eight pixels of sway with a little roll."""
+    t = np.arange(13)
+    turns = []
+    # Exact axes: about y to the right, about x downwards, about z clockwise.
+    for pan, tilt, roll in zip(8 * np.sin(0.5 * t) / CAMERA.fx, 6 * np.sin(0.31 * t) / CAMERA.fy, 0.01 * np.sin(0.4 * t)):
+        spin = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+        right = np.array([[np.cos(pan), 0, np.sin(pan)], [0, 1, 0], [-np.sin(pan), 0, np.cos(pan)]])
+        down = np.array([[1, 0, 0], [0, np.cos(tilt), np.sin(tilt)], [0, -np.sin(tilt), np.cos(tilt)]])
+        turns.append(right @ down @ spin)
+    return np.stack(turns)
+
+
+@pytest.fixture(scope="module")
+def trembling(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, np.ndarray]:
+    folder = tmp_path_factory.mktemp("tremble")
+    scene, turns = disc_scene(folder), turns_of_a_hand()
+    detail = noise(np.random.default_rng(11), (HEIGHT, WIDTH), (0, 0, 0), (60, 60, 60), 1.5)
+    frames = [
+        np.where(mask[..., None], frame, np.clip(frame + detail, 0, 255)).astype(np.uint8) for frame, mask in zip(scene.frames, scene.masks)
+    ]
+    filmed = [
+        cv2.warpPerspective(
+            frame, np.linalg.inv(homography(turn, CAMERA)), (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+        )
+        for frame, turn in zip(frames, turns)
+    ]
+    write_video(folder / "clip.avi", filmed, 30.0)
+    return scene, turns
+
+
+def test_turns_are_found(trembling: tuple[Scene, np.ndarray]) -> None:
+    scene, turns = trembling
+    video = cv2.VideoCapture(str(scene.path))
+    frames = np.stack([cv2.cvtColor(video.read()[1], cv2.COLOR_BGR2RGB) for _ in range(13)])
+    found = camera_turns(frames, CAMERA, scene.masks[0], NoProgress())
+    assert found is not None
+    grid = np.stack(np.meshgrid(np.arange(20.0, WIDTH, 60), np.arange(20.0, HEIGHT, 60)), -1).reshape(-1, 2)
+    for ours, true in zip(found, turns):
+        assert np.linalg.norm(through(homography(ours, CAMERA), grid) - through(homography(true, CAMERA), grid), axis=1).max() < 0.5
+
+
+def test_object_in_the_world_is_free_of_tremble(trembling: tuple[Scene, np.ndarray]) -> None:
+    scene, turns = trembling
+    told: list[dict] = []
+    seen = observe(scene.path, ObserveSettings(box=scene.box, distance=DISTANCE), Progress(told.append))
+    assert any("turn" in message["message"] for message in told if message["type"] == "warning")
+    assert seen.camera.camera_to_world.shape == (13, 4, 4)
+    # In file pixels the tracks tremble with the picture ...
+    body = np.stack([scene.moved(seen.xy[0], t) for t in range(13)])
+    filmed = np.stack([through(np.linalg.inv(homography(turn, CAMERA)), points) for turn, points in zip(turns, body)])
+    off = np.linalg.norm(seen.xy - filmed, axis=2)[seen.visible]
+    assert np.median(off) < 0.35
+    # ... and seen through the poses they do not.
+    still = CAMERA.project(np.stack([seen.camera.unproject(seen.xy[t], np.ones(seen.xy.shape[1]), t) for t in range(13)]))[0]
+    assert np.median(np.linalg.norm(still - body, axis=2)[seen.visible]) < 0.35
+
+
+def test_steadying_and_back_again() -> None:
+    turns = turns_of_a_hand()
+    rng = np.random.default_rng(2)
+    frames = np.stack([noise(rng, (HEIGHT, WIDTH), (0, 0, 0), (255, 255, 255), 4.0).astype(np.uint8)] * 13)
+    assert np.array_equal(steadied(frames, np.tile(np.eye(3), (13, 1, 1)), CAMERA, NoProgress()), frames)
+    xy = rng.uniform(40, 120, (13, 5, 2))
+    back, _ = as_filmed(xy, np.zeros(frames.shape[:3], bool), turns, CAMERA)
+    assert np.allclose(np.stack([through(homography(turn, CAMERA), points) for turn, points in zip(turns, back)]), xy)
+
+
+def test_unrelated_pictures_are_no_tremble() -> None:
+    rng = np.random.default_rng(4)
+    frames = np.stack([noise(rng, (HEIGHT, WIDTH), (0, 0, 0), (255, 255, 255), 3.0).astype(np.uint8) for _ in range(3)])
+    assert camera_turns(frames, CAMERA, np.zeros((HEIGHT, WIDTH), bool), NoProgress()) is None
