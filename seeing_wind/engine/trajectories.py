@@ -82,8 +82,12 @@ def particle_spacing(x: np.ndarray) -> float:
 
 
 def _material(values: dict[str, np.ndarray]) -> Material:
-    """The material that the file states, foam-like numbers for what it leaves out."""
-    yield_stress = float(values.get("yield_stress", 0.0))
+    """The material that the file states, foam-like numbers for what it leaves out.
+
+    Simulators that write such files (Genesis, taichi_elements) yield at a norm |dev tau| = Y of the deviatoric stress; the uniaxial
+    yield stress that `Material` and the literature speak of is sqrt(3/2) times that.
+    """
+    yield_stress = float(np.sqrt(1.5)) * float(values.get("yield_stress", 0.0))
     base = Material("trajectories", "von_mises" if yield_stress > 0.0 else "corotated", 300.0, 1e5, 0.3, source="the trajectory file")
     numbers = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
     given: dict[str, Any] = {name: float(values[key]) for name, key in numbers.items() if key in values}

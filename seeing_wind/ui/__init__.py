@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import atexit
-
 import bpy
 
-from . import commands, engine_environment, freshness, job_operator, operators, panels, preferences, properties, status
+from . import commands, engine_environment, freshness, job_operator, leaving, operators, panels, preferences, properties, status
 
 CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *job_operator.CLASSES, *panels.CLASSES)
 
@@ -48,4 +46,4 @@ def _at_exit() -> None:
         unregister()
 
 
-atexit.register(_at_exit)
+leaving.actions.append(_at_exit)

@@ -6,6 +6,7 @@ few modes and sparse knots, learn the prior's sizes, then solve with all modes t
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from .forward import Forward
 from .gauss_newton import Linearisation, Solution, solve
 from .objective import Channels, Objective, point_channels, track_channels
 from .prior import Prior, first_prior, learn
-from .warm_start import WarmStart, warm_start
+from .warm_start import warm_start
 
 COARSE_DEGREE, COARSE_KNOT = 2, 4.0
 """Degree of the modes and frames between knots of the first whole-clip solve."""
@@ -39,6 +40,11 @@ AXIAL_SHRINK = 0.2
 """Prior size of the force along a held body, relative to across it: hardly seen, and it soaks up the error of the clamp."""
 STILL = 0.02
 """A body whose observed points move less than this share of its radius hardly moves [m/m]."""
+SEGMENT = 16
+"""Frames by which the followed part of the clip grows."""
+SEGMENT_ITERATIONS = 2
+ROUGH = 0.5
+"""Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
 UNKNOWNS = 900
 """Most unknowns of the dense solve; longer clips get sparser knots, then fewer modes."""
 
@@ -116,27 +122,58 @@ class _Solver:
 
     def run(self, material: Material, views: int, began: float) -> Recovery:
         """All parts in order; `views` is the number of cameras, 0 for points in 3D."""
-        frames, x = self.objective.frames, self.particles.x
-        basis = self._observable(spatial_basis(x, self.model.mass * ~self.particles.pinned, FULL_MODES))
-        size = self._expected_size()
-        started = self._follow(basis.up_to(1), size)
-
-        coarse = self._forward(basis.up_to(COARSE_DEGREE), self._knot(basis.up_to(COARSE_DEGREE), COARSE_KNOT))
-        prior = first_prior(coarse.basis, frames, coarse.knot_spacing, max(_rms(started.coefficients[:, 0]), 0.05 * size), len(coarse.velocity), SPEED)
-        prior = replace(prior, component=self._first_component())
-        first = self._solve(coarse, prior, coarse.pack(started.coefficients, started.velocity), COARSE_ITERATIONS, (0.2, 0.4), "Solving coarsely")
+        frames = self.objective.frames
+        basis = self._observable(spatial_basis(self.particles.x, self.model.mass * ~self.particles.pinned, FULL_MODES))
+        coarse, prior, theta, used = self._grow(basis)
+        left = self.settings.iterations
+        first = self._solve(coarse, prior, theta, min(left, COARSE_ITERATIONS), (0.3, 0.45), "Solving coarsely")
         prior = learn(prior, first.point.normal, first.pull)[0]
 
         self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
-        fine = self._forward(basis, self._knot(basis, FULL_KNOT))
+        fine = self._forward(basis, self._knot(basis, FULL_KNOT), frames)
         prior = prior.reshaped(basis, frames, fine.knot_spacing)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
-        left = max(1, self.settings.iterations - first.iterations)
-        second = self._solve(fine, prior, theta, max(1, left // 2), (0.4, 0.8), "Solving finely")
+        left = max(1, left - first.iterations)
+        second = self._solve(fine, prior, theta, max(1, left // 2), (0.45, 0.8), "Solving finely")
         prior = learn(prior, second.point.normal, second.pull)[0]
         left = max(1, left - second.iterations)
-        last = self._solve(fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt", second.point)
-        return self._result(fine, prior, last, material, views, first.iterations + second.iterations + last.iterations, began)
+        last = self._solve(fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt", point=second.point)
+        return self._result(fine, prior, last, material, views, used + first.iterations + second.iterations + last.iterations, began)
+
+    def _grow(self, basis: SpatialBasis) -> tuple[Forward, Prior, np.ndarray, int]:
+        """A coarse field that keeps the simulation near the targets through the whole clip, found a segment at a time.
+
+        In each segment the receding horizon leads on from the simulation so far, then the knots of that segment and of the one before are solved.
+        Returns forward model, prior, unknowns, and the Jacobians used.
+        """
+        frames, size = self.objective.frames, self._expected_size()
+        modes, affine = basis.up_to(COARSE_DEGREE), basis.up_to(1)
+        knot = self._knot(modes, COARSE_KNOT)
+        parts = math.ceil(frames / SEGMENT)
+        ends = [round(frames * (part + 1) / parts) for part in range(parts)]
+        leader, found, used = self._forward(affine, 1.0, frames), np.zeros((0, modes.phi.shape[1], 3)), 0
+        forward, theta, velocity = self._forward(modes, knot, frames), np.zeros(0), np.zeros(0)
+        speed = np.full(len(forward.velocity), SPEED)
+        for part, end in enumerate(ends):
+            begin = len(found)
+            self.progress.update(0.02 + 0.28 * part / parts, f"Following the object, frame {begin} to {end} of {frames}")
+            state = forward.trajectory(theta).state(begin) if begin else None
+            led = warm_start(leader, self.objective, size, speed, state, begin, end)
+            velocity = velocity if begin else led.velocity
+            fresh = np.zeros((end - begin, *found.shape[1:]))
+            fresh[:, : affine.phi.shape[1]] = led.coefficients
+            found = np.concatenate([found, fresh])
+            forward = self._forward(modes, knot, end)
+            prior = first_prior(modes, end, knot, max(_rms(found[:, 0]), 0.05 * size), len(velocity), SPEED)
+            prior = replace(prior, component=self._first_component())
+            theta = forward.pack(found, velocity)
+            if end < frames:
+                known = begin - SEGMENT / 2
+                active = np.concatenate([np.repeat(knot * np.arange(forward.shape[0]) >= known, forward.size // forward.shape[0]), np.full(len(velocity), known <= 0)])
+                solved = self._solve(forward, prior, theta, SEGMENT_ITERATIONS, (0.02 + 0.28 * part / parts,) * 2, "Following the object", active)
+                theta, used = solved.theta, used + solved.iterations
+                found, velocity = forward.per_frame(theta), theta[forward.size :]
+        return forward, prior, theta, used
 
     # -- parts ----------------------------------------------------------------------------------------------------------------
 
@@ -159,9 +196,10 @@ class _Solver:
         observed = max(one.acceleration(self.particles.x, self.fps) for one in self.objective.channels)
         return float(np.hypot(observed, np.linalg.norm(self.model.gravity))) or 1e-3
 
-    def _forward(self, basis: SpatialBasis, knot: float) -> Forward:
+    def _forward(self, basis: SpatialBasis, knot: float, frames: int) -> Forward:
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
-        return Forward(self.model, self.particles.x, basis, hats(self.objective.frames, knot), knot, velocity, gradient, self.progress)
+        rough = replace(self.model, substeps=math.ceil(ROUGH * self.model.substeps))
+        return Forward(self.model, rough, self.particles.x, basis, hats(frames, knot), knot, velocity, gradient, self.progress)
 
     def _knot(self, basis: SpatialBasis, wanted: float) -> float:
         """Frames between knots, sparser when a long clip would make the dense solve too large."""
@@ -169,10 +207,6 @@ class _Solver:
         if affordable > wanted and wanted == FULL_KNOT:
             self.notes.append(f"Long clip: the force was given a knot every {affordable:.1f} frames instead of {wanted:.0f}; faster gusts are smoothed.")
         return max(wanted, affordable)
-
-    def _follow(self, basis: SpatialBasis, size: float) -> WarmStart:
-        forward = self._forward(basis, 1.0)
-        return warm_start(forward, self.objective, size, np.full(len(forward.velocity), SPEED))
 
     def _first_component(self) -> np.ndarray:
         """(3, 3) covariance of the force's components before anything is learnt: round, or flat along a held body's axis."""
@@ -184,28 +218,47 @@ class _Solver:
         return np.eye(3) - (1.0 - AXIAL_SHRINK**2) * np.outer(axis, axis)
 
     def _solve(
-        self, forward: Forward, prior: Prior, theta: np.ndarray, iterations: int, share: tuple[float, float], what: str,
+        self,
+        forward: Forward,
+        prior: Prior,
+        theta: np.ndarray,
+        iterations: int,
+        share: tuple[float, float],
+        what: str,
+        active: np.ndarray | None = None,
         point: Linearisation | None = None,
     ) -> Solution:
-        objective, precision = self.objective, prior.precision()
+        """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
+        but for its theta, which is whole."""
+        objective = self.objective.until(len(forward.hats))
+        active = np.ones(len(theta), bool) if active is None else active
+        precision = prior.precision()
+        inner = precision[np.ix_(active, active)]
+        mean = -np.linalg.solve(inner, precision[np.ix_(active, ~active)] @ theta[~active])  # the prior, given those that stay
+
+        def whole(candidates: np.ndarray) -> np.ndarray:
+            full = np.repeat(theta[None], len(candidates), axis=0)
+            full[:, active] = candidates
+            return full
 
         def residuals(candidates: np.ndarray) -> np.ndarray:
-            positions = forward.positions(candidates)
+            positions = forward.positions(whole(candidates))
             broken = ~np.isfinite(positions).all(axis=(1, 2, 3))
             white = objective.whiten(objective.residual(np.where(broken[:, None, None, None], self.particles.x, positions)))
             white[broken] = np.inf
             return white
 
-        def linearise(point: np.ndarray) -> Linearisation:
-            nominal = forward.trajectory(point)
-            raw = forward.jacobian(point, nominal, objective, prior.deviation())
-            return Linearisation.at(point, objective.whiten(objective.residual(nominal.x[None]))[0], objective.whiten(raw))
+        def linearise(candidate: np.ndarray) -> Linearisation:
+            full = whole(candidate[None])[0]
+            raw = forward.jacobian(full, active, objective, prior.deviation())
+            return Linearisation.at(candidate, residuals(candidate[None])[0], objective.whiten(raw))
 
         def report(iteration: int, cost: float) -> None:
             fraction = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / iterations
             self.progress.update(fraction, f"{what}, iteration {iteration}", cost=cost)
 
-        return solve(theta, precision, residuals, linearise, iterations, report, point)
+        solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point)
+        return replace(solution, theta=whole(solution.theta[None])[0])
 
     # -- result ---------------------------------------------------------------------------------------------------------------
 
