@@ -40,7 +40,7 @@ def _look_round() -> None:
 
 
 def _at_exit() -> None:
-    """End the workers with Blender. As a Python module Blender (4.5.15) also hangs or crashes at exit with handlers still attached."""
+    """End the workers with Blender."""
     job_operator.kill_all()
     if bpy.app.module and hasattr(bpy.types.Scene, "seeing_wind"):
         unregister()

@@ -1,20 +1,28 @@
 """What is to be done when the process ends.
 
-A module of its own, without bpy: Python holds on to exit functions until after Blender as a Python module (4.5.15) has to be taken down,
-and an exit function whose globals hold bpy keeps it from that; the process then hangs.
+Blender as a Python module (4.5.15) is taken down when Python lets go of `bpy`. It hangs if that happens after its handlers' functions or
+the last modules are gone, so at exit this package lets go of everything first. A module of its own, without bpy, for the same reason.
 """
 
 from __future__ import annotations
 
 import atexit
+import gc
+import sys
 from collections.abc import Callable
 
 actions: list[Callable[[], None]] = []
 
 
 def _leave() -> None:
+    if not actions:
+        return
     while actions:
         actions.pop()()
+    for name in [name for name in sys.modules if name == __package__ or name.startswith(f"{__package__}.")]:
+        if name != __name__:
+            vars(sys.modules.pop(name)).clear()
+    gc.collect()
 
 
 atexit.register(_leave)

@@ -74,7 +74,9 @@ def test_outliers_do_not_pull(scene) -> None:
     bad[6, 5] += 40.0
     visible = np.ones(xy.shape[:2], dtype=bool)
     lifted = lift(camera, bad, visible, np.full(visible.shape, 0.1), truth[0])
-    assert np.median(np.linalg.norm(lifted[6] - truth[6], axis=1)) < 5e-3
+    # 56 pixels, 560 sigma: Huber bounds the pull, and the next pictures forget it.
+    assert np.linalg.norm(lifted[6] - truth[6], axis=1).max() < 0.015
+    assert np.median(np.linalg.norm(lifted[8:] - truth[8:], axis=-1)) < 3e-3
 
 
 def test_pinned_points_stay(scene) -> None:

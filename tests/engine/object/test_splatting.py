@@ -10,7 +10,7 @@ from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.object.gaussians import pixel_aligned, rest_covariances, view_camera
 from seeing_wind.engine.object.particles import fill
 from seeing_wind.engine.object.relief import relief_of
-from seeing_wind.engine.object.splatting import PIXEL_FILTER, blend, fit, picture, project, tiles_of
+from seeing_wind.engine.object.splatting import PIXEL_FILTER, blend, fit, one_thread, picture, project, tiles_of
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Camera
 
@@ -62,7 +62,8 @@ def test_gradients_against_finite_differences() -> None:
         mean, flat, _ = project(x, root @ root.transpose(1, 2), camera)
         return blend(mean, flat, opacity, colour, tiles, camera.width, camera.height)
 
-    assert torch.autograd.gradcheck(render, (x, root, opacity, colour), eps=1e-6, atol=1e-6)
+    with one_thread():
+        assert torch.autograd.gradcheck(render, (x, root, opacity, colour), eps=1e-6, atol=1e-6)
 
 
 def test_picture_moves_with_the_particles() -> None:
