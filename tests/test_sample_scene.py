@@ -115,7 +115,7 @@ def test_files_agree_with_each_other(folder):
     assert source.fps == 30.0 and source.gravity == (0.0, 0.0, -9.81)
 
 
-@pytest.mark.parametrize("options", [["--size", "640"], ["--size", "33x33"], ["--frames", "1"], ["--seed", "-1"], ["--samples", "0"], ["--fps", "0"]])
+@pytest.mark.parametrize("options", [("--size", "640"), ("--size", "33x33"), ("--frames", "1"), ("--seed", "-1"), ("--fps", "0")])
 def test_wrong_options_are_refused(tmp_path, options, capsys):
     with pytest.raises(SystemExit) as raised:
         make.main(["--out", str(tmp_path / "x"), *options])

@@ -24,8 +24,8 @@ RIBBON = (0.05, 0.26)
 """Width and length of the inserted ribbon [m]."""
 CELLS = (6, 31)
 """Its faces across and along."""
-MATERIAL = {"material": "leaf", "density": 400.0, "youngs_modulus": 3.0e4}
-"""As heavy as the leaf, so that the same wind carries it, and softer, so that it waves."""
+MATERIAL = {"material": "leaf", "density": 400.0, "youngs_modulus": 1.0e5}
+"""As heavy as the leaf, so that the same wind carries it; stiff enough not to tear where it is held."""
 BESIDE = 0.27
 """The ribbons hang that far apart [m]."""
 SEEDS = 140
@@ -73,11 +73,11 @@ def start(folder: Path) -> None:
 
 def insert_ribbons(scene) -> None:
     """The inserted mesh three times: as it is, held at its upper end, and at twice its mass."""
-    place = start_of(scene.seeing_wind.recovered_object) + np.array([BESIDE, 0.0, 0.02])
     right = np.array([BESIDE, 0.0, 0.0])
+    place = start_of(scene.seeing_wind.recovered_object) + 2.0 * right + [0.0, 0.0, 0.02]
     for name, at, colour in (
         ("Ribbon", place, (0.02, 0.33, 0.42)),
-        ("Ribbon Pinned", place + right, (0.50, 0.05, 0.16)),
+        ("Ribbon Pinned", place - right, (0.50, 0.05, 0.16)),
         ("Ribbon Twice the Mass", place + [0.0, 0.02, 0.0], (0.62, 0.33, 0.02)),
     ):
         ribbon = make_ribbon(name, at, colour)
@@ -145,7 +145,7 @@ def add_seeds(scene) -> None:
     seed = bpy.context.object
     seed.name = "Seed"
     seed.data.materials.append(cloth("Seed", (0.95, 0.93, 0.85)))
-    settings.render_type, settings.instance_object, settings.particle_size = "OBJECT", seed, 0.0028
+    settings.render_type, settings.instance_object, settings.particle_size = "OBJECT", seed, 0.0035
     for frame in range(scene.frame_start, scene.frame_end + 1):  # fills the point cache
         scene.frame_set(frame)
     bpy.ops.ptcache.bake_all(bake=True)

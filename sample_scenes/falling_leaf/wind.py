@@ -14,9 +14,9 @@ from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 
 SINK = 0.45
 """What gravity keeps over the updraft [m/s²]: half a metre in a second and a half."""
-EDDY_WAVELENGTH = 1.1
+EDDY_WAVELENGTH = 0.9
 """[m]; longer than the leaf, so that the leaf mostly turns in it, and short enough to be curved across it."""
-EDDY = 85.0
+EDDY = 72.0
 """Amplitude of the eddy's angular acceleration [rad/s²]."""
 EDDY_PERIOD = 0.5
 """In this time the eddy turns one way and back [s]."""

@@ -47,3 +47,4 @@ def _at_exit() -> None:
 
 
 leaving.actions.append(_at_exit)
+leaving.let_go = bpy.app.module

@@ -28,9 +28,10 @@ from typing import IO, Any
 Message = dict[str, Any]
 Messages = Generator[list[Message], bool | None, Message]
 
-CANCEL_GRACE = 1.5
-"""Seconds between the request to stop and ending the process: the engine passes a safe point at least twice a second."""
-KILL_GRACE = 0.3
+CANCEL_GRACE = 1.0
+"""Seconds between the request to stop and ending the process: the engine passes a safe point at least twice a second, and the user shall
+have Blender back within two seconds whatever the worker does."""
+KILL_GRACE = 0.2
 """Seconds between ending the process politely and killing it."""
 LOG_LINES = 60
 """Lines of the worker's stderr kept for an error message."""
@@ -188,7 +189,7 @@ def _death(code: int, log: deque[str]) -> Message:
             hint = "The system may have run out of memory." if name == "SIGKILL" else "See the log for the last thing that it did."
             return _error(f"The engine was ended by {name}.", f"{hint} Results of finished stages are kept.", log)
     last = next((line for line in reversed(log) if line.strip()), "it left no log")
-    return _error(f"The engine stopped with code {code}: {last}", "Run Doctor to see what is missing.", log)
+    return _error(f"The engine stopped with code {code}: {last.rstrip('.')}.", "Run Doctor to see what is missing.", log)
 
 
 def _error(message: str, hint: str, log: deque[str] | tuple[()] = ()) -> Message:

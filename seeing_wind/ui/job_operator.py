@@ -151,8 +151,8 @@ class JobOperator:
         jobs.pop(self.key, None)
         if running.exit["outcome"] == "cancelled":
             status.end(now)
-            entry.message = "Cancelled; what was finished is kept"
             freshness.refresh(scene)
+            now.steps[self.step].message = "Cancelled; what was finished is kept"
             redraw()
             self.report({"WARNING"}, f"{self.bl_label} was cancelled.")
             return {"CANCELLED"}

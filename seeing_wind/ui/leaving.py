@@ -12,6 +12,8 @@ import sys
 from collections.abc import Callable
 
 actions: list[Callable[[], None]] = []
+let_go = False
+"""Whether Blender is a module of this process."""
 
 
 def _leave() -> None:
@@ -19,6 +21,8 @@ def _leave() -> None:
         return
     while actions:
         actions.pop()()
+    if not let_go:
+        return
     for name in [name for name in sys.modules if name == __package__ or name.startswith(f"{__package__}.")]:
         if name != __name__:
             vars(sys.modules.pop(name)).clear()

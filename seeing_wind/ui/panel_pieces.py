@@ -11,6 +11,9 @@ ICONS = {State.IDLE: "RADIOBUT_OFF", State.DONE: "CHECKMARK", State.STALE: "FILE
 
 SAYS = {State.STALE: "Settings have changed since: run it again"}
 
+WARNINGS = 4
+"""Warnings of a job that the panel shows; the Info editor has all."""
+
 MENDS = {
     "install_engine": ("seeing_wind.install_engine", "Install Engine", "IMPORT"),
     "allow_online": ("extensions.userpref_allow_online", "Allow Online Access", "URL"),
@@ -71,6 +74,9 @@ def draw_job(layout, context, name: str, operator: str, text: str, icon: str, re
         draw_text(layout, context, SAYS[State.STALE], "INFO")
     elif step.message:
         draw_text(layout, context, step.message)
+    if now.warned == name:
+        for warning in now.warnings[:WARNINGS]:
+            draw_text(layout, context, warning, "INFO")
 
 
 def draw_engine(layout, context) -> None:

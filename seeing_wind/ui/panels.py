@@ -3,7 +3,7 @@
 import bpy
 
 from . import status
-from .panel_pieces import ICONS, draw_engine, draw_failure, draw_job, draw_text
+from .panel_pieces import ICONS, draw_engine, draw_failure, draw_job
 from .status import State
 
 CATEGORY = "Seeing Wind"
@@ -50,7 +50,8 @@ class ClipTab(Tab):
         row.prop(settings, "use_frames", text="")
         sub = row.row(align=True)
         sub.enabled = settings.use_frames
-        sub.prop(settings, "frames", text="")
+        sub.prop(settings, "frames", index=0, text="")
+        sub.prop(settings, "frames", index=1, text="")
         column.prop(settings, "camera_mode")
         column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
         step = status.of(context.scene.session_uid).steps["clip"]
@@ -107,8 +108,6 @@ class RecoverTab(Tab):
             row = self.layout.row(align=True)
             row.operator("seeing_wind.build_scene", text="Reload", icon="FILE_REFRESH")
             row.operator_menu_enum("seeing_wind.open_report", "which", text="Open", icon="FILE_FOLDER")
-        for warning in now.warnings[:4]:
-            draw_text(self.layout, context, warning, "INFO")
 
 
 class EditTab(Tab):
@@ -184,11 +183,9 @@ def draw_body(column, body, settings) -> None:
         column.prop_search(body, "pin_group", obj, "vertex_groups", text="Pinned")
     for name in ("density", "youngs_modulus"):
         draw_override(column, body, name)
-    row = column.row(heading="Velocity (m/s)")
-    row.prop(body, "use_velocity", text="")
-    sub = row.row()
-    sub.enabled = body.use_velocity
-    sub.prop(body, "velocity", text="")
+    column.prop(body, "use_velocity")
+    if body.use_velocity:
+        column.prop(body, "velocity")
     column.prop(body, "start_frame")
 
 

@@ -24,6 +24,8 @@ from . import freshness
 KEPT = {"SKIP_SAVE"}
 """An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
 
+PATH = KEPT | {"PATH_SUPPORTS_BLEND_RELATIVE"}
+
 MATERIAL_ITEMS = [
     (
         name,
@@ -60,7 +62,7 @@ def _is_mesh(self, candidate) -> bool:
 
 
 def _file(name: str, description: str) -> object:
-    return StringProperty(name=name, description=description, subtype="FILE_PATH", options=KEPT, update=_changed)
+    return StringProperty(name=name, description=description, subtype="FILE_PATH", options=PATH, update=_changed)
 
 
 def _number(name: str, default: float, description: str, **limits: float) -> object:
@@ -79,7 +81,7 @@ class ClipOptions:
     """The options of Recover: a scene has them as settings, the operator as keyword arguments."""
 
     clip: _file("Clip", "The video in which something is moved by forces that nobody sees")
-    fps: _number("Frame Rate (1/s)", 0.0, "Frames per second of the clip; 0 takes what the file says", min=0.0, soft_max=240.0, step=100)
+    fps: _number("FPS (1/s)", 0.0, "Frames per second of the clip; 0 takes what the file says", min=0.0, soft_max=240.0, step=100)
     use_frames: _toggle("Part of the Clip", "Use only some of the clip's pictures")
     frames: IntVectorProperty(
         name="Pictures",
@@ -114,7 +116,7 @@ class ClipOptions:
         ("FOV", "Field of View", "A level camera that stands still and looks along +Y"),
         ("JSON", "File", "JSON with width height fx fy cx cy and camera_to_world"),
     ])  # fmt: skip
-    fov: _number("Field of View (°)", DEFAULT_FOV_DEGREES, "Horizontal field of view in degrees", min=1.0, max=170.0, step=100, precision=1)
+    fov: _number("FOV (°)", DEFAULT_FOV_DEGREES, "Horizontal field of view in degrees", min=1.0, max=170.0, step=100, precision=1)
     camera: _file("Camera File", "JSON: width height fx fy cx cy, camera_to_world (4x4, OpenCV axes, one or one per picture)")
 
     gravity_mode: _choice("Gravity", "Known acceleration that is not part of the recovered field", [
@@ -131,12 +133,12 @@ class ClipOptions:
     use_density: _toggle("Density", "Replace the preset's density")
     density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
     use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
-    youngs_modulus: _number("Young's Modulus (Pa)", 1e5, "Stiffness in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
+    youngs_modulus: _number("Stiffness (Pa)", 1e5, "Young's modulus in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
     use_thickness: _toggle("Thickness", "Give the body's thickness instead of guessing it from the silhouette")
     thickness: _number("Thickness (m)", 0.01, "Metres of body behind the visible surface", min=1e-5, soft_max=1.0, step=0.1, precision=4)
 
     take: StringProperty(
-        name="Take", subtype="DIR_PATH", options=KEPT, update=_changed,
+        name="Take", subtype="DIR_PATH", options=PATH, update=_changed,
         description="Folder of the results; empty: CLIP.take beside the .blend file, or in the temporary folder while it is unsaved",
     )  # fmt: skip
     iterations: IntProperty(
@@ -160,7 +162,7 @@ class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
     use_density: _toggle("Density", "Replace the preset's density")
     density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
     use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
-    youngs_modulus: _number("Young's Modulus (Pa)", 1e5, "Stiffness in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
+    youngs_modulus: _number("Stiffness (Pa)", 1e5, "Young's modulus in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
     mass_scale: _number(
         "Mass Factor", 1.0, "2 doubles the mass: half the acceleration in the same wind", min=0.001, soft_max=100.0, step=10, precision=3
     )

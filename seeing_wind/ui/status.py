@@ -56,7 +56,8 @@ class SceneStatus:
     title: str = ""
     """What runs, for jobs that are no step (installing the engine)."""
     warnings: list[str] = field(default_factory=list)
-    """Of the last job."""
+    """Of the last job, which belonged to the step `warned`."""
+    warned: str = ""
 
 
 @dataclass
@@ -83,7 +84,8 @@ def forget_all() -> None:
 
 def begin(status: SceneStatus, step: str, title: str) -> None:
     """A job has started on `step` (a step's name, or "engine")."""
-    status.running, status.cancelling, status.title, status.warnings = step, False, title, []
+    status.running, status.cancelling, status.title = step, False, title
+    status.warnings, status.warned = [], step
     status.steps.setdefault(step, Step())
     status.steps[step] = Step(State.RUNNING, message="Starting")
 
@@ -131,4 +133,5 @@ def derive(status: SceneStatus, step: str, now: str, done: str, message: str = "
     if entry.state == State.RUNNING or (entry.state == State.FAILED and entry.digest in ("", now)):
         return
     state = State.IDLE if not done else State.DONE if done == now else State.STALE
-    status.steps[step] = Step(state, message=message)
+    kept = entry.message if state == entry.state else ""
+    status.steps[step] = Step(state, message=message or kept)

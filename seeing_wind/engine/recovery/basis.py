@@ -13,14 +13,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ..errors import ObjectError
 
 MAX_DEGREE = 5
 """Highest polynomial degree tried; a plate fills 16 modes with degree 4 to 5, a solid ball with degree 3."""
 THIN = 0.1
-"""A mode is dropped when, before it is normalised, it holds less than this share of what the longest axis holds in the same degree.
-A thin axis bends nothing that the other modes do not: a torque across a plate is a normal force that varies along it."""
+"""An axis along which the body's mass spreads less than this share of what it does along the longest gets no functions.
+They would move nothing that the others do not: a torque across a plate is a normal force that varies along it."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +70,16 @@ def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int, max_degree: int =
         return SpatialBasis(np.ones((1, 1)), np.zeros((1, 1, 3)), np.zeros(1, int), np.ones(1), 1.0, centre)
     if not radius > 0.0:
         raise ObjectError("All particles of the body are in one place.", "Build the body again: its particles must fill a volume.")
-    axes = np.linalg.svd((x - centre) * np.sqrt(weight)[:, None], full_matrices=False)[2]
+    moments, axes = np.linalg.eigh(np.einsum("n,ni,nj->ij", weight, x - centre, x - centre))
+    thin = np.sqrt(np.maximum(moments, 0.0)) < THIN * np.sqrt(moments[2])
+    axes = axes.T[::-1]  # longest first
+    thin = thin[::-1]
     local = (x - centre) @ axes.T / radius
 
     phi, gradient, degree, size = [np.ones(len(x))], [np.zeros((len(x), 3))], [0], [1.0]
     for order in range(1, max_degree + 1):
-        exponents = [e for e in itertools.product(range(order + 1), repeat=3) if sum(e) == order]
-        longest = 0.0
-        for exponent in sorted(exponents, reverse=True):  # the longest axis has the first exponent
+        exponents = itertools.product(range(order + 1), repeat=3)
+        for exponent in (e for e in exponents if sum(e) == order and not any(np.array(e)[thin])):
             value, slope = _monomial(local, exponent)
             scale = 1.0 / math.sqrt(math.prod(math.factorial(e) for e in exponent))
             for _ in range(2):  # Gram-Schmidt twice is stable
@@ -84,8 +87,7 @@ def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int, max_degree: int =
                     share = weight @ (known * value)
                     value, slope = value - share * known, slope - share * known_slope
             norm = math.sqrt(weight @ value**2)
-            longest = max(longest, norm * scale)
-            if norm * scale <= THIN * longest or norm < 1e-6:
+            if norm < 1e-6:  # as many functions as the particles can tell apart
                 continue
             phi.append(value / norm)
             gradient.append(slope / norm)
@@ -122,11 +124,10 @@ def hats(frames: int, spacing: float) -> np.ndarray:
 def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The initial motions that are allowed: velocities (V, N, 3) and their gradients d v_i / d X_j (V, N, 3, 3), of unit size at the rim.
 
-    A free body may move and spin (V = 6). A held one may swing: a uniform velocity times a ramp that is zero at the pin with zero slope (V = 3).
+    A free body may move and spin (V = 6). A held one may swing: a uniform velocity times a ramp that is zero, with zero slope, at the
+    nearest held particle (V = 3).
     """
     if pinned.any():
-        from scipy.spatial import cKDTree
-
         held = x[pinned]
         distance, nearest = cKDTree(held).query(x)
         reach = max(float(distance.max()), 1e-12)
@@ -137,7 +138,7 @@ def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tu
     velocity, gradient = np.zeros((6, len(x), 3)), np.zeros((6, len(x), 3, 3))
     for axis in range(3):
         velocity[axis, :, axis] = 1.0
-        spin = np.cross(np.eye(3), np.eye(3)[axis]).T * -1.0  # spin @ r = e_axis x r
+        spin = np.cross(np.eye(3)[axis], np.eye(3)).T  # spin @ r = e_axis x r
         velocity[3 + axis] = (x - basis.centre) @ spin.T / basis.radius
         gradient[3 + axis] = spin / basis.radius
     return velocity, gradient

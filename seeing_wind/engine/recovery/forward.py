@@ -89,7 +89,8 @@ class Forward:
             states.append(state)
             substeps.append(self.model.substeps)
             self.progress.check()
-        return Trajectory(*(np.stack([getattr(s, name) for s in states]) for name in ("x", "v", "C", "F")), np.array(substeps))
+        x, v, C, F = (np.stack([getattr(one, name) for one in states]) for name in ("x", "v", "C", "F"))
+        return Trajectory(x, v, C, F, np.array(substeps))
 
     def positions(self, theta: np.ndarray) -> np.ndarray:
         """Candidates (B, n) -> (B, T+1, N, 3), NaN after a breakdown."""
@@ -106,7 +107,12 @@ class Forward:
         return self._batch(self.rough, state, coefficients, None)
 
     def _batch(
-        self, model: Model, state: State | Trajectory, coefficients: np.ndarray, velocity: np.ndarray | None, start: np.ndarray | None = None
+        self,
+        model: Model,
+        state: State | Trajectory,
+        coefficients: np.ndarray,
+        velocity: np.ndarray | None,
+        start: np.ndarray | None = None,
     ) -> np.ndarray:
         v0 = C0 = None
         if velocity is not None:

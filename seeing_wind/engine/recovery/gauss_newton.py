@@ -13,12 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DAMPING = (0.0, 0.3, 3.0, 30.0, 300.0, 3000.0)
+DAMPING = (0.0, 1.0, 30.0, 1e3, 3e4, 1e6)
 """Candidates of lambda, all tried at once: their simulations run in parallel."""
 CHORD_STEPS = 6
 """Steps with one Jacobian at most."""
-TOLERANCE = (0.1, 1e-3)
-"""Converged when a step promises to lower the cost by less than this much (the cost is twice a negative log posterior) or this share."""
+TOLERANCE = 2e-3
+"""Converged when a step promises to lower the cost by less than this share,"""
+TOLERANCE_PER_UNKNOWN = 0.02
+"""or by less than this per unknown: the cost is twice a negative log posterior, so what is left is 0.14 standard deviations."""
 STALE = 0.2
 """A Jacobian is renewed when a step wins less than this share of what it promised."""
 
@@ -79,6 +81,7 @@ def solve(
     iterations: int,
     report: Callable[[int, float], None] = lambda iteration, cost: None,
     point: Linearisation | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Solution:
     """Minimise from `theta` (n,).
 
@@ -90,6 +93,7 @@ def solve(
         iterations: Jacobians at most, the one given not counted.
         report: called with the number of Jacobians so far and the cost.
         point: a linearisation near `theta` to begin with.
+        tolerance: share of the cost that a step must promise.
     """
     used, residual = 0, residuals(theta[None])[0] if point else np.zeros(0)
     while True:
@@ -103,7 +107,7 @@ def solve(
             gradient = point.jacobian @ residual + precision @ (theta - mean)
             steps = np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in DAMPING])
             promised = float(gradient @ steps[0])
-            if promised < max(TOLERANCE[0], TOLERANCE[1] * cost):
+            if promised < max(TOLERANCE_PER_UNKNOWN * len(theta), tolerance * cost):
                 return Solution(theta, residual, cost, used, True, point)
             trials = theta - steps
             missed = residuals(trials)
@@ -114,6 +118,6 @@ def solve(
             won, cost, theta, residual = cost - costs[best], float(costs[best]), trials[best], missed[best]
             if won < STALE * promised:
                 break
-        if used >= iterations or (used and cost >= at_start):
+        if used >= iterations or (used and not cost < (1.0 - tolerance) * at_start):
             return Solution(theta, residual, cost, used, False, point)
         point = None

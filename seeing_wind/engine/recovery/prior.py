@@ -88,7 +88,7 @@ class Prior:
         for order in np.unique(self.degree):
             mine = self.degree == order
             scale[order] = np.mean(energy[mine] / self.shape[mine])
-        # A field is smooth: a higher degree never has more to say, per mode of the same shape, than the degree below allows.
+        # No degree is ruled out for good: a variance of zero would stay zero.
         scale = np.maximum(scale, 1e-6 * scale.max())
         return replace(self, scale=scale, component=new)
 
@@ -117,7 +117,9 @@ def first_prior(basis: SpatialBasis, frames: int, spacing: float, size: float, v
     return Prior(time_covariance(frames, spacing), basis.degree, basis.size**2, scale, np.eye(3), np.full(velocities, speed))
 
 
-def learn(prior: Prior, normal: np.ndarray, pull: np.ndarray, iterations: int = EM_ITERATIONS, component: bool = True) -> tuple[Prior, np.ndarray]:
+def learn(
+    prior: Prior, normal: np.ndarray, pull: np.ndarray, iterations: int = EM_ITERATIONS, component: bool = True
+) -> tuple[Prior, np.ndarray]:
     """Expectation maximisation on the linearised problem.
 
     Args:

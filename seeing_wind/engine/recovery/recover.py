@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..errors import ObjectError, SimulationError, UsageError
+from ..errors import ObjectError, UsageError
 from ..mpm.constitutive import LAWS
 from ..mpm.model import Model, model_for
 from ..mpm.state import Trajectory
@@ -22,16 +22,19 @@ from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .basis import SpatialBasis, hats, spatial_basis, velocity_basis
+from .channels import point_channels, track_channels
 from .forward import Forward
-from .gauss_newton import Linearisation, Solution, solve
-from .objective import Channels, Objective, point_channels, track_channels
+from .gauss_newton import TOLERANCE, Linearisation, Solution, solve
+from .objective import Channels, Objective
+from .posterior import posterior_deviation
 from .prior import Prior, first_prior, learn
 from .warm_start import warm_start
 
 COARSE_DEGREE, COARSE_KNOT = 2, 4.0
 """Degree of the modes and frames between knots of the first whole-clip solve."""
 FULL_MODES, FULL_KNOT = 16, 2.0
-COARSE_ITERATIONS = 4
+COARSE_ITERATIONS, FINE_ITERATIONS = 1, 2
+"""Jacobians at most; settings.iterations may lower them. Few are needed: each serves several chord steps."""
 OBSERVABLE = 0.1
 """A mode is used when the observed points see at least this share of it that the modes before it do not explain."""
 SPEED = 1.0
@@ -40,12 +43,14 @@ AXIAL_SHRINK = 0.2
 """Prior size of the force along a held body, relative to across it: hardly seen, and it soaks up the error of the clamp."""
 STILL = 0.02
 """A body whose observed points move less than this share of its radius hardly moves [m/m]."""
+COARSE_TOLERANCE = 0.1
+"""A coarse solve has done its work when a step promises less than this share of the cost: the fine one goes on from there."""
 SEGMENT = 16
 """Frames by which the followed part of the clip grows."""
-SEGMENT_ITERATIONS = 2
+SEGMENT_ITERATIONS = 1
 ROUGH = 0.5
 """Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
-UNKNOWNS = 900
+UNKNOWNS = 640
 """Most unknowns of the dense solve; longer clips get sparser knots, then fewer modes."""
 
 
@@ -68,7 +73,7 @@ def recover(
         progress: told of every part of the work; asked for cancelling at least twice a second.
 
     Returns:
-        The force density on the particles per frame, its posterior deviation, and the simulated motion. Its notes name what is poorly known.
+        The force density on the particles per frame, its posterior deviation, and the simulated motion; notes name what is poorly known.
 
     Raises:
         UsageError: targets that contradict each other, or are not finite where visible.
@@ -83,9 +88,12 @@ def recover(
     sources: list[PointTargets | TrackTargets] = [targets] if isinstance(targets, PointTargets) else list(targets)
     if len({len(one.visible) for one in sources}) != 1:
         raise UsageError("The views do not have the same number of pictures.", "Cut the clips to the same frames, or give one clip.")
-    channels: list[Channels] = [
-        point_channels(particles, one, plastic) if isinstance(one, PointTargets) else track_channels(particles, one, plastic) for one in sources
-    ]
+    channels: list[Channels] = []
+    for one in sources:
+        if isinstance(one, PointTargets):
+            channels.append(point_channels(particles, one, plastic))
+        else:
+            channels.append(track_channels(particles, one, plastic))
     notes: list[str] = []
     if material.law not in LAWS:
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
@@ -126,7 +134,7 @@ class _Solver:
         basis = self._observable(spatial_basis(self.particles.x, self.model.mass * ~self.particles.pinned, FULL_MODES))
         coarse, prior, theta, used = self._grow(basis)
         left = self.settings.iterations
-        first = self._solve(coarse, prior, theta, min(left, COARSE_ITERATIONS), (0.3, 0.45), "Solving coarsely")
+        first = self._solve(coarse, prior, theta, min(left, COARSE_ITERATIONS), (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
         prior = learn(prior, first.point.normal, first.pull)[0]
 
         self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
@@ -134,16 +142,16 @@ class _Solver:
         prior = prior.reshaped(basis, frames, fine.knot_spacing)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
         left = max(1, left - first.iterations)
-        second = self._solve(fine, prior, theta, max(1, left // 2), (0.45, 0.8), "Solving finely")
+        second = self._solve(fine, prior, theta, min(left, FINE_ITERATIONS), (0.45, 0.8), "Solving finely")
         prior = learn(prior, second.point.normal, second.pull)[0]
-        left = max(1, left - second.iterations)
+        left = min(1, left - second.iterations)
         last = self._solve(fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt", point=second.point)
         return self._result(fine, prior, last, material, views, used + first.iterations + second.iterations + last.iterations, began)
 
     def _grow(self, basis: SpatialBasis) -> tuple[Forward, Prior, np.ndarray, int]:
         """A coarse field that keeps the simulation near the targets through the whole clip, found a segment at a time.
 
-        In each segment the receding horizon leads on from the simulation so far, then the knots of that segment and of the one before are solved.
+        In each segment the receding horizon leads on from the simulation so far; then its knots and those shortly before it are solved.
         Returns forward model, prior, unknowns, and the Jacobians used.
         """
         frames, size = self.objective.frames, self._expected_size()
@@ -168,9 +176,11 @@ class _Solver:
             prior = replace(prior, component=self._first_component())
             theta = forward.pack(found, velocity)
             if end < frames:
-                known = begin - SEGMENT / 2
-                active = np.concatenate([np.repeat(knot * np.arange(forward.shape[0]) >= known, forward.size // forward.shape[0]), np.full(len(velocity), known <= 0)])
-                solved = self._solve(forward, prior, theta, SEGMENT_ITERATIONS, (0.02 + 0.28 * part / parts,) * 2, "Following the object", active)
+                settled = begin - SEGMENT / 2
+                open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
+                active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
+                share = 0.02 + 0.28 * part / parts
+                solved = self._solve(forward, prior, theta, SEGMENT_ITERATIONS, (share, share), "Following the object", active)
                 theta, used = solved.theta, used + solved.iterations
                 found, velocity = forward.per_frame(theta), theta[forward.size :]
         return forward, prior, theta, used
@@ -188,7 +198,9 @@ class _Solver:
             known = np.column_stack([known, rest / np.linalg.norm(rest)])
             count += 1
         if count < min(4, basis.phi.shape[1]):
-            self.notes.append(f"The observed points tell apart {count} of the force's modes over the body: its variation across the body is not known.")
+            self.notes.append(
+                f"The observed points tell apart {count} of the force's modes over the body: its variation across the body is not known."
+            )
         return basis.first(count)
 
     def _expected_size(self) -> float:
@@ -205,7 +217,7 @@ class _Solver:
         """Frames between knots, sparser when a long clip would make the dense solve too large."""
         affordable = 3.0 * basis.phi.shape[1] * self.objective.frames / UNKNOWNS
         if affordable > wanted and wanted == FULL_KNOT:
-            self.notes.append(f"Long clip: the force was given a knot every {affordable:.1f} frames instead of {wanted:.0f}; faster gusts are smoothed.")
+            self.notes.append(f"Long clip: the force has a knot every {affordable:.1f} frames, not {wanted:.0f}: fast gusts are smoothed.")
         return max(wanted, affordable)
 
     def _first_component(self) -> np.ndarray:
@@ -227,6 +239,7 @@ class _Solver:
         what: str,
         active: np.ndarray | None = None,
         point: Linearisation | None = None,
+        tolerance: float = TOLERANCE,
     ) -> Solution:
         """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
         but for its theta, which is whole."""
@@ -257,7 +270,7 @@ class _Solver:
             fraction = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / iterations
             self.progress.update(fraction, f"{what}, iteration {iteration}", cost=cost)
 
-        solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point)
+        solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance)
         return replace(solution, theta=whole(solution.theta[None])[0])
 
     # -- result ---------------------------------------------------------------------------------------------------------------
@@ -268,9 +281,9 @@ class _Solver:
         self.progress.update(0.98, "Simulating the result")
         trajectory = forward.trajectory(last.theta)
         covariance = np.linalg.inv(last.point.normal + prior.precision())
-        deviation, by_direction = _deviation(forward, covariance)
+        deviation = posterior_deviation(forward, covariance)
         residual = self.objective.root_mean_square(trajectory.x)
-        self._remark(trajectory, by_direction, views, residual)
+        self._remark(trajectory, views)
         return Recovery(
             outcome=Outcome.CONVERGED if last.converged else Outcome.MAX_ITERATIONS,
             force_density=material.density * forward.acceleration(last.theta),
@@ -285,7 +298,7 @@ class _Solver:
             notes=self.notes,
         )
 
-    def _remark(self, trajectory: Trajectory, by_direction: np.ndarray, views: int, residual: np.ndarray) -> None:
+    def _remark(self, trajectory: Trajectory, views: int) -> None:
         """Notes on what the clip does not show."""
         moved = np.linalg.norm(trajectory.x - trajectory.x[0], axis=-1).max()
         radius = np.linalg.norm(self.particles.x - self.particles.x.mean(axis=0), axis=1).max()
@@ -300,17 +313,3 @@ class _Solver:
 def _rms(values: np.ndarray) -> float:
     """Root mean square length of vectors (..., 3)."""
     return float(np.sqrt((values**2).sum(axis=-1).mean()))
-
-
-def _deviation(forward: Forward, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior standard deviation of one component of the acceleration (T, N) [m/s²], and its mean covariance over the body (T, 3, 3)."""
-    knots, modes, _ = forward.shape
-    field = covariance[: forward.size, : forward.size].reshape(knots, modes, 3, knots, modes, 3)
-    deviation, mean = [], []
-    for weights in forward.hats:
-        active = np.flatnonzero(weights)
-        block = np.einsum("k,l,kmilnj->mnij", weights[active], weights[active], field[np.ix_(active, range(modes), range(3), active)])
-        per_component = np.einsum("mnii->mn", block) / 3.0
-        deviation.append(np.sqrt(np.maximum(np.einsum("pm,mn,pn->p", forward.basis.phi, per_component, forward.basis.phi), 0.0)))
-        mean.append(np.einsum("mmij->ij", block))
-    return np.stack(deviation), np.stack(mean)

@@ -1,7 +1,8 @@
 """A first guess that tracks the body: receding-horizon control.
 
 From the simulated state, a window of a few frames is simulated with a field that is affine over the body and constant over the window;
-a damped Gauss-Newton step fits it, the body is moved on, and the window follows. The simulation never strays far from what was seen, which a solve over the whole clip from a mean acceleration does as soon as the body turns.
+a damped Gauss-Newton step fits it, the body is moved on, and the window follows. The simulation never strays far from what was seen,
+which a solve over the whole clip from a mean acceleration does as soon as the body turns.
 """
 
 from __future__ import annotations
@@ -40,7 +41,13 @@ class WarmStart:
 
 
 def warm_start(
-    forward: Forward, objective: Objective, size: float, speed: np.ndarray, state: State | None = None, begin: int = 0, end: int | None = None
+    forward: Forward,
+    objective: Objective,
+    size: float,
+    speed: np.ndarray,
+    state: State | None = None,
+    begin: int = 0,
+    end: int | None = None,
 ) -> WarmStart:
     """Track the targets through the frames begin ... end - 1.
 
@@ -62,7 +69,8 @@ def warm_start(
         coefficients, velocity = unknown[:count], unknown[count:]
         state = forward.start(velocity)
     else:  # nothing is known of the field yet: let the first window find it
-        coefficients = _fit(forward, objective, state, begin, min(WINDOW, objective.frames - begin), coefficients, deviation.ravel(), FIRST_STEPS)
+        window = min(WINDOW, objective.frames - begin)
+        coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), FIRST_STEPS)
 
     found = []
     for t in range(begin, end):

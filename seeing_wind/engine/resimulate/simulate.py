@@ -27,6 +27,10 @@ MIN_SUBSTEPS, MAX_SUBSTEPS = 100, 400
 affords itself, for here every body is simulated once."""
 
 
+TORN = 2.0
+"""Stretch of an edge beyond which particles have parted: the solver has no model of fracture, but its particles lose touch."""
+
+
 @dataclass(frozen=True)
 class Simulated:
     """One body after the simulation."""
@@ -87,10 +91,11 @@ def simulate_bodies(
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
             raise SimulationError(f"{names}: {error.message}", error.hint, **where) from error
         for actor, x in zip(group, paths):
-            remarks = [*actor.notes, *notes, *_outside_note(x, field)]
+            vertices = actor.rider.follow(x)
+            remarks = [*actor.notes, *notes, *_outside_note(x, field), *_torn_note(vertices, actor.triangles)]
             for note in remarks:
                 progress.warn(f"{actor.edit.name}: {note}")
-            done[actor.edit.name] = Simulated(actor.rider.follow(x), actor.triangles, len(actor.particles.x), remarks)
+            done[actor.edit.name] = Simulated(vertices, actor.triangles, len(actor.particles.x), remarks)
     return done
 
 
@@ -222,6 +227,18 @@ def continued(field: ForceField, points: np.ndarray, frame: int) -> tuple[np.nda
     nearest = np.clip(points, field.box[0], field.box[1])
     force, _ = field.sample(nearest, frame)
     return force, field.gradient(nearest, frame) * (nearest == points)[:, None, :]
+
+
+def _torn_note(vertices: np.ndarray, triangles: np.ndarray) -> list[str]:
+    """A note if an edge of the surface grew to more than `TORN` times its length. vertices (T+1, V, 3) [m]."""
+    edges = np.unique(np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1), axis=0)
+    length = np.linalg.norm(vertices[:, edges[:, 0]] - vertices[:, edges[:, 1]], axis=-1)
+    # Against the median as well: an edge of no length is no sign of a tear.
+    worst = (length / np.maximum(length[0], 0.25 * np.median(length[0]))).max(axis=1)
+    if worst.max() <= TORN:
+        return []
+    frame = int(np.argmax(worst > TORN))
+    return [f"stretched to {worst.max():.1f} times its size, from frame {frame} on, and may have torn: a higher Young's modulus holds it"]
 
 
 def _outside_note(x: np.ndarray, field: ForceField) -> list[str]:

@@ -175,6 +175,15 @@ def test_leaving_the_box_is_said(folder):
     assert any("outside the field's box" in note for note in body["box"].notes)
 
 
+def test_a_body_that_tears_is_said(folder):
+    np.save(folder / "corner.npy", np.array([0]))
+    soft = {"density": 500.0, "youngs_modulus": 300.0}
+    body = run(folder, BodyEdit("flag", "flag.npz", pin="corner.npy", **soft), field=uniform((30000.0, 0, 0)))["flag"]
+    assert any("may have torn" in note for note in body.notes)
+    whole = run(folder, BodyEdit("flag", "flag.npz", **soft))["flag"]
+    assert not any("torn" in note for note in whole.notes)
+
+
 @pytest.mark.parametrize(
     ("change", "error", "says"),
     [

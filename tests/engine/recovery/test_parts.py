@@ -1,0 +1,210 @@
+"""Basis, prior, residuals and the damped solver, each against what it must satisfy."""
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.conventions import front_view
+from seeing_wind.engine.errors import ObjectError, UsageError
+from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
+from seeing_wind.engine.recovery.basis import hats, spatial_basis, velocity_basis
+from seeing_wind.engine.recovery.channels import edge_on, noise_of, point_channels, track_channels
+from seeing_wind.engine.recovery.gauss_newton import Linearisation, solve
+from seeing_wind.engine.recovery.objective import Objective
+from seeing_wind.engine.recovery.prior import first_prior, learn, time_covariance
+
+rng = np.random.default_rng(3)
+
+
+def block(shape, spacing=0.02):
+    axes = [(np.arange(n) - (n - 1) / 2) * spacing for n in shape]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    return Particles(x, np.full(len(x), spacing**3), np.zeros(len(x), bool), spacing)
+
+
+def every(particles):
+    return Attachment(np.arange(len(particles.x), dtype=np.int32)[:, None], np.ones((len(particles.x), 1)))
+
+
+def test_modes_are_orthonormal_and_their_gradients_are_right():
+    tilt = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    x = rng.uniform(-1, 1, (200, 3)) * [0.3, 0.2, 0.15] @ tilt + [1.0, 2.0, 3.0]
+    mass = rng.uniform(0.5, 1.5, 200)
+    basis = spatial_basis(x, mass, 20)
+    np.testing.assert_allclose(np.einsum("n,ni,nj->ij", mass / mass.sum(), basis.phi, basis.phi), np.eye(20), atol=1e-9)
+    np.testing.assert_allclose(basis.phi[:, 0], 1.0)
+    # The first four span the affine functions, whose gradient is known.
+    slope = rng.standard_normal(3)
+    coefficients = np.linalg.lstsq(basis.phi, x @ slope, rcond=None)[0]
+    np.testing.assert_allclose(coefficients[4:], 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.einsum("npi,p->ni", basis.gradient, coefficients), np.tile(slope, (200, 1)), atol=1e-9)
+    # A quadratic one too.
+    coefficients = np.linalg.lstsq(basis.phi, (x @ slope) ** 2, rcond=None)[0]
+    np.testing.assert_allclose(np.einsum("npi,p->ni", basis.gradient, coefficients), 2 * (x @ slope)[:, None] * slope, atol=1e-8)
+
+
+def test_a_plate_has_no_modes_across_and_a_rod_only_powers_of_one_coordinate():
+    plate = block((20, 14, 2), 0.01)
+    basis = spatial_basis(plate.x, plate.volume, 30)
+    assert (basis.degree == 1).sum() == 2 and (basis.degree == 2).sum() == 3
+    rod = block((40, 2, 2), 0.01)
+    assert list(spatial_basis(rod.x, rod.volume, 30).degree) == [0, 1, 2, 3, 4, 5]
+
+
+def test_bodies_of_few_particles():
+    assert spatial_basis(np.zeros((1, 3)), np.ones(1), 16).phi.shape == (1, 1)
+    assert spatial_basis(np.eye(3)[:2], np.ones(2), 16).phi.shape == (2, 2)
+    with pytest.raises(ObjectError):
+        spatial_basis(np.zeros((5, 3)), np.ones(5), 16)
+
+
+@pytest.mark.parametrize(("frames", "spacing"), [(1, 2.0), (2, 4.0), (24, 2.0), (45, 3.3)])
+def test_hats_share_every_frame_and_longer_clips_keep_the_first_knots(frames, spacing):
+    shares = hats(frames, spacing)
+    np.testing.assert_allclose(shares.sum(axis=1), 1.0)
+    assert (shares >= 0).all() and (shares.max(axis=0) > 0).all()
+    longer = hats(frames + 20, spacing)
+    np.testing.assert_allclose(longer[:frames, : shares.shape[1] - 1], shares[:, :-1])
+
+
+def test_initial_motions_of_free_and_held_bodies():
+    body = block((4, 3, 5))
+    basis = spatial_basis(body.x, body.volume, 4)
+    velocity, gradient = velocity_basis(body.x, basis, body.pinned)
+    assert velocity.shape == (6, 60, 3)
+    turned = np.cross([0.0, 0.0, 1.0], body.x) / basis.radius
+    np.testing.assert_allclose(velocity[5], turned, atol=1e-12)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", gradient[5], body.x), turned, atol=1e-12)
+    held = body.x[:, 2] < -0.03
+    velocity, gradient = velocity_basis(body.x, basis, held)
+    assert velocity.shape == (3, 60, 3) and (velocity[:, held] == 0.0).all() and (gradient[:, held] == 0.0).all()
+
+
+def test_prior_draws_are_smooth_and_its_size_is_learnt():
+    body = block((8, 6, 2))
+    basis = spatial_basis(body.x, body.volume, 6)
+    covariance = time_covariance(40, 2.0)
+    assert np.linalg.eigvalsh(covariance).min() > 0 and covariance[0, 1] > 0.9 > 0.5 > covariance[0, -1]
+    believed = first_prior(basis, 40, 2.0, 3.0, 0)
+    assert believed.deviation()[:3] == pytest.approx(3.0)
+    np.testing.assert_allclose(np.linalg.inv(believed.precision())[:3, :3], 9.0 * np.eye(3), rtol=1e-5)
+    # Coefficients drawn with an uneven component covariance, seen through little noise.
+    true = np.diag([0.3, 0.3, 2.4])
+    draw = np.linalg.cholesky(np.kron(covariance, np.kron(np.diag(believed.space), true))) @ rng.standard_normal(believed.count)
+    normal = np.eye(believed.count) / 0.01**2
+    start = first_prior(basis, 40, 2.0, 1.0, 0)
+    learnt, mean = learn(start, normal, normal @ draw, iterations=10)
+    np.testing.assert_allclose(mean, draw, atol=0.01)
+    found = np.diag(learnt.component)
+    assert found[2] > 4 * found[0] and found[2] > 4 * found[1]
+    assert 0.5 < (np.trace(learnt.component) / 3 * learnt.scale[1] / believed.scale[1]) < 2.0
+
+
+def test_residuals_of_points_are_zero_for_the_truth_and_white_for_noise():
+    body = block((6, 5, 4))
+    moved = body.x + 0.1 * np.arange(30)[:, None, None] ** 2 / 900 * [1.0, 0.0, 0.5]
+    exact = Objective([point_channels(body, PointTargets(moved, np.ones((30, 120), bool), every(body)), False)])
+    assert np.abs(exact.residual(moved[None])).max() < 1e-12
+    sizes = []
+    for _ in range(6):
+        noisy = moved + 0.003 * rng.standard_normal(moved.shape)
+        targets = PointTargets(noisy - noisy[0] + body.x + (noisy[0] - moved[0]), np.ones((30, 120), bool), every(body), sigma=0.003)
+        objective = Objective([point_channels(body, targets, False)])
+        white = objective.whiten(objective.residual(moved[None]))[0]
+        sizes.append(np.mean(white[white != 0.0] ** 2))
+    assert 0.8 < np.mean(sizes) < 1.2
+
+
+def test_points_seen_now_and_then():
+    body = block((6, 5, 4))
+    moved = np.repeat(body.x[None], 10, axis=0)
+    visible = rng.random((10, 120)) < 0.3
+    visible[4] = False
+    hidden = np.where(visible[..., None], moved, np.nan)
+    objective = Objective([point_channels(body, PointTargets(hidden, visible, every(body)), False)])
+    assert not objective.used[4].any() and objective.used[5].any()
+    assert np.abs(objective.residual(moved[None])).max() < 1e-9
+
+
+def test_whitening_of_the_first_frames_does_not_know_the_later_ones():
+    body = block((6, 5, 4))
+    targets = PointTargets(np.repeat(body.x[None], 12, axis=0), np.ones((12, 120), bool), every(body), sigma=0.001)
+    objective = Objective([point_channels(body, targets, False)])
+    raw = rng.standard_normal((1, 12, objective.used.shape[1]))
+    whole = objective.whiten(raw).reshape(-1, 12)
+    part = objective.until(6).whiten(raw[:, :7]).reshape(-1, 7)
+    np.testing.assert_allclose(whole[:, :7], part)
+
+
+def camera():
+    return Camera(320, 240, 300.0, 300.0, 159.5, 119.5, front_view(1.0))
+
+
+def test_residuals_of_tracks_and_outliers():
+    body = block((6, 2, 5))
+    xy = np.repeat(camera().project(body.x)[0][None], 9, axis=0)
+    visible = np.ones((9, 60), bool)
+    xy[5, 7] += [40.0, 0.0]
+    targets = TrackTargets(xy, visible, np.full((9, 60), 0.2), camera(), every(body))
+    objective = Objective([track_channels(body, targets, False)])
+    still = np.repeat(body.x[None], 9, axis=0)
+    raw = objective.residual(still[None])
+    assert raw[0, 5, 14] == pytest.approx(-40.0) and np.abs(np.delete(raw[0], 14, axis=1)).max() < 1e-9
+    robust = objective.reweighted(raw[0])
+    before, after = (np.abs(one.whiten(raw)).max() for one in (objective, robust))
+    assert after < 0.2 * before
+    assert objective.root_mean_square(still)[0] < 1e-9
+    behind = still[None] - [0.0, 2.0, 0.0]
+    assert np.isfinite(objective.whiten(objective.residual(behind))).all()
+
+
+def test_edge_on_tracks_are_dropped():
+    grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0)), -1).reshape(-1, 2) * 10
+    xy = np.stack([grid, grid * [0.6, 1.0], grid * [0.1, 1.0]])
+    assert list(edge_on(xy, np.ones((3, 25), bool)).mean(axis=1)) == [0.0, 0.0, 1.0]
+
+
+def test_noise_is_told_from_motion():
+    time = np.arange(30)[:, None] / 30.0
+    smooth = 0.05 * np.sin(2 * np.pi * 1.5 * time + np.arange(3))
+    assert noise_of(smooth) < 2e-5
+    assert noise_of(smooth + 0.001 * rng.standard_normal(smooth.shape)) == pytest.approx(0.001, rel=0.3)
+    assert noise_of(smooth[:5]) == 0.0
+
+
+def test_bad_targets_are_refused_with_a_hint():
+    body = block((3, 3, 3))
+    x, visible = np.repeat(body.x[None], 5, axis=0), np.ones((5, 27), bool)
+    for targets, error in (
+        (PointTargets(np.where(x == x[0, 0], np.nan, x), visible, every(body)), UsageError),
+        (PointTargets(x[:, :5], visible, every(body)), UsageError),
+        (PointTargets(x[:2], visible[:2], every(body)), ObjectError),
+        (PointTargets(x, visible, Attachment(np.full((27, 1), 99, np.int32), np.ones((27, 1)))), UsageError),
+    ):
+        with pytest.raises(error) as caught:
+            point_channels(body, targets, False)
+        assert caught.value.hint
+    with pytest.raises(UsageError):
+        track_channels(body, TrackTargets(x[..., :2], visible, np.zeros((5, 27)), camera(), every(body)), False)
+
+
+def test_gauss_newton_finds_the_minimum_of_a_curved_problem_and_steps_round_breakdowns():
+    precision, truth = np.eye(2), np.array([1.2, 0.7])
+
+    def values(theta):
+        return np.stack([theta[:, 0] + theta[:, 1] ** 3, np.exp(theta[:, 0]) - theta[:, 1], 3 * theta[:, 1]], axis=1)
+
+    observed = values(truth[None])[0]
+
+    def residuals(theta):
+        out = 100.0 * (values(theta) - observed)
+        out[theta[:, 0] > 2.0] = np.inf  # as a simulation that bursts
+        return out
+
+    def linearise(theta):
+        step = 1e-6
+        base = residuals(theta[None])[0]
+        return Linearisation.at(theta, base, np.stack([(residuals((theta + step * e)[None])[0] - base) / step for e in np.eye(2)]))
+
+    found = solve(np.zeros(2), np.zeros(2), precision, residuals, linearise, 20)
+    np.testing.assert_allclose(found.theta, truth, atol=2e-3)
+    assert found.converged and found.iterations < 20

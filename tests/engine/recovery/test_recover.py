@@ -1,0 +1,165 @@
+"""Known winds on small bodies, made by the same solver, must come back; what cannot be known must be said."""
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.conventions import front_view
+from seeing_wind.engine.errors import ObjectError, UsageError
+from seeing_wind.engine.mpm.model import model_for
+from seeing_wind.engine.mpm.rollout import advance
+from seeing_wind.engine.mpm.state import State
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
+from seeing_wind.engine.records import Attachment, Camera, Material, Outcome, Particles, PointTargets, TrackTargets
+from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.settings import RecoverSettings
+
+RUBBER = Material("rubber", "neo_hookean", density=400.0, youngs_modulus=5e3, poisson_ratio=0.3)
+FPS = 30.0
+WEIGHTLESS = RecoverSettings(gravity=(0.0, 0.0, 0.0))
+
+
+def plate(shape=(8, 5, 2), spacing=0.02, pinned=None):
+    axes = [(np.arange(n) - (n - 1) / 2) * spacing for n in shape]
+    x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    held = np.zeros(len(x), bool) if pinned is None else pinned(x)
+    return Particles(x, np.full(len(x), spacing**3), held, spacing)
+
+
+def every(particles):
+    return Attachment(np.arange(len(particles.x), dtype=np.int32)[:, None], np.ones((len(particles.x), 1)))
+
+
+def blow(body, wind, frames, gravity=(0.0, 0.0, 0.0), velocity=None, spin=None):
+    """Trajectory x (T+1, N, 3) under wind(X, t) [m/s²] of rest positions, and the wind at the particles (T, N, 3)."""
+    model, _ = model_for(body, RUBBER, FPS, gravity=gravity)
+    state, xs, winds = State.at_rest(body.x, velocity, spin), [body.x], []
+    for t in range(frames):
+        slope = np.stack([(wind(body.x + 1e-5 * e, t) - wind(body.x - 1e-5 * e, t)) / 2e-5 for e in np.eye(3)], axis=-1)
+        winds.append(wind(body.x, t))
+        state = advance(model, state, winds[-1], slope @ np.linalg.inv(state.F))
+        xs.append(state.x)
+    return np.stack(xs), np.stack(winds)
+
+
+def points(body, x):
+    return PointTargets(x, np.ones(x.shape[:2], bool), every(body))
+
+
+def relative(got, want):
+    return np.sqrt(((got - want) ** 2).mean() / (want**2).mean())
+
+
+def test_a_uniform_wind_comes_back():
+    body = plate((6, 4, 3))
+    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0, 0.5, -1.0], 8)
+    found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
+    assert found.outcome is Outcome.CONVERGED and found.residual_unit == "m"
+    assert found.force_density.shape == (8, 72, 3) and found.deviation.shape == (8, 72) and found.F.shape == (9, 72, 3, 3)
+    assert relative(found.force_density, 400.0 * wind) < 0.05
+    assert np.abs(found.v0).max() < 0.01
+    assert found.residual.max() < 2e-4
+    np.testing.assert_array_equal(found.x[0], body.x)
+
+
+def test_an_affine_wind_on_a_body_in_motion_comes_back_with_its_initial_velocity():
+    body = plate()
+    slope = np.array([[0.0, 5.0, 10.0], [0.0, 0.0, 8.0], [0.0, 0.0, 0.0]])
+    x, wind = blow(body, lambda X, t: [2.0, 0.0, 1.0 + 0.1 * t] + X @ slope, 10, velocity=[0.3, -0.2, 0.1], spin=[0.0, 1.0, 0.0])
+    found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
+    assert relative(found.force_density, 400.0 * wind) < 0.12
+    assert relative(found.v0.mean(axis=0), np.array([0.3, -0.2, 0.1])) < 0.03
+    # The deviation covers the error, with room for a simulator that is not the real body (here it is).
+    error = np.sqrt(((found.force_density - 400.0 * wind) ** 2).mean())
+    assert 0.1 < error / np.sqrt((found.deviation**2).mean()) < 1.5
+
+
+def camera():
+    return Camera(640, 360, 700.0, 700.0, 319.5, 179.5, front_view(1.5))
+
+
+def test_a_wind_is_seen_in_pixels_against_gravity():
+    body = plate((8, 2, 6))
+    gravity = (0.0, 0.0, -9.81)
+    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0 * np.cos(0.3 * t), 0.0, 9.81 + 8 * np.sin(0.3 * t)], 12, gravity=gravity)
+    xy = np.stack([camera().project(x[t], t)[0] for t in range(13)])
+    xy[1:] += 0.1 * np.random.default_rng(0).standard_normal(xy[1:].shape)
+    visible = np.ones(xy.shape[:2], bool)
+    visible[3:6, :20] = False
+    xy[~visible] = np.nan
+    tracks = TrackTargets(xy, visible, np.full(visible.shape, 0.1), camera(), every(body))
+    found = recover(body, RUBBER, [tracks], FPS, RecoverSettings(gravity=gravity), NoProgress())
+    assert found.residual_unit == "px" and found.residual.max() < 0.4
+    across = [0, 2]
+    assert relative(found.force_density[..., across], 400.0 * wind[..., across]) < 0.1
+    assert any("view" in note for note in found.notes)
+
+
+def test_one_centroid_of_a_small_ball_gives_a_uniform_force():
+    body = plate((4, 4, 4), 0.01)
+    gravity = (0.0, 0.0, -9.81)
+    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [4.0, 0.0, 2.0], 15, gravity=gravity, velocity=[0.0, 0.0, 1.5])
+    centre = Attachment(np.arange(64, dtype=np.int32)[None], np.full((1, 64), 1 / 64))
+    xy = np.stack([camera().project(x[t].mean(axis=0)[None], t)[0] for t in range(16)])
+    xy[1:] += 0.2 * np.random.default_rng(1).standard_normal(xy[1:].shape)
+    tracks = TrackTargets(xy, np.ones((16, 1), bool), np.full((16, 1), 0.3), camera(), centre)
+    found = recover(body, RUBBER, [tracks], FPS, RecoverSettings(gravity=gravity), NoProgress())
+    assert np.ptp(found.force_density, axis=1).max() < 1e-9
+    across = [0, 2]
+    assert relative(found.force_density[..., across].mean(axis=0), 400.0 * wind[..., across].mean(axis=0)) < 0.2
+    assert any("variation across the body is not known" in note for note in found.notes)
+
+
+def test_a_held_body_keeps_its_foot():
+    body = plate((3, 3, 8), pinned=lambda X: X[:, 2] < -0.05)
+    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [0.8 + 0.1 * t, 0.0, 0.0], 8)
+    found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
+    free = ~body.pinned
+    assert np.abs(found.x[:, body.pinned] - body.x[body.pinned]).max() < 1e-12
+    assert relative(found.force_density[:, free, 0].mean(axis=1), 400.0 * wind[:, free, 0].mean(axis=1)) < 0.3
+
+
+def test_a_body_that_does_not_move_is_held_up_by_the_force_against_gravity():
+    body = plate((4, 4, 3))
+    still = np.repeat(body.x[None], 6, axis=0)
+    found = recover(body, RUBBER, points(body, still), FPS, RecoverSettings(), NoProgress())
+    np.testing.assert_allclose(found.force_density.mean(axis=(0, 1)), [0.0, 0.0, 400.0 * 9.81], atol=60.0)
+    assert any("hardly moves" in note for note in found.notes)
+
+
+def test_three_pictures_are_enough_and_two_are_not():
+    body = plate((4, 4, 3))
+    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 2)
+    found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
+    assert found.force_density.shape == (2, 48, 3) and np.isfinite(found.force_density).all()
+    with pytest.raises(ObjectError, match="2 pictures"):
+        recover(body, RUBBER, points(body, x[:2]), FPS, WEIGHTLESS, NoProgress())
+
+
+def test_bodies_that_cannot_be_simulated():
+    body = plate((4, 4, 3))
+    targets = points(body, np.repeat(body.x[None], 5, axis=0))
+    stuck = Particles(body.x, body.volume, np.ones(48, bool), body.spacing)
+    doubled = Particles(np.concatenate([body.x[:1], body.x[:-1]]), body.volume, body.pinned, body.spacing)
+    for bad in (stuck, doubled):
+        with pytest.raises(ObjectError) as caught:
+            recover(bad, RUBBER, targets, FPS, WEIGHTLESS, NoProgress())
+        assert caught.value.hint
+    with pytest.raises(UsageError):
+        recover(body, RUBBER, [], FPS, WEIGHTLESS, NoProgress())
+    with pytest.raises(UsageError):
+        recover(body, RUBBER, targets, 0.0, WEIGHTLESS, NoProgress())
+
+
+def test_it_can_be_cancelled_on_the_way():
+    body = plate((4, 4, 3))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 6)
+    asked, seen = [0], []
+
+    def cancelled():
+        asked[0] += 1
+        return asked[0] > 40
+
+    with pytest.raises(Cancelled):
+        recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, Progress(seen.append, cancelled))
+    fractions = [message["fraction"] for message in seen]
+    assert fractions == sorted(fractions)

@@ -1,0 +1,93 @@
+"""Switching the add-on on and off, and what the panel does with it."""
+
+from __future__ import annotations
+
+import re
+
+import bpy
+import pytest
+
+import seeing_wind.ui as ui
+from seeing_wind.ui import freshness, panel_pieces, panels, properties, status
+
+
+def test_register_and_unregister_twice_leaves_nothing_behind() -> None:
+    before = {
+        name: len(getattr(bpy.app.handlers, name)) for name in ("undo_post", "redo_post", "load_post", "load_pre", "depsgraph_update_post")
+    }
+    for _ in range(2):
+        ui.register()
+        ui._look_round()
+        assert hasattr(bpy.types.Scene, "seeing_wind") and "recover" in dir(bpy.ops.seeing_wind)
+        ui.unregister()
+        assert not hasattr(bpy.types.Scene, "seeing_wind") and "recover" not in dir(bpy.ops.seeing_wind)
+    after = {name: len(getattr(bpy.app.handlers, name)) for name in before}
+    assert after == before
+
+
+@pytest.fixture
+def addon(clean_file):
+    ui.register()
+    yield
+    ui.unregister()
+
+
+def test_names_follow_blender_s_rules(addon) -> None:
+    kinds = {
+        bpy.types.Operator: "OT",
+        bpy.types.Panel: "PT",
+        bpy.types.PropertyGroup: "PG",
+        bpy.types.UIList: "UL",
+        bpy.types.AddonPreferences: "AP",
+    }
+    for cls in ui.CLASSES:
+        kind = next(kind for base, kind in kinds.items() if issubclass(cls, base))
+        assert re.fullmatch(rf"SEEING_WIND_{kind}_[a-z0-9_]+", cls.bl_idname if kind == "PT" else cls.__name__)
+
+
+def test_every_number_says_its_unit_and_every_property_what_it_is(addon) -> None:
+    unitless = {"field_strength", "mass_scale"}
+    for cls in (properties.SEEING_WIND_PG_scene, properties.SEEING_WIND_PG_body):
+        for prop in cls.bl_rna.properties:
+            if prop.identifier in ("rna_type", "name") or prop.is_hidden:
+                continue
+            if prop.type == "FLOAT" and prop.identifier not in unitless:
+                assert re.search(r"\(.+\)$", prop.name), prop.identifier
+            if prop.identifier in properties.ClipOptions.__annotations__:
+                assert prop.description, prop.identifier
+
+
+def test_each_mend_is_an_operator(addon) -> None:
+    for operator, _, _ in panel_pieces.MENDS.values():
+        room, name = operator.split(".")
+        assert name in dir(getattr(bpy.ops, room)), operator
+    assert set(panel_pieces.ICONS) == set(status.State)
+
+
+def test_panels_stand_in_the_order_of_the_work(addon) -> None:
+    for space in ("VIEW_3D", "CLIP_EDITOR"):
+        steps = [panel.step for panel in sorted((p for p in panels.PANELS if p.bl_space_type == space), key=lambda p: p.bl_order)]
+        assert tuple(steps) == status.STEPS
+
+
+def test_a_message_that_means_nothing_changes_nothing() -> None:
+    now = status.SceneStatus()
+    status.begin(now, "recover", "Recover")
+    assert not status.receive(now, "recover", {"type": "log", "message": "x"})
+    assert status.receive(now, "recover", {"type": "progress", "stage": "recover", "fraction": 7.0})
+    assert now.steps["recover"].fraction == status.SPANS["recover"][1]
+    status.end(now)
+    assert now.steps["recover"].state == "idle" and now.running == ""
+
+
+def test_an_object_of_the_edit_that_moves_makes_the_simulation_stale(addon, scene) -> None:
+    bpy.ops.mesh.primitive_cube_add()
+    obj = bpy.context.object
+    bpy.ops.seeing_wind.insert_mesh(object=obj.name)
+    settings = scene.seeing_wind
+    settings.simulated_digest = freshness.edit_digest(scene)
+    freshness.refresh(scene)
+    assert status.of(scene.session_uid).steps["resimulate"].state == "done"
+    obj.location.x = 1.0
+    bpy.context.view_layer.update()
+    assert status.of(scene.session_uid).steps["resimulate"].state == "stale"
