@@ -18,7 +18,7 @@ EDDY_WAVELENGTH = 0.9
 """[m]; longer than the leaf, so that the leaf mostly turns in it, and short enough to be curved across it."""
 EDDY = 72.0
 """Amplitude of the eddy's angular acceleration [rad/s²]."""
-EDDY_PERIOD = 0.5
+EDDY_PERIOD = 0.6
 """In this time the eddy turns one way and back [s]."""
 RIPPLE_WAVELENGTH = 0.45
 """[m]."""
