@@ -15,18 +15,18 @@ from ..errors import ObjectError, UsageError
 from ..records import Attachment, Camera, Particles, PointTargets, TrackTargets
 from .basis import spatial_basis
 
-MISMATCH_PIXELS = (0.06, 0.12)
-"""Standard deviation [px] of the white and of the slow part of what no force should explain: the solver is not the real body."""
-MISMATCH_SPACINGS = (0.001, 0.002)
+MISMATCH_PIXELS, MISMATCH_PIXELS_TAU = (0.02, 0.33), 24.0
+"""What no force should explain, for the solver is not the real body: standard deviation [px] of its white and of its slow part, and the
+slow part's correlation time [frames]. It is an error of the whole body's motion (a stretch of a thousandth, a plate that bends too easily),
+which more tracks see better but do not average out: its variance per track grows with their number. Chosen between two scenes: a plate
+from another solver does best with a third of it, a plate whose layers and stiffness are guessed with three times as much."""
+MISMATCH_SPACINGS, MISMATCH_SPACINGS_TAU = (0.001, 0.002), 8.0
 """The same for points in 3D, in particle spacings."""
-MISMATCH_TAU = 8.0
-"""Correlation time of the slow part [frames]."""
-SMOOTH_TRACKS = 15.0
-"""The mismatch is smooth over the body: beyond this number, further tracks share it and add nothing to what is known of it."""
 PLASTIC_FACTOR = 10.0
 """How much more variance the mismatch has when the body flows plastically."""
-PINNED_FACTOR_POINTS, PINNED_FACTOR_TRACKS = 1000.0, 30.0
-"""The same for a held body: a clamp is never exactly where it seems, and moves the whole body like a lever."""
+PINNED_FACTOR = 1000.0
+"""The same for points on a held body: a clamp is never exactly where it seems, and moves the whole body like a lever. In pixels, the
+mismatch above covers it."""
 LATE_OFFSET = 0.5
 """Standard deviation [px] of the attachment of a track that was not there in picture 0."""
 MODES = 20
@@ -45,9 +45,9 @@ def attachment_matrix(attachment: Attachment, particles: int) -> np.ndarray:
     return matrix
 
 
-def _mismatch(frames: int, white: float, slow: float, variance_factor: float) -> np.ndarray:
+def _mismatch(frames: int, white: float, slow: float, tau: float, variance_factor: float) -> np.ndarray:
     lag = np.abs(np.subtract.outer(np.arange(frames), np.arange(frames)))
-    return variance_factor * (white**2 * np.eye(frames) + slow**2 * np.exp(-lag / MISMATCH_TAU))
+    return variance_factor * (white**2 * np.eye(frames) + slow**2 * np.exp(-lag / tau))
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,9 @@ class PointChannels:
         curvature = second_derivative(self.observed.reshape(len(self.used), -1), fps)
         return float(np.sqrt(np.mean(np.sum(curvature**2, axis=1))))
 
+    def speed(self, x: np.ndarray, fps: float) -> float:
+        return first_speed(self.observed.reshape(len(self.used), -1, 3), fps)
+
     def distance(self, x: np.ndarray) -> np.ndarray:
         points = np.einsum("kn,tnc->tkc", self.points, x)
         return np.where(self.targets.visible, np.linalg.norm(points - self.targets.x, axis=-1), np.nan)
@@ -128,28 +131,38 @@ class TrackChannels:
     def covariance(self, channel: int) -> np.ndarray:
         frames, track = len(self.used), channel // 2
         sigma = np.where(self.targets.visible[:, track], self.targets.sigma[:, track], 1.0)
-        total = np.diag(sigma**2) + _mismatch(frames, *MISMATCH_PIXELS, self.variance_factor)
+        total = np.diag(sigma**2) + _mismatch(frames, *MISMATCH_PIXELS, MISMATCH_PIXELS_TAU, self.variance_factor)
         marginal = np.sqrt(self.inflation[:, channel])
         late = 0.0 if self.targets.visible[0, track] else LATE_OFFSET**2
         return total * np.outer(marginal, marginal) + late
 
     def reweighted(self, residual: np.ndarray) -> TrackChannels:
         white, slow = MISMATCH_PIXELS
+        used = self.used.reshape(len(self.used), -1, 2)
+        series = np.where(used, residual.reshape(used.shape), np.nan)
         sigma = np.where(self.targets.visible, self.targets.sigma, 1.0)
-        expected = np.sqrt(sigma**2 + self.variance_factor * (white**2 + slow**2))
-        miss = np.linalg.norm(residual.reshape(len(residual), -1, 2), axis=-1) / expected
-        inflation = np.repeat(np.maximum(1.0, miss / HUBER), 2, axis=1)
+        # A spike stands out from its own track a few pictures before and after; a lost track from what the mismatch allows.
+        spike = np.linalg.norm(series - _running_median(series), axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2)
+        drift = np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * (white**2 + slow**2))
+        inflation = np.repeat(np.fmax(1.0, np.fmax(spike, drift) / HUBER), 2, axis=1)
         return TrackChannels(self.targets, self.points, self.used, self.variance_factor, inflation)
 
     def acceleration(self, x: np.ndarray, fps: float) -> float:
+        metres = self._across(x)
+        curvature = second_derivative(metres.reshape(len(metres), -1), fps).reshape(-1, *metres.shape[1:])
+        return float(np.sqrt(np.mean(np.sum(curvature**2, axis=-1))))
+
+    def speed(self, x: np.ndarray, fps: float) -> float:
+        return first_speed(self._across(x), fps)
+
+    def _across(self, x: np.ndarray) -> np.ndarray:
+        """(pictures, tracks, 2) of the longest tracks, in metres across the view at their first depth."""
         seen = self.targets.visible.all(axis=0)
         if not seen.any():
             seen = self.targets.visible.sum(axis=0) == self.targets.visible.sum(axis=0).max()
         whole = self.targets.visible[:, seen].all(axis=1)
         depth = self.camera.project(self.points[seen] @ x, 0)[1]
-        metres = self.targets.xy[whole][:, seen] * (depth / self.camera.fx)[:, None]
-        curvature = second_derivative(metres.reshape(len(metres), -1), fps).reshape(-1, int(seen.sum()), 2)
-        return float(np.sqrt(np.mean(np.sum(curvature**2, axis=-1))))
+        return self.targets.xy[whole][:, seen] * (depth / self.camera.fx)[:, None]
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         used = self.used.reshape(len(self.used), -1, 2)[..., 0]
@@ -159,6 +172,14 @@ class TrackChannels:
         at_start = np.linalg.norm(pixels - np.where(self.targets.visible[0][:, None], self.targets.xy[0], np.nan), axis=-1)
         distance[0] = at_start
         return distance
+
+
+def _running_median(series: np.ndarray) -> np.ndarray:
+    """Median over five pictures round each, of series (T+1, ...) with NaN where nothing was seen."""
+    padded = np.concatenate([np.full((2, *series.shape[1:]), np.nan), series, np.full((2, *series.shape[1:]), np.nan)])
+    windows = np.stack([padded[shift : shift + len(series)] for shift in range(5)])
+    seen = np.isfinite(windows).any(axis=0)
+    return np.nanmedian(np.where(seen, windows, 0.0), axis=0)
 
 
 def noise_of(series: np.ndarray) -> float:
@@ -181,6 +202,14 @@ def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
     time = (np.arange(width) - (width - 1) / 2.0) / fps
     row = 2.0 * np.linalg.pinv(np.stack([np.ones(width), time, time**2], axis=1))[2]
     return np.stack([row @ series[i : i + width] for i in range(len(series) - width + 1)])
+
+
+def first_speed(series: np.ndarray, fps: float) -> float:
+    """Root mean square speed [m/s] at the first picture of series (frames, points, coordinates) [m], by a parabola through six pictures."""
+    first = series[: min(6, len(series))]
+    flat = first.reshape(len(first), -1)
+    slope = np.polyfit(np.arange(len(first)) / fps, flat, min(2, len(first) - 1))[-2]
+    return float(np.sqrt(np.mean(np.sum(slope.reshape(first.shape[1:]) ** 2, axis=-1))))
 
 
 def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -> PointChannels:
@@ -208,8 +237,9 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
             observed[t, :fitted] = inverse @ targets.x[t, seen]
             used[t, :fitted] = t > 0
     white, slow = (share * particles.spacing for share in MISMATCH_SPACINGS)
-    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR_POINTS if particles.pinned.any() else 1.0)
-    mismatch = _mismatch(pictures, white, slow, factor)
+    held = bool(particles.pinned.any())
+    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held else 1.0)
+    mismatch = _mismatch(pictures, white, slow, MISMATCH_SPACINGS_TAU, factor)
     if targets.sigma is not None:
         sigma = np.full(modes.shape[1], targets.sigma / np.sqrt(count))
     else:
@@ -231,8 +261,7 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
     visible = targets.visible & ~edge_on(targets.xy, targets.visible)
     used = np.repeat(visible, 2, axis=1)
     used[0] = False
-    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR_TRACKS if particles.pinned.any() else 1.0)
-    factor *= max(1.0, visible.sum(axis=1).mean() / SMOOTH_TRACKS)
+    factor = (PLASTIC_FACTOR if plastic else 1.0) * max(1.0, visible.sum(axis=1).mean())
     return TrackChannels(targets, attachment_matrix(targets.attachment, len(particles.x)), used, factor, np.ones(used.shape))
 
 

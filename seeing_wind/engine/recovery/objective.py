@@ -43,6 +43,9 @@ class Channels(Protocol):
     def acceleration(self, x: np.ndarray, fps: float) -> float:
         """Root mean square acceleration [m/s²] of what was observed, across the view; `x` (N, 3) is the rest state."""
 
+    def speed(self, x: np.ndarray, fps: float) -> float:
+        """Root mean square speed [m/s] of what was observed in the first pictures, across the view."""
+
 
 class Objective:
     """All channels together."""

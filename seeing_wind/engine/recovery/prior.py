@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .basis import SpatialBasis, knots
+from .solenoidal import divergence_rows, solenoidal_precision
 
 TAU = 8.0
 """Correlation time of the Matérn part [frames]; 16 ruins a gusty scene."""
@@ -22,6 +23,10 @@ LENGTH = 2.0
 """Correlation length over the body's radius before anything is learnt; degree d starts with a size of LENGTH**-d."""
 COMPONENT_FLOOR = 0.02
 """Added to the learnt component covariance (trace 3) so that no direction is ruled out."""
+STEEPEST = 2.0
+"""Largest variance of a degree relative to the uniform part's; a field with waves shorter than the body measures about that."""
+SOLENOIDAL = 0.2
+"""Standard deviation of the field's divergence, relative to what the prior would have without knowing that air hardly compresses."""
 EM_ITERATIONS = 20
 
 
@@ -41,6 +46,8 @@ class Prior:
     """(3, 3) covariance of the force's components, trace 3."""
     velocity: np.ndarray
     """(V,) standard deviation of the initial velocities [m/s]."""
+    divergence: np.ndarray | None = None
+    """(knots, M, modes, 3) rows that make divergence, see `solenoidal`; None believes nothing of it."""
 
     @property
     def space(self) -> np.ndarray:
@@ -60,6 +67,8 @@ class Prior:
     def precision(self) -> np.ndarray:
         """Inverse covariance of all unknowns, (n, n)."""
         field = np.kron(np.linalg.inv(self.time), np.kron(np.diag(1.0 / self.space), np.linalg.inv(self.component)))
+        if self.divergence is not None:
+            field = field + solenoidal_precision(self.divergence, self.time, self.space, self.component, SOLENOIDAL)
         full = np.zeros((self.count, self.count))
         full[: len(field), : len(field)] = field
         full[range(len(field), self.count), range(len(field), self.count)] = 1.0 / self.velocity**2
@@ -88,9 +97,14 @@ class Prior:
         for order in np.unique(self.degree):
             mine = self.degree == order
             scale[order] = np.mean(energy[mine] / self.shape[mine])
-        # No degree is ruled out for good: a variance of zero would stay zero.
-        scale = np.maximum(scale, 1e-6 * scale.max())
+        # No degree is ruled out for good (a variance of zero would stay zero), and none outgrows a field of short waves: stiff stretch
+        # is invisible, so what the model cannot explain would otherwise be explained by ever larger forces that only stretch.
+        scale = np.clip(scale, 1e-6 * scale.max(), STEEPEST * scale[0])
         return replace(self, scale=scale, component=new)
+
+    def solenoidal(self, basis: SpatialBasis, F: np.ndarray, spacing: float) -> Prior:
+        """The same beliefs, and that the field has little divergence where a body deformed by F (T+1, N, 3, 3) is."""
+        return replace(self, divergence=divergence_rows(basis, F, spacing))
 
     def reshaped(self, basis: SpatialBasis, frames: int, spacing: float) -> Prior:
         """The same beliefs for other modes and knots; degrees that were not there continue the fall of the last two."""
@@ -100,7 +114,8 @@ class Prior:
         extended = list(scale[:needed])
         while len(extended) < needed:
             extended.append(extended[-1] * fall)
-        return replace(self, time=time_covariance(frames, spacing), degree=basis.degree, shape=basis.size**2, scale=np.array(extended))
+        time = time_covariance(frames, spacing)
+        return replace(self, time=time, degree=basis.degree, shape=basis.size**2, scale=np.array(extended), divergence=None)
 
 
 def time_covariance(frames: int, spacing: float) -> np.ndarray:

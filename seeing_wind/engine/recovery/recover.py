@@ -37,8 +37,8 @@ COARSE_ITERATIONS, FINE_ITERATIONS = 1, 2
 """Jacobians at most; settings.iterations may lower them. Few are needed: each serves several chord steps."""
 OBSERVABLE = 0.1
 """A mode is used when the observed points see at least this share of it that the modes before it do not explain."""
-SPEED = 1.0
-"""Standard deviation of the initial velocity [m/s]."""
+SLOWEST = 0.03
+"""Least standard deviation of the initial velocity [m/s]; more when the first pictures show more, along the view as across it."""
 AXIAL_SHRINK = 0.2
 """Prior size of the force along a held body, relative to across it: hardly seen, and it soaks up the error of the clamp."""
 STILL = 0.02
@@ -141,6 +141,7 @@ class _Solver:
         fine = self._forward(basis, self._knot(basis, FULL_KNOT), frames)
         prior = prior.reshaped(basis, frames, fine.knot_spacing)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
+        prior = self._solenoidal(prior, fine, theta)
         left = max(1, left - first.iterations)
         second = self._solve(fine, prior, theta, min(left, FINE_ITERATIONS), (0.45, 0.8), "Solving finely")
         prior = learn(prior, second.point.normal, second.pull)[0]
@@ -161,7 +162,7 @@ class _Solver:
         ends = [round(frames * (part + 1) / parts) for part in range(parts)]
         leader, found, used = self._forward(affine, 1.0, frames), np.zeros((0, modes.phi.shape[1], 3)), 0
         forward, theta, velocity = self._forward(modes, knot, frames), np.zeros(0), np.zeros(0)
-        speed = np.full(len(forward.velocity), SPEED)
+        speed = np.full(len(forward.velocity), self._expected_speed())
         for part, end in enumerate(ends):
             begin = len(found)
             self.progress.update(0.02 + 0.28 * part / parts, f"Following the object, frame {begin} to {end} of {frames}")
@@ -172,9 +173,10 @@ class _Solver:
             fresh[:, : affine.phi.shape[1]] = led.coefficients
             found = np.concatenate([found, fresh])
             forward = self._forward(modes, knot, end)
-            prior = first_prior(modes, end, knot, max(_rms(found[:, 0]), 0.05 * size), len(velocity), SPEED)
+            prior = first_prior(modes, end, knot, max(_rms(found[:, 0]), 0.05 * size), len(velocity), speed[0])
             prior = replace(prior, component=self._first_component())
             theta = forward.pack(found, velocity)
+            prior = self._solenoidal(prior, forward, theta)
             if end < frames:
                 settled = begin - SEGMENT / 2
                 open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
@@ -184,6 +186,9 @@ class _Solver:
                 theta, used = solved.theta, used + solved.iterations
                 found, velocity = forward.per_frame(theta), theta[forward.size :]
         return forward, prior, theta, used
+
+    def _solenoidal(self, prior: Prior, forward: Forward, theta: np.ndarray) -> Prior:
+        return prior.solenoidal(forward.basis, forward.trajectory(theta, forward.rough).F, forward.knot_spacing)
 
     # -- parts ----------------------------------------------------------------------------------------------------------------
 
@@ -208,17 +213,27 @@ class _Solver:
         observed = max(one.acceleration(self.particles.x, self.fps) for one in self.objective.channels)
         return float(np.hypot(observed, np.linalg.norm(self.model.gravity))) or 1e-3
 
+    def _expected_speed(self) -> float:
+        """Standard deviation of the initial velocity [m/s]."""
+        return max([SLOWEST, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
+
     def _forward(self, basis: SpatialBasis, knot: float, frames: int) -> Forward:
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
         rough = replace(self.model, substeps=math.ceil(ROUGH * self.model.substeps))
         return Forward(self.model, rough, self.particles.x, basis, hats(frames, knot), knot, velocity, gradient, self.progress)
 
     def _knot(self, basis: SpatialBasis, wanted: float) -> float:
-        """Frames between knots, sparser when a long clip would make the dense solve too large."""
+        """Frames between knots: COARSE_KNOT, or a whole fraction or multiple of it, so that a field on coarse knots is one on finer too.
+
+        Sparser than wanted when a long clip would make the dense solve too large.
+        """
         affordable = 3.0 * basis.phi.shape[1] * self.objective.frames / UNKNOWNS
-        if affordable > wanted and wanted == FULL_KNOT:
-            self.notes.append(f"Long clip: the force has a knot every {affordable:.1f} frames, not {wanted:.0f}: fast gusts are smoothed.")
-        return max(wanted, affordable)
+        knot = wanted
+        while knot < affordable:
+            knot *= 2.0
+        if knot > wanted and wanted == FULL_KNOT:
+            self.notes.append(f"Long clip: the force has a knot every {knot:.0f} frames, not {wanted:.0f}: fast gusts are smoothed.")
+        return knot
 
     def _first_component(self) -> np.ndarray:
         """(3, 3) covariance of the force's components before anything is learnt: round, or flat along a held body's axis."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..mpm.state import State
+from .basis import SpatialBasis
 from .forward import Forward
 from .objective import Objective
 
@@ -28,6 +29,8 @@ JUMP = 0.5
 BROKEN = 1e6
 """Residual [m or px] of a simulation that broke down."""
 DAMPING = (0.0, 1.0, 10.0, 100.0)
+STRAIN = 0.2
+"""Size of the force's symmetric gradient while following, relative to that of its rotation."""
 
 
 @dataclass(frozen=True)
@@ -89,17 +92,16 @@ def _fit(
 
     The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
     """
-    unknown, offset = mean, 1e-3 * spread
+    unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward.basis, state, spread)
     for _ in range(steps):
         trials = np.concatenate([unknown[None], unknown + np.diag(offset)])
         white = _whiten(objective, forward.window(state, trials, window), frame)
-        before = float((white[0] ** 2).sum() + (((unknown - mean) / spread) ** 2).sum())
+        before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
         jacobian = (white[1:] - white[0]) / offset[:, None]
-        precision = np.diag(1.0 / spread**2)
         gradient = jacobian @ white[0] + precision @ (unknown - mean)
         candidates = unknown - np.stack([np.linalg.solve(jacobian @ jacobian.T + (1.0 + damp) * precision, gradient) for damp in DAMPING])
         missed = _whiten(objective, forward.window(state, candidates, window), frame)
-        costs = (missed**2).sum(axis=1) + (((candidates - mean) / spread) ** 2).sum(axis=1)
+        costs = (missed**2).sum(axis=1) + _prior_cost(candidates - mean, precision)
         best = int(np.argmin(costs))
         if not costs[best] < before:
             break
@@ -119,3 +121,27 @@ def _whiten(objective: Objective, x: np.ndarray, frame: int) -> np.ndarray:
     raw = objective.residual(np.where(broken[:, None, None, None], 0.0, x)[:, 1:], frame + 1)
     raw[broken] = BROKEN
     return np.where(objective.used[rows], raw / objective.deviation[rows], 0.0).reshape(len(x), -1)
+
+
+def _prior_cost(offset: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,ij,...j->...", offset, precision, offset)
+
+
+def _strain_precision(basis: SpatialBasis, state: State | None, spread: np.ndarray) -> np.ndarray:
+    """Precision (n, n) that keeps the force's symmetric gradient to STRAIN of what `spread` implies, wherever the body has turned to.
+
+    A few pictures show how a body turns, hardly how it is stretched: within the noise, any stretch would do.
+    """
+    count = 3 * basis.phi.shape[1]
+    gradient = basis.gradient if state is None else np.einsum("npj,nji->npi", basis.gradient, np.linalg.inv(state.F))
+    turned = np.mean(gradient, axis=0)
+    rows = np.zeros((6, basis.phi.shape[1], 3))
+    for row, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
+        rows[row, :, i] += turned[:, j]
+        rows[row, :, j] += turned[:, i]
+    flat = rows.reshape(6, count)
+    implied = ((flat * spread[:count]) ** 2).sum(axis=1).max()
+    full = np.zeros((len(spread), len(spread)))
+    if implied > 0.0:
+        full[:count, :count] = flat.T @ flat * (STRAIN**-2 - 1.0) / implied
+    return full
