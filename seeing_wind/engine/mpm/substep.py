@@ -87,6 +87,10 @@ def grid_to_particles(
     return status, culprit, next_lo, next_hi - next_lo + 3
 
 
+STRIDE = 1024
+"""Turns of the outer loop per copy."""
+
+
 @ti.kernel
 def run_substeps(
     # model; `plastic`: whether any particle has a plastic law
@@ -105,30 +109,33 @@ def run_substeps(
     status: statuses,
 ):  # fmt: skip
     """Bring the copies listed in `copies` from substep status[b, 2] to `until`, or to the substep at which a copy fails."""
-    # One copy per task: they take long, and unevenly when one of them fails.
-    ti.loop_config(block_dim=1)
-    for r in range(copies.shape[0]):
-        b = copies[r]
-        lo, dims = window(b, x, role, offset, dx)
-        code = RUNNING
-        while status[b, 2] < until and code == RUNNING:
-            # In 64 bits: the box of an exploding body overflows 32.
-            wanted = ti.cast(dims[0], ti.i64) * dims[1] * dims[2]
-            if wanted > grid.shape[1]:
-                code = GRID_FULL
-                status[b, 3] = ti.cast(ti.min(wanted, 2**31 - 1), ti.i32)
-            else:
-                clear(grid, r, dims)
-                particles_to_grid(
-                    plastic, b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient, offset, dx, dt, lo, dims, grid
-                )
-                momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
-                code, status[b, 1], lo, dims = grid_to_particles(
-                    plastic, b, r, mu, yield_stress, viscosity, law, role, x, v, C, F, offset, dx, dt, lo, dims, grid
-                )
-                if code == RUNNING:
-                    status[b, 2] += 1
-        status[b, 0] = code
+    # One copy per task: they take long, and unevenly when one of them fails. Taichi runs loops of less than about a thousand turns on one
+    # thread, so every copy is given a block of STRIDE turns, all but one of them empty.
+    ti.loop_config(block_dim=STRIDE)
+    for turn in range(copies.shape[0] * STRIDE):
+        if turn % STRIDE == 0:
+            r = turn // STRIDE
+            b = copies[r]
+            lo, dims = window(b, x, role, offset, dx)
+            code = RUNNING
+            while status[b, 2] < until and code == RUNNING:
+                # In 64 bits: the box of an exploding body overflows 32.
+                wanted = ti.cast(dims[0], ti.i64) * dims[1] * dims[2]
+                if wanted > grid.shape[1]:
+                    code = GRID_FULL
+                    status[b, 3] = ti.cast(ti.min(wanted, 2**31 - 1), ti.i32)
+                else:
+                    clear(grid, r, dims)
+                    particles_to_grid(
+                        plastic, b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient, offset, dx, dt, lo, dims, grid
+                    )
+                    momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
+                    code, status[b, 1], lo, dims = grid_to_particles(
+                        plastic, b, r, mu, yield_stress, viscosity, law, role, x, v, C, F, offset, dx, dt, lo, dims, grid
+                    )
+                    if code == RUNNING:
+                        status[b, 2] += 1
+            status[b, 0] = code
 
 
 @ti.kernel

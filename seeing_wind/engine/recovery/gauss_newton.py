@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DAMPING = (0.0, 1.0, 30.0, 1e3, 3e4, 1e6)
+DAMPING = (0.0, 1.0, 5.0, 30.0, 200.0, 1e3, 3e4, 1e6)
 """Candidates of lambda, all tried at once: their simulations run in parallel."""
 CHORD_STEPS = 6
 """Steps with one Jacobian at most."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .basis import SpatialBasis, knots
-from .solenoidal import divergence_rows, solenoidal_precision
+from .stretch import stretch_precision, stretch_rows
 
 TAU = 8.0
 """Correlation time of the Matérn part [frames]; 16 ruins a gusty scene."""
@@ -25,8 +25,9 @@ COMPONENT_FLOOR = 0.02
 """Added to the learnt component covariance (trace 3) so that no direction is ruled out."""
 STEEPEST = 2.0
 """Largest variance of a degree relative to the uniform part's; a field with waves shorter than the body measures about that."""
-SOLENOIDAL = 0.2
-"""Standard deviation of the field's divergence, relative to what the prior would have without knowing that air hardly compresses."""
+DIVERGENCE, STRETCH = 0.2, 0.1
+"""Standard deviation of the field's divergence, and under one camera of its whole symmetric gradient, relative to what the rest of the prior
+implies."""
 EM_ITERATIONS = 20
 
 
@@ -46,8 +47,10 @@ class Prior:
     """(3, 3) covariance of the force's components, trace 3."""
     velocity: np.ndarray
     """(V,) standard deviation of the initial velocities [m/s]."""
-    divergence: np.ndarray | None = None
-    """(knots, M, modes, 3) rows that make divergence, see `solenoidal`; None believes nothing of it."""
+    stretch: np.ndarray | None = None
+    """(knots, M, modes, 3) rows of what only stretches the body, see `stretch`; None believes nothing of it."""
+    stretch_share: float = 1.0
+    """Standard deviation that the stretch keeps."""
 
     @property
     def space(self) -> np.ndarray:
@@ -67,8 +70,8 @@ class Prior:
     def precision(self) -> np.ndarray:
         """Inverse covariance of all unknowns, (n, n)."""
         field = np.kron(np.linalg.inv(self.time), np.kron(np.diag(1.0 / self.space), np.linalg.inv(self.component)))
-        if self.divergence is not None:
-            field = field + solenoidal_precision(self.divergence, self.time, self.space, self.component, SOLENOIDAL)
+        if self.stretch is not None:
+            field = field + stretch_precision(self.stretch, self.time, self.space, self.component, self.stretch_share)
         full = np.zeros((self.count, self.count))
         full[: len(field), : len(field)] = field
         full[range(len(field), self.count), range(len(field), self.count)] = 1.0 / self.velocity**2
@@ -102,9 +105,10 @@ class Prior:
         scale = np.clip(scale, 1e-6 * scale.max(), STEEPEST * scale[0])
         return replace(self, scale=scale, component=new)
 
-    def solenoidal(self, basis: SpatialBasis, F: np.ndarray, spacing: float) -> Prior:
-        """The same beliefs, and that the field has little divergence where a body deformed by F (T+1, N, 3, 3) is."""
-        return replace(self, divergence=divergence_rows(basis, F, spacing))
+    def turning(self, basis: SpatialBasis, F: np.ndarray, spacing: float, one_camera: bool) -> Prior:
+        """The same beliefs, and that the field turns a body deformed by F (T+1, N, 3, 3) rather than stretches it."""
+        rows = stretch_rows(basis, F, spacing, divergence_only=not one_camera)
+        return replace(self, stretch=rows, stretch_share=STRETCH if one_camera else DIVERGENCE)
 
     def reshaped(self, basis: SpatialBasis, frames: int, spacing: float) -> Prior:
         """The same beliefs for other modes and knots; degrees that were not there continue the fall of the last two."""
@@ -115,7 +119,7 @@ class Prior:
         while len(extended) < needed:
             extended.append(extended[-1] * fall)
         time = time_covariance(frames, spacing)
-        return replace(self, time=time, degree=basis.degree, shape=basis.size**2, scale=np.array(extended), divergence=None)
+        return replace(self, time=time, degree=basis.degree, shape=basis.size**2, scale=np.array(extended), stretch=None)
 
 
 def time_covariance(frames: int, spacing: float) -> np.ndarray:

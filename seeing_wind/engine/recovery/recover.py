@@ -22,7 +22,7 @@ from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .basis import SpatialBasis, hats, spatial_basis, velocity_basis
-from .channels import point_channels, track_channels
+from .channels import TrackChannels, point_channels, track_channels
 from .forward import Forward
 from .gauss_newton import TOLERANCE, Linearisation, Solution, solve
 from .objective import Channels, Objective
@@ -141,7 +141,7 @@ class _Solver:
         fine = self._forward(basis, self._knot(basis, FULL_KNOT), frames)
         prior = prior.reshaped(basis, frames, fine.knot_spacing)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
-        prior = self._solenoidal(prior, fine, theta)
+        prior = self._turning(prior, fine, theta)
         left = max(1, left - first.iterations)
         second = self._solve(fine, prior, theta, min(left, FINE_ITERATIONS), (0.45, 0.8), "Solving finely")
         prior = learn(prior, second.point.normal, second.pull)[0]
@@ -176,7 +176,7 @@ class _Solver:
             prior = first_prior(modes, end, knot, max(_rms(found[:, 0]), 0.05 * size), len(velocity), speed[0])
             prior = replace(prior, component=self._first_component())
             theta = forward.pack(found, velocity)
-            prior = self._solenoidal(prior, forward, theta)
+            prior = self._turning(prior, forward, theta)
             if end < frames:
                 settled = begin - SEGMENT / 2
                 open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
@@ -187,8 +187,10 @@ class _Solver:
                 found, velocity = forward.per_frame(theta), theta[forward.size :]
         return forward, prior, theta, used
 
-    def _solenoidal(self, prior: Prior, forward: Forward, theta: np.ndarray) -> Prior:
-        return prior.solenoidal(forward.basis, forward.trajectory(theta, forward.rough).F, forward.knot_spacing)
+    def _turning(self, prior: Prior, forward: Forward, theta: np.ndarray) -> Prior:
+        """The prior with what it believes of stretch, on the body as it lies under theta."""
+        one_camera = len(self.objective.channels) == 1 and isinstance(self.objective.channels[0], TrackChannels)
+        return prior.turning(forward.basis, forward.trajectory(theta, forward.rough).F, forward.knot_spacing, one_camera)
 
     # -- parts ----------------------------------------------------------------------------------------------------------------
 
