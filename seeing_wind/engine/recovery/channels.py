@@ -156,13 +156,17 @@ class TrackChannels:
         return first_speed(self._across(x), fps)
 
     def _across(self, x: np.ndarray) -> np.ndarray:
-        """(pictures, tracks, 2) of the longest tracks, in metres across the view at their first depth."""
+        """(T+1, tracks, 2) of the longest tracks, in metres across the view at their first depth; what is hidden is drawn in between."""
         seen = self.targets.visible.all(axis=0)
         if not seen.any():
             seen = self.targets.visible.sum(axis=0) == self.targets.visible.sum(axis=0).max()
-        whole = self.targets.visible[:, seen].all(axis=1)
         depth = self.camera.project(self.points[seen] @ x, 0)[1]
-        return self.targets.xy[whole][:, seen] * (depth / self.camera.fx)[:, None]
+        metres = self.targets.xy[:, seen] * (depth / self.camera.fx)[:, None]
+        frames = np.arange(len(metres))
+        for track, visible in enumerate(self.targets.visible[:, seen].T):
+            for axis in range(2):
+                metres[:, track, axis] = np.interp(frames, frames[visible], metres[visible, track, axis])
+        return metres
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         used = self.used.reshape(len(self.used), -1, 2)[..., 0]

@@ -130,10 +130,10 @@ def time_covariance(frames: int, spacing: float) -> np.ndarray:
     return (CONSTANT_SHARE + matern) / (1.0 + CONSTANT_SHARE) + 1e-9 * np.eye(len(at))
 
 
-def first_prior(basis: SpatialBasis, frames: int, spacing: float, size: float, velocities: int, speed: float = 1.0) -> Prior:
+def first_prior(basis: SpatialBasis, frames: int, spacing: float, size: float, velocities: int, speed: float | np.ndarray = 1.0) -> Prior:
     """The prior before anything is learnt: `size` is the field's expected root mean square [m/s²], `speed` the initial velocity's [m/s]."""
     scale = size**2 * LENGTH ** (-2.0 * np.arange(int(basis.degree.max()) + 1))
-    return Prior(time_covariance(frames, spacing), basis.degree, basis.size**2, scale, np.eye(3), np.full(velocities, speed))
+    return Prior(time_covariance(frames, spacing), basis.degree, basis.size**2, scale, np.eye(3), np.resize(speed, velocities).astype(float))
 
 
 def learn(

@@ -41,6 +41,8 @@ SLOWEST = 0.03
 """Least standard deviation of the initial velocity [m/s]; more when the first pictures show more, along the view as across it."""
 AXIAL_SHRINK = 0.2
 """Prior size of the force along a held body, relative to across it: hardly seen, and it soaks up the error of the clamp."""
+RAY_SHRINK = 0.03
+"""The same along the ray of a body that one camera sees as a point."""
 STILL = 0.02
 """A body whose observed points move less than this share of its radius hardly moves [m/m]."""
 COARSE_TOLERANCE = 0.1
@@ -162,19 +164,21 @@ class _Solver:
         ends = [round(frames * (part + 1) / parts) for part in range(parts)]
         leader, found, used = self._forward(affine, 1.0, frames), np.zeros((0, modes.phi.shape[1], 3)), 0
         forward, theta, velocity = self._forward(modes, knot, frames), np.zeros(0), np.zeros(0)
-        speed = np.full(len(forward.velocity), self._expected_speed())
+        component = self._first_component(len(basis.degree))
+        axes = np.sqrt(np.diag(component))
+        speed = self._expected_speed() * np.resize(axes, len(forward.velocity))  # uniform x y z, then the spins round x y z
         for part, end in enumerate(ends):
             begin = len(found)
             self.progress.update(0.02 + 0.28 * part / parts, f"Following the object, frame {begin} to {end} of {frames}")
             state = forward.trajectory(theta).state(begin) if begin else None
-            led = warm_start(leader, self.objective, size, speed, state, begin, end)
+            led = warm_start(leader, self.objective, size * axes, speed, state, begin, end)
             velocity = velocity if begin else led.velocity
             fresh = np.zeros((end - begin, *found.shape[1:]))
             fresh[:, : affine.phi.shape[1]] = led.coefficients
             found = np.concatenate([found, fresh])
             forward = self._forward(modes, knot, end)
-            prior = first_prior(modes, end, knot, max(_rms(found[:, 0]), 0.05 * size), len(velocity), speed[0])
-            prior = replace(prior, component=self._first_component())
+            prior = first_prior(modes, end, knot, max(_rms(found[:, 0]), 0.05 * size), len(velocity), speed)
+            prior = replace(prior, component=component)
             theta = forward.pack(found, velocity)
             prior = self._turning(prior, forward, theta)
             if end < frames:
@@ -237,14 +241,20 @@ class _Solver:
             self.notes.append(f"Long clip: the force has a knot every {knot:.0f} frames, not {wanted:.0f}: fast gusts are smoothed.")
         return knot
 
-    def _first_component(self) -> np.ndarray:
-        """(3, 3) covariance of the force's components before anything is learnt: round, or flat along a held body's axis."""
-        pinned = self.particles.pinned
-        if not pinned.any():
+    def _first_component(self, modes: int) -> np.ndarray:
+        """(3, 3) covariance of the force's components before anything is learnt: round, but flat along what the data cannot show.
+
+        That is a held body's axis, and the ray on which one camera sees a body as a mere point: no change of size tells its depth.
+        """
+        pinned, channels = self.particles.pinned, self.objective.channels
+        if pinned.any():
+            axis, shrink = self.particles.x[~pinned].mean(axis=0) - self.particles.x[pinned].mean(axis=0), AXIAL_SHRINK
+        elif modes == 1 and len(channels) == 1 and isinstance(channels[0], TrackChannels):
+            axis, shrink = self.particles.x.mean(axis=0) - channels[0].camera.pose(0)[:3, 3], RAY_SHRINK
+        else:
             return np.eye(3)
-        axis = self.particles.x[~pinned].mean(axis=0) - self.particles.x[pinned].mean(axis=0)
-        axis /= max(float(np.linalg.norm(axis)), 1e-12)
-        return np.eye(3) - (1.0 - AXIAL_SHRINK**2) * np.outer(axis, axis)
+        axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
+        return np.eye(3) - (1.0 - shrink**2) * np.outer(axis, axis)
 
     def _solve(
         self,

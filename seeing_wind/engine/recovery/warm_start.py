@@ -46,7 +46,7 @@ class WarmStart:
 def warm_start(
     forward: Forward,
     objective: Objective,
-    size: float,
+    size: np.ndarray,
     speed: np.ndarray,
     state: State | None = None,
     begin: int = 0,
@@ -57,13 +57,13 @@ def warm_start(
     Args:
         forward: simulations with the few modes of the start.
         objective: what to follow.
-        size: expected root mean square of the field [m/s²].
+        size: (3,) expected root mean square of each component of the field [m/s²].
         speed: (V,) standard deviations of the initial velocities [m/s].
         state: at picture `begin`; None starts at rest in picture 0 and finds the initial velocity too.
         end: None is the clip's end.
     """
     end = objective.frames if end is None else end
-    deviation = np.repeat(size * forward.basis.size[:, None], 3, axis=1)
+    deviation = np.outer(forward.basis.size, size)
     count, velocity = deviation.size, np.zeros(0)
     coefficients = np.zeros(count)
     if state is None:
