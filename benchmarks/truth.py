@@ -69,16 +69,17 @@ def ball(shared: Path, take: Path, name: str) -> str:
     clip = shared / "clips/ball_toss_osp/BallTossOut.mov"
     engine(
         *("recover", clip, "--take", take, "--fps", 30.19, "--pixels-per-metre", 398.7, "--no-gravity", "--frames", "12:27"),
-        *("--box", *BALL_BOX, "--material", "rubber", "--density", 400),
+        *("--box", *BALL_BOX, "--material", "rubber"),
     )
+    density = json.loads((take / "report.json").read_text())["material"]["density"]
     with np.load(take / "trajectory.npz", allow_pickle=False) as data:
-        a = data["force_density"].mean((0, 1)) / 400.0
+        a = data["force_density"].mean((0, 1)) / density
     size, angle = np.linalg.norm(a), np.degrees(np.arccos(-a[2] / np.linalg.norm(a)))
     scores.last = (100 * abs(size / 9.8 - 1), angle)  # type: ignore[attr-defined]
     return f"{size:5.2f} m/s² {angle:5.1f} deg off straight down"
 
 
-BALL_BOX = (0, 0, 0, 0)
+BALL_BOX = (175, 150, 200, 175)
 CASES: dict[str, tuple[Callable[[Path, Path, str], str], str, float, float]] = {
     # name: how, scene, bar in percent, bar in degrees
     "sheet": (trajectories, "sheet", 5.0, 5.0),
