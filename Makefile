@@ -22,7 +22,7 @@ demo: setup
 	$(PY) sample_scenes/falling_leaf/demo.py --out $(DEMO)
 
 lint: setup
-	$(PY) -m ruff check seeing_wind tests sample_scenes __init__.py
+	$(PY) -m ruff check seeing_wind tests sample_scenes scripts benchmarks docs __init__.py
 	$(PY) -m mypy
 
 test: lint

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+import re
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from .conventions import GRAVITY
@@ -16,6 +18,11 @@ LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
 
 class Parser(argparse.ArgumentParser):
     """Wrong usage is an error message like any other, not text on stderr and an exit from the middle of a worker."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        # argparse takes -4.4e-07, a component of a turned gravity, for an option: its own pattern knows no exponents.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{self.prog}: {message}.", f"See `{self.prog} --help`.")
@@ -49,6 +56,21 @@ def positive(text: str) -> float:
     if value <= 0.0:
         raise argparse.ArgumentTypeError(f"'{text}' must be above zero")
     return value
+
+
+def whole(least: int, most: int) -> Callable[[str], int]:
+    """A parser of whole numbers from `least` to `most`."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a whole number") from None
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"'{text}' must lie between {least} and {most}")
+        return value
+
+    return parse
 
 
 def fov(text: str) -> float:
@@ -108,7 +130,7 @@ def _recover(p: Parser) -> None:
     _material(p, default=BuildSettings.material)
     p.add_argument("--thickness", type=positive, metavar="M", help="metres of body behind the visible surface; guessed if not given")
     p.add_argument(
-        "--particles", type=int, default=BuildSettings.particles, metavar="N", help="about how many particles stand for the body"
+        "--particles", type=whole(8, 100_000), default=BuildSettings.particles, metavar="N", help="about how many particles stand for the body"
     )
     _solve(p)
 
@@ -144,8 +166,8 @@ def _solve(p: Parser) -> None:
     group.add_argument("--objective", choices=("tracking",), default="tracking")
     group.add_argument("--schedule", choices=("default",), default="default")
     group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
-    group.add_argument("--iterations", type=int, default=RecoverSettings.iterations, metavar="N", help="Gauss-Newton iterations at most")
-    group.add_argument("--seed", type=int, default=0, metavar="N")
+    group.add_argument("--iterations", type=whole(1, 1000), default=RecoverSettings.iterations, metavar="N", help="Gauss-Newton iterations at most")
+    group.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, metavar="N")
 
 
 def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:

@@ -6,8 +6,9 @@ The same fields are the command line's options, the panel's properties and the t
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from .conventions import DEFAULT_FOV_DEGREES, GRAVITY
 from .errors import UsageError
@@ -118,7 +119,8 @@ def from_mapping(cls: type[T], values: dict[str, Any], where: str) -> T:
     """Build the dataclass `cls` from a plain mapping (TOML, JSON, argparse), lists turned into tuples.
 
     Raises:
-        UsageError: for a key that `cls` does not have or one that it needs; `where` names the source in the message.
+        UsageError: for a key that `cls` does not have or one that it needs, or a value of another kind; `where` names the source in the
+            message.
     """
     fields = {field.name: field for field in dataclasses.fields(cls)}  # type: ignore[arg-type]
     unknown = sorted(set(values) - set(fields))
@@ -130,7 +132,43 @@ def from_mapping(cls: type[T], values: dict[str, Any], where: str) -> T:
     missing = [name for name in required if name not in values]
     if missing:
         raise UsageError(f"{where}: {', '.join(missing)} is missing.", f"Required: {', '.join(required)}.")
+    hints = get_type_hints(cls)
+    for name, value in values.items():
+        if not _fits(value, hints[name]):
+            raise UsageError(f"{where}: {name} is {value!r}.", f"It must be {_kind(hints[name])}.")
     return cls(**{name: tuple(value) if isinstance(value, list) else value for name, value in values.items()})
+
+
+_KINDS = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a plain value may stand where the dataclass says `hint`: a list for a tuple, a whole number for a float."""
+    if get_origin(hint) is tuple:
+        kinds = get_args(hint)
+        if not isinstance(value, (list, tuple)):
+            return False
+        if kinds[-1] is Ellipsis:
+            return all(_fits(item, kinds[0]) for item in value)
+        return len(value) == len(kinds) and all(_fits(item, kind) for item, kind in zip(value, kinds))
+    if get_args(hint):  # a union
+        return any(_fits(value, kind) for kind in get_args(hint))
+    if hint in (float, int) and isinstance(value, bool):
+        return False
+    if hint is float:
+        return isinstance(value, (int, float)) and math.isfinite(value)
+    return isinstance(value, hint)
+
+
+def _kind(hint: Any) -> str:
+    """What `_fits` wants, in words."""
+    if get_origin(hint) is tuple:
+        kinds = get_args(hint)
+        count = "a list" if kinds[-1] is Ellipsis else f"a list of {len(kinds)}"
+        return f"{count}, each {_kind(kinds[0])}"
+    if get_args(hint):
+        return " or ".join(_kind(kind) for kind in get_args(hint) if kind is not type(None))
+    return _KINDS.get(hint, f"a table of {hint.__name__}")
 
 
 def to_mapping(settings: Any) -> dict[str, Any]:

@@ -7,10 +7,11 @@ where it stopped and a changed setting redoes only what depends on it.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
-from .errors import UsageError
+from .errors import TakeError, UsageError
 from .progress import Progress
 from .records import Body, Gaussians, Observation, Outcome, Recovery, TrackTargets
 from .settings import BuildSettings, ObserveSettings, RecoverSettings, to_mapping
@@ -19,6 +20,8 @@ from .take import Take, from_arrays, stamp_of, to_arrays
 if TYPE_CHECKING:
     from .field import ForceField
     from .records import Material, Particles, PointTargets
+
+R = TypeVar("R")
 
 VERSION = 1
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
@@ -29,14 +32,26 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     from .observe import observe
 
     stamp = observation_stamp(clip, settings)
-    if take.is_done("observe", stamp):
-        progress.begin("observe", "already done")
-        return from_arrays(Observation, take.read_arrays("observation.npz")), stamp
+    kept = _kept(take, "observe", stamp, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
+    if kept is not None:
+        return kept, stamp
     progress.begin("observe", "reading the clip")
     observation = observe(clip, settings, progress)
     take.write_arrays("observation.npz", to_arrays(observation))
     take.finish("observe", stamp, {"clip": str(clip), **to_mapping(settings)})
     return observation, stamp
+
+
+def _kept(take: Take, stage: str, stamp: str, read: Callable[[], R], progress: Progress) -> R | None:
+    """What an earlier run left of `stage`, None if it has to be done: not finished, of other inputs, or its files are damaged."""
+    if not take.is_done(stage, stamp):
+        return None
+    progress.begin(stage, "already done")
+    try:
+        return read()
+    except TakeError as error:
+        progress.warn(f"The stage {stage} is done again: {error.message}")
+        return None
 
 
 def observation_stamp(clip: str, settings: ObserveSettings) -> str:
@@ -50,9 +65,9 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
     from .object import build, write_ply
 
     stamp = stamp_of("build", VERSION, upstream, settings)
-    if take.is_done("build", stamp):
-        progress.begin("build", "already done")
-        return from_arrays(Body, take.read_arrays("particles.npz")), stamp
+    kept = _kept(take, "build", stamp, lambda: read_body(take), progress)
+    if kept is not None and take.file("gaussians.ply").is_file():
+        return kept, stamp
     progress.begin("build", "building the body")
     body = build(observation, settings, progress)
     write_gaussians(take, body.gaussians, write_ply)
@@ -87,10 +102,9 @@ def recover_stage(
     from .recovery import recover
 
     stamp = stamp_of("recover", VERSION, upstream, settings)
-    if take.is_done("recover", stamp):
-        progress.begin("recover", "already done")
-        arrays = take.read_arrays("trajectory.npz")
-        return from_arrays(Recovery, arrays), load_field(take.file("field.safetensors")), {}
+    kept = _kept(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
+    if kept is not None:
+        return *kept, {}
     progress.begin("recover", "recovering the force")
     started = time.perf_counter()
     recovery = recover(particles, material, targets, fps, settings, progress)

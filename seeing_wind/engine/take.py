@@ -15,6 +15,7 @@ import os
 import re
 import tomllib
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
@@ -24,6 +25,9 @@ import numpy as np
 from .errors import TakeError
 
 R = TypeVar("R")
+
+DAMAGED = (OSError, ValueError, TypeError, AttributeError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+"""What `np.load` without pickle and the use of its result as an archive raise for a file that is empty, cut, garbled or something else."""
 
 FORMAT = 1
 """Version of the take's layout."""
@@ -90,7 +94,7 @@ class Take:
         try:
             with np.load(self.file(name), allow_pickle=False) as data:
                 return {key: data[key] for key in data.files}
-        except (OSError, ValueError, zipfile.BadZipFile) as error:
+        except DAMAGED as error:
             raise TakeError(f"{self.file(name)} cannot be read: {error}.", "Run `recover` for this take first.") from error
 
     # -- stamps ---------------------------------------------------------------------------------------------------------------

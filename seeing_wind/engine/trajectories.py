@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from .errors import ObjectError, UsageError
 from .materials import adjusted
 from .records import Attachment, Material, Particles, PointTargets
+from .take import DAMAGED
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,12 @@ def read_trajectories(path: str | os.PathLike[str]) -> Trajectories:
     try:
         with np.load(path, allow_pickle=False) as data:
             values = {key: data[key] for key in data.files if key not in ("acc", "v")}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise UsageError(f"{path} is no NPZ without pickle: {error}.", "Write it with numpy.savez.") from error
     for key in ("x", "fps"):
         if key not in values:
             raise UsageError(f"{path} lacks {key}.", "It needs x (T+1,N,3) in metres and fps.")
-    x = np.asarray(values["x"], dtype=np.float64)
+    x = _numbers(values["x"], "x", path)
     if x.ndim != 3 or x.shape[2] != 3:
         raise UsageError(f"{path}: x has shape {x.shape}.", "It must be (T+1,N,3).")
     if len(x) < 4 or x.shape[1] < 1:
@@ -56,12 +56,31 @@ def read_trajectories(path: str | os.PathLike[str]) -> Trajectories:
     fixed = np.asarray(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), dtype=bool)
     if fixed.shape != (x.shape[1],):
         raise UsageError(f"{path}: fixed has shape {fixed.shape}.", f"It must be ({x.shape[1]},).")
-    gravity = tuple(float(g) for g in np.broadcast_to(values.get("gravity", 0.0), (3,)))
+    gravity = _numbers(values.get("gravity", np.zeros(3)), "gravity", path)
+    if gravity.shape not in ((), (3,)) or not np.isfinite(gravity).all() or (gravity.shape == () and gravity != 0.0):
+        raise UsageError(f"{path}: gravity is {gravity.tolist()}.", "It must be three finite numbers in m/s².")
+    fps = _number(values["fps"], "fps", path)
+    if fps <= 0.0:
+        raise UsageError(f"{path}: fps is {fps:g}.", "It must be above zero.")
     spacing = particle_spacing(x[0])
     particles = Particles(x=x[0], volume=np.full(x.shape[1], spacing**3), pinned=fixed, spacing=spacing)
     everyone = Attachment(index=np.arange(x.shape[1], dtype=np.int32)[:, None], weight=np.ones((x.shape[1], 1)))
     targets = PointTargets(x=x, visible=np.ones(x.shape[:2], dtype=bool), attachment=everyone)
-    return Trajectories(particles, _material(values), targets, float(values["fps"]), gravity)  # type: ignore[arg-type]
+    down = tuple(float(g) for g in np.broadcast_to(gravity, (3,)))
+    return Trajectories(particles, _material(values, path), targets, fps, down)  # type: ignore[arg-type]
+
+
+def _numbers(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> np.ndarray:
+    if np.asarray(value).dtype.kind not in "fiu":
+        raise UsageError(f"{path}: {key} holds {np.asarray(value).dtype}, not numbers.", "Write plain numbers in SI units.")
+    return np.asarray(value, dtype=np.float64)
+
+
+def _number(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> float:
+    numbers = _numbers(value, key, path)
+    if numbers.size != 1 or not np.isfinite(numbers).all():
+        raise UsageError(f"{path}: {key} is not one finite number but has shape {numbers.shape}.", "Give one number for the whole body.")
+    return float(numbers.item())
 
 
 def particle_spacing(x: np.ndarray) -> float:
@@ -81,14 +100,14 @@ def particle_spacing(x: np.ndarray) -> float:
     return spacing
 
 
-def _material(values: dict[str, np.ndarray]) -> Material:
+def _material(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Material:
     """The material that the file states, foam-like numbers for what it leaves out.
 
     Simulators that write such files (Genesis, taichi_elements) yield at a norm |dev tau| = Y of the deviatoric stress; the uniaxial
     yield stress that `Material` and the literature speak of is sqrt(3/2) times that.
     """
-    yield_stress = float(np.sqrt(1.5)) * float(values.get("yield_stress", 0.0))
+    yield_stress = float(np.sqrt(1.5)) * _number(values.get("yield_stress", np.zeros(())), "yield_stress", path)
     base = Material("trajectories", "von_mises" if yield_stress > 0.0 else "corotated", 300.0, 1e5, 0.3, source="the trajectory file")
     numbers = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
-    given: dict[str, Any] = {name: float(values[key]) for name, key in numbers.items() if key in values}
-    return adjusted(base, **given, yield_stress=yield_stress if yield_stress > 0.0 else None)
+    given: dict[str, Any] = {name: _number(values[key], key, path) for name, key in numbers.items() if key in values}
+    return adjusted(base, **given, yield_stress=yield_stress if yield_stress != 0.0 else None)

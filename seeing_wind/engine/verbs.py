@@ -15,8 +15,9 @@ import numpy as np
 from .arguments import gravity_of, settings_of
 from .conventions import GRAVITY
 from .errors import SeeingWindError, TakeError, UsageError
+from .materials import adjusted, find
 from .progress import Progress
-from .records import Outcome
+from .records import Material, Outcome
 from .settings import BodyEdit, BuildSettings, Edit, ObserveSettings, RecoverSettings, from_mapping
 from .stages import build_stage, observe_stage, read_body, read_recovery, recover_stage, require_take, track_targets
 from .take import Take, stamp_of
@@ -30,6 +31,7 @@ def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
     from .observe import observe
     from .report import write_report
 
+    _material(find(arguments.material), arguments)  # a wrong one is told before the work begins
     take, seconds = Take(arguments.take), dict[str, float]()
     observing = settings_of(ObserveSettings, arguments)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
@@ -55,14 +57,11 @@ def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover-trajectories TRUTH.npz --take DIR`."""
-    from .materials import adjusted, find
     from .report import write_trajectory_report
     from .trajectories import read_trajectories
 
     take, source = Take(arguments.take), read_trajectories(arguments.truth)
-    material = find(arguments.material) if arguments.material else source.material
-    given = {name: getattr(arguments, name) for name in ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")}
-    material = adjusted(material, **{name: value for name, value in given.items() if value is not None})
+    material = _material(find(arguments.material) if arguments.material else source.material, arguments)
     settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments, default=source.gravity))
     upstream = stamp_of("trajectories", Path(arguments.truth), material)
     recovery, field, seconds = recover_stage(take, source.particles, material, source.targets, source.fps, upstream, settings, progress)
@@ -76,14 +75,15 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
 def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`sample DIR --points P.npy [--frame T] --out OUT.npz`."""
     from .field import load_field
-    from .field.sampling import sample_points
+    from .field.sampling import sample_file
 
     field = load_field(require_take(arguments.take).file("field.safetensors"))
-    points = _load_points(arguments.points)
-    force_density, confidence = sample_points(field, points, arguments.frame, progress)
     out = Path(arguments.out)
+    if not out.name:
+        raise UsageError(f"'{arguments.out}' is no file's name.", "Give --out a path such as forces.npz.")
+    force_density, confidence = sample_file(field, arguments.points, arguments.frame, progress)
     Take(out.parent).write_arrays(out.name, {"force_density": force_density, "confidence": confidence})
-    return {"outcome": "converged", "out": str(out), "points": int(np.prod(points.shape[:-1]))}
+    return {"outcome": "converged", "out": str(out), "points": confidence.size}
 
 
 def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
@@ -162,7 +162,7 @@ def read_edit(path: str) -> Edit:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise UsageError(f"The edit {path} is no TOML: {error}.", "Mend that line.") from error
     tables = values.pop("body", [])
-    if not isinstance(tables, list) or not tables:
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
         raise UsageError(f"The edit {path} has no [[body]].", "Add one with a name and a mesh.")
     bodies = tuple(from_mapping(BodyEdit, table, f"{path}, body {i + 1}") for i, table in enumerate(tables))
     names = [body.name for body in bodies]
@@ -174,12 +174,10 @@ def read_edit(path: str) -> Edit:
     return from_mapping(Edit, {"gravity": list(GRAVITY), **values, "body": bodies}, path)
 
 
-def _load_points(path: str) -> np.ndarray:
-    try:
-        points = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise UsageError(f"The points {path} cannot be read: {error}.", "Write them with numpy.save as (N,3) or (T,N,3) metres.") from error
-    return np.asarray(points)
+def _material(base: Material, arguments: argparse.Namespace) -> Material:
+    """The material with the properties that the options give. Raises MaterialError as `materials.adjusted`."""
+    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")
+    return adjusted(base, **{name: getattr(arguments, name) for name in names})
 
 
 def _timed(seconds: dict[str, float], stage: str, work: Callable[[], Any]) -> Any:

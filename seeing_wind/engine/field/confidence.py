@@ -19,6 +19,9 @@ SUPPORTS = 400
 
 NEIGHBOURS = 6
 
+FAR = 1e12
+"""Metres beyond which nothing is known in any clip."""
+
 
 class ConfidenceMap:
     """Support points with values, per frame.
@@ -40,7 +43,8 @@ class ConfidenceMap:
         if frame not in self._trees:
             self._trees[frame] = cKDTree(self.points[frame].astype(np.float64))
         count = min(NEIGHBOURS, self.value.shape[1])
-        distance, index = self._trees[frame].query(points, k=count)
+        # Squared distances beyond 1e150 overflow, and the tree then finds nobody.
+        distance, index = self._trees[frame].query(np.clip(points, -FAR, FAR), k=count)
         distance, index = distance.reshape(len(points), count), index.reshape(len(points), count)
         nearest = distance[:, :1]
         # relative to the nearest, so that far away the weights do not all vanish

@@ -40,7 +40,9 @@ class ForceField(ABC):
         if self.box.shape != (2, 3) or not np.isfinite(self.box).all() or (self.box[1] <= self.box[0]).any():
             raise UsageError("A field's box must be two corners (2, 3) in metres, the lower one first.", f"Got {np.asarray(box).tolist()}.")
         if not (np.isfinite(self.fps) and self.fps > 0) or self.frames < 1:
-            raise UsageError(f"A field needs a positive frame rate and at least one frame, not {fps} and {frames}.")
+            raise UsageError(
+                f"A field needs a positive frame rate and at least one frame, not {fps} and {frames}.", "Recover it from a longer clip."
+            )
 
     def sample(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Force density (M, 3) [N/m³] and confidence (M,) in 0..1 at points (M, 3) [m] during frame interval `frame`.
@@ -106,7 +108,7 @@ class ForceField(ABC):
     def _checked(self, points: np.ndarray, frame: int) -> np.ndarray:
         points = np.asarray(points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
-            raise UsageError(f"Points must have shape (M, 3), not {points.shape}.")
+            raise UsageError(f"Points must have shape (M, 3), not {points.shape}.", "Give x, y and z of each, in metres.")
         if not np.isfinite(points).all():
             bad = int((~np.isfinite(points).all(axis=1)).sum())
             raise UsageError(f"{bad} of {len(points)} points are not finite.", "Remove them before sampling.")

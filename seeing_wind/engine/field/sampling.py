@@ -9,9 +9,10 @@ import numpy as np
 
 from ..errors import MissingPackage, UsageError
 from ..progress import NoProgress, Progress
-from ..take import Take
+from ..take import DAMAGED, Take
 from .force_field import ForceField
 
+POINTS = "Save them with numpy.save in metres: (N, 3) with a frame, or (T, N, 3), one row per frame."
 FORMATS = ("npz", "ply", "fga", "vdb")
 NODES = 24
 """Lattice nodes along the box's longest side."""
@@ -33,10 +34,10 @@ def sample_points(
     """
     points, progress = np.asarray(points), progress or NoProgress()
     if not np.issubdtype(points.dtype, np.number) or np.iscomplexobj(points):
-        raise UsageError(f"Points must be real numbers in metres, not {points.dtype}.")
+        raise UsageError(f"Points must be real numbers in metres, not {points.dtype}.", POINTS)
     if frame is not None:
         if points.ndim != 2:
-            raise UsageError(f"With a frame, points must have shape (N, 3), not {points.shape}.")
+            raise UsageError(f"With a frame, points must have shape (N, 3), not {points.shape}.", POINTS)
         return field.sample(points, frame)
     if points.ndim != 3 or len(points) != field.frames:
         raise UsageError(f"Points of every frame must have shape ({field.frames}, N, 3), not {points.shape}.", "Or name one frame.")
@@ -53,13 +54,12 @@ def read_points(path: str | PathLike[str]) -> np.ndarray:
     Raises:
         UsageError: when the file cannot be read as plain numbers.
     """
-    hint = "Save them with numpy.save, shape (N, 3) or (T, N, 3)."
     try:
         points = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise UsageError(f"{path} cannot be read as points: {error}.", hint) from error
+    except DAMAGED as error:
+        raise UsageError(f"{path} cannot be read as points: {error}.", POINTS) from error
     if not isinstance(points, np.ndarray):
-        raise UsageError(f"{path} is no NPY file.", hint)
+        raise UsageError(f"{path} is no NPY file.", POINTS)
     return points
 
 

@@ -74,7 +74,7 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         thickness: metres between front and back, or None for a guess.
 
     Raises:
-        ObjectError: the mask is empty or too small, the depth is missing on most of it, or the thickness is not a positive number.
+        ObjectError: the mask is empty or too small, the depth is missing on most of it, or the thickness is not positive or beyond the distance.
     """
     mask = clean_mask(observation.masks[0])
     front, flat = _front(observation, mask)
@@ -86,6 +86,11 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     kind = _kind(mask, rim, front, flat, camera)
     if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):
         raise ObjectError(f"The thickness {thickness} is no positive number of metres.", "Give metres behind the visible surface.")
+    distance = float(np.median(front[mask]))
+    if thickness is not None and thickness > distance:
+        raise ObjectError(
+            f"A body {thickness:g} m thick, {distance:.3g} m from the camera, is no body.", "Give metres behind the visible surface."
+        )
     if kind in ("ball", "solid"):
         largest = np.sqrt(area / np.pi) if kind == "ball" else radius
         depth_of_rim = np.minimum(rim * metre_per_pixel, largest)

@@ -17,6 +17,9 @@ from ..settings import ObserveSettings
 DEFAULT_DISTANCE = 2.0
 """Metres assumed when nothing says the scale: someone filming a thing within reach. Force scales with it, and the user is told so."""
 
+NEAREST, FARTHEST = 1e-3, 1e6
+"""Metres between which an object can be: beyond them a unit or a sign was mistaken."""
+
 ROTATION_TOLERANCE = 1e-3
 """How far R^T R may be from the identity: exporters write six digits or fewer."""
 
@@ -37,6 +40,8 @@ def find_camera(
         UsageError: a camera file that cannot be used, or a distance, scale or angle that is not positive, or that contradict each other.
     """
     given = settings.distance is not None or settings.pixels_per_metre is not None
+    if depth is not None:
+        _check_distance(depth, "The depth file")
     if settings.camera is not None:
         camera = read_camera(settings.camera, width, height, pictures, first_frame)
         if given:
@@ -133,13 +138,19 @@ def _distance(settings: ObserveSettings, focal: float) -> float:
             )
     if distance is None:
         assert scale is not None
-        return focal / scale
+        return _check_distance(focal / scale, "The scale")
     if scale is not None and abs(focal / scale - distance) > 0.01 * distance:
         raise UsageError(
             f"--distance {distance:g} m and --pixels-per-metre {scale:g} contradict each other: that scale means {focal / scale:.3g} m.",
             "Give one of them.",
         )
-    return float(distance)
+    return _check_distance(float(distance), "--distance")
+
+
+def _check_distance(distance: float, what: str) -> float:
+    if not NEAREST <= distance <= FARTHEST:
+        raise UsageError(f"{what} puts the object {distance:.3g} m from the camera.", "Check the unit: metres, or pixels per metre.")
+    return distance
 
 
 def _distance_of_origin(camera: Camera, progress: Progress) -> float:

@@ -111,6 +111,8 @@ def _size(picture: np.ndarray) -> str:
 def _open(path: str) -> tuple[Iterator[np.ndarray], float]:
     """Pictures (BGR) of a clip and the frame rate its file states (NaN for pictures)."""
     place = Path(path)
+    if not path.strip():
+        raise ClipError("No clip is named.", "Give a video file, a folder of pictures, or a pattern like shot_%04d.png.")
     if place.is_dir() or "*" in path or re.search(r"%0?\d*d", place.name):
         return _pictures(_sequence(path), path), float("nan")
     if not place.is_file():

@@ -9,6 +9,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ..errors import UsageError
 from ..progress import Progress
+from ..take import DAMAGED
 
 LEAST_KNOWN = 0.8
 """Part of the object's pixels that a depth file must cover; the rest, mostly the silhouette's rim, takes the nearest known depth."""
@@ -24,7 +25,7 @@ def read_depth(path: str, height: int, width: int) -> np.ndarray:
         depth = np.load(path, allow_pickle=False)
     except OSError as error:
         raise UsageError(f"The depth file {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
-    except ValueError as error:
+    except DAMAGED as error:
         raise UsageError(
             f"The depth file {path} is not an NPY array ({error}).", "Save it with numpy.save, metres, shape (H, W)."
         ) from error

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import zipfile
-
 import numpy as np
 
 from ..errors import UsageError
 from ..progress import Progress
+from ..take import DAMAGED
 
 SIGMA = 0.3
 """Standard deviation [px] of tracks that come without one."""
@@ -67,5 +66,5 @@ def _load(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             return np.asarray(file["xy"], dtype=np.float64), np.asarray(file["visible"]).astype(bool), sigma
     except OSError as error:
         raise UsageError(f"The tracks {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
-    except (ValueError, TypeError, AttributeError, zipfile.BadZipFile) as error:
+    except DAMAGED as error:
         raise UsageError(f"The tracks {path} are not an NPZ of plain arrays ({error}).", SHAPES) from error

@@ -48,9 +48,9 @@ class Prior:
     velocity: np.ndarray
     """(V,) standard deviation of the initial velocities [m/s]."""
     stretch: np.ndarray | None = None
-    """(knots, M, modes, 3) rows of what only stretches the body, see `stretch`; None believes nothing of it."""
-    stretch_share: float = 1.0
-    """Standard deviation that the stretch keeps."""
+    """(knots modes 3,) squared: precision against fields that only stretch the body, see `stretch`; None believes nothing of them.
+
+    It does not follow the sizes while these are learnt: what it holds down would make them look small, and they it, without end."""
 
     @property
     def space(self) -> np.ndarray:
@@ -71,7 +71,7 @@ class Prior:
         """Inverse covariance of all unknowns, (n, n)."""
         field = np.kron(np.linalg.inv(self.time), np.kron(np.diag(1.0 / self.space), np.linalg.inv(self.component)))
         if self.stretch is not None:
-            field = field + stretch_precision(self.stretch, self.time, self.space, self.component, self.stretch_share)
+            field = field + self.stretch
         full = np.zeros((self.count, self.count))
         full[: len(field), : len(field)] = field
         full[range(len(field), self.count), range(len(field), self.count)] = 1.0 / self.velocity**2
@@ -108,7 +108,8 @@ class Prior:
     def turning(self, basis: SpatialBasis, F: np.ndarray, spacing: float, one_camera: bool) -> Prior:
         """The same beliefs, and that the field turns a body deformed by F (T+1, N, 3, 3) rather than stretches it."""
         rows = stretch_rows(basis, F, spacing, divergence_only=not one_camera)
-        return replace(self, stretch=rows, stretch_share=STRETCH if one_camera else DIVERGENCE)
+        share = STRETCH if one_camera else DIVERGENCE
+        return replace(self, stretch=stretch_precision(rows, self.time, self.space, self.component, share))
 
     def reshaped(self, basis: SpatialBasis, frames: int, spacing: float) -> Prior:
         """The same beliefs for other modes and knots; degrees that were not there continue the fall of the last two."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import MissingPackage, UsageError
+from ..take import DAMAGED
 
 _HINT = "Give an OBJ, a PLY, or an NPZ with vertices (V,3) in metres and triangles (M,3)."
 
@@ -83,8 +83,9 @@ def _read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 def _read_npz(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         with np.load(path, allow_pickle=False) as data:
-            return data["vertices"], data["triangles"]
-    except KeyError as error:
-        raise UsageError(f"{path.name} lacks {error.args[0]}.", _HINT) from error
-    except (OSError, ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+            missing = [key for key in ("vertices", "triangles") if key not in data]
+            if missing:
+                raise UsageError(f"{path.name} lacks {' and '.join(missing)}.", _HINT)
+            return np.asarray(data["vertices"], dtype=np.float64), data["triangles"]
+    except DAMAGED as error:
         raise UsageError(f"{path.name} is no NPZ without pickle: {error}.", _HINT) from error

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from ..errors import UsageError
 from ..object.control import attach, carry
 from ..records import Attachment, Particles
+from ..take import DAMAGED
 
 GRIP = 2.0
 """Particles within that many spacings of a pinned vertex are pinned: one grid cell, the least that the grid can hold still."""
@@ -42,7 +43,7 @@ def read_pins(path: str | os.PathLike[str], count: int, what: str) -> np.ndarray
         raise UsageError(f"There is no file of pins {path}.", f"Write the indices of the pinned {what} with numpy.save.")
     try:
         pins = np.asarray(np.load(path, allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
+    except DAMAGED as error:
         raise UsageError(f"The pins {path} cannot be read: {error}.", f"Write the indices of the pinned {what} with numpy.save.") from error
     if pins.ndim != 1 or len(pins) == 0 or not np.issubdtype(pins.dtype, np.integer):
         raise UsageError(f"The pins {path} are {pins.dtype} of shape {pins.shape}.", f"A list of at least one index of {what} is needed.")
