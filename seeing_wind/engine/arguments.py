@@ -130,7 +130,11 @@ def _recover(p: Parser) -> None:
     _material(p, default=BuildSettings.material)
     p.add_argument("--thickness", type=positive, metavar="M", help="metres of body behind the visible surface; guessed if not given")
     p.add_argument(
-        "--particles", type=whole(8, 100_000), default=BuildSettings.particles, metavar="N", help="about how many particles stand for the body"
+        "--particles",
+        type=whole(8, 100_000),
+        default=BuildSettings.particles,
+        metavar="N",
+        help="about how many particles stand for the body",
     )
     _solve(p)
 
@@ -166,7 +170,9 @@ def _solve(p: Parser) -> None:
     group.add_argument("--objective", choices=("tracking",), default="tracking")
     group.add_argument("--schedule", choices=("default",), default="default")
     group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
-    group.add_argument("--iterations", type=whole(1, 1000), default=RecoverSettings.iterations, metavar="N", help="Gauss-Newton iterations at most")
+    group.add_argument(
+        "--iterations", type=whole(1, 1000), default=RecoverSettings.iterations, metavar="N", help="Gauss-Newton iterations at most"
+    )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, metavar="N")
 
 

@@ -127,7 +127,8 @@ def run_substeps(
                 else:
                     clear(grid, r, dims)
                     particles_to_grid(
-                        plastic, b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient, offset, dx, dt, lo, dims, grid
+                        plastic, b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient,
+                        offset, dx, dt, lo, dims, grid,
                     )
                     momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
                     code, status[b, 1], lo, dims = grid_to_particles(

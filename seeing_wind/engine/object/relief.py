@@ -74,7 +74,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         thickness: metres between front and back, or None for a guess.
 
     Raises:
-        ObjectError: the mask is empty or too small, the depth is missing on most of it, or the thickness is not positive or beyond the distance.
+        ObjectError: the mask is empty or too small, the depth is missing on most of it, or the thickness is not positive or beyond the
+            distance.
     """
     mask = clean_mask(observation.masks[0])
     front, flat = _front(observation, mask)

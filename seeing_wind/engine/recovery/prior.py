@@ -26,8 +26,8 @@ COMPONENT_FLOOR = 0.02
 STEEPEST = 2.0
 """Largest variance of a degree relative to the uniform part's; a field with waves shorter than the body measures about that."""
 DIVERGENCE, STRETCH = 0.2, 0.1
-"""Standard deviation of the field's divergence, and under one camera of its whole symmetric gradient, relative to what the rest of the prior
-implies."""
+"""Standard deviation of the field's divergence, and under one camera of its whole symmetric gradient, relative to what the rest of the
+prior implies."""
 EM_ITERATIONS = 20
 
 
@@ -105,9 +105,9 @@ class Prior:
         scale = np.clip(scale, 1e-6 * scale.max(), STEEPEST * scale[0])
         return replace(self, scale=scale, component=new)
 
-    def turning(self, basis: SpatialBasis, F: np.ndarray, spacing: float, one_camera: bool) -> Prior:
-        """The same beliefs, and that the field turns a body deformed by F (T+1, N, 3, 3) rather than stretches it."""
-        rows = stretch_rows(basis, F, spacing, divergence_only=not one_camera)
+    def turning(self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, one_camera: bool) -> Prior:
+        """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it."""
+        rows = stretch_rows(basis, x, F, spacing, divergence_only=not one_camera)
         share = STRETCH if one_camera else DIVERGENCE
         return replace(self, stretch=stretch_precision(rows, self.time, self.space, self.component, share))
 
@@ -134,7 +134,8 @@ def time_covariance(frames: int, spacing: float) -> np.ndarray:
 def first_prior(basis: SpatialBasis, frames: int, spacing: float, size: float, velocities: int, speed: float | np.ndarray = 1.0) -> Prior:
     """The prior before anything is learnt: `size` is the field's expected root mean square [m/s²], `speed` the initial velocity's [m/s]."""
     scale = size**2 * LENGTH ** (-2.0 * np.arange(int(basis.degree.max()) + 1))
-    return Prior(time_covariance(frames, spacing), basis.degree, basis.size**2, scale, np.eye(3), np.resize(speed, velocities).astype(float))
+    speeds = np.resize(speed, velocities).astype(float)
+    return Prior(time_covariance(frames, spacing), basis.degree, basis.size**2, scale, np.eye(3), speeds)
 
 
 def learn(

@@ -194,7 +194,7 @@ class _Solver:
     def _turning(self, prior: Prior, forward: Forward, theta: np.ndarray) -> Prior:
         """The prior with what it believes of stretch, on the body as it lies under theta."""
         one_camera = len(self.objective.channels) == 1 and isinstance(self.objective.channels[0], TrackChannels)
-        return prior.turning(forward.basis, forward.trajectory(theta, forward.rough).F, forward.knot_spacing, one_camera)
+        return prior.turning(forward.basis, forward.x, forward.trajectory(theta, forward.rough).F, forward.knot_spacing, one_camera)
 
     # -- parts ----------------------------------------------------------------------------------------------------------------
 

@@ -15,34 +15,42 @@ from .basis import SpatialBasis, knots
 
 DEGREE = 1
 """Highest degree of the smooth functions on which the gradient is held down."""
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+FLAT = 0.25
+"""An axis along which the body reaches less than this share of its longest cannot be stretched to any effect."""
 
 
-def stretch_rows(basis: SpatialBasis, F: np.ndarray, spacing: float, divergence_only: bool) -> np.ndarray:
+def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, divergence_only: bool) -> np.ndarray:
     """How the coefficients of each knot stretch the body as it lies at that time.
+
+    Along the axes on which the body reaches far: a plate's two, a post's one. A force across a plate that grows along it only tilts and
+    bends it.
 
     Args:
         basis: modes and their rest gradients (N, modes, 3) [1/m].
-        F: (T+1, N, 3, 3) deformation gradients of a nearby simulation; they turn rest gradients into gradients in the world.
+        x: (N, 3) rest positions [m].
+        F: (T+1, N, 3, 3) deformation gradients of a nearby simulation; they turn the body's axes.
         spacing: frames between knots.
-        divergence_only: the trace of the gradient; otherwise all six components of its symmetric part.
+        divergence_only: the trace of the gradient; otherwise all components of its symmetric part.
 
     Returns:
         (knots, M, modes, 3): row (k, m) dotted with the coefficients of knot k is the mean over the particles of a smooth function times
-        the divergence, or times one symmetric component (a_i,j + a_j,i) / 2, of the acceleration [1/s²].
+        the divergence, or times one symmetric component of the gradient, of the acceleration [1/s²].
     """
     frames = len(F) - 1
     smooth = basis.phi[:, basis.degree <= DEGREE] / len(basis.phi)
     at = np.minimum(np.rint(knots(frames, spacing)).astype(int), frames)
-    world = np.einsum("npj,knji->knpi", basis.gradient, np.linalg.inv(F[at]))
-    slope = np.einsum("nm,knpi->kmpi", smooth, world)
+    extent, axes = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[1:]
+    axes = axes[extent > FLAT * extent[0]]
+    turned = np.einsum("knij,aj->knai", F[at], axes)
+    turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
+    along = np.einsum("npj,bj->npb", basis.gradient, axes)  # derivative of each mode along each axis
+    # (knots, M, a, b, modes, 3): smooth function m, part along axis a of the derivative along axis b.
+    slope = np.einsum("nm,npb,knai->kmabpi", smooth, along, turned, optimize=True)
     if divergence_only:
-        return slope
-    rows = np.zeros((*slope.shape[:2], len(PAIRS), *slope.shape[2:]))
-    for pair, (i, j) in enumerate(PAIRS):
-        rows[:, :, pair, :, i] += 0.5 * slope[..., j]
-        rows[:, :, pair, :, j] += 0.5 * slope[..., i]
-    return rows.reshape(len(slope), -1, *slope.shape[2:])
+        return np.einsum("kmaapi->kmpi", slope)
+    pairs = [(a, b) for a in range(len(axes)) for b in range(a, len(axes))]
+    rows = np.stack([0.5 * (slope[:, :, a, b] + slope[:, :, b, a]) for a, b in pairs], axis=2)
+    return rows.reshape(len(slope), -1, *slope.shape[-2:])
 
 
 def stretch_precision(rows: np.ndarray, time: np.ndarray, space: np.ndarray, component: np.ndarray, share: float) -> np.ndarray:
@@ -56,9 +64,7 @@ def stretch_precision(rows: np.ndarray, time: np.ndarray, space: np.ndarray, com
         (knots modes 3,) squared.
     """
     implied = np.einsum("kmpi,p,ij,kmpj->m", rows, space, component, rows, optimize=True) / len(rows)
-    # Components that the body hardly has (across a thin plate) are measured by the others' scale.
-    implied = np.maximum(implied, 0.05 * implied.max(initial=0.0))
-    weight = (share**-2 - 1.0) / implied if implied.all() else np.zeros_like(implied)
+    weight = np.where(implied > 0.0, (share**-2 - 1.0) / np.where(implied > 0.0, implied, 1.0), 0.0)
     flat = rows.reshape(*rows.shape[:2], -1)
     extra = np.einsum("kma,kl,m,lmb->kalb", flat, np.linalg.inv(time), weight, flat, optimize=True)
     return extra.reshape(flat.shape[0] * flat.shape[2], -1)

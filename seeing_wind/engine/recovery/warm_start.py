@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..mpm.state import State
-from .basis import SpatialBasis
 from .forward import Forward
 from .objective import Objective
+from .stretch import stretch_rows
 
 WINDOW = 4
 """Frames looked ahead."""
@@ -92,7 +92,7 @@ def _fit(
 
     The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
     """
-    unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward.basis, state, spread)
+    unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward, state, spread)
     for _ in range(steps):
         trials = np.concatenate([unknown[None], unknown + np.diag(offset)])
         white = _whiten(objective, forward.window(state, trials, window), frame)
@@ -127,21 +127,16 @@ def _prior_cost(offset: np.ndarray, precision: np.ndarray) -> np.ndarray:
     return np.einsum("...i,ij,...j->...", offset, precision, offset)
 
 
-def _strain_precision(basis: SpatialBasis, state: State | None, spread: np.ndarray) -> np.ndarray:
-    """Precision (n, n) that keeps the force's symmetric gradient to STRAIN of what `spread` implies, wherever the body has turned to.
+def _strain_precision(forward: Forward, state: State | None, spread: np.ndarray) -> np.ndarray:
+    """Precision (n, n) that keeps the force's stretch to STRAIN of what `spread` implies, however the body has turned.
 
     A few pictures show how a body turns, hardly how it is stretched: within the noise, any stretch would do.
     """
-    count = 3 * basis.phi.shape[1]
-    gradient = basis.gradient if state is None else np.einsum("npj,nji->npi", basis.gradient, np.linalg.inv(state.F))
-    turned = np.mean(gradient, axis=0)
-    rows = np.zeros((6, basis.phi.shape[1], 3))
-    for row, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-        rows[row, :, i] += turned[:, j]
-        rows[row, :, j] += turned[:, i]
-    flat = rows.reshape(6, count)
-    implied = ((flat * spread[:count]) ** 2).sum(axis=1).max()
+    basis, count = forward.basis, 3 * forward.basis.phi.shape[1]
+    F = np.broadcast_to(np.eye(3), (*forward.x.shape, 3)) if state is None else state.F
+    rows = stretch_rows(basis, forward.x, np.stack([F, F]), 1.0, divergence_only=False)[0].reshape(-1, count)
+    implied = ((rows * spread[:count]) ** 2).sum(axis=1)
+    weight = np.where(implied > 0.0, (STRAIN**-2 - 1.0) / np.where(implied > 0.0, implied, 1.0), 0.0)
     full = np.zeros((len(spread), len(spread)))
-    if implied > 0.0:
-        full[:count, :count] = flat.T @ flat * (STRAIN**-2 - 1.0) / implied
+    full[:count, :count] = rows.T @ (weight[:, None] * rows)
     return full
