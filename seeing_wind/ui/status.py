@@ -83,7 +83,11 @@ def forget_all() -> None:
 
 
 def begin(status: SceneStatus, step: str, title: str) -> None:
-    """A job has started on `step` (a step's name, or "engine")."""
+    """A job has started on `step` (a step's name, or "engine"). What failed later in the work for want of it is a thing of the past."""
+    if step in STEPS:
+        for later in STEPS[STEPS.index(step) + 1 :]:
+            if status.steps[later].state == State.FAILED:
+                status.steps[later] = Step()
     status.running, status.cancelling, status.title = step, False, title
     status.warnings, status.warned = [], step
     status.steps.setdefault(step, Step())

@@ -13,6 +13,15 @@ import cv2
 import numpy as np
 import pytest
 
+from seeing_wind.engine.arguments import parser
+from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.progress import NoProgress, Progress
+from seeing_wind.engine.records import Observation
+from seeing_wind.engine.settings import ObserveSettings
+from seeing_wind.engine.stages import observe_stage
+from seeing_wind.engine.take import Take, from_arrays
+from seeing_wind.engine.verbs import read_edit
+
 FLAT = np.full((48, 64, 3), 90, dtype=np.uint8)
 
 
@@ -114,3 +123,33 @@ def test_sigint_cancels_at_a_safe_point_and_leaves_no_half_written_file(square: 
     assert first["type"] in ("progress", "warning")
     assert worker.wait(timeout=60) == 130 and rest[-1]["outcome"] == "cancelled"
     assert not [path for path in (tmp_path / "t.take").rglob("*") if "part" in path.name]
+
+
+def test_gravity_takes_exponents_and_counts_have_bounds() -> None:
+    """A turned scene in Blender has gravity like -4.4e-07, which argparse alone takes for an option."""
+    arguments = parser().parse_args(["recover", "c.mp4", "--take", "t", "--gravity", "-4.4e-07", "0", "-9.81"])
+    assert arguments.gravity == [-4.4e-07, 0.0, -9.81]
+    for option, value in (("--particles", "0"), ("--particles", "100000000"), ("--iterations", "0"), ("--seed", "-1"), ("--seed", "1.5")):
+        with pytest.raises(UsageError, match=option):
+            parser().parse_args(["recover", "c.mp4", "--take", "t", option, value])
+
+
+@pytest.mark.parametrize(
+    "text", ["body = [1, 2]", 'body = "x"', "[[body]]\nname = 5\nmesh = 'a.obj'", "[[body]]\nname = '../a'\nmesh = 'a.obj'"]
+)
+def test_edits_that_are_none(tmp_path: Path, text: str) -> None:
+    (tmp_path / "edit.toml").write_text(text)
+    with pytest.raises(UsageError) as caught:
+        read_edit(str(tmp_path / "edit.toml"))
+    assert caught.value.hint
+
+
+def test_a_finished_stage_whose_file_is_damaged_is_done_again(square: Path, tmp_path: Path) -> None:
+    take, told = Take(tmp_path / "t.take"), []
+    settings = ObserveSettings(box=(12.0, 10.0, 32.0, 30.0), distance=1.0)
+    first, stamp = observe_stage(take, str(square), settings, NoProgress())
+    take.file("observation.npz").write_bytes(take.file("observation.npz").read_bytes()[:300])
+    second, again = observe_stage(take, str(square), settings, Progress(told.append))
+    assert stamp == again and np.array_equal(first.xy, second.xy)
+    assert [message for message in told if message["type"] == "warning" and "done again" in message["message"]]
+    assert from_arrays(Observation, take.read_arrays("observation.npz")).fps == first.fps

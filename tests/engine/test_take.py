@@ -102,3 +102,15 @@ def test_unreadable_json_is_a_take_error(tmp_path: Path) -> None:
     (tmp_path / "report.json").write_text("{")
     with pytest.raises(TakeError, match="cannot be read"):
         Take(tmp_path).read_json("report.json")
+
+
+@pytest.mark.parametrize("damage", ["empty", "cut", "garbled", "no archive"])
+def test_damaged_arrays_are_a_take_error(tmp_path: Path, damage: str) -> None:
+    """NumPy raises EOFError, zlib.error, BadZipFile and ValueError for these: a user sees one sentence."""
+    path = tmp_path / "trajectory.npz"
+    Take(tmp_path).write_arrays(path.name, {"x": np.random.default_rng(0).normal(size=(50, 3))})
+    good = path.read_bytes()
+    garbled = good[:100] + b"\xff" * 60 + good[160:]
+    path.write_bytes({"empty": b"", "cut": good[:200], "garbled": garbled, "no archive": b"PK\x03\x04x"}[damage])
+    with pytest.raises(TakeError, match="cannot be read"):
+        Take(tmp_path).read_arrays(path.name)

@@ -70,6 +70,14 @@ def test_recover_builds_the_scene(workplace, scene) -> None:
     assert now(scene)["recover"].state == "done" and status.of(scene.session_uid).running == ""
 
 
+def test_a_failure_for_want_of_an_earlier_step_goes_when_that_step_is_done(workplace, scene) -> None:
+    with pytest.raises(RuntimeError, match="no recovered field"):
+        bpy.ops.seeing_wind.resimulate()
+    assert now(scene)["resimulate"].state == "failed"
+    recover(workplace)
+    assert now(scene)["resimulate"].state == "idle" and now(scene)["resimulate"].message == ""
+
+
 def test_the_worker_gets_the_options_of_the_settings(workplace, scene) -> None:
     scene.use_gravity = False
     recover(workplace, fps=30.19, frames=(2, 9), distance=1.5, density=850.0, seed=3)

@@ -64,7 +64,13 @@ def stretch_precision(rows: np.ndarray, time: np.ndarray, space: np.ndarray, com
         (knots modes 3,) squared.
     """
     implied = np.einsum("kmpi,p,ij,kmpj->m", rows, space, component, rows, optimize=True) / len(rows)
-    weight = np.where(implied > 0.0, (share**-2 - 1.0) / np.where(implied > 0.0, implied, 1.0), 0.0)
+    weight = stretch_weights(implied, share)
     flat = rows.reshape(*rows.shape[:2], -1)
     extra = np.einsum("kma,kl,m,lmb->kalb", flat, np.linalg.inv(time), weight, flat, optimize=True)
     return extra.reshape(flat.shape[0] * flat.shape[2], -1)
+
+
+def stretch_weights(implied: np.ndarray, share: float) -> np.ndarray:
+    """Weights of rows (M,) whose variance the prior implies to be `implied`; none for rows that are zero but for rounding."""
+    real = implied > 1e-9 * implied.max(initial=0.0)
+    return np.where(real, (share**-2 - 1.0) / np.where(real, implied, 1.0), 0.0)

@@ -14,7 +14,7 @@ import numpy as np
 from ..mpm.state import State
 from .forward import Forward
 from .objective import Objective
-from .stretch import stretch_rows
+from .stretch import stretch_rows, stretch_weights
 
 WINDOW = 4
 """Frames looked ahead."""
@@ -136,7 +136,7 @@ def _strain_precision(forward: Forward, state: State | None, spread: np.ndarray)
     F = np.broadcast_to(np.eye(3), (*forward.x.shape, 3)) if state is None else state.F
     rows = stretch_rows(basis, forward.x, np.stack([F, F]), 1.0, divergence_only=False)[0].reshape(-1, count)
     implied = ((rows * spread[:count]) ** 2).sum(axis=1)
-    weight = np.where(implied > 0.0, (STRAIN**-2 - 1.0) / np.where(implied > 0.0, implied, 1.0), 0.0)
+    weight = stretch_weights(implied, STRAIN)
     full = np.zeros((len(spread), len(spread)))
     full[:count, :count] = rows.T @ (weight[:, None] * rows)
     return full

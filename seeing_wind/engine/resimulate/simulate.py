@@ -138,7 +138,10 @@ def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor
 
 def _enter_mesh(body: BodyEdit, base_dir: Path) -> _Actor:
     vertices, triangles = load_mesh(base_dir / body.mesh)
-    filling = fill(vertices, triangles)
+    try:
+        filling = fill(vertices, triangles)
+    except UsageError as error:
+        raise UsageError(f"{body.name}: {error.message}", error.hint) from error
     particles = filling.particles
     velocity = np.broadcast_to(np.zeros(3) if body.velocity is None else np.asarray(body.velocity), particles.x.shape)
     rider = ride(vertices, particles, np.zeros(0, dtype=int))

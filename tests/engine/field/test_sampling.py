@@ -8,6 +8,7 @@ import trimesh
 
 from seeing_wind.engine.errors import MissingPackage, UsageError
 from seeing_wind.engine.field import export_field, sample_file, sample_points
+from seeing_wind.engine.field.confidence import ConfidenceMap
 from seeing_wind.engine.field.sampling import lattice
 
 from .conftest import BOX, FRAMES
@@ -34,7 +35,8 @@ def test_files_that_hold_no_points(known_wind, tmp_path):
     np.save(tmp_path / "words.npy", np.array(["a", "b"]))
     np.save(tmp_path / "objects.npy", np.array([{}, None], dtype=object), allow_pickle=True)
     (tmp_path / "text.npy").write_text("0 0 0")
-    for name in ("points.npz", "words.npy", "objects.npy", "text.npy", "missing.npy"):
+    (tmp_path / "zip.npy").write_bytes(b"PK\x03\x04garbage")
+    for name in ("zip.npy", "points.npz", "words.npy", "objects.npy", "text.npy", "missing.npy"):
         with pytest.raises(UsageError):
             sample_file(known_wind, tmp_path / name, 0)
 
@@ -84,3 +86,8 @@ def test_formats_that_cannot_be_written(known_wind, tmp_path):
     with pytest.raises(MissingPackage, match="OpenVDB"):
         export_field(known_wind, "vdb", tmp_path / "x")
     assert not (tmp_path / "x").exists()
+
+
+def test_points_at_the_end_of_the_world_have_no_confidence(tmp_path):
+    confidence = ConfidenceMap(np.zeros((2, 9, 3)), np.ones((2, 9)), 0.1)
+    assert np.array_equal(confidence.at(np.array([[1e300, 0.0, 0.0], [0.0, -1e200, 0.0], [0.0, 0.0, 0.0]]), 1), [0.0, 0.0, 1.0])

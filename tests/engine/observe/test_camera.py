@@ -130,3 +130,13 @@ def test_unreadable_files_are_refused(tmp_path: Path) -> None:
         read_camera(str(tmp_path / "text.json"), 640, 480, 5)
     with pytest.raises(UsageError, match="object"):
         read_camera(write(tmp_path, [1, 2]), 640, 480, 5)
+
+
+@pytest.mark.parametrize(
+    "settings", [ObserveSettings(distance=1e30), ObserveSettings(distance=1e-300), ObserveSettings(pixels_per_metre=1e-30)]
+)
+def test_a_distance_that_no_camera_films_is_a_mistaken_unit(settings: ObserveSettings) -> None:
+    with pytest.raises(UsageError, match="from the camera"):
+        camera_for(settings)
+    with pytest.raises(UsageError, match="depth file"):
+        camera_for(ObserveSettings(), depth=1e20)

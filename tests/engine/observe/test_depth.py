@@ -56,3 +56,10 @@ def test_files_refused(tmp_path: Path, case: str) -> None:
     with pytest.raises(UsageError) as caught:
         object_depth(str(path), MASK, 1.0, NoProgress())
     assert caught.value.hint
+
+
+@pytest.mark.parametrize("content", [b"", b"garbage", b"PK\x03\x04garbage"])
+def test_a_file_that_is_no_depth(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "d.npy").write_bytes(content)
+    with pytest.raises(UsageError, match="depth file"):
+        object_depth(str(tmp_path / "d.npy"), MASK, 1.0, NoProgress())

@@ -208,3 +208,29 @@ def test_gauss_newton_finds_the_minimum_of_a_curved_problem_and_steps_round_brea
     found = solve(np.zeros(2), np.zeros(2), precision, residuals, linearise, 20)
     np.testing.assert_allclose(found.theta, truth, atol=2e-3)
     assert found.converged and found.iterations < 20
+
+
+def test_stretch_is_held_down_and_turning_is_not() -> None:
+    """A plate that has turned by a quarter: rotation fields cost nothing extra, in-plane stretch costs, out-of-plane slope does not."""
+    from seeing_wind.engine.recovery.stretch import stretch_precision, stretch_rows
+
+    x = np.stack(np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.07, 0.07, 7), [-0.005, 0.005], indexing="ij"), -1).reshape(-1, 3)
+    basis = spatial_basis(x, np.ones(len(x)), 4, 1)
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # a quarter turn round Y
+    F = np.broadcast_to(turn, (5, len(x), 3, 3))
+    rows = stretch_rows(basis, x, F, 4.0, divergence_only=False)
+    modes = basis.phi.shape[1]
+    extra = stretch_precision(rows, np.eye(len(rows)), np.ones(modes), np.eye(3), 0.1)
+
+    def cost(gradient: np.ndarray) -> float:
+        """Of the field whose derivative with respect to the rest position is `gradient`."""
+        wanted = x @ gradient.T
+        c = np.linalg.lstsq(basis.phi, wanted, rcond=None)[0]
+        theta = np.tile(c.ravel(), len(rows))
+        return float(theta @ extra @ theta)
+
+    spin = turn @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    swell = turn @ np.diag([1.0, 1.0, 0.0])
+    tilt = turn @ np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    assert cost(swell) > 0.0
+    assert cost(spin) < 1e-9 * cost(swell) and cost(tilt) < 1e-9 * cost(swell)
