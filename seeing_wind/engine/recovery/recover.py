@@ -307,7 +307,8 @@ class _Solver:
     ) -> Recovery:
         self.progress.update(0.98, "Simulating the result")
         trajectory = forward.trajectory(last.theta)
-        covariance = np.linalg.inv(last.point.normal + prior.precision())
+        # What was only assumed of stretch is not known: the deviation leaves that assumption out.
+        covariance = np.linalg.inv(last.point.normal + replace(prior, stretch=None).precision())
         deviation = posterior_deviation(forward, covariance)
         residual = self.objective.root_mean_square(trajectory.x)
         self._remark(trajectory, views)
