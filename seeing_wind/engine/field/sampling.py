@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import MissingPackage, UsageError
+from ..errors import UsageError
 from ..progress import NoProgress, Progress
 from ..take import DAMAGED, Take
 from .force_field import ForceField
@@ -95,14 +95,13 @@ def export_field(
         The files written.
 
     Raises:
-        UsageError: for an unknown format.
-        MissingPackage: for VDB, whose library is not there.
+        UsageError: for an unknown format, and for VDB, whose library cannot be had here.
         TakeError: when `out` cannot be written.
     """
     if kind not in FORMATS:
         raise UsageError(f"There is no export format {kind}.", f"Use one of {', '.join(FORMATS)}.")
     if kind == "vdb":
-        raise MissingPackage(
+        raise UsageError(
             "Writing VDB needs OpenVDB's Python module, which the engine's environment lacks and PyPI does not offer.",
             "Export npz or ply, or read field.safetensors in Blender, whose own Python has OpenVDB.",
         )
