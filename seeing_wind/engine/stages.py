@@ -105,17 +105,22 @@ def recover_stage(
     kept = _kept(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
     if kept is not None:
         return *kept, {}
-    progress.begin("recover", "recovering the force")
-    started = time.perf_counter()
-    recovery = recover(particles, material, targets, fps, settings, progress)
-    seconds = {"recover": time.perf_counter() - started}
-    if recovery.outcome == Outcome.DIVERGED:
-        return recovery, None, seconds
+    seconds: dict[str, float] = {}
+    # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it.
+    recovery = _kept(take, "solve", stamp, lambda: read_recovery(take), progress)
+    if recovery is None:
+        progress.begin("recover", "recovering the force")
+        started = time.perf_counter()
+        recovery = recover(particles, material, targets, fps, settings, progress)
+        seconds["recover"] = time.perf_counter() - started
+        if recovery.outcome == Outcome.DIVERGED:
+            return recovery, None, seconds
+        take.write_arrays("trajectory.npz", to_arrays(recovery) | {"fps": _array(fps)})
+        take.finish("solve", stamp, to_mapping(settings))
     progress.begin("distill", "fitting the field")
     started = time.perf_counter()
     field = distill(recovery, particles, fps, settings.representation, settings.seed, progress)
     seconds["distill"] = time.perf_counter() - started
-    take.write_arrays("trajectory.npz", to_arrays(recovery) | {"fps": _array(fps)})
     with take.writing("field.safetensors") as path:
         field.save(path)
     take.finish("recover", stamp, to_mapping(settings))

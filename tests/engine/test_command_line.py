@@ -153,3 +153,24 @@ def test_a_finished_stage_whose_file_is_damaged_is_done_again(square: Path, tmp_
     assert stamp == again and np.array_equal(first.xy, second.xy)
     assert [message for message in told if message["type"] == "warning" and "done again" in message["message"]]
     assert from_arrays(Observation, take.read_arrays("observation.npz")).fps == first.fps
+
+
+@pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to another process on Windows")
+def test_a_solve_survives_a_cancel_while_the_field_is_fitted(square: Path, tmp_path: Path) -> None:
+    """One iteration is enough to finish, and the same command then goes on behind the solve."""
+    options = ["--box", "12", "10", "32", "30", "--distance", "1", "--particles", "60", "--iterations", "1"]
+    command = [sys.executable, "-m", "seeing_wind.engine", "recover", str(square), "--take", str(tmp_path / "t.take"), *options]
+    worker = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert worker.stdout is not None
+    stages = []
+    for line in worker.stdout:
+        stages.append(json.loads(line).get("stage"))
+        if stages[-1] == "distill":
+            worker.send_signal(signal.SIGINT)
+            break
+    rest = [json.loads(line) for line in worker.stdout]
+    assert "distill" in stages and worker.wait(timeout=60) == 130 and rest[-1]["outcome"] == "cancelled"
+    assert not (tmp_path / "t.take" / "field.safetensors").exists()
+    again = engine("recover", square, "--take", tmp_path / "t.take", *options, expect=0)
+    assert "recover" not in {message.get("stage") for message in again}
+    assert (tmp_path / "t.take" / "field.safetensors").is_file()

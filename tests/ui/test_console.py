@@ -9,7 +9,10 @@ from seeing_wind.ui.console import Console
 
 def test_the_doctor_shows_every_check_and_what_to_do() -> None:
     out = io.StringIO()
-    checks = [{"name": "torch", "ok": True, "detail": "CPU only"}, {"name": "gsplat", "ok": False, "detail": "not installed", "advice": "pip"}]
+    checks = [
+        {"name": "torch", "ok": True, "detail": "CPU only"},
+        {"name": "gsplat", "ok": False, "detail": "not installed", "advice": "pip"},
+    ]
     Console(out).show({"type": "result", "outcome": "converged", "checks": checks, "seconds": 2.0})
     assert out.getvalue().splitlines() == ["  ok torch: CPU only", "  -- gsplat: not installed (pip)", "converged, seconds 2"]
 

@@ -147,7 +147,7 @@ class _Solver:
         left = max(1, left - first.iterations)
         second = self._solve(fine, prior, theta, min(left, FINE_ITERATIONS), (0.45, 0.8), "Solving finely")
         prior = learn(prior, second.point.normal, second.pull)[0]
-        left = min(1, left - second.iterations)
+        left = min(1, max(0, left - second.iterations))
         last = self._solve(fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt", point=second.point)
         return self._result(fine, prior, last, material, views, used + first.iterations + second.iterations + last.iterations, began)
 
@@ -294,7 +294,7 @@ class _Solver:
             return Linearisation.at(candidate, residuals(candidate[None])[0], objective.whiten(raw))
 
         def report(iteration: int, cost: float) -> None:
-            fraction = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / iterations
+            fraction = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1)
             self.progress.update(fraction, f"{what}, iteration {iteration}", cost=cost)
 
         solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance)
