@@ -7,6 +7,7 @@ clips/ (real footage). Prints a row per case with its bar and exits with 1 when 
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -83,15 +84,18 @@ BALL_BOX = (175, 150, 200, 175)
 CASES: dict[str, tuple[Callable[[Path, Path, str], str], str, float, float]] = {
     # name: how, scene, bar in percent, bar in degrees
     "sheet": (trajectories, "sheet", 5.0, 5.0),
-    "banner": (trajectories, "banner", 20.0, 14.0),
+    "banner": (trajectories, "banner", 16.0, 11.0),
+    # Held and plastic bodies are open problems: measured on request, without a bar.
+    "pole": (trajectories, "pole", math.inf, math.inf),
+    "clay": (trajectories, "clay", math.inf, math.inf),
     "sheet from pixels": (pixels, "sheet", 10.0, 8.0),
     "ball toss": (ball, "ball", 5.0, 5.0),
 }
 
 
 def main() -> int:
-    """All cases, or those named."""
-    shared, wanted, missed = Path(sys.argv[1]).resolve(), sys.argv[2:] or list(CASES), 0
+    """All cases with a bar, or those named."""
+    shared, wanted, missed = Path(sys.argv[1]).resolve(), sys.argv[2:] or [name for name, case in CASES.items() if case[2] < math.inf], 0
     for case in wanted:
         how, scene, percent, degrees = CASES[case]
         with tempfile.TemporaryDirectory() as folder:
