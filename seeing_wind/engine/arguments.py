@@ -166,7 +166,7 @@ def _material(p: Parser, default: str | None) -> None:
 
 def _solve(p: Parser) -> None:
     group = p.add_argument_group("the solve")
-    group.add_argument("--representation", choices=("causal_triplane",), default="causal_triplane")
+    group.add_argument("--representation", choices=("causal_triplane", "kplanes", "point"), default="causal_triplane")
     group.add_argument("--objective", choices=("tracking",), default="tracking")
     group.add_argument("--schedule", choices=("default",), default="default")
     group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
