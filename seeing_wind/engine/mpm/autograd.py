@@ -40,6 +40,7 @@ class RolloutFunction(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *bars: torch.Tensor) -> tuple[Any, ...]:  # type: ignore[override]
+        """Derivatives of a loss by the inputs from those by x, v, C, F of every picture: the adjoint, swept backwards frame by frame."""
         path: Trajectory = ctx.path
         x_bars, v_bars, C_bars, F_bars = (_array(bar) for bar in bars)
         bar = [array[-1:].copy() for array in (x_bars, v_bars, C_bars, F_bars)]

@@ -137,6 +137,7 @@ class TrackChannels:
         return total * np.outer(marginal, marginal) + late
 
     def reweighted(self, residual: np.ndarray) -> TrackChannels:
+        """The same tracks, those that the raw residual (T+1, channels) [px] shows to spike or drift given more variance (Huber)."""
         white, slow = MISMATCH_PIXELS
         used = self.used.reshape(len(self.used), -1, 2)
         series = np.where(used, residual.reshape(used.shape), np.nan)
