@@ -14,7 +14,7 @@ from seeing_wind.engine.report.accuracy import uniform_errors
 from seeing_wind.engine.trajectories import read_trajectories
 
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "falling_leaf"
-sys.path.insert(0, str(SCENE))
+sys.path[:0] = [str(SCENE), str(SCENE.parent / "common")]
 
 import demo  # noqa: E402
 import in_blender  # noqa: E402

@@ -10,5 +10,5 @@ LEFT, TOP, RIGHT, BOTTOM = 900, 45, 1600, 1000
 WIDE = 420
 """Left edge where the view shows something."""
 
-left = WIDE if sys.argv[2].endswith("done.png") else LEFT
+left = WIDE if sys.argv[2].endswith(("done.png", "field.png")) else LEFT
 Image.open(sys.argv[1]).convert("RGB").crop((left, TOP, RIGHT, BOTTOM)).save(sys.argv[2], optimize=True)

@@ -11,7 +11,7 @@ import bpy
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind import ui  # noqa: E402
-from seeing_wind.ui import status  # noqa: E402
+from seeing_wind.ui import panel_field, panels, status  # noqa: E402
 
 SHOT = os.environ["SEEING_WIND_SHOT"]
 FOLDER = Path(os.environ["SEEING_WIND_CLIP"]).parent
@@ -54,16 +54,19 @@ def script():
     settings.box = (20, 20, 44, 44)
     os.environ["SEEING_WIND_FAKE"] = BEHAVIOUR
     os.environ["SEEING_WIND_FAKE_SECONDS"] = "14" if SHOT == "running" else "0.2"
-    if SHOT == "done":
+    if SHOT in ("done", "field"):
         for name in ("Cube", "Light", "Camera"):
             bpy.data.objects.remove(bpy.data.objects[name])
     with bpy.context.temp_override(**window()):
         bpy.ops.seeing_wind.recover("INVOKE_DEFAULT")
     yield 1.5
-    if SHOT != "done":
+    if SHOT not in ("done", "field"):
         return
     while status.of(bpy.context.scene.session_uid).running:
         yield 0.2
+    if SHOT == "field":
+        yield from show_field()
+        return
     with bpy.context.temp_override(**window()):
         bpy.ops.mesh.primitive_plane_add(size=0.3, location=(0.25, 0.0, 0.1), rotation=(1.2, 0.0, 0.3))
         bpy.context.object.name = "Flag"
@@ -86,6 +89,24 @@ def script():
         bpy.context.scene.seeing_wind.field_object.hide_set(True)
 
 
+def show_field():
+    """The panel Field beside coloured arrows in Solid view, with a cloth that is to be calibrated."""
+    with bpy.context.temp_override(**window()):
+        bpy.ops.mesh.primitive_grid_add(x_subdivisions=20, y_subdivisions=20, size=0.3, location=(0.25, 0.0, -0.3))
+        bpy.context.object.modifiers.new("Cloth", "CLOTH")
+        bpy.ops.seeing_wind.calibrate()
+        space = window()["area"].spaces.active
+        space.shading.color_type = "VERTEX"
+        bpy.context.scene.frame_set(6)
+        bpy.ops.object.select_all(action="DESELECT")
+        bpy.context.scene.seeing_wind.arrows_object.select_set(True)
+        bpy.ops.view3d.view_selected()
+        bpy.ops.object.select_all(action="DESELECT")
+        space.overlay.show_extras = False
+        bpy.context.scene.seeing_wind.field_object.hide_set(True)
+    yield 0.5
+
+
 def turn() -> float | None:
     """One action; Blender calls again after the pause returned."""
     pause = next(steps, None)
@@ -97,6 +118,11 @@ def main() -> None:
     global steps
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.view.ui_scale = 0.85
+    if SHOT == "field":  # the panels of the six steps closed, the later ones open
+        for cls in panels.PANELS:
+            cls.bl_options = {"DEFAULT_CLOSED"}
+        for cls in panel_field.CLASSES:
+            cls.bl_options = set()
     ui.register()
     bpy.context.window_manager.windows[0].screen.show_statusbar = False
     steps = script()

@@ -19,9 +19,9 @@ tools["fake_python"](Path(sys.argv[1]))
 PY
 export SEEING_WIND_PYTHON=$work/fake_python SEEING_WIND_CLIP=$work/leaf.mp4 BLENDER_USER_RESOURCES=$work/user
 mkdir -p "$work/user"
-[ $# -gt 0 ] || set -- idle running done failed
+[ $# -gt 0 ] || set -- idle running done failed field
 for state in "$@"; do
-  SEEING_WIND_SHOT=$state "$shoot" "$work/$state.png" "$([ "$state" = done ] && echo 26 || echo 14)" --factory-startup --python "$here/make.py" >"$work/log" 2>&1 || { cat "$work/log" >&2; exit 1; }
+  SEEING_WIND_SHOT=$state "$shoot" "$work/$state.png" "$(case $state in done | field) echo "${LONG:-26}" ;; *) echo 14 ;; esac)" --factory-startup --python "$here/make.py" >"$work/log" 2>&1 || { cat "$work/log" >&2; exit 1; }
   grep -E "Traceback|Error:" "$work/log" >&2 || true
   "$python" "$here/crop.py" "$work/$state.png" "$here/$state.png"
   echo "docs/screenshots/$state.png"

@@ -14,7 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parents[1])]  # a script of the source tree: it runs with the package installed or not
+# a script of the source tree: it runs with the package installed or not
+sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]
 
 MOST_DIRECTION, MOST_MAGNITUDE = 10.0, 20.0
 """Errors of the recovered wind that are still good enough [degrees, %]."""

@@ -23,7 +23,7 @@ import numpy as np
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(HERE), str(ROOT)]  # a script of the source tree: it runs with the package installed or not
+sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(ROOT)]  # a script of the source tree: it runs with the package installed or not
 
 import make  # noqa: E402
 from in_blender import BlenderFailed, run  # noqa: E402

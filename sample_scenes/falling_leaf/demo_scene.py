@@ -13,12 +13,12 @@ import bpy
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parents[1])]  # the source tree: seeing_wind, and render beside this file
+sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]  # the source tree: seeing_wind, and common/render.py
 
 import render  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
-from seeing_wind.ui.field_object import calibrate_particles  # noqa: E402
+from seeing_wind.ui.field_calibration import calibrate_particles  # noqa: E402
 
 RIBBON = (0.05, 0.26)
 """Width and length of the inserted ribbon [m]."""

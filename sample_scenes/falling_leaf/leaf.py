@@ -9,8 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter, map_coordinates
-from scipy.spatial import Delaunay, cKDTree
+from backdrop import mix
+from outlines import flat_mesh
+from scipy.ndimage import map_coordinates
+from scipy.spatial import cKDTree
 
 LENGTH = 0.29
 """From the blade's base to its tip [m]."""
@@ -38,24 +40,8 @@ class Leaf:
 def make_leaf(seed: int, edge: float = 0.006) -> Leaf:
     """The leaf of `seed`, triangles with edges of about `edge` metres."""
     outline = _outline(np.random.default_rng(seed))
-    low, high = outline.min(0), outline.max(0)
-    rows = []
-    for k, v in enumerate(np.arange(low[1], high[1], edge * np.sqrt(0.75))):
-        u = np.arange(low[0] + (k % 2) * edge / 2, high[0], edge)
-        rows.append(np.stack([u, np.full(len(u), v)], 1))
-    grid = np.concatenate(rows)
-    border = _resample(outline, edge)
-    grid = grid[inside(outline, grid) & (cKDTree(border).query(grid)[0] > 0.55 * edge)]
-    vertices = np.concatenate([border, grid])
-    triangles = Delaunay(vertices).simplices
-    triangles = triangles[inside(outline, vertices[triangles].mean(1))]
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    area = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
-    triangles = np.where((area > 0)[:, None], triangles, triangles[:, ::-1])[np.abs(area) > 1e-10]
-    used = np.unique(triangles)
-    renumbered = np.full(len(vertices), -1)
-    renumbered[used] = np.arange(len(used))
-    return Leaf(vertices[used], renumbered[triangles].astype(np.int32), vertices[used] / PICTURE + 0.5, outline)
+    vertices, triangles = flat_mesh([outline], edge)
+    return Leaf(vertices, triangles, vertices / PICTURE + 0.5, outline)
 
 
 def make_picture(seed: int, size: int = 1024) -> np.ndarray:
@@ -75,28 +61,18 @@ def make_picture(seed: int, size: int = 1024) -> np.ndarray:
     colours = np.array([[0.93, 0.75, 0.16], [0.95, 0.56, 0.08], [0.86, 0.27, 0.05], [0.62, 0.08, 0.05], [0.36, 0.04, 0.05]])
     picture = np.stack([np.interp(redness, stops, colours[:, c]) for c in range(3)], -1)
     green = np.clip(2.6 * (_noise(rng, size, 34) - 0.25), 0.0, 0.85) * (1.0 - 0.6 * edge)
-    picture = _mix(picture, [0.36, 0.46, 0.09], green)
+    picture = mix(picture, [0.36, 0.46, 0.09], green)
     picture *= 1.0 + 0.16 * _noise(rng, size, 3)[..., None]
 
     cells, borders = _cells(rng, u, v, 0.0085)
     picture *= (1.0 + 0.20 * cells)[..., None]
-    picture = _mix(picture, [0.95, 0.66, 0.24], 0.45 * borders)
-    picture = _mix(picture, [0.28, 0.03, 0.03], 0.55 * _vein_shadow(u, v))
-    picture = _mix(picture, [0.99, 0.88, 0.47], 0.95 * _veins(u, v))
+    picture = mix(picture, [0.95, 0.66, 0.24], 0.45 * borders)
+    picture = mix(picture, [0.28, 0.03, 0.03], 0.55 * _vein_shadow(u, v))
+    picture = mix(picture, [0.99, 0.88, 0.47], 0.95 * _veins(u, v))
     picture = _spots(rng, picture, u, v)
     stalk = np.clip((-LENGTH / 2 + 0.004 - v) / 0.006, 0.0, 1.0)
-    picture = _mix(picture, [0.52, 0.25, 0.10], 0.9 * stalk)
+    picture = mix(picture, [0.52, 0.25, 0.10], 0.9 * stalk)
     return (np.clip(picture, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-
-
-def inside(outline: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Which points (N, 2) lie inside the closed polygon (P, 2): (N,) bool, by the crossing rule."""
-    a, b = outline, np.roll(outline, -1, axis=0)
-    u, v = points[:, :1], points[:, 1:]
-    crosses = (a[:, 1] > v) != (b[:, 1] > v)
-    rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
-    at = a[:, 0] + (v - a[:, 1]) / rise * (b[:, 0] - a[:, 0])
-    return (crosses & (u < at)).sum(1) % 2 == 1
 
 
 # -- shape ------------------------------------------------------------------------------------------------------------------------
@@ -134,19 +110,7 @@ def _outline(rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([right, left[::-1], stalk])
 
 
-def _resample(outline: np.ndarray, edge: float) -> np.ndarray:
-    """Points about `edge` apart along the polygon, corners of the teeth kept as far as that allows."""
-    closed = np.concatenate([outline, outline[:1]])
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0.0, length[-1], max(int(length[-1] / (0.6 * edge)), 12), endpoint=False)
-    return np.stack([np.interp(at, length, closed[:, c]) for c in range(2)], 1)
-
-
 # -- picture ----------------------------------------------------------------------------------------------------------------------
-
-
-def _mix(picture: np.ndarray, colour: list[float], amount: np.ndarray) -> np.ndarray:
-    return picture + (np.array(colour) - picture) * amount[..., None]
 
 
 def _noise(rng: np.random.Generator, size: int, cell: float) -> np.ndarray:
@@ -202,32 +166,6 @@ def _spots(rng: np.random.Generator, picture: np.ndarray, u: np.ndarray, v: np.n
         centre = np.array([_bend(along) + rng.uniform(-0.9, 0.9) * _half_width(along), (along - 0.5) * LENGTH])
         radius = rng.uniform(0.0022, 0.0062)
         away = np.hypot((u - centre[0]) * rng.uniform(0.8, 1.2), v - centre[1]) / radius
-        picture = _mix(picture, [0.95, 0.74, 0.30], 0.7 * np.exp(-(((away - 1.25) / 0.28) ** 2)))
-        picture = _mix(picture, [0.16, 0.06, 0.03], np.clip(2.5 * (1.1 - away), 0.0, 0.93))
+        picture = mix(picture, [0.95, 0.74, 0.30], 0.7 * np.exp(-(((away - 1.25) / 0.28) ** 2)))
+        picture = mix(picture, [0.16, 0.06, 0.03], np.clip(2.5 * (1.1 - away), 0.0, 0.93))
     return picture
-
-
-def make_backdrop(seed: int, width: int = 1280, height: int = 720) -> np.ndarray:
-    """What stands behind the leaf (height, width, 3) uint8 sRGB: evening sky, a far row of trees and a meadow, all out of focus."""
-    rng = np.random.default_rng(seed + 2)
-    y = np.linspace(0.0, 1.0, height)[:, None]
-    sky = np.array([0.60, 0.73, 0.86]) + (np.array([0.93, 0.91, 0.84]) - np.array([0.60, 0.73, 0.86])) * (y / 0.62)[..., None] ** 1.3
-    picture = np.broadcast_to(sky, (height, width, 3)).copy()
-    x = np.arange(width)
-    for base, rise, colour, blur in ((0.60, 0.05, [0.56, 0.66, 0.68], 10), (0.64, 0.09, [0.42, 0.52, 0.44], 7)):
-        line = gaussian_filter(rng.standard_normal(width), width / 40) * 5.0
-        line += gaussian_filter(rng.standard_normal(width), width / 160) * 1.2
-        top = base - rise * (0.5 + line / 3.0)
-        mask = gaussian_filter((y > top[None, x]).astype(float), blur)
-        picture = _mix(picture, colour, mask)
-    meadow = gaussian_filter((y > 0.70 + np.zeros(width)).astype(float), 7)
-    tone = np.clip((y - 0.70) / 0.30, 0.0, 1.0)[..., None]
-    picture += (np.array([0.60, 0.66, 0.36]) * (1 - tone) + np.array([0.36, 0.45, 0.20]) * tone - picture) * meadow[..., None]
-    grass = gaussian_filter(rng.standard_normal((height, width)), (4, 14))
-    picture *= 1.0 + (0.10 * grass / grass.std() * meadow)[..., None]
-    for _ in range(46):
-        cx, cy, radius = rng.uniform(0, width), rng.uniform(0.52, 0.72) * height, rng.uniform(9, 24)
-        away = np.hypot(np.arange(width)[None] - cx, np.arange(height)[:, None] - cy)
-        glow = list(rng.choice([[0.98, 0.90, 0.66], [0.80, 0.86, 0.62], [0.99, 0.80, 0.55]]))
-        picture = _mix(picture, glow, 0.22 * np.clip(1.0 - (away - radius) / 3.0, 0.0, 1.0))
-    return (np.clip(picture + rng.normal(0.0, 0.006, (height, width, 1)), 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)

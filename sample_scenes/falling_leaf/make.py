@@ -18,10 +18,12 @@ import cv2
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parents[1])]  # a script of the source tree: it runs with the package installed or not
+# a script of the source tree: it runs with the package installed or not
+sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]
 
+from backdrop import make_backdrop  # noqa: E402
 from in_blender import BlenderFailed, run  # noqa: E402
-from leaf import Leaf, make_backdrop, make_leaf, make_picture  # noqa: E402
+from leaf import Leaf, make_leaf, make_picture  # noqa: E402
 from motion import DENSITY, MATERIAL, START, THICKNESS, YOUNGS_MODULUS, Flight, fly, tilt  # noqa: E402
 
 from seeing_wind.engine.conventions import GRAVITY, front_view  # noqa: E402
@@ -50,7 +52,7 @@ def main(argv: list[str] | None = None) -> int:
         write_scene(out, leaf, flight, camera, options.seed, options.samples)
         simulated = time.perf_counter()
         if not options.no_render:
-            run(HERE / "render.py", [str(out.resolve())], options.blender, follow="\0")
+            run(HERE.parent / "common" / "render.py", [str(out.resolve())], options.blender, follow="\0")
     except (SeeingWindError, BlenderFailed) as error:
         print(error, file=sys.stderr)
         return 1
@@ -133,7 +135,7 @@ def write_scene(out: Path, leaf: Leaf, flight: Flight, camera: Camera, seed: int
     write_json(out / "camera.json", values | {"camera_to_world": camera.camera_to_world.tolist()})
     known = {"material": MATERIAL, "density": DENSITY, "youngs_modulus": YOUNGS_MODULUS, "thickness": THICKNESS}
     write_json(out / "box.json", {"box": box, "distance": DISTANCE, **known})
-    for name, picture in (("mask_0000", mask), ("leaf", make_picture(seed)[:, :, ::-1]), ("backdrop", make_backdrop(seed)[:, :, ::-1])):
+    for name, picture in (("mask_0000", mask), ("texture", make_picture(seed)[:, :, ::-1]), ("backdrop", make_backdrop(seed)[:, :, ::-1])):
         if not cv2.imwrite(str(out / f"{name}.png"), picture):
             raise SeeingWindError(f"Cannot write {out / name}.png.", "Choose another folder.")
     shape = {"vertices": flight.surface.astype(np.float32), "triangles": leaf.triangles, "uv": leaf.uv}

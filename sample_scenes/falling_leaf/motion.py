@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from leaf import Leaf, inside
+from leaf import Leaf
+from outlines import inside
 from wind import Wind
 
 from seeing_wind.engine.conventions import GRAVITY

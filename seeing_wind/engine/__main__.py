@@ -15,10 +15,14 @@ import traceback
 from collections.abc import Sequence
 from typing import Any, TextIO
 
-from .arguments import parser
-from .errors import MissingPackage, SeeingWindError
-from .progress import Cancelled, Progress
-from .records import Outcome
+# Threads of NumPy and torch that wait spin otherwise; beside a busy Blender the solve then hardly gets on. Read when the libraries load.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
+
+from .arguments import parser  # noqa: E402
+from .errors import MissingPackage, SeeingWindError  # noqa: E402
+from .progress import Cancelled, Progress  # noqa: E402
+from .records import Outcome  # noqa: E402
 
 CANCELLED = 130
 

@@ -101,6 +101,14 @@ def parser() -> Parser:
     export.add_argument("take", metavar="DIR")
     export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"))
     export.add_argument("--out", required=True, metavar="PATH")
+    identify = verbs.add_parser("identify", help="ask a vision-language model what is in the first picture", allow_abbrev=False)
+    identify.add_argument("clip", metavar="CLIP")
+    identify.add_argument("--take", required=True, metavar="DIR", help="gets objects.json and a mask per object")
+    identify.add_argument("--frames", type=frame_range, metavar="A:B", help="first and last picture, both inclusive, counted from 0")
+    identify.add_argument("--material-endpoint", required=True, metavar="URL")
+    identify.add_argument("--material-model", required=True, metavar="NAME")
+    identify.add_argument("--detector-model", metavar="MODEL", help="finds each object by its name: Grounding DINO")
+    identify.add_argument("--mask-model", metavar="MODEL", help="cuts each object out: SAM 2")
     verbs.add_parser("doctor", help="what is installed, what works, what to do about the rest", allow_abbrev=False)
     return root
 
@@ -120,14 +128,23 @@ def _recover(p: Parser) -> None:
     scale.add_argument("--distance", type=positive, metavar="M", help="metres from the camera to the object")
     scale.add_argument("--pixels-per-metre", type=positive, metavar="P", help="image scale in the object's plane")
     view = seen.add_mutually_exclusive_group()
-    view.add_argument("--camera", metavar="JSON", help="width height fx fy cx cy camera_to_world")
+    view.add_argument("--camera", metavar="JSON", help="width height fx fy cx cy camera_to_world [k1 k2 p1 p2 k3], or transforms.json")
     view.add_argument("--fov", type=fov, default=ObserveSettings.fov, metavar="DEG", help="horizontal field of view [degrees]")
     seen.add_argument("--pin", metavar="PNG", help="non-zero = held in place, in the first picture")
     seen.add_argument(
         "--view", nargs=3, action="append", default=[], metavar=("CLIP2", "CAMERA2.json", "MASK2.png"), help="a further synchronised view"
     )
+    networks = p.add_argument_group("networks instead of the defaults", "each a folder, or a name in the hub's cache; see `doctor`")
+    networks.add_argument("--depth-model", metavar="MODEL", help="metric depth: Depth Anything V2, Depth Pro, UniDepth")
+    networks.add_argument("--prompt", metavar="TEXT", help="what the object is, in words, for --detector-model")
+    networks.add_argument("--detector-model", metavar="MODEL", help="a box from words: Grounding DINO")
+    networks.add_argument("--mask-model", metavar="MODEL", help="the object's outline, followed through the clip: SAM 2")
+    networks.add_argument("--track-model", metavar="MODEL", help="point tracks: CoTracker 3")
     _gravity(p)
     _material(p, default=BuildSettings.material)
+    asked = p.add_argument_group("who is asked what it is made of", "a vision-language model; --material is what stays if it fails")
+    asked.add_argument("--material-endpoint", metavar="URL", help="OpenAI-compatible address, such as http://localhost:11434/v1")
+    asked.add_argument("--material-model", metavar="NAME", help="the endpoint's name of the model")
     p.add_argument("--thickness", type=positive, metavar="M", help="metres of body behind the visible surface; guessed if not given")
     p.add_argument(
         "--particles",
@@ -167,8 +184,22 @@ def _material(p: Parser, default: str | None) -> None:
 def _solve(p: Parser) -> None:
     group = p.add_argument_group("the solve")
     group.add_argument("--representation", choices=("causal_triplane", "kplanes", "point"), default="causal_triplane")
-    group.add_argument("--objective", choices=("tracking",), default="tracking")
-    group.add_argument("--schedule", choices=("default",), default="default")
+    group.add_argument(
+        "--objective",
+        choices=("tracking", "image", "flow_depth"),
+        default="tracking",
+        help="what the force must explain; the others need --schedule paper",
+    )
+    group.add_argument(
+        "--schedule", choices=("default", "paper"), default="default", help="paper: gradient descent frame by frame, for comparison"
+    )
+    group.add_argument(
+        "--frame-iterations",
+        type=whole(1, 10_000),
+        default=RecoverSettings.frame_iterations,
+        metavar="N",
+        help="iterations per frame at most, with --schedule paper",
+    )
     group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     group.add_argument(
         "--iterations", type=whole(1, 1000), default=RecoverSettings.iterations, metavar="N", help="Gauss-Newton iterations at most"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
+import importlib.util
 import platform
 import sys
 from collections.abc import Callable
@@ -28,6 +29,7 @@ def examine() -> list[dict[str, Any]]:
     ]
     checks += [_package(name, "Run Install Engine, or `make setup`.") for name in REQUIRED]
     checks += [{**_package(name, advice), "optional": True} for name, advice in OPTIONAL.items()]
+    checks += _models()
     for name, check in (("taichi kernel", _taichi), ("torch", _torch), ("video codec", _codec)):
         checks.append(_attempt(name, check))
     return checks
@@ -38,6 +40,24 @@ def _package(name: str, advice: str) -> dict[str, Any]:
         return {"name": name, "ok": True, "detail": importlib.metadata.version(name)}
     except importlib.metadata.PackageNotFoundError:
         return {"name": name, "ok": False, "detail": "not installed", "advice": advice}
+
+
+def _models() -> list[dict[str, Any]]:
+    """The optional models: whether the hub's cache has them and what they need, and their licences."""
+    from .models.catalogue import KNOWN, cached
+
+    checks = []
+    for entry in KNOWN:
+        installed = importlib.util.find_spec(entry.package) is not None
+        folder = cached(entry.name)
+        there = folder is not None and any(folder.glob("*.safetensors"))
+        licence = entry.licence + ("" if entry.commercial else ", no commercial use")
+        lacks = [] if installed else [f"package {entry.package} is not installed"]
+        lacks += [] if there else ["no safetensors in the hub's cache"]
+        detail = f"{licence}; {' and '.join(lacks) or 'ready'}"
+        check = {"name": f"{entry.task} model {entry.name}", "ok": installed and there, "detail": detail, "optional": True}
+        checks.append(check if check["ok"] else {**check, "advice": entry.how})
+    return checks
 
 
 def _attempt(name: str, check: Callable[[], str]) -> dict[str, Any]:

@@ -48,6 +48,10 @@ class MaterialError(SeeingWindError):
     exit_code = 2
 
 
+class ModelError(SeeingWindError):
+    """An optional model: its folder lacks files or holds others, or its endpoint does not answer or answers nonsense."""
+
+
 class SimulationError(SeeingWindError):
     """The simulation stopped: a substep too long, a particle out of the grid, or a value that is not finite.
 

@@ -95,8 +95,18 @@ def _check(material: Material) -> None:
 
 
 def _read_library() -> dict[str, Material]:
-    text = Path(__file__).with_name("materials.toml").read_text(encoding="utf-8")
-    return {name: adjusted(Material(name=name, **values)) for name, values in tomllib.loads(text).items()}
+    tables = tomllib.loads(Path(__file__).with_name("materials.toml").read_text(encoding="utf-8"))
+    references = tables.pop("references")
+    described = {name: {**values, "source": _source(values["source"], references)} for name, values in tables.items()}
+    return {name: adjusted(Material(name=name, **values)) for name, values in described.items()}
+
+
+def _source(sources: dict[str, str], references: dict[str, str]) -> str:
+    """One line out of the sources of the single properties; those that share one are named together."""
+    together: dict[str, list[str]] = {}
+    for key, source in sources.items():
+        together.setdefault(source.format_map(references), []).append(key.replace("_", " "))
+    return "; ".join(f"{' and '.join(keys)}: {source}" for source, keys in together.items())
 
 
 MATERIALS: dict[str, Material] = _read_library()

@@ -33,6 +33,20 @@ class Camera:
     cy: float
     camera_to_world: np.ndarray
     """(4, 4) for a static camera, (T+1, 4, 4) for a moving one."""
+    distortion: tuple[float, ...] = ()
+    """The lens, k1 k2 p1 p2 k3 of OpenCV's model; () for none. Pixels everywhere are those of the pinhole, except in `filmed`."""
+
+    def filmed(self, xy: np.ndarray) -> np.ndarray:
+        """Where the lens showed the pinhole's pixels (..., 2): pixels of the clip's file."""
+        if not any(self.distortion):
+            return np.asarray(xy, dtype=np.float64)
+        k1, k2, p1, p2, k3 = self.distortion
+        x, y = (xy[..., 0] - self.cx) / self.fx, (xy[..., 1] - self.cy) / self.fy
+        r2 = x**2 + y**2
+        radial = 1.0 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+        bent_x = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x**2)
+        bent_y = y * radial + p1 * (r2 + 2.0 * y**2) + 2.0 * p2 * x * y
+        return np.stack([self.fx * bent_x + self.cx, self.fy * bent_y + self.cy], axis=-1)
 
     def pose(self, frame: int) -> np.ndarray:
         """camera_to_world (4, 4) at picture `frame`."""

@@ -37,11 +37,21 @@ class ObserveSettings:
     pixels_per_metre: float | None = None
     """Image scale in the object's plane; gives the distance."""
     camera: str | None = None
-    """JSON: width height fx fy cx cy camera_to_world."""
+    """JSON: width height fx fy cx cy camera_to_world, optional k1 k2 p1 p2 k3; or a nerfstudio transforms.json."""
     fov: float = DEFAULT_FOV_DEGREES
     """Horizontal field of view [degrees] when no camera is given."""
     pin: str | None = None
     """PNG of the first picture, non-zero = held in place."""
+    depth_model: str | None = None
+    """Folder or hub name of a network that gives metric depth; a distance scales it."""
+    prompt: str | None = None
+    """What the object is, in words, for `detector_model`."""
+    detector_model: str | None = None
+    """Folder or hub name of a network that finds a box from words."""
+    mask_model: str | None = None
+    """Folder or hub name of a network that cuts out the object and follows it."""
+    track_model: str | None = None
+    """Folder or hub name of a network that follows points."""
     seed: int = 0
 
 
@@ -60,6 +70,9 @@ class BuildSettings:
     """Pa."""
     viscosity: float | None = None
     """Pa s."""
+    estimated_material: str | None = None
+    """What a vision-language model calls the material, if the numbers above are its own; `estimated_by` names object and model."""
+    estimated_by: str | None = None
     thickness: float | None = None
     """Metres behind the visible surface; None guesses from the silhouette."""
     particles: int = 600
@@ -73,10 +86,18 @@ class RecoverSettings:
 
     gravity: tuple[float, float, float] = GRAVITY
     """Known acceleration [m/s²] that is not part of the field."""
+    clamp_depth: float = 0.0
+    """Where a held part begins to be held: so many grid cells (1.6 particle spacings each) below the border of what is marked as held."""
     representation: str = "causal_triplane"
     device: str = "auto"
     iterations: int = 12
     """Gauss-Newton iterations at most."""
+    schedule: str = "default"
+    """default, or paper: gradient descent frame by frame."""
+    objective: str = "tracking"
+    """tracking, or with schedule paper: image, flow_depth."""
+    frame_iterations: int = 60
+    """Gradient-descent iterations per frame at most, with schedule paper."""
     seed: int = 0
 
 
@@ -94,9 +115,17 @@ class BodyEdit:
     law: str | None = None
     yield_stress: float | None = None
     viscosity: float | None = None
+    mass: float | None = None
+    """Of the whole body [kg], instead of a density."""
     mass_scale: float = 1.0
+    youngs_modulus_scale: float = 1.0
+    """Factor on Young's modulus."""
     pin: str | None = None
     """NPY of vertex indices; of particle indices for the recovered object."""
+    pin_weights: str | None = None
+    """NPY of one weight in 0..1 per index of `pin`: 1 holds firmly, less draws back like a spring. None holds all firmly."""
+    free: str | None = None
+    """NPY of particle indices of the recovered object that are held in the clip and let go here."""
     velocity: tuple[float, float, float] | None = None
     """Initial velocity [m/s]; None is rest for a mesh, the recovered one for the recovered object."""
     start_frame: int = 0
@@ -104,10 +133,26 @@ class BodyEdit:
 
 
 @dataclass(frozen=True)
+class ColliderEdit:
+    """Something in the way of the bodies that they do not move: a mesh or a plane."""
+
+    name: str
+    mesh: str | None = None
+    """Path of a closed OBJ, PLY or NPZ; bodies stay outside."""
+    plane: tuple[float, float, float, float, float, float] | None = None
+    """A point [m] and the normal of an infinite plane; bodies stay on the side that the normal points to."""
+    kind: str = "separate"
+    """separate: may leave, may not enter. slip: slides and does not leave. sticky: stands still on it."""
+    friction: float = 0.3
+    """Coulomb's coefficient, for separate and slip."""
+
+
+@dataclass(frozen=True)
 class Edit:
     """What to simulate in a recovered field."""
 
     body: tuple[BodyEdit, ...]
+    collider: tuple[ColliderEdit, ...] = ()
     gravity: tuple[float, float, float] = GRAVITY
     field_strength: float | tuple[float, ...] = 1.0
     """Factor on the field, or one factor per frame."""

@@ -20,6 +20,7 @@ from .take import Take, from_arrays, stamp_of, to_arrays
 if TYPE_CHECKING:
     from .field import ForceField
     from .records import Material, Particles, PointTargets
+    from .recovery.descent_losses import MotionLoss
 
 R = TypeVar("R")
 
@@ -91,15 +92,19 @@ def recover_stage(
     upstream: str,
     settings: RecoverSettings,
     progress: Progress,
+    loss: Callable[[], Callable[[float], MotionLoss]] | None = None,
 ) -> tuple[Recovery, ForceField | None, dict[str, float]]:
     """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, then distil into the representation.
+
+    Args:
+        loss: for objectives other than tracking; see `picture_loss`.
 
     Returns:
         the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds
         that solve and distillation took.
     """
     from .field import distill, load_field
-    from .recovery import recover
+    from .recovery import recover, recover_by_descent
 
     stamp = stamp_of("recover", VERSION, upstream, settings)
     kept = _kept(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
@@ -111,7 +116,11 @@ def recover_stage(
     if recovery is None:
         progress.begin("recover", "recovering the force")
         started = time.perf_counter()
-        recovery = recover(particles, material, targets, fps, settings, progress)
+        if settings.schedule == "paper":
+            made = loss() if loss is not None else None
+            recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made)
+        else:
+            recovery = recover(particles, material, targets, fps, settings, progress)
         seconds["recover"] = time.perf_counter() - started
         if recovery.outcome == Outcome.DIVERGED:
             return recovery, None, seconds
@@ -125,6 +134,48 @@ def recover_stage(
         field.save(path)
     take.finish("recover", stamp, to_mapping(settings))
     return recovery, field, seconds
+
+
+def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
+    """Refuse a schedule and an objective that do not go together, before any work is done.
+
+    Args:
+        clip: there are pictures, not only trajectories; views: further views besides the first.
+
+    Raises:
+        UsageError: with the reason.
+    """
+    if settings.objective == "tracking":
+        return
+    if not clip:
+        raise UsageError(f"--objective {settings.objective} compares pictures, and trajectories have none.", "Use --objective tracking.")
+    if settings.schedule != "paper":
+        raise UsageError(
+            f"--objective {settings.objective} has no Gauss-Newton form: the default schedule solves for tracks only.",
+            f"Add --schedule paper to descend on the {settings.objective} loss.",
+        )
+    if views:
+        raise UsageError(
+            f"--objective {settings.objective} cannot use --view: Gaussians and depth show the side that the first camera saw.",
+            "Leave the view out, or use --objective tracking.",
+        )
+
+
+def picture_loss(settings: RecoverSettings, observation: Observation, body: Body, progress: Progress) -> Callable[[float], MotionLoss]:
+    """The image or flow-and-depth loss of a clip, which is read once more: see `recovery.image_objective`, `flow_depth_objective`."""
+    from .observe.clip import read_clip
+    from .observe.dense_flow import dense_flow
+    from .recovery.flow_depth_objective import FlowDepthLoss, SceneFlow
+    from .recovery.image_objective import ImageLoss, Pictures
+
+    last = observation.first_frame + observation.frames
+    frames = read_clip(observation.clip, (observation.first_frame, last), observation.fps, progress).frames
+    if settings.objective == "image":
+        pictures = Pictures(frames, observation.masks, observation.background, observation.camera, body.gaussians)
+        return lambda scale: ImageLoss(pictures)
+    flow = [None if one is None else one.at for one in dense_flow(frames, observation.masks, progress)]
+    scene = SceneFlow(flow, observation.masks, observation.camera, body.gaussians.attachment, body.lifted)
+    return lambda scale: FlowDepthLoss(scene, scale)
 
 
 def track_targets(observation: Observation, body: Body) -> TrackTargets:

@@ -18,7 +18,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_origin, get_type_hints
 
 import numpy as np
 
@@ -167,12 +167,15 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
         key, kind = prefix + field.name, hints[field.name]
         if dataclasses.is_dataclass(kind):
             values[field.name] = from_arrays(kind, arrays, key + ".")  # type: ignore[arg-type]
+        elif key not in arrays and field.default is not dataclasses.MISSING:
+            continue  # a take from before the field was there
         elif key not in arrays:
             raise TakeError(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
         elif kind is np.ndarray:
             values[field.name] = arrays[key]
         else:
             value = json.loads(str(arrays[key]))
+            value = tuple(value) if get_origin(kind) is tuple else value
             values[field.name] = kind(value) if isinstance(kind, type) and issubclass(kind, str) else value
     return cls(**values)
 

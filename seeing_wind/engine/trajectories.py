@@ -14,6 +14,9 @@ from .materials import adjusted
 from .records import Attachment, Material, Particles, PointTargets
 from .take import DAMAGED
 
+FIXED_DEPTH = 0.75
+"""Grid cells (`RecoverSettings.clamp_depth`). A file's `fixed` is what hardly moved, and that reaches some way above what is held."""
+
 
 @dataclass(frozen=True)
 class Trajectories:
@@ -24,6 +27,7 @@ class Trajectories:
     targets: PointTargets
     fps: float
     gravity: tuple[float, float, float]
+    clamp_depth: float = FIXED_DEPTH
 
 
 def read_trajectories(path: str | os.PathLike[str]) -> Trajectories:

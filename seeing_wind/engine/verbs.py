@@ -8,7 +8,7 @@ import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,11 +18,27 @@ from .errors import SeeingWindError, TakeError, UsageError
 from .materials import adjusted, find
 from .progress import Progress
 from .records import Material, Outcome
-from .settings import BodyEdit, BuildSettings, Edit, ObserveSettings, RecoverSettings, from_mapping
-from .stages import build_stage, observe_stage, read_body, read_recovery, recover_stage, require_take, track_targets
+from .settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings, from_mapping
+from .stages import (
+    build_stage,
+    check_solve,
+    observe_stage,
+    picture_loss,
+    read_body,
+    read_recovery,
+    recover_stage,
+    require_take,
+    track_targets,
+)
 from .take import Take, stamp_of
 
+if TYPE_CHECKING:
+    from .models.endpoint import Endpoint
+
 Result = dict[str, Any]
+
+PAINTED_DEPTH = 0.5
+"""Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a picture takes in some material that gives way."""
 
 
 def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
@@ -32,20 +48,29 @@ def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
     from .report import write_report
 
     _material(find(arguments.material), arguments)  # a wrong one is told before the work begins
+    settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments), clamp_depth=PAINTED_DEPTH)
+    check_solve(settings, clip=True, views=len(arguments.view))
+    endpoint = _endpoint(arguments)
     take, seconds = Take(arguments.take), dict[str, float]()
     observing = settings_of(ObserveSettings, arguments)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
-    body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, settings_of(BuildSettings, arguments), progress))
+    building = settings_of(BuildSettings, arguments)
+    if endpoint is not None:
+        from .models.language import estimated
+
+        building = _timed(seconds, "material", lambda: estimated(take, endpoint, observation, building, progress))
+    body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
     targets = [track_targets(observation, body)]
     for clip, camera, mask in arguments.view:
         # Depth and pins of a further view are not used: its points are found on the first view's body.
         further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, tracks=None, depth=None, pin=None, distance=1.0)
+        further = dataclasses.replace(further, depth_model=None, prompt=None, detector_model=None)
         progress.begin("observe", f"further view {Path(clip).name}")
         targets.append(view_targets(body, observe(clip, further, progress)))
     upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
-    settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments))
+    loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
     recovery, field, solve_seconds = recover_stage(
-        take, body.particles, body.material, targets, observation.fps, upstream, settings, progress
+        take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
     )
     if field is None:
         return _diverged(recovery)
@@ -62,7 +87,10 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
 
     take, source = Take(arguments.take), read_trajectories(arguments.truth)
     material = _material(find(arguments.material) if arguments.material else source.material, arguments)
-    settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments, default=source.gravity))
+    settings = settings_of(
+        RecoverSettings, arguments, gravity=gravity_of(arguments, default=source.gravity), clamp_depth=source.clamp_depth
+    )
+    check_solve(settings, clip=False)
     upstream = stamp_of("trajectories", Path(arguments.truth), material)
     recovery, field, seconds = recover_stage(take, source.particles, material, source.targets, source.fps, upstream, settings, progress)
     if field is None:
@@ -125,6 +153,19 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
     return {"outcome": "converged", "files": [str(path) for path in export_field(field, arguments.format, Path(arguments.out), progress)]}
 
 
+def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`identify CLIP --take DIR`: the objects of the first picture with materials and masks, ready for one `recover` each."""
+    from .models.objects import find_objects, write_objects
+    from .observe.clip import read_clip
+
+    endpoint = _endpoint(arguments)
+    assert endpoint is not None  # both options are required
+    first = arguments.frames[0] if arguments.frames else 0
+    picture = read_clip(arguments.clip, (first, first + 1), fps=1.0, progress=progress).frames[0]
+    found = find_objects(endpoint, picture, arguments.detector_model, arguments.mask_model, progress)
+    return {"outcome": "converged", "objects": write_objects(Take(arguments.take), found)}
+
+
 def doctor(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`doctor`: what works here. Fails when something required does not."""
     from .doctor import examine
@@ -145,6 +186,7 @@ VERBS: dict[str, Callable[[argparse.Namespace, Progress], Result]] = {
     "sample": sample,
     "resimulate": resimulate,
     "export": export,
+    "identify": identify,
     "doctor": doctor,
 }
 
@@ -171,7 +213,22 @@ def read_edit(path: str) -> Edit:
             raise UsageError(f"Two bodies are named {name}.", "Give each a name of its own.")
         if not name or any(c in name for c in '/\\:*?"<>|') or name.startswith("."):
             raise UsageError(f"'{name}' cannot be a file's name.", "Use letters, digits, spaces, '-' and '_'.")
-    return from_mapping(Edit, {"gravity": list(GRAVITY), **values, "body": bodies}, path)
+    walls = values.pop("collider", [])
+    if not isinstance(walls, list) or not all(isinstance(table, dict) for table in walls):
+        raise UsageError(f"The edit {path} has a collider that is no [[collider]].", "Write [[collider]] with a name and a mesh or plane.")
+    colliders = tuple(from_mapping(ColliderEdit, table, f"{path}, collider {i + 1}") for i, table in enumerate(walls))
+    return from_mapping(Edit, {"gravity": list(GRAVITY), **values, "body": bodies, "collider": colliders}, path)
+
+
+def _endpoint(arguments: argparse.Namespace) -> Endpoint | None:
+    """The vision-language model that --material-endpoint names, None without one."""
+    if arguments.material_endpoint is None and arguments.material_model is None:
+        return None
+    if arguments.material_endpoint is None or arguments.material_model is None:
+        raise UsageError("--material-endpoint and --material-model belong together.", "Give the address and the model's name there.")
+    from .models.endpoint import endpoint_of
+
+    return endpoint_of(arguments.material_endpoint, arguments.material_model)
 
 
 def _material(base: Material, arguments: argparse.Namespace) -> Material:

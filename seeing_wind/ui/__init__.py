@@ -4,9 +4,21 @@ from __future__ import annotations
 
 import bpy
 
-from . import commands, engine_environment, freshness, job_operator, leaving, operators, panels, preferences, properties, status
+from . import (
+    commands,
+    engine_environment,
+    freshness,
+    job_operator,
+    leaving,
+    operators,
+    panel_field,
+    panels,
+    preferences,
+    properties,
+    status,
+)
 
-CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *job_operator.CLASSES, *panels.CLASSES)
+CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *job_operator.CLASSES, *panels.CLASSES, *panel_field.CLASSES)
 
 
 def register() -> None:

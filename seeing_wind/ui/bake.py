@@ -1,16 +1,109 @@
-"""A simulated mesh as keyframes: absolute shape keys with a keyed evaluation time. The file then plays without this add-on."""
+"""A simulated mesh as keyframes, in the way that suits it. The file then plays without this add-on and without the engine.
+
+Absolute shape keys with a keyed evaluation time are the default. A body that stays rigid gets keys of location and rotation instead; a
+motion too large for a .blend file goes into a point cache beside it (PC2, or Alembic where the build has it).
+"""
 
 from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
 from mathutils import Matrix
 
 from ..engine.errors import UsageError
+from . import bake_cache, bake_rigid, bake_shapes
+from .bake_shapes import evaluation_time_curves as evaluation_time_curves
 from .units import metres_per_unit
 
 MARK = "seeing_wind_bake"
-"""Custom property of an object that carries a bake: the names of the modifiers that the bake put to sleep, one per line."""
+"""Custom property of an object that carries a bake: JSON of how it was made, and of what to restore."""
+
+SHAPE_KEYS, POINT_CACHE, TRANSFORM, ALEMBIC, AUTO = "SHAPE_KEYS", "POINT_CACHE", "TRANSFORM", "ALEMBIC", "AUTO"
+
+LARGE = 48_000_000
+"""Bytes of coordinates beyond which a point cache beside the file is better than shape keys inside it: 60 pictures of 67000 vertices."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a motion is to be baked."""
+
+    frame_start: int
+    """Scene frame of picture 0."""
+    fps: float
+    """Of the pictures [1/s]."""
+    way: str = AUTO
+    frames: tuple[int, int] | None = None
+    """First and last scene frame to bake, inclusive; None bakes all. Before and after them the body stands still."""
+    cache: Path | None = None
+    """Where a point cache goes, without its suffix; None where there is no place for one."""
+    rigid_tolerance: float = bake_rigid.TOLERANCE
+    """A body counts as rigid while no vertex is farther from a rigid motion than this part of the body's size."""
+    stamp: str = ""
+    """Of what the motion depends on: an object whose bake has this stamp is left alone. "" always bakes."""
+    frames_follow_time: bool = False
+    """Keep the speed where the scene's frame rate is another than `fps`; otherwise one scene frame is one picture, as in a take."""
+
+
+@dataclass(frozen=True)
+class Baked:
+    """What `bake_motion` did."""
+
+    way: str
+    pictures: int
+    residual: float
+    """Largest distance of a vertex from the best rigid motion [m]."""
+    kept: bool = False
+    """The object had this very bake already."""
+
+
+def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene | None = None) -> Baked:
+    """Give a mesh object the motion of its vertices; a former bake is replaced.
+
+    But for keys of location and rotation, the object's modifiers are put to sleep, since the simulation has seen their effect already
+    (`clear_bake` wakes them). Subdivision at the end of the stack, and modifiers that were added after a former bake, stay on top of the
+    motion. The mesh itself stays what it was.
+
+    Args:
+        obj: a mesh object with V vertices (any number for keys of location and rotation); it may be moving itself, its motion is taken out.
+        vertices: (T+1, V, 3) in the world [m].
+        scene: for units and frame rate; by default the context's.
+
+    Raises:
+        UsageError: for anything but a mesh, other vertex counts, values that are not finite, shape keys of the user's, a range without two
+            pictures, a way that this object or this build of Blender cannot go.
+    """
+    scene = scene or bpy.context.scene
+    vertices = np.asarray(vertices, dtype=np.float64)
+    _check_motion(obj, vertices)
+    chosen, frames = _pictures(len(vertices), plan, scene)
+    fit = bake_rigid.rigid_fit(vertices)
+    way = _way(obj, fit, vertices[chosen], plan, scene)
+    if plan.stamp and is_intact(obj) and mark_of(obj)["stamp"] == plan.stamp:
+        return Baked(mark_of(obj)["way"], len(chosen), fit.residual, kept=True)
+    if way != TRANSFORM:
+        _check_mesh(obj, vertices.shape[1])
+    on_top = awake_on_top(obj)
+    clear_bake(obj)
+    record: dict[str, Any] = {"way": way, "stamp": plan.stamp, "slept": []}
+    if way == TRANSFORM:
+        record["former"] = bake_rigid.bake(obj, fit, chosen, frames, metres_per_unit(scene))
+    else:
+        record["slept"] = _put_to_sleep(obj, on_top)
+        local = _in_object_space(obj, vertices[chosen] / metres_per_unit(scene), frames, scene)
+        if way == SHAPE_KEYS:
+            bake_shapes.bake(obj, local, chosen, frames)
+        elif way == POINT_CACHE:
+            bake_cache.bake_pc2(obj, local, frames, plan.cache)
+        else:
+            bake_cache.bake_alembic(obj, local, frames, plan.cache, scene)
+    obj[MARK] = json.dumps(record)
+    return Baked(way, len(chosen), fit.residual)
 
 
 def bake_shape_keys(
@@ -21,65 +114,69 @@ def bake_shape_keys(
     scene: bpy.types.Scene | None = None,
     frames_follow_time: bool = False,
 ) -> bpy.types.Key:
-    """Give a mesh object the motion of its vertices as absolute shape keys, one per picture; a former bake is replaced.
-
-    The object's modifiers are put to sleep, since the simulation has seen their effect already (`clear_bake` wakes them). The mesh itself
-    stays what it was.
-
-    Args:
-        obj: a mesh object with V vertices; it may be moving itself, its motion is taken out of the keys.
-        vertices: (T+1, V, 3) in the world [m].
-        frame_start: scene frame of picture 0.
-        fps: of `vertices`.
-        scene: for units and frame rate; by default the context's.
-        frames_follow_time: keep the speed where the scene's frame rate is another than `fps`; otherwise one scene frame is one picture,
-            as everywhere in a take.
-
-    Returns:
-        The shape key data of the mesh.
-
-    Raises:
-        UsageError: for anything but a mesh, for other vertex counts, for values that are not finite, or where the object has shape keys
-            of the user's.
-    """
-    scene = scene or bpy.context.scene
-    _check(obj, vertices)
-    clear_bake(obj)
-    stride = scene.render.fps / scene.render.fps_base / fps if frames_follow_time else 1.0
-    frames = frame_start + stride * np.arange(len(vertices))
-    awake = [modifier for modifier in obj.modifiers if modifier.show_viewport]
-    obj[MARK] = "\n".join(modifier.name for modifier in awake)
-    for modifier in awake:
-        modifier.show_viewport = modifier.show_render = False
-    local = _in_object_space(obj, np.asarray(vertices, dtype=np.float64) / metres_per_unit(scene), frames, scene)
-    for picture, coordinates in enumerate(local):
-        block = obj.shape_key_add(name=f"Picture {picture}", from_mix=False)
-        block.interpolation = "KEY_LINEAR"
-        block.data.foreach_set("co", coordinates.astype(np.float32).ravel())
-    key = obj.data.shape_keys
-    key.use_relative = False
-    _key_evaluation_time(key, float(frames[0]), float(frames[-1]))
-    obj.active_shape_key_index = 0
-    obj.data.update()
-    return key
+    """`bake_motion` to absolute shape keys, one per picture. Returns the shape key data of the mesh."""
+    bake_motion(obj, vertices, Plan(frame_start, fps, SHAPE_KEYS, frames_follow_time=frames_follow_time), scene)
+    return obj.data.shape_keys
 
 
 def clear_bake(obj: bpy.types.Object) -> bool:
-    """Take a former bake from an object and wake its modifiers. Returns whether there was one; shape keys of the user's stay."""
-    if MARK not in obj:
+    """Take a former bake from an object and wake its modifiers. Returns whether there was one; shape keys of the user's stay.
+
+    Keyframes that the user has changed go with the bake. Files of a point cache stay, for an undo may need them.
+    """
+    record = mark_of(obj)
+    if record is None:
         return False
-    key = obj.data.shape_keys
-    if key is not None:
-        action = key.animation_data.action if key.animation_data else None
-        obj.shape_key_clear()
-        if action is not None and action.users == 0:
-            bpy.data.actions.remove(action)
-    for name in obj[MARK].splitlines():
+    if record["way"] == SHAPE_KEYS:
+        bake_shapes.clear(obj)
+    elif record["way"] == TRANSFORM:
+        bake_rigid.clear(obj, record["former"])
+    else:
+        bake_cache.clear(obj)
+    for name, viewport, render in record["slept"]:
         modifier = obj.modifiers.get(name)
         if modifier is not None:
-            modifier.show_viewport = modifier.show_render = True
+            modifier.show_viewport, modifier.show_render = viewport, render
     del obj[MARK]
     return True
+
+
+def mark_of(obj: bpy.types.Object) -> dict[str, Any] | None:
+    """How the bake that an object carries was made; None for no bake."""
+    text = obj.get(MARK)
+    if text is None:
+        return None
+    if text.startswith("{"):
+        return json.loads(text)
+    # before 0.2: the names of the sleeping modifiers, one per line
+    return {"way": SHAPE_KEYS, "stamp": "", "slept": [[name, True, True] for name in text.splitlines()]}
+
+
+def is_intact(obj: bpy.types.Object) -> bool:
+    """Whether the bake that the mark speaks of is still there: the user may have deleted keys, modifier or file."""
+    record = mark_of(obj)
+    if record is None:
+        return False
+    if record["way"] == SHAPE_KEYS:
+        return bake_shapes.is_intact(obj)
+    if record["way"] == TRANSFORM:
+        return bake_rigid.is_intact(obj)
+    return bake_cache.is_intact(obj)
+
+
+def awake_on_top(obj: bpy.types.Object) -> list[str]:
+    """Names of the modifiers that act on top of a simulated motion instead of being part of what is simulated.
+
+    These are the subdivision surfaces at the end of the stack, and on a baked object all modifiers that are awake.
+    """
+    if mark_of(obj) is not None and mark_of(obj)["way"] != TRANSFORM:
+        return [modifier.name for modifier in obj.modifiers if modifier.show_viewport and modifier.name != bake_cache.MODIFIER]
+    last = []
+    for modifier in reversed(obj.modifiers):
+        if modifier.type != "SUBSURF":
+            break
+        last.append(modifier.name)
+    return last
 
 
 def baked_copy(
@@ -100,37 +197,86 @@ def baked_copy(
     return copy
 
 
-def evaluation_time_curves(key: bpy.types.Key) -> list[bpy.types.FCurve]:
-    """The animation curves of a key's evaluation time, through layers, strips and channel bags (Blender 5 has no other way)."""
-    data = key.animation_data
-    if data is None or data.action is None:
-        return []
-    bags = [bag for layer in data.action.layers for strip in layer.strips for bag in strip.channelbags if bag.slot == data.action_slot]
-    return [curve for bag in bags for curve in bag.fcurves if curve.data_path == "eval_time"]
+# -- what can be baked, and how ---------------------------------------------------------------------------------------------------
 
 
-def _check(obj: bpy.types.Object, vertices: np.ndarray) -> None:
+def _check_motion(obj: bpy.types.Object, vertices: np.ndarray) -> None:
     if obj.type != "MESH":
         raise UsageError(f"{obj.name} is no mesh.", "Convert it to a mesh first (Object > Convert).")
+    if obj.mode == "EDIT":
+        raise UsageError(f"{obj.name} is in Edit Mode, where it can get no keyframes.", "Leave Edit Mode (Tab) and bake again.")
+    if vertices.ndim != 3 or vertices.shape[2] != 3 or vertices.shape[0] < 2:
+        raise UsageError(f"Simulated vertices have the shape {vertices.shape}.", "Expected (T + 1, V, 3) with two pictures or more.")
+    if not np.isfinite(vertices).all():
+        raise UsageError(f"The simulation of {obj.name} has vertices that are not finite.", "Simulate it again.")
+
+
+def _check_mesh(obj: bpy.types.Object, simulated: int) -> None:
+    if obj.data.library is not None or obj.data.override_library is not None:
+        raise UsageError(f"The mesh of {obj.name} is linked from another file.", "Make it local (Object > Relations), or bake to a copy.")
     if obj.data.shape_keys is not None and MARK not in obj:
         raise UsageError(f"{obj.name} has shape keys of its own.", "Bake to a copy of it, or remove its shape keys.")
     if obj.data.users > 1:
         raise UsageError(
             f"{obj.name} shares its mesh with other objects.", "Make it a single user of its mesh (Object > Relations) and bake again."
         )
-    shape = np.shape(vertices)
-    if len(shape) != 3 or shape[2] != 3 or shape[0] < 2:
-        raise UsageError(f"Simulated vertices have the shape {shape}.", "Expected (T + 1, V, 3) with two pictures or more.")
     count = len(obj.data.vertices)
-    if shape[1] != count:
+    if simulated != count:
         hint = (
             "Its modifiers change the vertices: bake to a copy instead."
             if obj.modifiers
             else "Simulate it again: its mesh has changed since."
         )
-        raise UsageError(f"{obj.name} has {count} vertices, the simulation {shape[1]}.", hint)
-    if not np.isfinite(vertices).all():
-        raise UsageError(f"The simulation of {obj.name} has vertices that are not finite.", "Simulate it again.")
+        raise UsageError(f"{obj.name} has {count} vertices, the simulation {simulated}.", hint)
+
+
+def _pictures(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the pictures to bake, and their scene frames."""
+    stride = scene.render.fps / scene.render.fps_base / plan.fps if plan.frames_follow_time else 1.0
+    frames = plan.frame_start + stride * np.arange(count)
+    if plan.frames is None:
+        return np.arange(count), frames
+    first, last = plan.frames
+    chosen = np.flatnonzero((frames >= first - 1e-6) & (frames <= last + 1e-6))
+    if len(chosen) < 2:
+        raise UsageError(
+            f"Frames {first} to {last} hold {len(chosen)} of the simulated pictures.",
+            f"Choose two or more of the frames {frames[0]:g} to {frames[-1]:g}.",
+        )
+    return chosen, frames[chosen]
+
+
+def _way(obj: bpy.types.Object, fit: bake_rigid.RigidFit, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> str:
+    obstacle = bake_rigid.obstacle(obj, mark_of(obj) or {})
+    rigid = fit.residual <= plan.rigid_tolerance * fit.size
+    if plan.way == TRANSFORM:
+        if obstacle:
+            raise UsageError(f"{obj.name} cannot have keys of location and rotation: {obstacle}.", "Bake it to shape keys.")
+        if not rigid:
+            share = 100.0 * fit.residual / max(fit.size, 1e-12)
+            raise UsageError(
+                f"{obj.name} does not stay rigid: it bends by {share:.2g} % of its size.", "Bake it to shape keys, or allow more."
+            )
+        return TRANSFORM
+    if plan.way == ALEMBIC and not bpy.app.build_options.alembic:
+        raise UsageError("This build of Blender has no Alembic.", "Bake to a point cache (PC2) instead.")
+    if plan.way in (POINT_CACHE, ALEMBIC) and plan.cache is None:
+        raise UsageError("There is no place for a point cache.", "Save the file first, or choose a folder for the take.")
+    if plan.way != AUTO:
+        return plan.way
+    if rigid and not obstacle:
+        return TRANSFORM
+    return POINT_CACHE if vertices.size * 4 > LARGE and plan.cache is not None else SHAPE_KEYS
+
+
+def _put_to_sleep(obj: bpy.types.Object, on_top: list[str]) -> list[list[Any]]:
+    """Switch off the modifiers whose effect is in the simulated motion. Returns name and former visibility of each."""
+    asleep = []
+    for modifier in obj.modifiers:
+        if modifier.show_viewport and modifier.name not in on_top:
+            asleep.append([modifier.name, modifier.show_viewport, modifier.show_render])
+            modifier.show_viewport = modifier.show_render = False
+    return asleep
 
 
 def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
@@ -145,7 +291,7 @@ def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.nda
         matrices = [obj.matrix_world.copy()] * len(vertices)
     local = np.empty_like(vertices)
     for picture, matrix in enumerate(matrices):
-        inverse = np.array(matrix.inverted())
+        inverse = np.array(matrix.inverted_safe())
         local[picture] = vertices[picture] @ inverse[:3, :3].T + inverse[:3, 3]
     return local
 
@@ -157,13 +303,3 @@ def _matrices_over_time(obj: bpy.types.Object, frames: np.ndarray, scene: bpy.ty
         matrices.append(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world.copy())
     scene.frame_set(int(before), subframe=float(before % 1.0))
     return matrices
-
-
-def _key_evaluation_time(key: bpy.types.Key, first: float, last: float) -> None:
-    """Two linear keyframes from the first shape to the last."""
-    for frame, block in ((first, key.key_blocks[0]), (last, key.key_blocks[-1])):
-        key.eval_time = block.frame
-        key.keyframe_insert("eval_time", frame=frame)
-    for curve in evaluation_time_curves(key):
-        for point in curve.keyframe_points:
-            point.interpolation = "LINEAR"

@@ -64,7 +64,7 @@ def setup_clip_scene(
     obj = _camera_object(scene)
     _set_lens(scene, obj.data, camera)
     _set_pose(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), metres_per_unit(scene), frame_start)
-    _set_background(obj.data, clip)
+    set_background(obj.data, clip)
     scene.camera = obj
     scene.frame_set(frame_start)
     return obj
@@ -95,7 +95,7 @@ def create_recovered_object(
     layer, corners = mesh.uv_layers.new(name="Picture"), np.empty(len(mesh.loops), dtype=np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
-    mesh.materials.append(_picture_material(f"{name} Picture", _image(f"{name} Picture", picture)))
+    mesh.materials.append(_picture_material(f"{name} Picture", picture_image(f"{name} Picture", picture)))
     mesh.update()
     obj = bpy.data.objects.new(name, mesh)
     (collection or scene.collection).objects.link(obj)
@@ -123,7 +123,8 @@ def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.type
         if clip.users == 0:
             bpy.data.movieclips.remove(clip)
         raise ClipError(f"{path} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
-    clip.frame_start, clip.frame_offset = frame_start, first_frame
+    # the offset stays: the user's tracks and camera solve count from it
+    clip.frame_start = frame_start - first_frame + clip.frame_offset
     return clip
 
 
@@ -166,7 +167,8 @@ def _set_pose(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start
             obj.keyframe_insert("rotation_quaternion", frame=frame_start + picture)
 
 
-def _set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
+def set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
+    """Show the clip behind everything that the camera sees, and nothing else."""
     data.background_images.clear()
     data.show_background_images = True
     background = data.background_images.new()
@@ -174,7 +176,8 @@ def _set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
     background.alpha, background.display_depth, background.frame_method = 1.0, "BACK", "STRETCH"
 
 
-def _image(name: str, picture: np.ndarray | str | Path) -> bpy.types.Image:
+def picture_image(name: str, picture: np.ndarray | str | Path) -> bpy.types.Image:
+    """Pixels (H, W, 3) uint8 RGB as an image packed into the file, or the image of a path."""
     if not isinstance(picture, np.ndarray):
         return bpy.data.images.load(str(Path(picture).resolve()), check_existing=True)
     height, width = picture.shape[:2]

@@ -1,7 +1,7 @@
 """`blender --command seeing_wind VERB ...`: the worker's verbs and options, unchanged, with Blender's scene on top.
 
-`recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`. Exit codes are the worker's: 0 done, 1 failed, 2 wrong
-usage, 130 cancelled.
+`recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`; `batch JOBS.toml` does many of them, see `batch`. Exit
+codes are the worker's: 0 done, 1 failed, 2 wrong usage, 130 cancelled.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 import bpy
 
 from ..engine.errors import SeeingWindError, UsageError
-from . import job, results, worker_calls
+from . import batch, composite, job, results, worker_calls
 from .console import Console
 from .engine_environment import engine_python
 
@@ -25,7 +25,8 @@ USAGE = f"""usage: blender --command {NAME} VERB ...
 
 verbs: {", ".join(VERBS)}
 Each takes the options of `python -m seeing_wind.engine VERB`; see `blender --command {NAME} VERB --help`.
-{", ".join(SAVES)} also take --save FILE.blend."""
+{", ".join(SAVES)} also take --save FILE.blend.
+batch JOBS.toml [--again] does many clips and edits; what is done already is not done again."""
 
 
 def main(argv: list[str]) -> int:
@@ -35,6 +36,8 @@ def main(argv: list[str]) -> int:
         return 0 if argv else 2
     console = Console()
     try:
+        if argv[0] == "batch":
+            return _batch(argv[1:], console)
         verb, options, save = _split(argv)
         python = engine_python()
         if "-h" in options or "--help" in options:
@@ -46,6 +49,36 @@ def main(argv: list[str]) -> int:
     except SeeingWindError as error:
         console.show({"type": "error", "message": error.message, "hint": error.hint})
         return error.exit_code
+
+
+def _batch(options: list[str], console: Console) -> int:
+    """All jobs of a file.
+
+    Raises:
+        UsageError: for wrong options, or a file that is none.
+    """
+    words = [word for word in options if word != "--again"]
+    if len(words) != 1 or words[0].startswith("-"):
+        raise UsageError("batch takes one file of jobs.", f"blender --command {NAME} batch JOBS.toml [--again]")
+    python = engine_python()
+    return batch.run(Path(words[0]), lambda each: _job(python, each, console), lambda line: print(line, flush=True), "--again" in options)
+
+
+def _job(python: str, each: batch.Job, console: Console) -> int:
+    """One job of a batch; returns its exit code."""
+    code = _run(python, "recover", each.recover_options(), console) if each.clip is not None else 0
+    if code == 0 and each.edit is not None:
+        code = _run(python, "resimulate", each.resimulate_options(), console)
+    if code == 0 and (each.save is not None or each.render is not None):
+        code = _build(python, each.take, str(each.clip or ""), each.edit_take, console)
+    if code:
+        return code
+    if each.save is not None:
+        _save_file(str(each.save))
+    if each.render is not None:
+        composite.set_up(bpy.context.scene)
+        composite.render(bpy.context.scene, each.render)
+    return 0
 
 
 def _split(argv: list[str]) -> tuple[str, list[str], str]:
@@ -82,6 +115,15 @@ def _save(python: str, verb: str, options: list[str], save: str, console: Consol
     take = Path(_value(options, "--take")).resolve()
     # The folder of the recovered field is the verb's own argument where --take names the re-simulation.
     source = Path(options[0]).resolve() if verb == "resimulate" else take
+    clip = str(Path(options[0]).resolve()) if verb == "recover" else ""
+    code = _build(python, source, clip, take if verb == "resimulate" else None, console)
+    if code == 0:
+        _save_file(save)
+    return code
+
+
+def _build(python: str, source: Path, clip: str, edit: Path | None, console: Console) -> int:
+    """An empty file with the results of a take, and of a re-simulation; returns the exit code."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     if not hasattr(scene, "seeing_wind"):  # factory settings switch extensions off
@@ -91,15 +133,20 @@ def _save(python: str, verb: str, options: list[str], save: str, console: Consol
     settings = scene.seeing_wind
     last = job.wait(results.sampling(python, source, settings.field_resolution), console.show)
     if last["outcome"] != "done":
-        return 1
-    results.build(scene, source, str(Path(options[0]).resolve()) if verb == "recover" else "")
+        return job.CANCELLED if last["outcome"] == "cancelled" else 1
+    results.build(scene, source, clip)
     settings.recovered_take, settings.recovered_digest = str(source), "loaded"
-    if verb == "resimulate":
-        settings.simulated_take, settings.simulated_digest = str(take), "loaded"
-        results.import_bodies(scene, take, settings.frame_start)
-    bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(save))
-    print(f"Saved {os.path.abspath(save)}", flush=True)
+    if edit is not None:
+        settings.simulated_take, settings.simulated_digest = str(edit), "loaded"
+        results.import_bodies(scene, edit, settings.frame_start)
     return 0
+
+
+def _save_file(save: str) -> None:
+    path = os.path.abspath(save)
+    os.makedirs(os.path.dirname(path), exist_ok=True)
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    print(f"Saved {path}", flush=True)
 
 
 def _value(options: list[str], name: str) -> str:

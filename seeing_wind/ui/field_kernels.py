@@ -34,6 +34,31 @@ def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
+def lattice_counts(nodes: np.ndarray) -> tuple[int, int, int]:
+    """Nodes along x, y, z of a full lattice (M, 3) as `lattice` makes it, z fastest.
+
+    Raises:
+        ValueError: when the nodes are no such lattice.
+    """
+    axes = [np.unique(np.round(nodes[:, k], 9)) for k in range(3)]
+    full = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    if full.shape != np.shape(nodes) or not np.allclose(full, nodes, atol=1e-6 * max(1e-9, float(np.ptp(nodes, axis=0).max()))):
+        raise ValueError("the nodes do not fill a lattice")
+    return len(axes[0]), len(axes[1]), len(axes[2])
+
+
+def halved(counts: tuple[int, int, int], values: np.ndarray) -> np.ndarray:
+    """Values (T, M, C) on a lattice -> (T, M', C) with a node more in the middle of every edge, face and cell, by linear interpolation."""
+    grid = values.reshape(len(values), *counts, values.shape[-1])
+    for axis in (1, 2, 3):
+        n = grid.shape[axis]
+        before, after = np.take(grid, range(n - 1), axis), np.take(grid, range(1, n), axis)
+        woven = np.stack([before, 0.5 * (before + after)], axis=axis + 1)
+        woven = woven.reshape(*grid.shape[:axis], 2 * n - 2, *grid.shape[axis + 1 :])
+        grid = np.concatenate([woven, np.take(grid, [n - 1], axis)], axis=axis)
+    return grid.reshape(len(values), -1, values.shape[-1])
+
+
 def choose_power(nodes: np.ndarray) -> float:
     """The falloff power that suits the size of a set of nodes (M, 3): 0.5 at a half-size of 1 m, 5 at 0.1 m.
 

@@ -5,10 +5,8 @@ A mesh of vertices only with a WIND field of shape *Every Point*: two vertices p
 directions, so the field changes with time without handlers or keyframes, follows the object when it is moved or turned, and is saved
 with the file.
 
-What a native solver feels. Blender knows no force density, so the object is calibrated for matter of one cubic metre: a particle of
-mass m kg and density rho kg/m³ has the volume m / rho, and with the effector weight m / rho feels the force f m / rho, hence the
-acceleration f / rho whatever its mass. `calibrate_particles` sets that weight. Particles count a frame as 0.04 s whatever the scene's
-frame rate, until their time step is set to the clip's; it sets that too.
+What a native solver feels of it depends on the solver; `field_calibration` sets each object's weights so that matter of density rho
+accelerates by f / rho. For Geometry Nodes, `field_samples` keeps the field's values in a hidden child.
 """
 
 from __future__ import annotations
@@ -19,7 +17,8 @@ import bpy
 import numpy as np
 
 from ..engine.errors import UsageError
-from .field_kernels import choose_power, fit_nodes, paired_directions
+from .field_kernels import choose_power, evaluate, fit_nodes, halved, lattice_counts, paired_directions
+from .field_samples import create_samples, sample_wind_group
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 from .units import metres_per_unit
 
@@ -30,8 +29,8 @@ SOLVER_DELAY = 1
 """Blender's solvers step *to* a frame with the effectors as they are *at* that frame, and the recovered force is held from picture t to
 picture t + 1: so the force of interval t must stand at the scene frame of picture t + 1."""
 
-WEIGHT_LIMIT = 200.0
-"""Largest effector weight that Blender takes."""
+DENSE = 7
+"""A lattice of fewer nodes than this per side is halved for Geometry Nodes, which interpolate linearly between the values."""
 
 
 def create_field_object(
@@ -45,6 +44,7 @@ def create_field_object(
     frame_start: int = 1,
     probes: np.ndarray | None = None,
     probe_vectors: np.ndarray | None = None,
+    confidence: np.ndarray | None = None,
     take: str | Path = "",
     collection: bpy.types.Collection | None = None,
 ) -> bpy.types.Object:
@@ -52,13 +52,14 @@ def create_field_object(
 
     Args:
         scene: its length unit is respected.
-        nodes: (M, 3) where the sources stand [m, world], as `field_kernels.lattice` gives them.
+        nodes: (M, 3) where the sources stand [m, world], a lattice as `field_kernels.lattice` gives them.
         vectors: (T, M, 3) the field there [N/m³]; row t acts from picture t to picture t + 1.
         fps: frames per second of the clip; one scene frame is one picture.
-        density: of the recovered material [kg/m³], the default of `calibrate_particles`.
+        density: of the recovered material [kg/m³], the default of a calibration.
         frame_start: scene frame of picture 0.
         probes: (P, 3) further places [m] where the field is known, for a better fit between the nodes.
         probe_vectors: (T, P, 3) [N/m³].
+        confidence: (T, M) in 0..1 at the nodes, for Geometry Nodes; None: all are sure.
         take: folder of the take, kept on the object.
         collection: where to link it, by default the scene's own collection.
 
@@ -69,7 +70,7 @@ def create_field_object(
     Raises:
         UsageError: when arrays do not agree, are not finite, or a number is out of range.
     """
-    _check(nodes, vectors, fps, density, probes, probe_vectors)
+    counts = _check(nodes, vectors, fps, density, probes, probe_vectors)
     unit = metres_per_unit(scene)
     nodes, points, samples = np.asarray(nodes, dtype=np.float64) / unit, np.asarray(nodes, dtype=np.float64) / unit, np.asarray(vectors)
     if probes is not None and probe_vectors is not None:
@@ -97,55 +98,25 @@ def create_field_object(
         "frame_start": frame_start,
         "frames": len(sources),
         "units": "N/m3",
+        "strength": strength,
     }
     for key, value in properties.items():
         obj[f"seeing_wind_{key}"] = value
+    sure = np.ones((len(samples), len(nodes), 1)) if confidence is None else np.asarray(confidence)[..., None]
+    places = nodes - centre
+    if max(counts) <= DENSE:
+        places, sure = halved(counts, places[None])[0], halved(counts, sure)
+        counts = (2 * counts[0] - 1, 2 * counts[1] - 1, 2 * counts[2] - 1)
+    values = evaluate(nodes, sources, places + centre, power)
+    samples = create_samples(scene, obj, counts, places, values, sure[..., 0], frame_start, SOLVER_DELAY)
+    sample_wind_group(samples, density)
     return obj
-
-
-def calibrate_particles(
-    settings: bpy.types.ParticleSettings,
-    field: bpy.types.Object,
-    *,
-    mass: float | None = None,
-    density: float | None = None,
-    alone: bool = False,
-) -> None:
-    """Let a particle system feel a field object as matter of a density: every particle accelerates by f / density [m/s²].
-
-    Args:
-        settings: changed: mass, the weight of WIND effectors, the time step (one frame = one picture of the clip).
-        field: made by `create_field_object`.
-        mass: of a particle [kg]; None keeps the present one. It does not change the acceleration.
-        density: [kg/m³]; None takes that of the recovered material.
-        alone: feel no effector but those in the field object's collection.
-
-    Raises:
-        UsageError: when `field` is no field object, or the volume mass / density is beyond Blender's weights.
-    """
-    if "seeing_wind_density" not in field:
-        raise UsageError(f"{field.name} is no recovered force field.", "Choose the object that Recover made.")
-    density = field["seeing_wind_density"] if density is None else density
-    if mass is not None:
-        settings.mass = mass
-    weight = settings.mass / density
-    if not 0.0 < weight <= WEIGHT_LIMIT:
-        raise UsageError(
-            f"A particle of {settings.mass:g} kg at {density:g} kg/m³ has {weight:g} m³, Blender takes up to {WEIGHT_LIMIT:g}.",
-            "Give a smaller mass.",
-        )
-    settings.physics_type = "NEWTON"
-    settings.use_multiply_size_mass = False
-    settings.timestep = 1.0 / field["seeing_wind_fps"]
-    settings.effector_weights.all = 1.0
-    settings.effector_weights.wind = weight
-    if alone:
-        settings.effector_weights.collection = field.users_collection[0]
 
 
 def _check(
     nodes: np.ndarray, vectors: np.ndarray, fps: float, density: float, probes: np.ndarray | None, probe_vectors: np.ndarray | None
-) -> None:
+) -> tuple[int, int, int]:
+    """Refuse arrays that do not agree; returns the lattice's counts."""
     shape = np.shape(vectors)
     if len(shape) != 3 or shape[0] < 1 or shape[1] < 2 or shape[1:] != np.shape(nodes):
         raise UsageError(
@@ -157,6 +128,10 @@ def _check(
         raise UsageError("The sampled field is not finite everywhere.", "Recover it again.")
     if not (fps > 0.0 and density > 0.0):
         raise UsageError(f"Frame rate {fps:g} and density {density:g} must be above zero.", "Correct the settings of the take.")
+    try:
+        return lattice_counts(np.asarray(nodes, dtype=np.float64))
+    except ValueError as error:
+        raise UsageError("The nodes do not fill a lattice.", "Use nodes as `field_kernels.lattice` gives them.") from error
 
 
 def _mesh(name: str, nodes: np.ndarray, directions: np.ndarray) -> bpy.types.Mesh:

@@ -6,34 +6,45 @@ import hashlib
 import os
 
 import bpy
+import numpy as np
 from bpy.app.handlers import persistent
 
 from ..engine.errors import SeeingWindError
-from . import status, worker_calls
+from . import bodies, native, status, worker_calls
+from .animation import keyframes
+from .bake import mark_of
+from .units import metres_per_unit
 
 
 def recover_digest(scene: bpy.types.Scene) -> str:
     """Of everything that `recover` depends on. Raises as `worker_calls.recover_options` does."""
     options = worker_calls.recover_options(scene)
-    files = [os.stat(option) for option in options if os.path.isabs(option) and os.path.isfile(option)]
-    return _digest(options, [(entry.st_size, entry.st_mtime_ns) for entry in files])
+    # files that are made from the scene count by what they are made of
+    given = [option for option in options if os.path.isabs(option) and native.INPUTS not in option and os.path.isfile(option)]
+    files = [os.stat(option) for option in given]
+    return _digest(options, [(entry.st_size, entry.st_mtime_ns) for entry in files], native.stamp(scene))
 
 
 def edit_digest(scene: bpy.types.Scene) -> str:
     """Of everything that `resimulate` depends on: the field, and the bodies as they stand. "" while there are no bodies."""
     settings = scene.seeing_wind
-    bodies = [_body(body) for body in settings.bodies if body.is_recovered or body.object is not None]
-    if not bodies:
+    moved = [_body(body) for body in settings.bodies if body.is_recovered or body.object is not None]
+    if not moved:
         return ""
     gravity = tuple(settings.edit_gravity) if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode
-    return _digest(settings.recovered_digest, settings.recovered_take, bodies, settings.field_strength, gravity, settings.contact)
+    path = settings.path_from_id("field_strength")
+    strength = [curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength
+    colliders = [(each.kind, each.friction, _geometry(each.object)) for each in settings.colliders if each.object is not None]
+    floor = (settings.floor_height, settings.floor_friction) if settings.use_floor else None
+    scene_wide = (strength, gravity, settings.contact, colliders, floor, tuple(settings.offset), metres_per_unit(scene))
+    return _digest(settings.recovered_digest, settings.recovered_take, moved, *scene_wide)
 
 
 def refresh(scene: bpy.types.Scene) -> None:
     """Bring the status of `scene` up to date with its settings."""
     settings, now = scene.seeing_wind, status.of(scene.session_uid)
     _attempt(now, "clip", lambda: worker_calls.clip_options(settings), bool(settings.clip))
-    _attempt(now, "object", lambda: worker_calls.object_options(settings), any(settings.box) or bool(settings.mask))
+    _attempt(now, "object", lambda: worker_calls.object_options(settings), any(settings.box) or settings.object_mode != "BOX")
     try:
         recover = recover_digest(scene)
     except SeeingWindError:
@@ -42,7 +53,7 @@ def refresh(scene: bpy.types.Scene) -> None:
     status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))
     status.derive(now, "resimulate", edit, settings.simulated_digest)
-    status.derive(now, "bake", edit, settings.baked_digest)
+    status.derive(now, "bake", edit and edit + bodies.stamp_of_bakes(scene), settings.baked_digest)
 
 
 def refresh_all() -> None:
@@ -67,12 +78,52 @@ def _count(settings: bpy.types.PropertyGroup) -> str:
 
 
 def _body(body: bpy.types.PropertyGroup) -> tuple:
-    shape = ()
-    if body.object is not None and body.object.type == "MESH":
-        rest = [round(value, 5) for row in body.object.matrix_world for value in row]
-        shape = (body.object.session_uid, len(body.object.data.vertices), tuple(rest))
-    numbers = (body.mass_scale, body.start_frame, body.use_density and body.density, body.use_youngs_modulus and body.youngs_modulus)
-    return (body.is_recovered, shape, body.material, *numbers, body.pin_group, tuple(body.velocity) if body.use_velocity else None)
+    overrides = [getattr(body, f"use_{name}") and getattr(body, name) for name in ("density", "mass", "youngs_modulus")]
+    numbers = (body.mass_scale, body.stiffness_scale, body.start_frame, *overrides)
+    velocity = tuple(body.velocity) if body.use_velocity else None
+    held = (body.pin_group, body.is_recovered and body.free_mode, body.free_group)
+    weights = _weights(body.object, body.pin_group) if body.object is not None and body.pin_group else ""
+    return (body.is_recovered, _geometry(body.object), body.material, numbers, held, weights, velocity)
+
+
+def _geometry(obj: bpy.types.Object | None) -> tuple:
+    """Shape and place of a mesh object before any bake: neither playing a bake nor scrubbing changes it."""
+    if obj is None or obj.type != "MESH":
+        return ()
+    mark = mark_of(obj)
+    if mark is not None and mark["way"] == "TRANSFORM":
+        place = mark["former"]["world"]
+    elif obj.animation_data is not None and obj.animation_data.action is not None:
+        place = keyframes(obj)
+    else:
+        place = obj.matrix_world
+    flat = [round(value, 5) for row in place for value in row] if place and not isinstance(place[0], tuple) else place
+    return (obj.session_uid, len(obj.data.vertices), _once(obj, "", lambda: _coordinates(obj.data)), flat)
+
+
+def _weights(obj: bpy.types.Object, group: str) -> str:
+    """Of the weights of a vertex group."""
+    found = obj.vertex_groups.get(group)
+    if found is None:
+        return ""
+    return _once(obj, group, lambda: _digest([(v.index, g.weight) for v in obj.data.vertices for g in v.groups if g.group == found.index]))
+
+
+def _coordinates(mesh: bpy.types.Mesh) -> str:
+    flat = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.vertices.foreach_get("co", flat)
+    return hashlib.sha256(flat.tobytes()).hexdigest()[:16]
+
+
+_known: dict[tuple[int, str], str] = {}
+"""Digests of meshes and weights, by session id: computed once, and again after Blender said that the mesh has changed."""
+
+
+def _once(obj: bpy.types.Object, what: str, compute) -> str:
+    key = (obj.data.session_uid, what)
+    if key not in _known:
+        _known[key] = compute()
+    return _known[key]
 
 
 def _digest(*parts: object) -> str:
@@ -84,19 +135,23 @@ def _digest(*parts: object) -> str:
 
 @persistent
 def _after_undo(*_: object) -> None:
+    _known.clear()
     refresh_all()
 
 
 @persistent
 def _after_load(*_: object) -> None:
     status.forget_all()
+    _known.clear()
     refresh_all()
 
 
 @persistent
-def _after_edit(scene: bpy.types.Scene, *_: object) -> None:
+def _after_edit(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None, *_: object) -> None:
     # Moving or deleting an inserted object changes no property of ours.
     if len(scene.seeing_wind.bodies):
+        if depsgraph is None or any(update.is_updated_geometry for update in depsgraph.updates):
+            _known.clear()
         refresh(scene)
 
 

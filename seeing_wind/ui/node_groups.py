@@ -12,23 +12,31 @@ import bpy
 
 
 class GroupBuilder:
-    """A new geometry node group with a geometry input and output. `node` adds a node, `link` its inputs."""
+    """A new geometry node group. `node` adds a node and links its inputs. A modifier's group has a geometry input and output."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, modifier: bool = True) -> None:
         self.tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
-        self.tree.is_modifier = True
-        self.tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-        self.tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+        self.tree.is_modifier = modifier
+        if modifier:
+            self.tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+            self.tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
         self.input = self.tree.nodes.new("NodeGroupInput")
         self.output = self.tree.nodes.new("NodeGroupOutput")
 
-    def parameter(self, name: str, kind: str, default: float | int | bool, description: str, minimum: float | None = None) -> Any:
-        """A setting shown in the modifier; returns its socket. `kind` is Float or Int."""
+    def parameter(self, name: str, kind: str, default: Any, description: str, minimum: float | None = None) -> Any:
+        """A setting shown in the modifier; returns its socket. `kind` is Float, Int, Bool, Vector or Object; None keeps its own default."""
         socket = self.tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
-        socket.default_value, socket.description = default, description
+        socket.description = description
+        if default is not None:
+            socket.default_value = default
         if minimum is not None:
             socket.min_value = minimum
         return self.input.outputs[name]
+
+    def result(self, name: str, kind: str, value: Any, description: str) -> None:
+        """An output of a group that is no modifier."""
+        self.tree.interface.new_socket(name, in_out="OUTPUT", socket_type=f"NodeSocket{kind}").description = description
+        self.tree.links.new(value, self.output.inputs[name])
 
     def node(self, kind: str, inputs: dict[int | str, Any] | None = None, **properties: Any) -> Any:
         """A node of type `kind` with its properties; `inputs` maps sockets to a value or to the output socket to link."""
@@ -46,13 +54,40 @@ class GroupBuilder:
         """Output socket of a math node."""
         return self.node("ShaderNodeMath", dict(enumerate(values)), operation=operation).outputs[0]
 
+    def vector(self, operation: str, *values: Any) -> Any:
+        """Output socket of a vector math node; its number for DOT_PRODUCT, LENGTH and DISTANCE."""
+        node = self.node("ShaderNodeVectorMath", dict(enumerate(values)), operation=operation)
+        return node.outputs["Value" if operation in ("DOT_PRODUCT", "LENGTH", "DISTANCE") else "Vector"]
+
+    def scaled(self, vector: Any, factor: Any) -> Any:
+        """Output socket of a vector times a number."""
+        return self.node("ShaderNodeVectorMath", {0: vector, "Scale": factor}, operation="SCALE").outputs["Vector"]
+
+    def split(self, vector: Any) -> list[Any]:
+        """Output sockets of the components."""
+        return list(self.node("ShaderNodeSeparateXYZ", {0: vector}).outputs)
+
+    def driven(self, name: str, obj: bpy.types.Object, path: str, expression: str, start: float) -> Any:
+        """Output socket of a number that follows a property of an object; `expression` calls it `value`.
+
+        Only arithmetic may stand in the expression: then Blender needs no leave to run scripts.
+        """
+        node = self.node("ShaderNodeValue", name=name, label=name)
+        node.outputs[0].default_value = start
+        driver = node.outputs[0].driver_add("default_value").driver
+        variable = driver.variables.new()
+        variable.name, variable.targets[0].id, variable.targets[0].data_path = "value", obj, path
+        driver.expression = expression
+        return node.outputs[0]
+
     def attribute(self, name: str, kind: str = "FLOAT") -> Any:
         """Output socket of a named attribute; `kind` is FLOAT or FLOAT_VECTOR."""
         return self.node("GeometryNodeInputNamedAttribute", {"Name": name}, data_type=kind).outputs["Attribute"]
 
-    def finish(self, geometry: Any) -> bpy.types.NodeTree:
-        """Link the result, lay the nodes out from left to right, and return the group."""
-        self.tree.links.new(geometry, self.output.inputs[0])
+    def finish(self, geometry: Any = None) -> bpy.types.NodeTree:
+        """Link the resulting geometry, if it is a modifier's; lay the nodes out from left to right, and return the group."""
+        if geometry is not None:
+            self.tree.links.new(geometry, self.output.inputs[0])
         for column, node in enumerate([self.input, *(n for n in self.tree.nodes if n not in (self.input, self.output)), self.output]):
             node.location = (180 * (column // 2), -220 * (column % 2))
         return self.tree
@@ -85,3 +120,41 @@ def set_up_modifier(obj: bpy.types.Object, tree: bpy.types.NodeTree) -> bpy.type
     modifier = obj.modifiers.new(tree.name, "NODES")
     modifier.node_group = tree
     return modifier
+
+
+def modifier_input(modifier: bpy.types.Modifier, name: str) -> tuple[Any, str] | None:
+    """Where a Geometry Nodes modifier keeps the value of an input: owner and path of the property, as `layout.prop` takes them.
+
+    Up to Blender 5.1 that is a custom property of the modifier, from 5.2 a property of its own. None when there is no such input.
+    """
+    tree = modifier.node_group
+    items = tree.interface.items_tree if tree is not None else ()
+    found = [item.identifier for item in items if item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == name]
+    if not found:
+        return None
+    # of inputs of one name (a switch and its value) the last one is meant
+    if hasattr(modifier, "properties"):
+        return getattr(modifier.properties.inputs, found[-1]), "value"
+    return modifier, f'["{found[-1]}"]'
+
+
+def get_input(modifier: bpy.types.Modifier, name: str) -> Any:
+    """The value of a Geometry Nodes modifier's input; None when there is no such input, or it is empty."""
+    place = modifier_input(modifier, name)
+    if place is None:
+        return None
+    owner, path = place
+    return owner.get(path[2:-2]) if path.startswith("[") else owner.value
+
+
+def set_input(modifier: bpy.types.Modifier, name: str, value: Any) -> None:
+    """Change a Geometry Nodes modifier's input; KeyError when there is none."""
+    place = modifier_input(modifier, name)
+    if place is None:
+        raise KeyError(name)
+    owner, path = place
+    if path.startswith("["):
+        owner[path[2:-2]] = value
+    else:
+        owner.value = value
+    modifier.id_data.update_tag()

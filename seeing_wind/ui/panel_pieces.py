@@ -93,3 +93,12 @@ def draw_engine(layout, context) -> None:
         draw_text(layout, context, job.message)
     if status.engine.problem is not None:
         draw_failure(layout, context, status.engine.problem)
+
+
+def draw_override(column, settings, name: str) -> None:
+    """A tick and a number that replaces the preset's."""
+    row = column.row(heading=settings.bl_rna.properties[name].name)
+    row.prop(settings, f"use_{name}", text="")
+    sub = row.row()
+    sub.enabled = getattr(settings, f"use_{name}")
+    sub.prop(settings, name, text="")

@@ -3,7 +3,9 @@
 import bpy
 
 from . import status
-from .panel_pieces import ICONS, draw_engine, draw_failure, draw_job
+from .panel_clip import draw_material, draw_object
+from .panel_edit import LISTS, draw_bake, draw_bodies, draw_body, draw_edits, draw_surroundings
+from .panel_pieces import ICONS, draw_engine, draw_failure, draw_job, draw_override
 from .status import State
 
 CATEGORY = "Seeing Wind"
@@ -43,6 +45,9 @@ class ClipTab(Tab):
         """The engine's state comes first: without one nothing works."""
         if status.engine.problem is not None or "engine" in status.of(context.scene.session_uid).steps:
             draw_engine(self.layout, context)
+        row = self.layout.row(align=True)
+        row.operator("seeing_wind.choose_clip", text="Choose Clip", icon="FILE_MOVIE")
+        row.operator("seeing_wind.choose_clip", text="Active Clip", icon="TRACKER").active = True
         column, settings = self.columns()
         column.prop(settings, "clip")
         column.prop(settings, "fps")
@@ -53,7 +58,9 @@ class ClipTab(Tab):
         sub.prop(settings, "frames", index=0, text="")
         sub.prop(settings, "frames", index=1, text="")
         column.prop(settings, "camera_mode")
-        column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
+        if settings.camera_mode in ("AUTO", "FOV", "JSON"):
+            column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
+        column.prop(settings, "frame_start")
         step = status.of(context.scene.session_uid).steps["clip"]
         if step.state == State.FAILED:
             draw_failure(self.layout, context, step)
@@ -68,18 +75,15 @@ class ObjectTab(Tab):
     def draw(self, context):
         """Box or mask, distance or scale, material."""
         column, settings = self.columns()
-        row = column.row()
-        row.prop(settings, "object_mode", expand=True)
-        if settings.object_mode == "MASK":
-            column.prop(settings, "mask")
-        else:
-            sub = column.column(align=True)
-            for index, text in enumerate(("Box Left (px)", "Top", "Right", "Bottom")):
-                sub.prop(settings, "box", index=index, text=text)
+        draw_object(column, settings)
         column.separator()
         column.prop(settings, "scale_mode")
-        column.prop(settings, "pixels_per_metre" if settings.scale_mode == "PIXELS" else "distance")
+        if settings.scale_mode == "PROXY" or settings.object_mode == "PROXY":
+            column.prop(settings, "proxy")
+        else:
+            column.prop(settings, "pixels_per_metre" if settings.scale_mode == "PIXELS" else "distance")
         column.prop(settings, "material")
+        draw_material(column, settings)
         for name in ("density", "youngs_modulus", "thickness"):
             draw_override(column, settings, name)
         column.prop(settings, "pin")
@@ -119,23 +123,13 @@ class EditTab(Tab):
     def draw(self, context):
         """The list of bodies and the active one's settings."""
         settings = context.scene.seeing_wind
-        row = self.layout.row()
-        row.template_list("SEEING_WIND_UL_bodies", self.bl_space_type, settings, "bodies", settings, "active_body", rows=3)
-        buttons = row.column(align=True)
-        buttons.operator("seeing_wind.insert_mesh", text="", icon="ADD")
-        buttons.operator("seeing_wind.remove_body", text="", icon="REMOVE")
-        sub = self.layout.row()
-        sub.enabled = settings.recovered_object is not None
-        sub.operator("seeing_wind.insert_mesh", text="Insert Recovered Object", icon="OUTLINER_OB_MESH").recovered = True
+        draw_edits(self.layout, settings, self.bl_space_type)
+        draw_bodies(self.layout, settings, self.bl_space_type)
         column, settings = self.columns()
         if settings.active_body < len(settings.bodies):
             draw_body(column, settings.bodies[settings.active_body], settings)
         column.separator()
-        column.prop(settings, "field_strength")
-        column.prop(settings, "edit_gravity_mode")
-        if settings.edit_gravity_mode == "CUSTOM":
-            column.prop(settings, "edit_gravity")
-        column.prop(settings, "contact")
+        draw_surroundings(column, settings, self.bl_space_type)
 
 
 class ResimulateTab(Tab):
@@ -158,51 +152,12 @@ class BakeTab(Tab):
     step = "bake"
 
     def draw(self, context):
-        """Go."""
-        ready = bool(context.scene.seeing_wind.simulated_take)
+        """How, which frames, go."""
+        column, settings = self.columns()
+        draw_bake(column, settings)
+        ready = bool(settings.simulated_take)
         draw_job(self.layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", ready)
-
-
-def draw_override(column, settings, name: str) -> None:
-    """A tick and a number that replaces the preset's."""
-    row = column.row(heading=settings.bl_rna.properties[name].name)
-    row.prop(settings, f"use_{name}", text="")
-    sub = row.row()
-    sub.enabled = getattr(settings, f"use_{name}")
-    sub.prop(settings, name, text="")
-
-
-def draw_body(column, body, settings) -> None:
-    """The settings of one body."""
-    if not body.is_recovered:
-        column.prop(body, "object")
-        column.prop(body, "material")
-    obj = settings.recovered_object if body.is_recovered else body.object
-    column.prop(body, "mass_scale")
-    if obj is not None:
-        column.prop_search(body, "pin_group", obj, "vertex_groups", text="Pinned")
-    for name in ("density", "youngs_modulus"):
-        draw_override(column, body, name)
-    column.prop(body, "use_velocity")
-    if body.use_velocity:
-        column.prop(body, "velocity")
-    column.prop(body, "start_frame")
-
-
-class SEEING_WIND_UL_bodies(bpy.types.UIList):
-    """The bodies of the edit."""
-
-    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
-        """Name, mass and pins at a glance; an object that is gone says so."""
-        gone = not item.is_recovered and item.object is None
-        row = layout.row()
-        row.alert = gone
-        name = item.name if item.object is None else item.object.name
-        row.label(text=f"{name} (gone)" if gone else name, icon="ERROR" if gone else "MESH_DATA")
-        if item.pin_group:
-            row.label(text="", icon="PINNED")
-        if item.mass_scale != 1.0:
-            row.label(text=f"x {item.mass_scale:g}")
+        self.layout.operator("seeing_wind.clear_bake", icon="X")
 
 
 class SEEING_WIND_OT_open_preferences(bpy.types.Operator):
@@ -236,4 +191,4 @@ def _panel(space: str, tab: type, order: int) -> type:
 
 PANELS = tuple(_panel(space, tab, order) for space in ("VIEW_3D", "CLIP_EDITOR") for order, tab in enumerate(TABS))
 
-CLASSES = (SEEING_WIND_UL_bodies, SEEING_WIND_OT_open_preferences, *PANELS)
+CLASSES = (*LISTS, SEEING_WIND_OT_open_preferences, *PANELS)

@@ -19,7 +19,7 @@ from bpy.props import (
 from ..engine.conventions import DEFAULT_FOV_DEGREES, GRAVITY
 from ..engine.materials import MATERIALS
 from ..engine.settings import BuildSettings, RecoverSettings
-from . import freshness
+from . import edits, freshness
 
 KEPT = {"SKIP_SAVE"}
 """An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
@@ -33,6 +33,20 @@ MATERIAL_ITEMS = [
         f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}",
     )
     for name, m in MATERIALS.items()
+]
+
+WAYS = [
+    ("AUTO", "Automatic", "Location and rotation for bodies that stay rigid, a point cache for very large ones, else shape keys"),
+    ("SHAPE_KEYS", "Shape Keys", "One absolute shape key per picture, and keys of the evaluation time"),
+    ("TRANSFORM", "Location and Rotation", "Keys of the object's place; only for bodies that stay rigid"),
+    ("POINT_CACHE", "Point Cache (PC2)", "A file beside the take that the Mesh Cache modifier plays; for large meshes"),
+    ("ALEMBIC", "Alembic", "A file that other programs read too, where this Blender has Alembic"),
+]
+
+KINDS = [
+    ("SEPARATE", "Slide and Part", "Bodies slide on it with friction and may lift off"),
+    ("SLIP", "Slide", "Bodies slide on it with friction and never lift off"),
+    ("STICKY", "Stick", "What touches it stays"),
 ]
 
 IMPLIED = {
@@ -65,8 +79,8 @@ def _file(name: str, description: str) -> object:
     return StringProperty(name=name, description=description, subtype="FILE_PATH", options=PATH, update=_changed)
 
 
-def _number(name: str, default: float, description: str, **limits: float) -> object:
-    return FloatProperty(name=name, default=default, description=description, options=KEPT, update=_changed, **limits)
+def _number(name: str, default: float, description: str, options: set = KEPT, **limits: float) -> object:
+    return FloatProperty(name=name, default=default, description=description, options=options, update=_changed, **limits)
 
 
 def _toggle(name: str, description: str) -> object:
@@ -95,24 +109,33 @@ class ClipOptions:
 
     object_mode: _choice("Object", "How the object is marked in the first picture", [
         ("BOX", "Box", "A box round the object, in pixels"),
-        ("MASK", "Mask", "A PNG of the first picture, non-zero where the object is"),
+        ("BLENDER_MASK", "Blender Mask", "A mask drawn in the Movie Clip or Image Editor"),
+        ("PLANE", "Plane Track", "The inside of the clip's active plane track in the first picture"),
+        ("PROXY", "Proxy Mesh", "The outline of the proxy mesh as the camera sees it"),
+        ("MASK", "Mask File", "A PNG of the first picture, non-zero where the object is"),
     ])  # fmt: skip
     box: FloatVectorProperty(
         name="Box (px)", size=4, default=(0.0, 0.0, 0.0, 0.0), min=0.0, precision=0, step=100, options=KEPT, update=_changed,
         description="Left, top, right, bottom in pixels of the first picture, the origin at its top left",
     )  # fmt: skip
     mask: _file("Mask", "PNG of the first picture, non-zero where the object is")
+    use_tracks: _toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of by our own")
     pin: _file("Held Places", "Optional PNG of the first picture, non-zero where the object is held in place")
 
     scale_mode: _choice("Scale", "What gives the size of things", [
+        ("AUTO", "Automatic", "A camera solve or scene camera sees the object as far away as the world's origin; else the distance below"),
         ("DISTANCE", "Distance", "The distance from the camera to the object is known"),
         ("PIXELS", "Pixels per Metre", "The image scale in the object's plane is known"),
+        ("PROXY", "Proxy Mesh", "A mesh of the scene stands where the object is in the first picture and gives the depth of each pixel"),
     ])  # fmt: skip
     distance: _number("Distance (m)", 2.0, "Metres from the camera to the object", min=0.001, soft_max=100.0, step=10, precision=3)
     pixels_per_metre: _number(
         "Scale (px/m)", 400.0, "Pixels per metre in the object's plane", min=0.01, soft_max=10000.0, step=1000, precision=1
     )
     camera_mode: _choice("Camera", "What is known of the camera", [
+        ("AUTO", "Automatic", "The clip's camera solve if it has one, else the field of view"),
+        ("SOLVE", "Camera Solve", "The solve of the Movie Clip Editor, placed as the camera with the Camera Solver constraint is"),
+        ("SCENE", "Scene Camera", "The scene's camera, at each frame"),
         ("FOV", "Field of View", "A level camera that stands still and looks along +Y"),
         ("JSON", "File", "JSON with width height fx fy cx cy and camera_to_world"),
     ])  # fmt: skip
@@ -161,12 +184,26 @@ class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
     material: _choice("Material", "What the body is made of", MATERIAL_ITEMS, BuildSettings.material)
     use_density: _toggle("Density", "Replace the preset's density")
     density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
+    use_mass: _toggle("Mass", "Give the mass of the whole body instead of its density")
+    mass: _number("Mass (kg)", 0.1, "Kilograms of the whole body", min=1e-6, soft_max=1000.0, step=1, precision=4)
     use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
     youngs_modulus: _number("Stiffness (Pa)", 1e5, "Young's modulus in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
     mass_scale: _number(
         "Mass Factor", 1.0, "2 doubles the mass: half the acceleration in the same wind", min=0.001, soft_max=100.0, step=10, precision=3
     )
-    pin_group: StringProperty(name="Pinned", description="Vertex group whose vertices are held in place", update=_changed)
+    stiffness_scale: _number(
+        "Stiffness Factor", 1.0, "Factor on Young's modulus: 2 is twice as stiff", min=0.001, soft_max=100.0, step=10, precision=3
+    )
+    pin_group: StringProperty(
+        name="Pinned", update=_changed,
+        description="Vertex group whose vertices are held in place: weight 1 holds firmly, less draws back like a spring",
+    )  # fmt: skip
+    free_mode: _choice("Holds of the Clip", "What becomes of the places at which the object was held in the clip", [
+        ("KEEP", "Keep", "The object stays held where it was held in the clip"),
+        ("ALL", "Let Go", "Nothing holds the object any more, but for its pinned vertices"),
+        ("GROUP", "Let Go of a Group", "The vertices of a group are let go"),
+    ])  # fmt: skip
+    free_group: StringProperty(name="Freed", description="Vertex group of the vertices that are let go", update=_changed)
     use_velocity: _toggle("Velocity", "Start with a velocity of its own instead of at rest (or as recovered)")
     velocity: FloatVectorProperty(
         name="Velocity (m/s)", size=3, soft_min=-20.0, soft_max=20.0, step=10, description="At the start", update=_changed
@@ -179,12 +216,30 @@ class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
     baked_copy: PointerProperty(type=bpy.types.Object, options={"HIDDEN"}, description="Carries the motion where the object itself cannot")
 
 
-class SEEING_WIND_PG_scene(ClipOptions, bpy.types.PropertyGroup):
-    """`scene.seeing_wind`."""
+class SEEING_WIND_PG_collider(bpy.types.PropertyGroup):
+    """Something that stands in the bodies' way and is not moved by them."""
+
+    object: PointerProperty(
+        name="Object", type=bpy.types.Object, poll=_is_mesh, description="The mesh that the bodies collide with", update=_changed
+    )
+    kind: _choice("Contact", "What happens at its surface", KINDS)
+    friction: _number("Friction", 0.3, "Coulomb's coefficient: 0 is ice, 1 is rubber", min=0.0, soft_max=1.0, step=5, precision=2)
+
+
+class EditOptions:
+    """One edit: the scene has the one that is worked on, and keeps the others to compare with."""
 
     bodies: CollectionProperty(type=SEEING_WIND_PG_body)
     active_body: IntProperty(name="Active Body", default=0, min=0)
-    field_strength: _number("Field Strength", 1.0, "Factor on the recovered field", soft_min=-5.0, soft_max=5.0, step=10, precision=2)
+    colliders: CollectionProperty(type=SEEING_WIND_PG_collider)
+    active_collider: IntProperty(name="Active Collider", default=0, min=0)
+    use_floor: _toggle("Floor", "A level floor under everything")
+    floor_height: _number("Height (m)", 0.0, "Of the floor, along world Z", soft_min=-10.0, soft_max=10.0, step=1, precision=3)
+    floor_friction: _number("Friction", 0.3, "Of the floor: 0 is ice, 1 is rubber", min=0.0, soft_max=1.0, step=5, precision=2)
+    field_strength: _number(
+        "Field Strength", 1.0, "Factor on the recovered field; its keyframes count", options=KEPT | {"ANIMATABLE"},
+        soft_min=-5.0, soft_max=5.0, step=10, precision=2,
+    )  # fmt: skip
     edit_gravity_mode: _choice("Gravity", "Gravity in the re-simulation", [
         ("SAME", "As Recovered", "The gravity that Recover was given"),
         ("NONE", "None", "No gravity"),
@@ -194,6 +249,49 @@ class SEEING_WIND_PG_scene(ClipOptions, bpy.types.PropertyGroup):
         name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, update=_changed
     )
     contact: BoolProperty(name="Contact", default=False, description="Bodies push each other; off: each moves alone", update=_changed)
+    offset: FloatVectorProperty(
+        name="Offset (m)", size=3, soft_min=-10.0, soft_max=10.0, step=10, update=_changed,
+        description="Where this edit is shown, to stand beside another; it is simulated at the place that it was copied from",
+    )  # fmt: skip
+
+    edit_folder: StringProperty(options={"HIDDEN"})
+    simulated_digest: StringProperty(options={"HIDDEN"})
+    simulated_take: StringProperty(options={"HIDDEN"})
+    baked_digest: StringProperty(options={"HIDDEN"})
+
+
+class SEEING_WIND_PG_edit(EditOptions, bpy.types.PropertyGroup):
+    """An edit that is kept while another one is worked on."""
+
+
+def _switch_edit(self, context) -> None:
+    edits.switch(self)
+
+
+class SEEING_WIND_PG_scene(ClipOptions, EditOptions, bpy.types.PropertyGroup):
+    """`scene.seeing_wind`."""
+
+    mask_data: PointerProperty(
+        name="Mask Data", type=bpy.types.Mask, description="Closed splines round the object in the first picture", update=_changed
+    )
+    proxy: PointerProperty(
+        name="Proxy", type=bpy.types.Object, poll=_is_mesh, update=_changed,
+        description="A mesh that stands where the object is in the first picture, as the camera sees it",
+    )  # fmt: skip
+
+    edits: CollectionProperty(type=SEEING_WIND_PG_edit)
+    active_edit: IntProperty(name="Active Edit", default=0, min=0, update=_switch_edit)
+    loaded_edit: IntProperty(options={"HIDDEN"}, default=0, min=0, description="The edit whose settings the scene has now")
+
+    bake_way: _choice("Keyframes", "How the motion is kept", WAYS)
+    bake_use_frames: _toggle("Part of the Motion", "Bake only some of the scene's frames")
+    bake_frames: IntVectorProperty(
+        name="Frames", size=2, default=(1, 40), options=KEPT, update=_changed, description="First and last scene frame, both inclusive"
+    )
+    bake_tolerance: _number(
+        "Rigid Within (%)", 0.2, "A body counts as rigid while it bends by less than this part of its size", min=0.0, soft_max=5.0, step=10,
+        precision=2,
+    )  # fmt: skip
 
     frame_start: IntProperty(name="First Frame", default=1, description="Scene frame of the clip's first picture")
     field_resolution: IntProperty(
@@ -203,9 +301,6 @@ class SEEING_WIND_PG_scene(ClipOptions, bpy.types.PropertyGroup):
     # What was made, and with which settings: part of the file and of its undo.
     recovered_digest: StringProperty(options={"HIDDEN"})
     recovered_take: StringProperty(options={"HIDDEN"})
-    simulated_digest: StringProperty(options={"HIDDEN"})
-    simulated_take: StringProperty(options={"HIDDEN"})
-    baked_digest: StringProperty(options={"HIDDEN"})
     field_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
     arrows_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
     recovered_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
@@ -223,4 +318,4 @@ def adopt(settings: SEEING_WIND_PG_scene, arguments: bpy.types.OperatorPropertie
         setattr(settings, name, getattr(arguments, name))
 
 
-CLASSES = (SEEING_WIND_PG_body, SEEING_WIND_PG_scene)
+CLASSES = (SEEING_WIND_PG_body, SEEING_WIND_PG_collider, SEEING_WIND_PG_edit, SEEING_WIND_PG_scene)

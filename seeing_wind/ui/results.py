@@ -11,12 +11,14 @@ import numpy as np
 from ..engine.errors import TakeError
 from ..engine.records import Camera, Surface
 from ..engine.take import Take, from_arrays
-from . import job, worker_calls
-from .bake import bake_shape_keys, clear_bake
+from . import field_legend, field_samples, job, physics_nodes, worker_calls
+from .bake import bake_shape_keys
 from .clip_scene import create_recovered_object, setup_clip_scene
 from .field_arrows import create_arrows
 from .field_kernels import lattice
+from .field_legend import create_legend
 from .field_object import create_field_object
+from .units import metres_per_unit
 
 COLLECTION = "Seeing Wind"
 POINTS, SAMPLES = "blender_points.npy", "blender_samples.npz"
@@ -106,6 +108,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     body = take.read_arrays("particles.npz") if take.file("particles.npz").is_file() else {}
     seen = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
 
+    followers = physics_nodes.companions(settings.field_object)
     remove(settings)
     collection = _collection(scene)
     if seen:
@@ -115,12 +118,19 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         )
     settings.field_object = create_field_object(
         scene, "Recovered Wind", where.nodes, at_nodes, fps=field.fps, density=field.density, frame_start=settings.frame_start,
-        probes=where.probes, probe_vectors=at_probes, take=folder, collection=collection,
+        probes=where.probes, probe_vectors=at_probes, confidence=sure_nodes, take=folder, collection=collection,
     )  # fmt: skip
+    physics_nodes.follow(followers, settings.field_object)
     nodes = np.broadcast_to(where.nodes, at_nodes.shape)
     settings.arrows_object = create_arrows(
         scene, "Recovered Wind Arrows", np.concatenate([nodes, where.riding], axis=1), np.concatenate([at_nodes, at_riding], axis=1),
-        np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, collection=collection,
+        np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, parent=settings.field_object, collection=collection,
+    )  # fmt: skip
+    low, high = field.box / metres_per_unit(scene)
+    aside = low - [0.06 * (high - low).max(), 0.0, 0.0]
+    create_legend(
+        "Recovered Wind Legend", settings.arrows_object["seeing_wind_peak"], aside, 0.6 * float((high - low).max()), collection,
+        settings.field_object,
     )  # fmt: skip
     if body and seen:
         settings.recovered_object = _recovered(scene, take, body, seen["image"], field.fps, collection)
@@ -132,7 +142,12 @@ def remove(settings: bpy.types.PropertyGroup) -> None:
         obj = getattr(settings, name)
         if obj is not None:
             for child in obj.children:
-                child.parent = None
+                if any(mark in child for mark in (field_samples.MARK, field_legend.MARK)):
+                    hidden = child.data
+                    bpy.data.objects.remove(child)
+                    bpy.data.meshes.remove(hidden)
+                else:
+                    child.parent = None
             data = obj.data
             bpy.data.objects.remove(obj)
             if isinstance(data, bpy.types.Mesh) and data.users == 0:
@@ -179,44 +194,6 @@ def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
 
 
 # -- re-simulated bodies ----------------------------------------------------------------------------------------------------------
-
-
-def bake_body(scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path) -> bpy.types.Object:
-    """Give one body of the edit its simulated motion as keyframes and return the object that carries it.
-
-    A mesh keeps its object. A copy carries the motion where the object cannot: modifiers that change the number of vertices, shape keys of
-    the user's, a shared mesh, or the recovered object, whose own motion is that of the clip.
-
-    Raises:
-        TakeError: when the re-simulation has no such body.
-    """
-    from .bake import MARK, baked_copy
-
-    arrays = Take(folder).read_arrays(f"bodies/{body.result}.npz")
-    vertices, fps = arrays["vertices"], float(arrays["fps"])
-    obj = scene.seeing_wind.recovered_object if body.is_recovered else body.object
-    if obj is None:
-        raise TakeError("An object of the edit is gone.", "Take it off the list, or undo its deletion.")
-    keyed = obj.data.shape_keys is not None and MARK not in obj
-    if body.is_recovered or keyed or obj.data.users > 1 or len(obj.data.vertices) != vertices.shape[1]:
-        _remove_copy(body)
-        at = scene.frame_current
-        scene.frame_set(scene.seeing_wind.frame_start)
-        source = obj
-        obj = baked_copy(source, bpy.context.evaluated_depsgraph_get(), f"{source.name} Simulated")
-        scene.frame_set(at)
-        body.baked_copy = obj
-    bake_shape_keys(obj, vertices, scene.seeing_wind.frame_start, fps, scene)
-    return obj
-
-
-def _remove_copy(body: bpy.types.PropertyGroup) -> None:
-    if body.baked_copy is not None:
-        clear_bake(body.baked_copy)
-        data = body.baked_copy.data
-        bpy.data.objects.remove(body.baked_copy)
-        if data.users == 0:
-            bpy.data.meshes.remove(data)
 
 
 def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> list[bpy.types.Object]:

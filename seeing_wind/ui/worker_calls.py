@@ -10,6 +10,9 @@ from pathlib import Path
 import bpy
 
 from ..engine.errors import ClipError, ObjectError, UsageError
+from . import native
+from .native.clips import absolute, as_pattern
+from .units import metres_per_unit
 
 ROOT = Path(__file__).resolve().parents[2]
 """The folder that holds the package `seeing_wind`: there the worker finds it under its plain name."""
@@ -27,11 +30,6 @@ def environment() -> dict[str, str]:
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1", "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
-def absolute(path: str) -> str:
-    """A path as the user wrote it (`//` beside the .blend, `~`) as an absolute one."""
-    return os.path.abspath(os.path.expanduser(bpy.path.abspath(path)))
-
-
 def take_folder(settings: bpy.types.PropertyGroup) -> Path:
     """Where the results go: the user's choice, else CLIP.take beside the .blend, or in the temporary folder while it is unsaved."""
     if settings.take:
@@ -41,9 +39,9 @@ def take_folder(settings: bpy.types.PropertyGroup) -> Path:
     return home / f"{stem}.take"
 
 
-def edit_folder(take: Path) -> Path:
-    """Where the re-simulation of a take goes: beside it."""
-    return take.with_name(f"{take.name.removesuffix('.take')}.edit.take")
+def edit_folder(take: Path, edit: str = "") -> Path:
+    """Where the re-simulation of a take goes: beside it. `edit` names one of several."""
+    return take.with_name(f"{take.name.removesuffix('.take')}.{edit or 'edit'}.take")
 
 
 def clip_options(settings: bpy.types.PropertyGroup) -> list[str]:
@@ -57,9 +55,12 @@ def clip_options(settings: bpy.types.PropertyGroup) -> list[str]:
     path = absolute(settings.clip)
     if not os.path.isfile(path):
         raise ClipError(f"There is no file {path}.", "Choose the clip again; it may have been moved.")
-    options = [path]
+    options = [as_pattern(path)]
     if settings.fps > 0.0:
         options += ["--fps", _number(settings.fps)]
+    elif options[0] != path:  # pictures carry no rate: they play at the scene's
+        render = settings.id_data.render
+        options += ["--fps", _number(render.fps / render.fps_base)]
     if settings.use_frames:
         first, last = settings.frames
         if last <= first:
@@ -69,28 +70,31 @@ def clip_options(settings: bpy.types.PropertyGroup) -> list[str]:
 
 
 def object_options(settings: bpy.types.PropertyGroup) -> list[str]:
-    """Which object, at what scale, through which camera.
+    """Which object, at what scale, through which camera. What the scene knows itself is named as files that `native.write` makes.
 
     Raises:
-        ObjectError: when neither box nor mask says where the object is.
+        ObjectError: when nothing says where the object is.
         UsageError: when a file is named that is not there.
     """
-    options = []
+    options = native.options(settings.id_data, inputs_folder(settings))
     if settings.object_mode == "MASK":
         if not settings.mask:
             raise ObjectError("No mask is chosen.", "Choose a PNG of the first picture, non-zero where the object is, or draw a box.")
         options += ["--mask", _existing(settings.mask, "mask")]
-    else:
+    elif settings.object_mode == "BOX":
         x0, y0, x1, y1 = settings.box
         if x1 <= x0 or y1 <= y0:
-            raise ObjectError("No box is drawn round the object.", "Give left, top, right and bottom in pixels of the first picture.")
+            raise ObjectError("No box is drawn round the object.", "Use Draw Box, or give left, top, right and bottom in pixels.")
         options += ["--box", *(_number(value) for value in (x0, y0, x1, y1))]
     if settings.pin:
         options += ["--pin", _existing(settings.pin, "picture of the held places")]
     if settings.scale_mode == "PIXELS":
         options += ["--pixels-per-metre", _number(settings.pixels_per_metre)]
-    else:
+    elif settings.scale_mode == "DISTANCE" or (settings.scale_mode == "AUTO" and "--camera" not in options):
+        # without either the engine takes the distance of the world's origin from the camera
         options += ["--distance", _number(settings.distance)]
+    if "--camera" in options:
+        return options
     if settings.camera_mode == "JSON":
         if not settings.camera:
             raise UsageError("No camera file is chosen.", "Choose one, or use a field of view.")
@@ -98,12 +102,17 @@ def object_options(settings: bpy.types.PropertyGroup) -> list[str]:
     return [*options, "--fov", _number(settings.fov)]
 
 
+def inputs_folder(settings: bpy.types.PropertyGroup) -> Path:
+    """Where the masks, tracks, camera and depth of the scene are written for the engine."""
+    return take_folder(settings) / native.INPUTS
+
+
 def gravity_options(scene: bpy.types.Scene) -> list[str]:
-    """The known acceleration."""
+    """The known acceleration [m/s²]; the scene's own is in its units, as Blender's solvers and its panels understand it."""
     settings = scene.seeing_wind
     if settings.gravity_mode == "NONE" or (settings.gravity_mode == "SCENE" and not scene.use_gravity):
         return ["--no-gravity"]
-    gravity = scene.gravity if settings.gravity_mode == "SCENE" else settings.gravity
+    gravity = scene.gravity * metres_per_unit(scene) if settings.gravity_mode == "SCENE" else settings.gravity
     return ["--gravity", *(_number(value) for value in gravity)]
 
 

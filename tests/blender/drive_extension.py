@@ -30,6 +30,16 @@ def world_vertices(obj: bpy.types.Object, frame: int) -> np.ndarray:
     return np.array([obj.matrix_world @ vertex.co for vertex in mesh.vertices])
 
 
+def motion_by_point_cache(cube: bpy.types.Object) -> np.ndarray:
+    """The last picture (V, 3) after a bake to PC2; the object is left with its shape keys."""
+    bpy.ops.seeing_wind.bake(object=cube.name, way="POINT_CACHE")
+    check(cube.data.shape_keys is None and cube.modifiers[0].type == "MESH_CACHE", "bake to a point cache")
+    last = world_vertices(cube, 13)
+    bpy.ops.seeing_wind.bake(object=cube.name, way="SHAPE_KEYS")
+    check(cube.data.shape_keys is not None and not cube.modifiers, "and back to shape keys")
+    return last
+
+
 def main() -> None:
     """From a clip to keyframes, and every way to fail that the stand-in knows."""
     folder = Path(os.environ["SEEING_WIND_CLIP"]).parent / "drive"
@@ -46,6 +56,8 @@ def main() -> None:
         except RuntimeError as error:
             check(says in str(error), f"a worker that ends by '{behaviour}' is told")
     os.environ["SEEING_WIND_FAKE"] = "done"
+    check(bpy.ops.seeing_wind.choose_clip(filepath=options["clip"]) == {"FINISHED"}, "choose a clip")
+    check(scene.camera.data.background_images[0].clip == scene.active_clip, "it is seen behind the scene")
     check(bpy.ops.seeing_wind.recover(**options) == {"FINISHED"}, "recover")
     settings = scene.seeing_wind
     check(settings.field_object.field.type == "WIND" and settings.field_object.field.shape == "POINTS", "the field object")
@@ -60,6 +72,13 @@ def main() -> None:
     check(bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and bpy.ops.seeing_wind.bake() == {"FINISHED"}, "re-simulate and bake")
     moved = (world_vertices(cube, 13) - world_vertices(cube, 1))[:, 2]
     check(np.allclose(moved, [0.0, 0.0] + [-0.5 * 3.0 * 0.25 / 2.0] * 6, atol=1e-5), "keyframes: pinned vertices stay, the others fall")
+    check(np.allclose(world_vertices(cube, 13), motion_by_point_cache(cube), atol=1e-5), "a point cache plays the same motion")
+    bpy.ops.seeing_wind.duplicate_edit()
+    bpy.ops.seeing_wind.insert_collider(object=cube.name)
+    bpy.ops.seeing_wind.scale_stiffness(factor=2.0)
+    check(settings.active_edit == 1 and settings.bodies[0].object != cube, "a second edit beside the first")
+    settings.active_edit = 0
+    check(settings.bodies[0].object == cube and not len(settings.colliders), "and back to the first")
     saved = str(folder / "saved.blend")
     bpy.ops.wm.save_as_mainfile(filepath=saved)
     bpy.ops.wm.open_mainfile(filepath=saved)

@@ -21,8 +21,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from seeing_wind.ui.bake import bake_shape_keys, clear_bake, evaluation_time_curves  # noqa: E402
 from seeing_wind.ui.clip_scene import setup_clip_scene  # noqa: E402
 from seeing_wind.ui.field_arrows import create_arrows  # noqa: E402
+from seeing_wind.ui.field_calibration import calibrate_particles  # noqa: E402
 from seeing_wind.ui.field_kernels import lattice  # noqa: E402
-from seeing_wind.ui.field_object import calibrate_particles, create_field_object  # noqa: E402
+from seeing_wind.ui.field_object import create_field_object  # noqa: E402
 from seeing_wind.ui.scene_export import export_mesh, pinned_vertices  # noqa: E402
 
 FPS = 24.0
@@ -150,7 +151,7 @@ def _check_bake(scene: bpy.types.Scene) -> None:
         exported = export_mesh(grid, bpy.context.evaluated_depsgraph_get(), Path(folder) / "grid.npz")
         rest = np.load(exported.path)["vertices"]
         grid.vertex_groups.new(name="Pin").add([0, 7], 1.0, "REPLACE")
-        pins = pinned_vertices(grid, bpy.context.evaluated_depsgraph_get(), "Pin")
+        pins, _ = pinned_vertices(grid, bpy.context.evaluated_depsgraph_get(), "Pin")
     _check("pinned vertices", pins.tolist() == [0, 7], str(pins))
     motion = rest + np.linspace(0.0, 1.0, FRAMES + 1)[:, None, None] ** 2 * [0.0, 0.3, 1.0]
     key = bake_shape_keys(grid, motion, FRAME_START, FPS)

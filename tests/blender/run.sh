@@ -33,6 +33,12 @@ echo "-- install and drive"
 echo "-- the field object, bakes and exports"
 "$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/field_object_check.py"
 
+echo "-- Blender's own solvers in the field"
+"$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/native_solvers_check.py"
+
+echo "-- calibration, composite and VDB"
+"$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/composite_check.py"
+
 echo "-- commands"
 expect() { local code=0; "$blender" --command seeing_wind "${@:2}" || code=$?; [ "$code" = "$1" ] || { echo "seeing_wind ${*:2}: exit code $code instead of $1" >&2; exit 1; }; }
 expect 0 recover "$SEEING_WIND_CLIP" --take "$work/out.take" --box 20 20 44 44 --save "$work/out.blend"

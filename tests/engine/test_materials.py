@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import math
+import re
+import tomllib
+from pathlib import Path
 
 import pytest
 
+from seeing_wind.engine import materials as room
 from seeing_wind.engine.errors import MaterialError
 from seeing_wind.engine.materials import DEFAULT, LAWS, MATERIALS, PLASTIC_LAWS, adjusted, find
 
+LIBRARY = Path(room.__file__).with_name("materials.toml")
+
 
 def test_library_is_complete_and_physical() -> None:
-    assert len(MATERIALS) >= 25
+    assert len(MATERIALS) >= 40
     assert DEFAULT in MATERIALS
     for name, material in MATERIALS.items():
         assert material.name == name
@@ -22,6 +28,24 @@ def test_library_is_complete_and_physical() -> None:
         assert -1.0 < material.poisson_ratio < 0.5, name
         assert (material.yield_stress > 0.0) == (material.law in PLASTIC_LAWS), name
         assert (material.viscosity > 0.0) == (material.law == "viscoplastic"), name
+
+
+def test_every_number_says_where_it_is_from() -> None:
+    tables = tomllib.loads(LIBRARY.read_text(encoding="utf-8"))
+    references = tables.pop("references")
+    for name, values in tables.items():
+        numbers = {key for key, value in values.items() if isinstance(value, float)}
+        assert set(values["source"]) == numbers, name
+        for key, source in values["source"].items():
+            full = source.format_map(references)
+            assert full.startswith("estimate") or re.search(r"\d{4}|\.com|\.org|data sheet|Handbook", full), (name, key)
+    used = {key for values in tables.values() for source in values["source"].values() for key in re.findall(r"{(\w+)}", source)}
+    assert used == set(references)
+
+
+def test_source_is_one_line_that_names_properties_together() -> None:
+    assert MATERIALS["marble"].source == "density and youngs modulus and poisson ratio: MakeItFrom material properties (makeitfrom.com)"
+    assert "estimate" in MATERIALS["dough"].source and "\n" not in MATERIALS["dough"].source
 
 
 def test_order_of_known_stiffness() -> None:

@@ -39,7 +39,10 @@ def recover(options: list[str]) -> None:
     riding = Attachment(np.arange(16, dtype=np.int32)[:, None], np.ones((16, 1)))
     width, height = SIZE
     camera = Camera(width, height, 120.0, 120.0, (width - 1) / 2, (height - 1) / 2, front_view(2.0))
-    take.write_arrays("observation.npz", {"image": np.full((height, width, 3), 90, np.uint8), **to_arrays(camera, "camera.")})
+    take.write_arrays("observation.npz", {
+        "image": np.full((height, width, 3), 90, np.uint8), "background": np.full((height, width, 3), (20, 120, 40), np.uint8),
+        **to_arrays(camera, "camera."),
+    })  # fmt: skip
     surface = Surface(x, triangles, x[:, [0, 2]] + 0.5, riding)
     body = to_arrays(Particles(x, np.full(16, 1e-5), np.zeros(16, bool), 0.13), "particles.") | to_arrays(surface, "surface.")
     take.write_arrays("particles.npz", body)

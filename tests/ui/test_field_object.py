@@ -8,9 +8,11 @@ import pytest
 from mathutils import Euler, Vector
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.field_arrows import create_arrows
+from seeing_wind.ui.field_arrows import create_arrows, ramp_colours
+from seeing_wind.ui.field_calibration import calibrate_particles
 from seeing_wind.ui.field_kernels import choose_power, evaluate, fit_nodes, lattice, paired_directions
-from seeing_wind.ui.field_object import calibrate_particles, create_field_object
+from seeing_wind.ui.field_object import create_field_object
+from seeing_wind.ui.node_groups import set_input
 
 DEGREES, RELATIVE = 2.0, 0.05
 
@@ -128,10 +130,14 @@ def test_calibration_refuses_what_blender_cannot_weigh(scene, checks):
 
 
 def _drawn(arrows: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Of each arrow shown: its 29 vertices (M, 29, 3), a shaft of 16 and a cone of 13, and its strength (M,)."""
+    """Of each arrow shown: its 29 vertices (M, 29, 3), a shaft of 16 and a cone of 13, and its strength (M,).
+
+    The first vertex is a bare one, which names the colours for Solid view.
+    """
     mesh = arrows.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    strength = np.array([value.value for value in mesh.attributes["strength"].data])
-    return np.array([vertex.co[:] for vertex in mesh.vertices]).reshape(-1, 29, 3), strength.reshape(-1, 29)[:, 0]
+    assert mesh.color_attributes.active_color_name == "wind_colour"
+    strength = np.array([value.value for value in mesh.attributes["strength"].data])[1:]
+    return np.array([vertex.co[:] for vertex in mesh.vertices])[1:].reshape(-1, 29, 3), strength.reshape(-1, 29)[:, 0]
 
 
 def test_arrows_show_direction_and_strength_of_each_frame(scene):
@@ -165,3 +171,39 @@ def test_arrows_are_refused_when_arrays_do_not_agree(scene):
         create_arrows(scene, "Arrows", np.zeros((3, 3)), np.zeros((4, 2, 3)))
     with pytest.raises(UsageError, match="confidence"):
         create_arrows(scene, "Arrows", np.zeros((2, 3)), np.zeros((4, 2, 3)), np.zeros((4, 3)))
+
+
+def test_density_and_slice_choose_arrows(scene):
+    axis = np.linspace(0.0, 1.0, 6)
+    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (3, 216, 1)), frame_start=1, length=0.1)
+    modifier = arrows.modifiers[0]
+    scene.frame_set(1)
+    assert len(_drawn(arrows)[0]) == 216
+    set_input(modifier, "Slice Axis", 1)
+    set_input(modifier, "Slice Position", 0.4)
+    set_input(modifier, "Slice Thickness", 0.1)
+    vertices, _ = _drawn(arrows)
+    assert len(vertices) == 36 and np.allclose(vertices[:, :, 0].mean(axis=1), 0.4, atol=0.02)
+    set_input(modifier, "Slice Axis", 0)
+    set_input(modifier, "Density", 0.3)
+    places = []
+    for frame in (1, 3):
+        scene.frame_set(frame)
+        places.append(_drawn(arrows)[0].mean(axis=1))
+    # about three in ten, and the same ones in every frame
+    assert 40 < len(places[0]) < 95 and np.allclose(places[0], places[1])
+
+
+def test_arrows_and_their_colours_follow_strength_and_the_field_object(scene, checks):
+    field = checks["swirl_field"](scene, 4)
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (2, 2, 1)), length=0.5, peak=5.0, parent=field)
+    before = _drawn(arrows)[0]
+    field.field.strength *= 2.0
+    field.location.x += 1.0
+    scene.frame_set(1)
+    after = _drawn(arrows)[0]
+    assert np.ptp(after[0, :, 2]) == pytest.approx(2.0 * np.ptp(before[0, :, 2]), rel=1e-3)
+    assert arrows.matrix_world.translation.x == pytest.approx(1.0, abs=1e-5)
+    assert np.allclose(ramp_colours(np.array([1.0])), [[1.0, 0.0, 0.0]])

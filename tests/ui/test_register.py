@@ -39,6 +39,7 @@ def test_names_follow_blender_s_rules(addon) -> None:
         bpy.types.PropertyGroup: "PG",
         bpy.types.UIList: "UL",
         bpy.types.AddonPreferences: "AP",
+        bpy.types.FileHandler: "FH",
     }
     for cls in ui.CLASSES:
         kind = next(kind for base, kind in kinds.items() if issubclass(cls, base))
@@ -46,8 +47,8 @@ def test_names_follow_blender_s_rules(addon) -> None:
 
 
 def test_every_number_says_its_unit_and_every_property_what_it_is(addon) -> None:
-    unitless = {"field_strength", "mass_scale"}
-    for cls in (properties.SEEING_WIND_PG_scene, properties.SEEING_WIND_PG_body):
+    unitless = {"field_strength", "mass_scale", "stiffness_scale", "friction", "floor_friction"}
+    for cls in (properties.SEEING_WIND_PG_scene, properties.SEEING_WIND_PG_body, properties.SEEING_WIND_PG_collider):
         for prop in cls.bl_rna.properties:
             if prop.identifier in ("rna_type", "name") or prop.is_hidden:
                 continue

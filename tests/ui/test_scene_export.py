@@ -56,20 +56,26 @@ def test_mirrored_object_keeps_its_normals_outwards(cube, tmp_path):
 def test_pins_are_the_group_s_vertices(cube, tmp_path):
     group = cube.vertex_groups.new(name="Pin")
     group.add([1, 4, 6], 1.0, "REPLACE")
-    group.add([2], 0.3, "REPLACE")
-    assert export_pins(cube, depsgraph(), "Pin", tmp_path / "pinned.npy") == 3
+    group.add([5], 0.0, "REPLACE")
+    assert export_pins(cube, depsgraph(), "Pin", tmp_path / "pinned.npy") == (3, None)
     assert np.load(tmp_path / "pinned.npy", allow_pickle=False).tolist() == [1, 4, 6]
+    group.add([2], 0.25, "REPLACE")
+    assert export_pins(cube, depsgraph(), "Pin", tmp_path / "pinned.npy") == (4, tmp_path / "pinned.weights.npy")
+    assert np.load(tmp_path / "pinned.npy", allow_pickle=False).tolist() == [1, 2, 4, 6]
+    assert np.load(tmp_path / "pinned.weights.npy", allow_pickle=False).tolist() == [1.0, 0.25, 1.0, 1.0]
 
 
 def test_pins_follow_modifiers(cube, tmp_path):
-    """Pinned by one whole face; after subdivision the face's new vertices are pinned as well."""
+    """Pinned by one whole face; after subdivision the face's new vertices are pinned as well, those next to it half as firmly."""
     face = cube.data.polygons[0]
     cube.vertex_groups.new(name="Pin").add(list(face.vertices), 1.0, "REPLACE")
     modifier = cube.modifiers.new("Subdivision", "SUBSURF")
     modifier.levels, modifier.subdivision_type = 1, "SIMPLE"
     export_pins(cube, depsgraph(), "Pin", tmp_path / "pinned.npy")
     with np.load(export_mesh(cube, depsgraph(), tmp_path / "cube.npz").path) as data:
-        pinned = data["vertices"][np.load(tmp_path / "pinned.npy")]
+        weights = np.load(tmp_path / "pinned.weights.npy")
+        pinned = data["vertices"][np.load(tmp_path / "pinned.npy")][weights == 1.0]
+    assert (weights[weights < 1.0] == 0.5).all() and (weights < 1.0).sum() == 8
     normal = cube.matrix_world.to_3x3().inverted().transposed() @ face.normal
     assert len(pinned) == 9 and np.ptp(pinned @ np.array(normal)) < 1e-6
 

@@ -2,59 +2,78 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 
-from ..errors import MaterialError
 from ..progress import NoProgress, Progress
-from . import adjoint, substep
+from .body import Body, FrameRun, sparse_stride
 from .boundary import HELD
-from .constitutive import ELASTIC_LAWS
 from .model import Model
-from .rollout import failure, rollout
-from .state import State, Trajectory
+from .state import State
 
-_CALL = 25
-"""Substeps per backward call: the process can be interrupted between two calls."""
+_HISTORY = 2_000_000_000
+"""Bytes of substep states kept between the two sweeps. Frames beyond are simulated again on the way back."""
 
 
 class RolloutFunction(torch.autograd.Function):
-    """States at T + 1 pictures from the first state and the force; use `simulate`.
+    """States at T + 1 pictures from the first state, the force and the material; use `simulate`.
 
-    Kept between the two sweeps: the states at pictures (192 B per particle and frame). The backward sweep runs each frame again,
-    keeps its substeps (192 B per particle and substep), and walks back through them.
+    Kept between the two sweeps: in single precision every substep's state (96 B per particle, and at most 4 B for the nodes) up to
+    `_HISTORY`; in double, or beyond that, every n-th of the n² substeps of a frame, and the way back simulates the n between again.
     """
 
     @staticmethod
     def forward(  # type: ignore[override]
-        ctx: Any, model: Model, progress: Progress, x0: torch.Tensor, v0: torch.Tensor, C0: torch.Tensor, F0: torch.Tensor,
-        acceleration: torch.Tensor, gradient: torch.Tensor,
+        ctx: Any, model: Model, precision: str, progress: Progress, first_frame: int, x0: torch.Tensor, v0: torch.Tensor, C0: torch.Tensor,
+        F0: torch.Tensor, acceleration: torch.Tensor, gradient: torch.Tensor, mass: torch.Tensor, mu: torch.Tensor, lam: torch.Tensor,
+        yield_stress: torch.Tensor, viscosity: torch.Tensor,
     ) -> tuple[torch.Tensor, ...]:  # fmt: skip
-        state = State(*(_array(tensor) for tensor in (x0, v0, C0, F0)))
-        ctx.model, ctx.progress = model, progress
-        ctx.acceleration, ctx.gradient = _array(acceleration), _array(gradient)
-        ctx.path = rollout(model, state, ctx.acceleration, ctx.gradient, progress=progress)
-        return tuple(torch.from_numpy(array) for array in (ctx.path.x, ctx.path.v, ctx.path.C, ctx.path.F))
+        model = replace(
+            model, mass=_array(mass), mu=_array(mu), lam=_array(lam), yield_stress=_array(yield_stress), viscosity=_array(viscosity)
+        )
+        ctx.body, ctx.progress = Body(model, precision), progress
+        force, gradients = _array(acceleration) + model.gravity, _array(gradient)
+        states, ctx.runs = [ctx.body.checked(State(*(_array(tensor) for tensor in (x0, v0, C0, F0))))], []
+        left = _HISTORY
+        for t in range(len(force)):
+            def stride(substeps: int, left: int = left) -> int:
+                room = left > substeps * states[0].x.shape[0] * 24 * ctx.body.real.itemsize
+                return 1 if precision == "single" and room else sparse_stride(substeps)
+
+            after, run = ctx.body.frame(states[-1], force[t], gradients[t], first_frame + t, progress, stride)
+            left -= run.bytes
+            if left < 0:
+                run.kept, run.grids = {0: run.kept[0]}, {}
+            states.append(after)
+            ctx.runs.append(run)
+        return tuple(torch.from_numpy(np.stack([getattr(state, name) for state in states])) for name in "xvCF")
 
     @staticmethod
     def backward(ctx: Any, *bars: torch.Tensor) -> tuple[Any, ...]:  # type: ignore[override]
         """Derivatives of a loss by the inputs from those by x, v, C, F of every picture: the adjoint, swept backwards frame by frame."""
-        path: Trajectory = ctx.path
-        x_bars, v_bars, C_bars, F_bars = (_array(bar) for bar in bars)
-        bar = [array[-1:].copy() for array in (x_bars, v_bars, C_bars, F_bars)]
-        acceleration_bar, gradient_bar = np.zeros_like(ctx.acceleration), np.zeros_like(ctx.gradient)
-        for t in reversed(range(path.frames)):
-            acceleration_bar[t], gradient_bar[t] = _frame_adjoint(
-                ctx.model, path.state(t), t, int(path.substeps[t]), ctx.acceleration[t], ctx.gradient[t], bar, ctx.progress
-            )
-            for total, bars_at in zip(bar, (x_bars, v_bars, C_bars, F_bars)):
-                total += bars_at[t : t + 1]
-        held = ctx.model.role == HELD  # these start at rest whatever they are given
-        bar[1][0, held], bar[2][0, held] = 0.0, 0.0
-        state_bars = (torch.from_numpy(total[0]) for total in bar)
-        return None, None, *state_bars, torch.from_numpy(acceleration_bar), torch.from_numpy(gradient_bar)
+        body: Body = ctx.body
+        runs: list[FrameRun] = ctx.runs
+        count = body.model.particles
+        pictures = np.concatenate([_array(bar).reshape(len(runs) + 1, count, -1) for bar in bars], axis=2)
+        bar = pictures[-1]
+        wanted = any(ctx.needs_input_grad[-5:])
+        force_bar, material_bar = np.zeros((len(runs), count, 3, 4)), np.zeros((count, 8))
+        for t in reversed(range(len(runs))):
+            run = runs[t]
+            packed = bar[run.order].astype(body.real).reshape(-1, 3, 8)
+            by_force, by_material = body.pull_back(run, packed, wanted, ctx.progress)
+            bar[run.order] = packed.reshape(-1, 24)
+            force_bar[t, run.order] = by_force
+            material_bar[run.order] += by_material
+            bar = bar + pictures[t]
+        bar[body.model.role == HELD, 3:15] = 0.0  # these start at rest whatever they are given
+        by_state = bar[:, :3], bar[:, 3:6], bar[:, 6:15].reshape(-1, 3, 3), bar[:, 15:].reshape(-1, 3, 3)
+        mass, _, mu, lam, yield_stress, viscosity = material_bar.T[:6]
+        found = (*by_state, force_bar[..., 0], force_bar[..., 1:], mass, mu, lam, yield_stress, viscosity)
+        return None, None, None, None, *(torch.from_numpy(np.ascontiguousarray(array)) for array in found)
 
 
 def simulate(
@@ -66,65 +85,47 @@ def simulate(
     *,
     C0: torch.Tensor | None = None,
     F0: torch.Tensor | None = None,
+    youngs_modulus: torch.Tensor | None = None,
+    poisson_ratio: torch.Tensor | None = None,
+    density: torch.Tensor | None = None,
+    yield_stress: torch.Tensor | None = None,
+    viscosity: torch.Tensor | None = None,
+    precision: str = "double",
+    first_frame: int = 0,
     progress: Progress | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """`rollout` for torch, differentiable in every tensor given.
+    """`rollout` for torch, for every law, differentiable in every tensor given.
 
     Args:
         x0, v0: (N, 3) float64 at the first picture [m], [m/s].
         acceleration: (T, N, 3) float64 external acceleration [m/s²], held over each frame, without gravity.
         gradient: (T, N, 3, 3) float64, d a_i / d x_j [1/s²]; None is zero.
         C0, F0: (N, 3, 3) float64 affine velocities [1/s] and deformation gradients; None is zero and the identity.
+        youngs_modulus, poisson_ratio, density, yield_stress, viscosity: [Pa], [-], [kg/m³], [Pa], [Pa s], one number or (N,); None is
+            the model's. The model's substeps stay: a much stiffer body needs a model of its own.
+        precision: double or single; tensors are float64 either way.
+        first_frame: number of the first frame, for messages and for the pins' path.
 
     Returns:
         x, v (T+1, N, 3) and C, F (T+1, N, 3, 3).
 
     Raises:
-        MaterialError: for a plastic law, which has no adjoint.
         SimulationError, Cancelled: as `rollout`, in the forward sweep; Cancelled also in the backward sweep.
     """
-    if model.plastic:
-        raise MaterialError("The solver has no gradients for plastic laws.", f"Choose one of {', '.join(ELASTIC_LAWS)}.")
     count, frames = len(x0), len(acceleration)
     C0 = torch.zeros(count, 3, 3, dtype=torch.float64) if C0 is None else C0
     F0 = torch.eye(3, dtype=torch.float64).repeat(count, 1, 1) if F0 is None else F0
     gradient = torch.zeros(frames, count, 3, 3, dtype=torch.float64) if gradient is None else gradient
-    return RolloutFunction.apply(model, progress or NoProgress(), x0, v0, C0, F0, acceleration, gradient)
-
-
-def _frame_adjoint(
-    model: Model,
-    start: State,
-    frame: int,
-    substeps: int,
-    acceleration: np.ndarray,
-    gradient: np.ndarray,
-    bar: list[np.ndarray],
-    progress: Progress,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Turns `bar` (x, v, C, F, each (1, N, ...)) from the frame's end to its start; returns those of the force, (N, 3) and (N, 3, 3)."""
-    fixed = (
-        model.mass, model.volume, model.mu, model.lam, model.law, model.role,
-        model.clamp_lo, model.clamp, model.offset, model.dx, model.frame_dt / substeps,
-    )  # fmt: skip
-    force = (acceleration + model.gravity)[None], np.array(gradient[None])
-    history = [np.concatenate([array[None], np.empty((substeps, *array.shape))]) for array in (start.x, start.v, start.C, start.F)]
-    status, nodes = np.zeros((1, 4), np.int32), 0
-    while status[0, 2] < substeps:
-        progress.check()
-        grid = np.empty((1, nodes, 4))
-        adjoint.record_substeps(*fixed, *force, *history, grid, status)
-        if status[0, 0] not in (substep.RUNNING, substep.GRID_FULL):
-            raise failure(status[0], frame, substeps)  # the forward sweep went through; only a changed model can fail here
-        nodes = int(1.3 * status[0, 3])
-    acceleration_bar, gradient_bar = np.zeros_like(force[0]), np.zeros_like(force[1])
-    grid_bar = np.empty_like(grid)
-    for last in range(substeps, 0, -_CALL):
-        progress.check()
-        adjoint.run_substeps_adjoint(
-            *fixed, max(0, last - _CALL), last, *force, *history, *bar, acceleration_bar, gradient_bar, grid, grid_bar
-        )
-    return acceleration_bar[0], gradient_bar[0]
+    mu, lam = torch.from_numpy(model.mu), torch.from_numpy(model.lam)
+    E = mu * (3.0 * lam + 2.0 * mu) / (lam + mu) if youngs_modulus is None else youngs_modulus
+    nu = lam / (2.0 * (lam + mu)) if poisson_ratio is None else poisson_ratio
+    if youngs_modulus is not None or poisson_ratio is not None:
+        mu, lam = E / (2.0 * (1.0 + nu)), E * nu / ((1.0 + nu) * (1.0 - 2.0 * nu))
+    mass = torch.from_numpy(model.mass) if density is None else density * torch.from_numpy(model.volume)
+    yield_stress = torch.from_numpy(model.yield_stress) if yield_stress is None else yield_stress
+    viscosity = torch.from_numpy(model.viscosity) if viscosity is None else viscosity
+    material = (tensor.expand(count) for tensor in (mass, mu, lam, yield_stress, viscosity))
+    return RolloutFunction.apply(model, precision, progress or NoProgress(), first_frame, x0, v0, C0, F0, acceleration, gradient, *material)
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:

@@ -1,29 +1,32 @@
-"""Which grid nodes hold a pinned body still, and how the grid lies so that the answer does not depend on where the body stands.
+"""Which grid nodes hold a pinned body, and how the grid lies so that the answer does not depend on where the body stands.
 
 Clamping every node that a pinned particle touches holds the body up to one and a half cells beyond the particles, by an amount that
-changes as the grid is moved. Three choices take the grid out of it:
+changes as the grid is moved. Four choices take the grid out of it:
 
-- The lattice is laid relative to the pinned particles: along the axis in which pinned and free material face each other, the middle
-  between the two lies halfway between two planes of nodes. That is a knot of the quadratic splines, and the function of the first
-  free node begins exactly there.
-- A node stands still when most of the rest mass around it is pinned, counted with a Gaussian of one cell, which is wide enough not to
-  feel where the single particles sit. With the lattice so laid the share is 0.7 behind the boundary and 0.3 before it.
-- Where so few particles are pinned that no node has a pinned majority (a corner of a flag, one row), the node nearest to each is clamped.
+- The lattice is laid relative to the pinned particles: along the axis in which pinned and free material face each other, a plane of
+  nodes lies on the border, in the middle between the two. Velocity is zero there and grows from there on, as at a built-in end.
+- A node is held when enough of the rest mass around it is pinned, counted with a Gaussian of one cell, which is wide enough not to
+  feel where the single particles sit. The share is a half on the border and 0.16 a cell before it; the limit lies between.
+- Where so few particles are pinned that no node has its share (a corner of a flag), the node nearest to each is clamped.
 - Pinned particles near the boundary keep their place but deform with the grid and answer with their stress, as the foot of a post does.
 
-Measured on a post in another simulator's data: the tip's deflection changes by 2 % over dx from 1.3 to 2 particle spacings and over
-half a cell of sideways shift; with every touched node clamped it loses a third.
+`depth` moves the held plane below the border, in cells: for pins that were not chosen but observed, as what "hardly moved", and so
+include some material that gives way. See docs/solver.md for what was measured.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import ndtr
+
+from .colliders import Collider, laid_on
 
 FREE, PINNED, HELD = 0, 1, 2
 """HELD is pinned and out of reach of every free node: it takes no part at all."""
 
-_SHARE = 0.5
 _HOLD = 0.25
 """Weight that a pinned particle must have on clamped nodes; at a flat boundary those at its brim have one half."""
 _REACH = 3.0
@@ -32,22 +35,37 @@ _FACING = 1.8
 """Particles closer than this many spacings are neighbours (a cube's face diagonal is 1.41)."""
 
 
-def lattice_offset(x: np.ndarray, pinned: np.ndarray, spacing: float, dx: float) -> np.ndarray:
-    """Position (3,) [m] of a node of the lattice, from rest positions x (N, 3) [m] and pinned (N,) bool; it moves with the body."""
+def lattice_offset(
+    x: np.ndarray, pinned: np.ndarray, spacing: float, dx: float, colliders: Sequence[Collider] = (), *, depth: float = 0.0
+) -> np.ndarray:
+    """Position (3,) [m] of a node of the lattice, from rest positions x (N, 3) [m] and pinned (N,) bool; it moves with the body.
+
+    Planes among the colliders that lie along an axis take the lattice with them, but for the axis that the pins need.
+
+    Args:
+        depth: cells below the border between free and pinned material at which a plane of nodes is to lie.
+    """
     some = pinned.any() and not pinned.all()
     about = x[pinned] if some else x
-    offset = 0.5 * (about.min(axis=0) + about.max(axis=0))
+    offset, axis = 0.5 * (about.min(axis=0) + about.max(axis=0)), -1
     if some:
-        free = x[~pinned]
-        distance, nearest = cKDTree(x[pinned]).query(free)
-        facing = distance <= max(_FACING * spacing, 1.2 * distance.min())
-        near_free, near_pinned = free[facing], x[pinned][nearest[facing]]
-        axis = int(np.argmax(np.abs((near_free - near_pinned).mean(axis=0))))
-        offset[axis] = 0.5 * (near_free + near_pinned)[:, axis].mean() + 0.5 * dx
-    return offset
+        free, held = x[~pinned], x[pinned]
+        distance, nearest = cKDTree(held).query(free)
+        limit = max(_FACING * spacing, 1.2 * distance.min())
+        back, opposite = cKDTree(free).query(held)
+        # From either side, so that a ragged border counts alike above and below.
+        above, below = distance <= limit, back <= limit
+        pairs = [(free[above], held[nearest[above]]), (free[opposite[below]], held[below])]
+        inwards = sum((b - a).mean(axis=0) for a, b in pairs)
+        axis = int(np.argmax(np.abs(inwards)))
+        border = 0.25 * sum(float((a + b)[:, axis].mean()) for a, b in pairs)
+        offset[axis] = border + depth * dx * float(np.sign(inwards[axis]))
+    return laid_on(offset, dx, colliders, fixed_axis=axis)
 
 
-def clamped_nodes(x: np.ndarray, mass: np.ndarray, pinned: np.ndarray, offset: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
+def clamped_nodes(
+    x: np.ndarray, mass: np.ndarray, pinned: np.ndarray, offset: np.ndarray, dx: float, *, depth: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """First node (3,) int32 of a box of the lattice, and which of the box's nodes stand still, int32 (a, b, c) of 0 and 1.
 
     Args:
@@ -55,6 +73,7 @@ def clamped_nodes(x: np.ndarray, mass: np.ndarray, pinned: np.ndarray, offset: n
         mass: (N,) [kg].
         pinned: (N,) bool.
         offset, dx: of the lattice [m].
+        depth: as of `lattice_offset`.
     """
     if not pinned.any():
         return np.zeros(3, np.int32), np.zeros((1, 1, 1), np.int32)
@@ -67,9 +86,10 @@ def clamped_nodes(x: np.ndarray, mass: np.ndarray, pinned: np.ndarray, offset: n
     clamp = np.zeros(touched.shape, np.int32)
     at = np.argwhere(touched)
     tree = cKDTree(local)
+    share = ndtr(depth - 0.5)  # halfway between the last plane that is to be held and the next
     for node, near in zip(at, tree.query_ball_point(at + lo, _REACH)):
         weight = mass[near] * np.exp(-0.5 * ((local[near] - node - lo) ** 2).sum(axis=1))
-        clamp[tuple(node)] = weight @ pinned[near] >= _SHARE * weight.sum()
+        clamp[tuple(node)] = weight @ pinned[near] >= share * weight.sum()
     w = _spline(local[pinned] - base)
     hold = np.zeros(len(base))
     for corner in np.ndindex(3, 3, 3):
@@ -84,8 +104,12 @@ def _spline(f: np.ndarray) -> np.ndarray:
     return np.stack([0.5 * (1.5 - f) ** 2, 0.75 - (f - 1.0) ** 2, 0.5 * (f - 0.5) ** 2])
 
 
-def particle_roles(x: np.ndarray, pinned: np.ndarray, offset: np.ndarray, dx: float, lo: np.ndarray, clamp: np.ndarray) -> np.ndarray:
-    """FREE, PINNED or HELD for every particle, (N,) int32."""
+def particle_roles(
+    x: np.ndarray, pinned: np.ndarray, offset: np.ndarray, dx: float, lo: np.ndarray, clamp: np.ndarray, *, kinematic: bool = False
+) -> np.ndarray:
+    """FREE, PINNED or HELD for every particle, (N,) int32. `kinematic`: the pinned ones follow a path, so none is HELD."""
+    if kinematic:
+        return np.where(pinned, PINNED, FREE).astype(np.int32)
     roles = np.where(pinned, HELD, FREE).astype(np.int32)
     base = np.floor((x[pinned] - offset) / dx - 0.5).astype(int) - lo
     reached = np.zeros(len(base), bool)

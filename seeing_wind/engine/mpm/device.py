@@ -19,8 +19,8 @@ def start(device: str = "auto") -> None:
     """Start Taichi for `device` (auto, cpu or cuda) if it does not run yet; cheap afterwards.
 
     `auto` is the CPU: a recovery simulates hundreds of copies of a body of a thousand particles, one copy per core, which leaves a
-    GPU's lanes idle. Double precision throughout. Fast math stays off, as it lets the compiler assume that no number is NaN and so
-    drops the very test that stops a diverging run.
+    GPU's lanes idle. Double precision unless a kernel is traced within `precision.compiled_in`. Fast math stays off, as it lets the
+    compiler assume that no number is NaN and so drop the very test that stops a diverging run.
 
     Raises:
         UsageError: for an unknown device.
@@ -35,12 +35,17 @@ def start(device: str = "auto") -> None:
             arch = ti.cuda if wanted == "cuda" else ti.cpu
             # Taichi greets on stdout, where the worker's messages go.
             with contextlib.redirect_stdout(io.StringIO()):
-                ti.init(arch=arch, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=_cores())
+                ti.init(arch=arch, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=cores())
             _running = "cuda" if ti.cfg.arch == ti.cuda else "cpu"
     if _running != wanted and device != "auto":
         raise SimulationError(f"The solver runs on {_running}, not on {wanted}.", "Choose --device auto, or start the engine afresh.")
 
 
-def _cores() -> int:
+def on_gpu() -> bool:
+    """Whether Taichi runs on a GPU."""
+    return _running == "cuda"
+
+
+def cores() -> int:
     """Cores that this process may use; some systems cannot say and count the machine's."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

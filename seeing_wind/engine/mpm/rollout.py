@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import SimulationError
 from ..progress import NoProgress, Progress
 from ..records import Attachment
 from . import device, substep
+from .body import Body
 from .boundary import HELD
+from .failure import check_start, failure
 from .model import Model
 from .state import State, Trajectory
 
@@ -18,16 +19,10 @@ _WORK_PER_CALL = 2_000_000
 """Particle-substeps between two safe points: a quarter of a second on one core, a second on a crowded one."""
 _GRID_NODES_AT_ONCE = 8_000_000
 """Nodes of all private grids together: 256 MB."""
+_LARGE = 8000
+"""Particles from which one body is worth all cores; below, its grid fits in one core's cache and barriers would cost more."""
 _MOST_NODES = 30_000_000
 """Nodes of one grid (1 GB). A body spread over more has burst."""
-
-_REASONS = {
-    substep.NOT_FINITE: ("has a velocity that is not finite", "velocity"),
-    substep.TOO_FAST: ("moved more than one grid cell in one substep", "velocity"),
-    substep.INVERTED: ("was turned inside out", "det F"),
-    substep.BURST: ("flew off so far that the grid no longer fits in memory", "position"),
-}
-
 
 class Copies:
     """States of B copies of one body, advanced in place frame by frame."""
@@ -35,11 +30,7 @@ class Copies:
     def __init__(self, model: Model, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> None:
         """x, v (B, N, 3); C, F (B, N, 3, 3). The arrays are changed: now and by `advance`. Held particles start at rest."""
         device.start(model.device)
-        for name, array in (("position", x), ("velocity", v), ("affine velocity", C), ("deformation", F)):
-            if not np.isfinite(array).all():
-                particle = int(np.argwhere(~np.isfinite(array))[0, 1])
-                message = f"The {name} of particle {particle} at the start is not finite."
-                raise SimulationError(message, "Check the body and its initial velocity.", particle=particle, quantity=name)
+        check_start(position=x, velocity=v, affine_velocity=C, deformation=F)
         v[:, model.role == HELD] = 0.0
         C[:, model.role == HELD] = 0.0
         self.model = model
@@ -48,8 +39,8 @@ class Copies:
         self.gradient = np.zeros_like(F)
         self.capacity = 0
 
-    def advance(self, copies: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """One frame of the copies listed (A,) under `acceleration` (gravity included) and `gradient`.
+    def advance(self, copies: np.ndarray, frame: int, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Frame number `frame` of the copies listed (A,) under `acceleration` (gravity included) and `gradient`.
 
         Copies that fail start the frame once more with half the dt.
 
@@ -106,16 +97,25 @@ class Copies:
         )  # fmt: skip
 
 
-def failure(status: np.ndarray, frame: int, substeps: int) -> SimulationError:
-    """The error for status (4,) of a copy that failed in `frame` with `substeps` a frame."""
-    reason, quantity = _REASONS[int(status[0])]
-    particle, at = int(status[1]), int(status[2])
-    who = f"Particle {particle}" if particle >= 0 else "A particle"
-    return SimulationError(
-        f"{who} {reason} in frame {frame}, substep {at} of {substeps}.",
-        "Allow more substeps a frame, lower the force or Young's modulus, or use fewer particles.",
-        frame=frame, substep=at, particle=particle, quantity=quantity,
-    )  # fmt: skip
+class CopiesInTurn(Copies):
+    """The same for models with colliders or moving pins: one copy after the other, each on as many cores as it is worth."""
+
+    def advance(self, copies: np.ndarray, frame: int, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As `Copies.advance`."""
+        body = Body(self.model)
+        substeps, status = np.zeros(len(copies), int), np.zeros((len(copies), 4), np.int32)
+        for row, b in enumerate(copies):
+            state = State(self.x[b], self.v[b], self.C[b], self.F[b])
+            after, run, status[row, :3] = body.attempt(state, self.acceleration[b], self.gradient[b], frame, progress)
+            substeps[row] = run.substeps
+            if after is not None:
+                self.x[b], self.v[b], self.C[b], self.F[b] = after.x, after.v, after.C, after.F
+        return substeps, status[:, 0], status
+
+
+def conditioned(model: Model) -> bool:
+    """Whether more holds at the nodes than pins that stand still: `Body` knows of it, `Copies` does not."""
+    return model.pin_path is not None or model.collider_grid.active
 
 
 def rollout(
@@ -126,20 +126,24 @@ def rollout(
     *,
     progress: Progress | None = None,
     first_frame: int = 0,
+    precision: str = "double",
 ) -> Trajectory:
-    """Simulate T frames.
+    """Simulate T frames: a large body on all cores, a small one on one.
 
     Args:
         state: at the first picture.
         acceleration: (T, N, 3) of the external force, f / rho [m/s²], held over each frame; gravity comes from the model.
         gradient: (T, N, 3, 3), d a_i / d x_j [1/s²]; None is zero.
-        first_frame: number of the first frame, for messages.
+        first_frame: number of the first frame, for messages and for the pins' path.
+        precision: double, or single, which is faster and within 1e-3 over a frame; a small body is simulated in double all the same.
 
     Raises:
         SimulationError: when a frame breaks even with half the dt; it names frame, substep, particle and quantity.
         Cancelled: when the user asked to stop.
     """
     progress = progress or NoProgress()
+    if model.particles >= _LARGE or conditioned(model):
+        return _body_rollout(Body(model, precision), state, acceleration, gradient, progress, first_frame)
     one = Copies(model, *(np.array(array, dtype=np.float64)[None] for array in (state.x, state.v, state.C, state.F)))
     history = [[array[0].copy()] for array in (one.x, one.v, one.C, one.F)]
     taken, only = [], np.zeros(1, np.int32)
@@ -147,7 +151,7 @@ def rollout(
         one.acceleration[0] = acceleration[t] + model.gravity
         if gradient is not None:
             one.gradient[0] = gradient[t]
-        substeps, code, status = one.advance(only, progress)
+        substeps, code, status = one.advance(only, first_frame + t, progress)
         if code[0] != substep.RUNNING:
             raise failure(status[0], first_frame + t, int(substeps[0]))
         taken.append(int(substeps[0]))
@@ -155,6 +159,21 @@ def rollout(
             rows.append(array[0].copy())
     x, v, C, F = (np.stack(rows) for rows in history)
     return Trajectory(x, v, C, F, np.array(taken, dtype=np.int64))
+
+
+def _body_rollout(
+    body: Body, state: State, acceleration: np.ndarray, gradient: np.ndarray | None, progress: Progress, first_frame: int
+) -> Trajectory:
+    start, frames = body.checked(state), len(acceleration)
+    x, v, C, F = (np.empty((frames + 1, *array.shape)) for array in (start.x, start.v, start.C, start.F))
+    path = Trajectory(x, v, C, F, np.zeros(frames, np.int64))
+    path.x[0], path.v[0], path.C[0], path.F[0] = start.x, start.v, start.C, start.F
+    for t in range(frames):
+        force = acceleration[t] + body.model.gravity
+        slope = None if gradient is None else gradient[t]
+        _, run = body.frame(path.state(t), force, slope, first_frame + t, progress, into=path.state(t + 1))
+        path.substeps[t] = run.substeps
+    return path
 
 
 def advance(model: Model, state: State, acceleration: np.ndarray, gradient: np.ndarray | None = None, *, frame: int = 0) -> State:
@@ -218,7 +237,9 @@ def rollout_batch(
     if start.max(initial=0) > path.frames:
         raise ValueError(f"start_frame {start.max()} lies beyond the nominal trajectory of {path.frames + 1} pictures")
     x, v, C, F = (np.array(array[start], dtype=np.float64) for array in (path.x, path.v, path.C, path.F))
-    body = Copies(model, x, v if v0 is None else np.array(v0, dtype=np.float64), C if C0 is None else np.array(C0, dtype=np.float64), F)
+    v = v if v0 is None else np.array(v0, dtype=np.float64)
+    C = C if C0 is None else np.array(C0, dtype=np.float64)
+    body = (CopiesInTurn if conditioned(model) else Copies)(model, x, v, C, F)
     phi, dphi = np.ascontiguousarray(phi, dtype=np.float64), np.ascontiguousarray(dphi, dtype=np.float64)
     follow = (lambda x: x) if attachment is None else attachment.follow
     rest = follow(path.x[: frames + 1])
@@ -232,7 +253,7 @@ def rollout_batch(
             continue
         force = np.ascontiguousarray(coefficients[:, t], dtype=np.float64)
         substep.assemble_force(phi, dphi, model.gravity, going, force, body.F, body.acceleration, body.gradient)
-        substeps, code, status = body.advance(going, progress)
+        substeps, code, status = body.advance(going, t, progress)
         broken = code != substep.RUNNING
         if strict and broken.any():
             first = int(np.flatnonzero(broken)[0])

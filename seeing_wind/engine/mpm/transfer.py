@@ -41,7 +41,7 @@ def spline_slope(f):
 @ti.func
 def clear(grid: ti.template(), r, dims):
     for i in range(dims[0] * dims[1] * dims[2]):
-        grid[r, i] = vec4(0.0)
+        grid[r, i] = ti.Vector.zero(float, 4)
 
 
 @ti.func
@@ -56,14 +56,14 @@ def scatter(x, momentum, mass, A, offset, dx, lo, dims, grid: ti.template(), r):
     """Add one particle: each node gets w (m v + A (x_i - x_p)) and w m."""
     inv_dx = 1.0 / dx
     base = base_of(x, offset, inv_dx)
-    f = (x - offset) * inv_dx - ti.cast(base, ti.f64)
+    f = (x - offset) * inv_dx - base
     w = spline(f)
     B = A * dx
     q = momentum - B @ f
-    start = vec4(q[0], q[1], q[2], mass)
-    column_x = vec4(B[0, 0], B[1, 0], B[2, 0], 0.0)
-    column_y = vec4(B[0, 1], B[1, 1], B[2, 1], 0.0)
-    column_z = vec4(B[0, 2], B[1, 2], B[2, 2], 0.0)
+    start = ti.Vector([q[0], q[1], q[2], mass])
+    column_x = ti.Vector([B[0, 0], B[1, 0], B[2, 0], 0.0])
+    column_y = ti.Vector([B[0, 1], B[1, 1], B[2, 1], 0.0])
+    column_z = ti.Vector([B[0, 2], B[1, 2], B[2, 2], 0.0])
     corner = base - lo
     for i in ti.static(range(3)):
         for j in ti.static(range(3)):
@@ -89,7 +89,7 @@ def momentum_to_velocity(lo, dims, clamp_lo, clamp: ti.template(), grid: ti.temp
                     if 0 <= c[0] < clamp.shape[0] and 0 <= c[1] < clamp.shape[1] and 0 <= c[2] < clamp.shape[2]:
                         if clamp[c[0], c[1], c[2]] != 0:
                             inv_mass = 0.0
-                    grid[r, node] = vec4(g[0] * inv_mass, g[1] * inv_mass, g[2] * inv_mass, g[3])
+                    grid[r, node] = ti.Vector([g[0] * inv_mass, g[1] * inv_mass, g[2] * inv_mass, g[3]])
 
 
 @ti.func
@@ -97,12 +97,13 @@ def gather(x, offset, dx, lo, dims, grid: ti.template(), r):
     """v = sum w v_i and C = 4/dx² sum w v_i (x_i - x_p)^T at one particle."""
     inv_dx = 1.0 / dx
     base = base_of(x, offset, inv_dx)
-    f = (x - offset) * inv_dx - ti.cast(base, ti.f64)
+    f = (x - offset) * inv_dx - base
     w = spline(f)
     corner = base - lo
-    v, moment_x, moment_y, moment_z = vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0)
+    zero = ti.Vector.zero(float, 4)
+    v, moment_x, moment_y, moment_z = zero, zero, zero, zero
     for i in ti.static(range(3)):
-        plane, plane_y, plane_z = vec4(0.0), vec4(0.0), vec4(0.0)
+        plane, plane_y, plane_z = zero, zero, zero
         for j in ti.static(range(3)):
             row = ((corner[0] + i) * dims[1] + corner[1] + j) * dims[2] + corner[2]
             middle = w[1, 2] * grid[r, row + 1]
@@ -117,6 +118,6 @@ def gather(x, offset, dx, lo, dims, grid: ti.template(), r):
         moment_z += w[i, 0] * plane_z
         if ti.static(i > 0):
             moment_x += (i * w[i, 0]) * plane
-    v3 = vec3(v[0], v[1], v[2])
+    v3 = ti.Vector([v[0], v[1], v[2]])
     moment = ti.Matrix([[moment_x[a], moment_y[a], moment_z[a]] for a in ti.static(range(3))])
     return v3, 4.0 * inv_dx * (moment - v3.outer_product(f))

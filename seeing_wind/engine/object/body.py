@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from ..materials import PLASTIC_LAWS, adjusted, find
 from ..progress import NoProgress, Progress
 from ..records import Body, Observation
@@ -38,6 +40,9 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
         yield_stress=settings.yield_stress,
         viscosity=settings.viscosity,
     )
+    if settings.estimated_material is not None:
+        source = f"estimated for {settings.estimated_by}"
+        material = dataclasses.replace(material, name=settings.estimated_material, source=source)
     relief = relief_of(observation, settings.thickness)
     particles = fill(relief, settings.particles, observation.pin)
     progress.update(0.05, f"{len(particles.x)} particles in a {relief.kind}, {1000.0 * relief.thickness:.1f} mm thick")

@@ -82,8 +82,13 @@ def covariances(gaussians: Gaussians, F: np.ndarray) -> np.ndarray:
     Returns:
         (G, 3, 3) [m²].
     """
-    blended = np.einsum("gj,gjab->gab", gaussians.attachment.weight, np.asarray(F)[gaussians.attachment.index])
+    blended = blended_gradients(gaussians, F)
     return blended @ rest_covariances(gaussians) @ blended.transpose(0, 2, 1)
+
+
+def blended_gradients(gaussians: Gaussians, F: np.ndarray) -> np.ndarray:
+    """Deformation gradients (G, 3, 3) of the Gaussians from those of the particles (N, 3, 3), by their attachment's weights."""
+    return np.einsum("gj,gjab->gab", gaussians.attachment.weight, np.asarray(F)[gaussians.attachment.index])
 
 
 def rest_covariances(gaussians: Gaussians) -> np.ndarray:

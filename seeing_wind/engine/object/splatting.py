@@ -18,7 +18,9 @@ from scipy.spatial.transform import Rotation
 
 from ..progress import NoProgress, Progress
 from ..records import Camera, Gaussians
+from . import gsplat_backend
 from .gaussians import SH0, covariances, rest_covariances, view_camera
+from .harmonics import seen_colours
 from .relief import Relief
 
 TILE = 8
@@ -140,10 +142,15 @@ def picture(
     centres = gaussians.x if x is None else gaussians.attachment.follow(x)
     spread = rest_covariances(gaussians) if F is None else covariances(gaussians, F)
     with one_thread(), torch.no_grad():
-        mean, flat, depth = project(torch.from_numpy(centres).float(), torch.from_numpy(spread).float(), camera, frame)
-        tiles = tiles_of(mean, flat, depth, camera.width, camera.height)
-        colour = (0.5 + SH0 * torch.from_numpy(gaussians.sh[:, 0]).float()).clamp(0.0, 1.0)
-        image, alpha = blend(mean, flat, torch.from_numpy(gaussians.opacity).float(), colour, tiles, camera.width, camera.height)
+        place, shape = torch.from_numpy(centres).float(), torch.from_numpy(spread).float()
+        colour = torch.from_numpy(seen_colours(gaussians, centres, camera.pose(frame)[:3, 3], F)).float()
+        opacity = torch.from_numpy(gaussians.opacity).float()
+        if gsplat_backend.usable():
+            image, alpha = gsplat_backend.draw(place, shape, opacity, colour, camera, frame, NEAR)
+        else:
+            mean, flat, depth = project(place, shape, camera, frame)
+            tiles = tiles_of(mean, flat, depth, camera.width, camera.height)
+            image, alpha = blend(mean, flat, opacity, colour, tiles, camera.width, camera.height)
     return image.numpy(), alpha.numpy()
 
 
@@ -195,8 +202,11 @@ def _fit(gaussians: Gaussians, relief: Relief, image: np.ndarray, iterations: in
     )
     decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max(iterations, 1), eta_min=0.0)
 
-    def render(renew: Tiles | None) -> tuple[torch.Tensor, torch.Tensor, Tiles]:
+    def render(renew: Tiles | None) -> tuple[torch.Tensor, torch.Tensor, Tiles | None]:
         stretched = axes * torch.exp(scale)[:, None, :]
+        if gsplat_backend.usable():
+            spread = stretched @ stretched.transpose(1, 2)
+            return *gsplat_backend.draw(x, spread, torch.sigmoid(opacity), 0.5 + SH0 * sh, camera, 0, NEAR), renew
         mean, flat, depth = project(x, stretched @ stretched.transpose(1, 2), camera)
         tiles = renew or tiles_of(mean, flat, depth, camera.width, camera.height)
         return *blend(mean, flat, torch.sigmoid(opacity), 0.5 + SH0 * sh, tiles, camera.width, camera.height), tiles

@@ -13,6 +13,7 @@ from ..errors import UsageError
 from ..progress import Progress
 from ..records import Camera
 from ..settings import ObserveSettings
+from .transforms import LENS, from_transforms, is_transforms
 
 DEFAULT_DISTANCE = 2.0
 """Metres assumed when nothing says the scale: someone filming a thing within reach. Force scales with it, and the user is told so."""
@@ -63,12 +64,16 @@ def find_camera(
 
 
 def read_camera(path: str, width: int, height: int, pictures: int, first_frame: int = 0) -> Camera:
-    """A camera file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per picture); other keys are ignored.
+    """A camera file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per picture); or a `transforms.json`.
+
+    k1, k2, p1, p2, k3 describe the lens (OpenCV's model, no bend where they are missing); other keys are ignored.
 
     Raises:
         UsageError: unreadable, keys missing, another picture size than the clip's, values not finite, or no rigid motion in a matrix.
     """
     values = _read_json(path)
+    if is_transforms(values):
+        values = from_transforms(path, values, width, height)
     missing = [key for key in KEYS if key not in values]
     if missing:
         raise UsageError(f"The camera {path} lacks {', '.join(missing)}.", f"It needs {', '.join(KEYS)}.")
@@ -80,6 +85,7 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
     try:
         fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
         poses = np.array(values["camera_to_world"], dtype=np.float64)
+        lens = tuple(float(values.get(key, 0.0)) for key in LENS)
     except (TypeError, ValueError) as error:
         raise UsageError(
             f"The camera {path} holds something that is not a number ({error}).", "Write plain numbers and 4x4 lists."
@@ -88,7 +94,19 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
         raise UsageError(
             f"The camera {path} has a focal length or centre that is not usable.", "fx and fy must be positive, all four finite."
         )
-    return Camera(width, height, fx, fy, cx, cy, _poses(path, poses, pictures, first_frame))
+    return Camera(width, height, fx, fy, cx, cy, _poses(path, poses, pictures, first_frame), _distortion(path, lens, fx, width, height))
+
+
+def _distortion(path: str, lens: tuple[float, ...], focal: float, width: int, height: int) -> tuple[float, ...]:
+    """The lens's five numbers, () where they are all zero; checked to map the picture one to one."""
+    if not any(lens):
+        return ()
+    k1, k2, _, _, k3 = lens
+    # The radial formula turns back on itself where d(r (1 + k1 r² + k2 r⁴ + k3 r⁶))/dr is no longer positive.
+    r2 = np.linspace(0.0, (0.5 * np.hypot(width, height) / focal) ** 2, 200)
+    if not np.isfinite(lens).all() or (1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3 <= 0.0).any():
+        raise UsageError(f"The lens of {path} (k1 {k1:g}, k2 {k2:g}, k3 {k3:g}) folds the picture over.", "Calibrate it again.")
+    return lens
 
 
 def _read_json(path: str) -> dict[str, Any]:

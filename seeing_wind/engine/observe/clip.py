@@ -14,13 +14,22 @@ from ..errors import ClipError, UsageError
 from ..progress import NoProgress, Progress
 
 PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr"}
+UNEVEN = 0.1
+"""Deviation of a time between pictures from the usual one, relative, from which a clip counts as one of variable frame rate."""
+
+ROUNDING = 0.02
+"""Relative difference between a file's frame rate and that of its times that is rounding: some containers keep whole milliseconds."""
+
+TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
+"""What makes a picture upright that a phone stored with this rotation in the file's metadata [degrees]."""
+
 LARGEST_CLIP = 6e9
 """Bytes of decoded pictures held at once; beyond it the user is asked for a shorter range instead of the machine swapping."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """The chosen pictures of a clip."""
+    """The chosen pictures of a clip, upright."""
 
     path: str
     frames: np.ndarray
@@ -37,7 +46,7 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
         path: a video that OpenCV opens, a folder of pictures (sorted by the numbers in their names), or a pattern such as
             `shot_%04d.png` or `shot_*.png`.
         frames: first and last picture.
-        fps: frames per second; None takes the file's.
+        fps: frames per second; None takes the file's, or the mean over the chosen pictures where the file's rate varies.
 
     Raises:
         ClipError: nothing there, not a video, an empty range, or fewer than two pictures.
@@ -49,8 +58,9 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
     first, last = _range(frames)
     source, file_fps = _open(str(path))
     kept: list[np.ndarray] = []
+    times: list[float] = []
     count, size = 0, 0
-    for index, picture in enumerate(source):
+    for index, (picture, time) in enumerate(source):
         progress.check()
         count = index + 1
         if last is not None and index > last:
@@ -62,6 +72,7 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
                 f"Picture {index} of {path} is {_size(picture)}, the first one {_size(kept[0])}.", "All pictures must have the same size."
             )
         kept.append(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
+        times.append(time)
         size += picture.nbytes
         if size > LARGEST_CLIP:
             raise ClipError(
@@ -69,7 +80,7 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
                 f"Choose a shorter range such as --frames {first}:{first + len(kept) // 2}, or scale the clip down.",
             )
     _check_count(str(path), kept, count, first, last)
-    return Clip(str(path), np.stack(kept), _rate(str(path), fps, file_fps), first)
+    return Clip(str(path), np.stack(kept), _rate(str(path), fps, file_fps, np.array(times), progress), first)
 
 
 def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
@@ -96,9 +107,23 @@ def _check_count(path: str, kept: list[np.ndarray], count: int, first: int, last
         raise ClipError(f"{path} gives one picture, and motion needs two.", "Use a longer clip or a wider --frames range.")
 
 
-def _rate(path: str, fps: float | None, file_fps: float) -> float:
+def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray, progress: Progress) -> float:
+    """Frames per second: the user's, else the file's, else (where the pictures' `times` (T+1,) [s] are uneven) their mean."""
     if fps is not None:
         return float(fps)
+    steps = np.diff(times)
+    if np.isfinite(steps).all() and (steps > 0).all():
+        usual = float(np.median(steps))
+        mean = len(steps) / float(times[-1] - times[0])
+        if np.abs(steps - usual).max() <= UNEVEN * usual:
+            # A file's own number is exact, but that of the whole file: an even part of an uneven clip has another.
+            file_fps = file_fps if np.isfinite(file_fps) and abs(mean / max(file_fps, 1e-9) - 1.0) < ROUNDING else mean
+        else:
+            progress.warn(
+                f"The clip's frame rate varies: {1e3 * steps.min():.0f} to {1e3 * steps.max():.0f} ms between pictures. Its mean, "
+                f"{mean:.4g} per second, is used, and forces are wrong where pictures are far apart. Convert it to a constant rate."
+            )
+            return mean
     if not (np.isfinite(file_fps) and 0.0 < file_fps < 1e5):
         raise UsageError(f"{path} does not say its frame rate.", "Give it with --fps: forces scale with its square.")
     return float(file_fps)
@@ -108,8 +133,8 @@ def _size(picture: np.ndarray) -> str:
     return f"{picture.shape[1]}x{picture.shape[0]}"
 
 
-def _open(path: str) -> tuple[Iterator[np.ndarray], float]:
-    """Pictures (BGR) of a clip and the frame rate its file states (NaN for pictures)."""
+def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
+    """Pictures (BGR) of a clip with their times [s], and the frame rate its file states (both NaN for pictures)."""
     place = Path(path)
     if not path.strip():
         raise ClipError("No clip is named.", "Give a video file, a folder of pictures, or a pattern like shot_%04d.png.")
@@ -127,25 +152,29 @@ def _open(path: str) -> tuple[Iterator[np.ndarray], float]:
     return _video(capture), float(capture.get(cv2.CAP_PROP_FPS))
 
 
-def _video(capture: cv2.VideoCapture) -> Iterator[np.ndarray]:
+def _video(capture: cv2.VideoCapture) -> Iterator[tuple[np.ndarray, float]]:
+    # Builds of OpenCV differ in whether they turn pictures by themselves.
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    turn = TURNS.get(round(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 360)
     try:
         while True:
             read, picture = capture.read()
             if not read:
                 return
-            yield picture
+            time = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
+            yield (picture if turn is None else cv2.rotate(picture, turn)), time
     finally:
         capture.release()
 
 
-def _pictures(files: list[Path], path: str) -> Iterator[np.ndarray]:
+def _pictures(files: list[Path], path: str) -> Iterator[tuple[np.ndarray, float]]:
     if not files:
         raise ClipError(f"No pictures at {path}.", "Give a folder or pattern of PNG, JPEG, TIFF, BMP or WebP files.")
     for file in files:
         picture = cv2.imread(str(file), cv2.IMREAD_COLOR)
         if picture is None:
             raise ClipError(f"The picture {file} cannot be read.", "Remove or replace that file.")
-        yield picture
+        yield picture, float("nan")
 
 
 def _sequence(path: str) -> list[Path]:

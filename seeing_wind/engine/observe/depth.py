@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
@@ -40,41 +38,36 @@ def read_depth(path: str, height: int, width: int) -> np.ndarray:
     return depth
 
 
-def typical_depth(path: str | None, around: np.ndarray) -> float | None:
-    """Median depth [m] of a depth file over `around` (H, W) bool, or over all it knows where that is empty; None without a file.
-
-    Raises:
-        UsageError: as `read_depth`.
-    """
-    if path is None:
+def typical_depth(depth: np.ndarray | None, around: np.ndarray) -> float | None:
+    """Median [m] of a depth map (H, W) over `around` (H, W) bool, or over all it knows where that is empty; None without a map."""
+    if depth is None:
         return None
-    depth = read_depth(path, *around.shape)
     known = np.isfinite(depth) & (depth > 0)
     return float(np.median(depth[known & around] if (known & around).any() else depth[known]))
 
 
-def object_depth(path: str | None, mask: np.ndarray, distance: float, progress: Progress) -> np.ndarray:
+def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance: float, progress: Progress) -> np.ndarray:
     """Depth (H, W) float32 [m] of the object's visible surface in picture 0, infinite off `mask` (H, W).
 
-    Without a file it is the plane at `distance` [m] that faces the camera.
+    Args:
+        depth: (H, W) [m], not positive or not finite where unknown; without it the surface is the plane at `distance` [m] that faces
+            the camera.
+        name: where `depth` is from, for messages.
 
     Raises:
-        UsageError: as `read_depth`, or when the file leaves more than a fifth of the object without depth.
+        UsageError: `depth` leaves more than a fifth of the object without depth.
     """
-    if path is None:
+    if depth is None:
         return np.where(mask, np.float32(distance), np.float32(np.inf)).astype(np.float32)
-    depth = read_depth(path, *mask.shape)
     known = np.isfinite(depth) & (depth > 0)
     part = float((known & mask).sum()) / float(mask.sum())
     if part < LEAST_KNOWN:
         raise UsageError(
-            f"{Path(path).name} gives a depth for only {100 * part:.0f} % of the object.",
+            f"{name} gives a depth for only {100 * part:.0f} % of the object.",
             "Check that mask and depth are of the same picture.",
         )
     if part < 0.98:
-        progress.warn(
-            f"{100 * (1 - part):.0f} % of the object's pixels have no depth in {Path(path).name}; they take the nearest known one."
-        )
+        progress.warn(f"{100 * (1 - part):.0f} % of the object's pixels have no depth in {name}; they take the nearest known one.")
     # Only depths on the object itself may fill its rim: the nearest pixel outside could belong to the wall behind it.
     rows, columns = distance_transform_edt(~(known & mask), return_distances=False, return_indices=True)
     return np.where(mask, depth[rows, columns], np.float32(np.inf)).astype(np.float32)

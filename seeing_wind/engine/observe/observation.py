@@ -15,9 +15,12 @@ from ..settings import ObserveSettings
 from .background import Plate, clean_plate, median_plate, plate_behind, stands_still, without_object
 from .camera import find_camera
 from .clip import Clip, read_clip
+from .defects import check_pictures, tell_defects
 from .depth import object_depth, typical_depth
 from .follow import MaskFollower
-from .mask import first_mask, read_mask
+from .lens import Lens
+from .mask import read_mask
+from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
 from .shake import as_filmed, camera_turns, steadied, turning
 from .threads import one_thread
 from .tracks import Tracker, find_corners
@@ -54,12 +57,18 @@ def observe(clip: str | Path, settings: ObserveSettings, progress: Progress) -> 
 
 
 def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) -> Observation:
+    check_networks(settings)
     progress.update(0.0, "reading the clip")
     clip = read_clip(path, settings.frames, settings.fps, progress)
+    check_pictures(clip.frames, clip.first_frame, progress)
     pictures, height, width = clip.frames.shape[:3]
     around = read_mask(settings.mask, height, width) if settings.mask else _box_area(settings, height, width)
-    depth_of_object = typical_depth(settings.depth, around)
+    known_depth, depth_name = first_depth(settings, clip, progress)
+    depth_of_object = typical_depth(known_depth, around)
     camera, distance = find_camera(settings, width, height, pictures, clip.first_frame, depth_of_object, progress)
+    lens = Lens(camera)
+    clip, settings = replace(clip, frames=lens.straight(clip.frames, progress)), _straight(settings, lens)
+    around = lens.straight_map(around)
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
     turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress)
@@ -71,12 +80,13 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
         progress.warn("The camera moves, and without --camera its motion is taken for the object's.")
     plate = median_plate(clip.frames, progress) if still else None
     progress.update(0.08, "finding the object")
-    mask = first_mask(settings, clip.frames[0], plate, progress)
+    mask = first_outline(settings, clip.frames[0], plate, lens, progress)
     progress.update(0.1, "following the object")
-    pin = _pin(settings, mask)
-    depth = object_depth(settings.depth, mask, distance, progress)
+    pin = _pin(settings, mask, lens)
+    depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     plate = without_object(plate, clip.frames[0], mask) if plate is not None else None
-    masks, tracks = _follow(clip, mask, plate, settings, progress)
+    masks, tracks = _follow(clip, mask, plate, lens, settings, progress)
+    tell_defects(clip.frames, masks, progress)
     progress.update(0.95, "background")
     background = clean_plate(clip.frames, masks, still, progress)
     xy = tracks.xy
@@ -103,6 +113,24 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
     )
 
 
+def _depth_map(
+    depth: np.ndarray | None, mask: np.ndarray, distance: float, lens: Lens, settings: ObserveSettings
+) -> np.ndarray | None:
+    """The known depth (H, W) over the straightened picture; a network's is scaled to the distance that the user gave."""
+    if depth is None:
+        return None
+    straight = lens.straight_map(depth, np.inf)
+    typical = typical_depth(straight, mask)
+    if settings.depth is None and (settings.distance or settings.pixels_per_metre) and typical:
+        straight = straight * np.float32(distance / typical)
+    return straight
+
+
+def _straight(settings: ObserveSettings, lens: Lens) -> ObserveSettings:
+    """The settings with their box in the pinhole's pixels."""
+    return replace(settings, box=lens.straight_box(settings.box)) if settings.box is not None and lens.bends else settings
+
+
 def _box_area(settings: ObserveSettings, height: int, width: int) -> np.ndarray:
     area = np.zeros((height, width), bool)
     if settings.box is not None and np.isfinite(settings.box).all():
@@ -111,11 +139,11 @@ def _box_area(settings: ObserveSettings, height: int, width: int) -> np.ndarray:
     return area
 
 
-def _pin(settings: ObserveSettings, mask: np.ndarray) -> np.ndarray:
+def _pin(settings: ObserveSettings, mask: np.ndarray, lens: Lens) -> np.ndarray:
     """(H, W) bool, the held part of the object."""
     if settings.pin is None:
         return np.zeros_like(mask)
-    pin = read_mask(settings.pin, mask.shape[0], mask.shape[1], "pin mask") & mask
+    pin = lens.straight_map(read_mask(settings.pin, mask.shape[0], mask.shape[1], "pin mask")) & mask
     if not pin.any():
         raise ObjectError(
             "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first picture."
@@ -123,15 +151,27 @@ def _pin(settings: ObserveSettings, mask: np.ndarray) -> np.ndarray:
     return pin
 
 
-def _follow(clip: Clip, mask: np.ndarray, plate: Plate | None, settings: ObserveSettings, progress: Progress) -> tuple[np.ndarray, _Tracks]:
+def _follow(
+    clip: Clip, mask: np.ndarray, plate: Plate | None, lens: Lens, settings: ObserveSettings, progress: Progress
+) -> tuple[np.ndarray, _Tracks]:
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
     frames = clip.frames
-    given = read_tracks(settings.tracks, len(frames), clip.first_frame, mask, progress) if settings.tracks else None
+    given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    if settings.tracks:
+        xy, visible, sigma = read_tracks(settings.tracks, len(frames), clip.first_frame, lens.filmed_map(mask), progress)
+        given = (lens.straight_points(xy), visible, sigma)
+    elif settings.track_model:
+        given = network_tracks(settings.track_model, frames, mask, progress)
     corners = find_corners(frames[0], mask) if given is None else np.zeros((0, 2))
     tracker = Tracker(frames[0], mask, corners)
     rows = [(tracker.xy, tracker.visible, tracker.sigma)]
     masks = [mask]
-    for new, follower in _carry(frames, mask, plate, progress, 0.1, 0.7):
+    carried: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
+        network_masks(settings.mask_model, frames, mask, progress)
+        if settings.mask_model
+        else _carry(frames, mask, plate, progress, 0.1, 0.7)
+    )
+    for new, follower in carried:
         tracker.advance(frames[len(masks)], follower.flow, new)
         masks.append(new)
         rows.append((tracker.xy, tracker.visible, tracker.sigma))
@@ -144,7 +184,7 @@ def _follow(clip: Clip, mask: np.ndarray, plate: Plate | None, settings: Observe
     enough = visible.sum(axis=1) >= ENOUGH
     if enough[seen].all():
         return np.stack(masks), found
-    if plate is not None:
+    if plate is not None and not settings.mask_model:
         # The silhouette counts now, and its first masks show what is behind it.
         plate = plate_behind(frames, np.stack(masks), plate, progress)
         masks = [mask, *(new for new, _ in _carry(frames, mask, plate, progress, 0.7, 0.9))]

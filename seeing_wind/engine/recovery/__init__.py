@@ -1,5 +1,6 @@
-"""From observed motion to the force field that made it: see `recover`."""
+"""From observed motion to the force field that made it: see `recover`; `recover_by_descent` is the paper's own scheme."""
 
+from .paper_schedule import recover_by_descent
 from .recover import recover
 
-__all__ = ["recover"]
+__all__ = ["recover", "recover_by_descent"]

@@ -43,6 +43,8 @@ class Forward:
     velocity_gradient: np.ndarray
     """(V, N, 3, 3)."""
     progress: Progress
+    begin: State | None = None
+    """The body at the first picture, if it is known; then there are no initial motions (V = 0)."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -62,7 +64,9 @@ class Forward:
         return np.concatenate([knots.ravel(), velocity])
 
     def start(self, velocity: np.ndarray) -> State:
-        """The state in picture 0 with initial velocities (V,)."""
+        """The state in the first picture with initial velocities (V,)."""
+        if self.begin is not None:
+            return self.begin
         rest = State.at_rest(self.x)
         return State(rest.x, np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1), rest.F)
 
@@ -94,8 +98,9 @@ class Forward:
 
     def positions(self, theta: np.ndarray) -> np.ndarray:
         """Candidates (B, n) -> (B, T+1, N, 3), NaN after a breakdown."""
-        velocity = theta[:, self.size :]
-        return self._batch(self.model, State.at_rest(self.x), self.per_frame(theta), velocity)
+        if self.begin is not None:
+            return self._batch(self.model, self.begin, self.per_frame(theta), None)
+        return self._batch(self.model, State.at_rest(self.x), self.per_frame(theta), theta[:, self.size :])
 
     def window(self, state: State | None, unknowns: np.ndarray, frames: int) -> np.ndarray:
         """Constant coefficients over a few frames: (B, modes 3 [+ V]) -> (B, frames+1, N, 3). State None starts at rest with velocities."""

@@ -7,7 +7,8 @@ factor of its covariance over the pictures.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -37,6 +38,9 @@ class Channels(Protocol):
     def reweighted(self, residual: np.ndarray) -> Channels:
         """The same channels, outliers of `residual` (T+1, count) given the variance that makes them Huber."""
 
+    def mismatched(self, scale: float) -> Channels:
+        """The same channels with `scale` times the mismatch's standard deviation that they are given at first."""
+
     def distance(self, x: np.ndarray) -> np.ndarray:
         """(T+1, points) distances of the observed points for a trajectory (T+1, N, 3), NaN where not seen."""
 
@@ -50,22 +54,45 @@ class Channels(Protocol):
 class Objective:
     """All channels together."""
 
-    def __init__(self, channels: Sequence[Channels], pictures: int | None = None) -> None:
-        """`pictures`: look only at the first so many."""
-        self.channels = list(channels)
-        self.used = np.concatenate([one.used for one in self.channels], axis=1)
-        self.whitener = np.concatenate([_whiteners(one) for one in self.channels])
+    def __init__(self, channels: Sequence[Channels], first: int = 0, last: int | None = None) -> None:
+        """`first` and `last`: look only at these pictures; the simulation starts in the first, which therefore shows nothing."""
+        self.channels, self.first = list(channels), first
+        self.used = np.concatenate([one.used for one in self.channels], axis=1)[first : None if last is None else last + 1].copy()
+        self.used[0] = False
+
+    @cached_property
+    def whitener(self) -> np.ndarray:
         """(channels, T+1, T+1): times a channel's series gives residuals of unit variance, 0 rows where not used."""
-        marginal = [np.diag(one.covariance(channel)) for one in self.channels for channel in range(one.count)]
-        self.deviation = np.sqrt(np.stack(marginal, axis=1))
+        out = np.zeros((self.used.shape[1], len(self.used), len(self.used)))
+        for row, covariance in enumerate(self._covariances()):
+            used = np.flatnonzero(self.used[:, row])
+            if len(used):
+                out[row][np.ix_(used, used)] = np.linalg.inv(np.linalg.cholesky(covariance[np.ix_(used, used)]))
+        return out
+
+    @cached_property
+    def deviation(self) -> np.ndarray:
         """(T+1, channels) standard deviation of each raw residual alone."""
-        if pictures is not None:  # Cholesky factors are causal: the first rows do not know of the later ones
-            self.used, self.deviation = self.used[:pictures], self.deviation[:pictures]
-            self.whitener = self.whitener[:, :pictures, :pictures]
+        return np.sqrt(np.stack([np.diag(covariance) for covariance in self._covariances()], axis=1))
+
+    def _covariances(self) -> Iterator[np.ndarray]:
+        rows = slice(self.first, self.first + len(self.used))
+        for one in self.channels:
+            for channel in range(one.count):
+                yield one.covariance(channel)[rows, rows]
+
+    def between(self, first: int, last: int) -> Objective:
+        """The objective of the pictures first ... last of these."""
+        return Objective(self.channels, self.first + first, self.first + last)
 
     def until(self, frames: int) -> Objective:
-        """The objective of the clip's first frames only."""
-        return self if frames == self.frames else Objective(self.channels, frames + 1)
+        """The objective of the first frames only."""
+        if frames == self.frames:
+            return self
+        part = self.between(0, frames)
+        # Cholesky factors are causal: the first rows do not know of the later ones.
+        part.__dict__["whitener"] = self.whitener[:, : frames + 1, : frames + 1]
+        return part
 
     @property
     def frames(self) -> int:
@@ -74,7 +101,10 @@ class Objective:
 
     def residual(self, x: np.ndarray, first_frame: int = 0) -> np.ndarray:
         """Trajectories (B, S, N, 3), pictures first_frame ... first_frame + S - 1 -> raw residuals (B, S, channels)."""
-        rows = [np.concatenate([one.residual(x[:, s], first_frame + s) for one in self.channels], axis=1) for s in range(x.shape[1])]
+        rows = []
+        for picture in range(first_frame, first_frame + x.shape[1]):
+            parts = [one.residual(x[:, picture - first_frame], self.first + picture) for one in self.channels]
+            rows.append(np.concatenate(parts, axis=1) * self.used[picture])
         return np.stack(rows, axis=1)
 
     def whiten(self, residual: np.ndarray) -> np.ndarray:
@@ -82,11 +112,35 @@ class Objective:
         white = np.matmul(self.whitener, residual.transpose(2, 1, 0))  # (channels, T+1, B)
         return white.reshape(-1, residual.shape[0]).T
 
+    def unwhitened(self, white: np.ndarray) -> np.ndarray:
+        """What `whiten` made of it: (B, channels (T+1)) -> raw (B, T+1, channels), 0 where not used."""
+        count, frames = self.whitener.shape[:2]
+        series = white.reshape(len(white), count, frames).transpose(1, 2, 0)
+        raw = np.zeros((count, frames, len(white)), white.dtype)
+        for channel in range(count):
+            used = np.flatnonzero(self.used[:, channel])
+            if len(used):
+                raw[channel, used] = np.linalg.solve(self.whitener[channel][np.ix_(used, used)], series[channel, used])
+        return raw.transpose(2, 1, 0)
+
+    @property
+    def log_volume(self) -> float:
+        """Logarithm of the determinant of all whiteners: minus half that of the residuals' covariance."""
+        diagonal = np.einsum("ctt->tc", self.whitener)[self.used]
+        return float(np.log(diagonal).sum())
+
+    def mismatched(self, scale: float) -> Objective:
+        """The objective with `scale` times the mismatch that the channels were given at first."""
+        return Objective([one.mismatched(scale) for one in self.channels], self.first, self.first + self.frames)
+
     def reweighted(self, residual: np.ndarray) -> Objective:
         """The objective with outliers of the raw residual (T+1, channels) weighted down (Huber)."""
         ends = np.cumsum([one.count for one in self.channels])
-        parts = np.split(residual, ends[:-1], axis=1)
-        return Objective([one.reweighted(part) for one, part in zip(self.channels, parts, strict=True)])
+        whole = np.zeros((len(self.channels[0].used), residual.shape[1]))
+        whole[self.first : self.first + len(residual)] = residual
+        parts = np.split(whole, ends[:-1], axis=1)
+        channels = [one.reweighted(part) for one, part in zip(self.channels, parts, strict=True)]
+        return Objective(channels, self.first, self.first + self.frames)
 
     def root_mean_square(self, x: np.ndarray) -> np.ndarray:
         """(T+1,) distance of simulated and observed points per picture, 0 where nothing was seen."""
@@ -98,14 +152,3 @@ class Objective:
         """(all K, N) of all observed points."""
         return np.concatenate([one.points for one in self.channels])
 
-
-def _whiteners(channels: Channels) -> np.ndarray:
-    """Inverse Cholesky factors over the used pictures of each channel, (channels, T+1, T+1)."""
-    frames = len(channels.used)
-    out = np.zeros((channels.count, frames, frames))
-    for channel in range(channels.count):
-        used = np.flatnonzero(channels.used[:, channel])
-        if len(used):
-            factor = np.linalg.cholesky(channels.covariance(channel)[np.ix_(used, used)])
-            out[channel][np.ix_(used, used)] = np.linalg.inv(factor)
-    return out

@@ -1,7 +1,7 @@
 """From what was seen to the force that explains it: the stage *recover*.
 
-Coarse to fine, because a body that turns makes the problem curved: follow the targets with a receding horizon, solve the whole clip with
-few modes and sparse knots, learn the prior's sizes, then solve with all modes the data can tell apart (Gauss-Newton through the simulator).
+A clip is solved in windows that overlap (`window`): the cost grows with its length, the memory of the solve does not. Each window starts
+from the state that the one before reached well before its end, and solves what lay after that once more.
 """
 
 from __future__ import annotations
@@ -21,20 +21,14 @@ from ..mpm.state import Trajectory
 from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
-from .basis import SpatialBasis, hats, spatial_basis, velocity_basis
-from .channels import TrackChannels, point_channels, track_channels
-from .forward import Forward
-from .gauss_newton import TOLERANCE, Linearisation, Solution, solve
+from .basis import SpatialBasis, spatial_basis
 from .objective import Channels, Objective
+from .point_channels import point_channels
 from .posterior import posterior_deviation
-from .prior import Prior, first_prior, learn
-from .warm_start import warm_start
+from .track_channels import TrackChannels, track_channels
+from .window import FULL_KNOT, Expected, Found, WindowSolver
 
-COARSE_DEGREE, COARSE_KNOT = 2, 4.0
-"""Degree of the modes and frames between knots of the first whole-clip solve."""
-FULL_MODES, FULL_KNOT = 16, 2.0
-COARSE_ITERATIONS, FINE_ITERATIONS = 1, 2
-"""Jacobians at most; settings.iterations may lower them. Few are needed: each serves several chord steps."""
+FULL_MODES = 16
 OBSERVABLE = 0.1
 """A mode is used when the observed points see at least this share of it that the modes before it do not explain."""
 SLOWEST = 0.03
@@ -45,15 +39,8 @@ RAY_SHRINK = 0.03
 """The same along the ray of a body that one camera sees as a point."""
 STILL = 0.02
 """A body whose observed points move less than this share of its radius hardly moves [m/m]."""
-COARSE_TOLERANCE = 0.1
-"""A coarse solve has done its work when a step promises less than this share of the cost: the fine one goes on from there."""
-SEGMENT = 16
-"""Frames by which the followed part of the clip grows."""
-SEGMENT_ITERATIONS = 1
-ROUGH = 0.5
-"""Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
-UNKNOWNS = 640
-"""Most unknowns of the dense solve; longer clips get sparser knots, then fewer modes."""
+WINDOW, OVERLAP = 32, 8
+"""Most frames that are solved together, and those of them that the next window solves again."""
 
 
 def recover(
@@ -100,9 +87,12 @@ def recover(
     if material.law not in LAWS:
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
         material = replace(material, law="corotated")
-    model, model_notes = model_for(particles, material, fps, gravity=settings.gravity, device=settings.device)
-    solver = _Solver(particles, model, Objective(channels), fps, settings, progress, notes + model_notes)
-    return solver.run(material, len(sources) if isinstance(sources[0], TrackTargets) else 0, began)
+    model, model_notes = model_for(
+        particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth
+    )
+    clip = _Clip(particles, model, Objective(channels), fps, settings, progress, notes + model_notes)
+    views = len(sources) if isinstance(sources[0], TrackTargets) else 0
+    return clip.result(clip.solved(), material, views, began)
 
 
 def _check(particles: Particles, fps: float) -> None:
@@ -118,9 +108,28 @@ def _check(particles: Particles, fps: float) -> None:
             raise ObjectError("Some particles of the body are in the same place as another.", "Build the body again.")
 
 
+def windows(frames: int) -> list[tuple[int, int]]:
+    """First and last picture of each window; they are equally long, and neighbours share OVERLAP frames."""
+    count = 1 if frames <= WINDOW else math.ceil((frames - OVERLAP) / (WINDOW - OVERLAP))
+    hop = (frames - OVERLAP) / count if count > 1 else frames
+    return [(round(hop * k), min(frames, round(hop * (k + 1)) + (OVERLAP if count > 1 else 0))) for k in range(count)]
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What a window adds to the clip: the frames before the next one begins."""
+
+    acceleration: np.ndarray
+    deviation: np.ndarray
+    trajectory: Trajectory
+    """Up to the next window's first picture."""
+    iterations: int
+    converged: bool
+
+
 @dataclass
-class _Solver:
-    """One recovery on its way from a rough start to the final solve."""
+class _Clip:
+    """All windows of one recovery."""
 
     particles: Particles
     model: Model
@@ -130,73 +139,28 @@ class _Solver:
     progress: Progress
     notes: list[str]
 
-    def run(self, material: Material, views: int, began: float) -> Recovery:
-        """All parts in order; `views` is the number of cameras, 0 for points in 3D."""
-        frames = self.objective.frames
+    def solved(self) -> list[_Kept]:
+        """The windows one after the other."""
         basis = self._observable(spatial_basis(self.particles.x, self.model.mass * ~self.particles.pinned, FULL_MODES))
-        coarse, prior, theta, used = self._grow(basis)
-        left = self.settings.iterations
-        first = self._solve(coarse, prior, theta, min(left, COARSE_ITERATIONS), (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
-        prior = learn(prior, first.point.normal, first.pull)[0]
+        expected = self._expected(len(basis.degree))
+        kept: list[_Kept] = []
+        cuts = windows(self.objective.frames)
+        for part, (begin, end) in enumerate(cuts):
 
-        self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
-        fine = self._forward(basis, self._knot(basis, FULL_KNOT), frames)
-        prior = prior.reshaped(basis, frames, fine.knot_spacing)
-        theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
-        prior = self._turning(prior, fine, theta)
-        left = max(1, left - first.iterations)
-        second = self._solve(fine, prior, theta, min(left, FINE_ITERATIONS), (0.45, 0.8), "Solving finely")
-        prior = learn(prior, second.point.normal, second.pull)[0]
-        left = min(1, max(0, left - second.iterations))
-        last = self._solve(fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt", point=second.point)
-        return self._result(fine, prior, last, material, views, used + first.iterations + second.iterations + last.iterations, began)
+            def tell(fraction: float, what: str, cost: float | None, part: int = part) -> None:
+                where = f" (part {part + 1} of {len(cuts)})" if len(cuts) > 1 else ""
+                self.progress.update((part + fraction) / len(cuts), what + where, **({} if cost is None else {"cost": cost}))
 
-    def _grow(self, basis: SpatialBasis) -> tuple[Forward, Prior, np.ndarray, int]:
-        """A coarse field that keeps the simulation near the targets through the whole clip, found a segment at a time.
-
-        In each segment the receding horizon leads on from the simulation so far; then its knots and those shortly before it are solved.
-        Returns forward model, prior, unknowns, and the Jacobians used.
-        """
-        frames, size = self.objective.frames, self._expected_size()
-        modes, affine = basis.up_to(COARSE_DEGREE), basis.up_to(1)
-        knot = self._knot(modes, COARSE_KNOT)
-        parts = math.ceil(frames / SEGMENT)
-        ends = [round(frames * (part + 1) / parts) for part in range(parts)]
-        leader, found, used = self._forward(affine, 1.0, frames), np.zeros((0, modes.phi.shape[1], 3)), 0
-        forward, theta, velocity = self._forward(modes, knot, frames), np.zeros(0), np.zeros(0)
-        component = self._first_component(len(basis.degree))
-        axes = np.sqrt(np.diag(component))
-        speed = self._expected_speed() * np.resize(axes, len(forward.velocity))  # uniform x y z, then the spins round x y z
-        for part, end in enumerate(ends):
-            begin = len(found)
-            self.progress.update(0.02 + 0.28 * part / parts, f"Following the object, frame {begin} to {end} of {frames}")
-            state = forward.trajectory(theta).state(begin) if begin else None
-            led = warm_start(leader, self.objective, size * axes, speed, state, begin, end)
-            velocity = velocity if begin else led.velocity
-            fresh = np.zeros((end - begin, *found.shape[1:]))
-            fresh[:, : affine.phi.shape[1]] = led.coefficients
-            found = np.concatenate([found, fresh])
-            forward = self._forward(modes, knot, end)
-            prior = first_prior(modes, end, knot, max(_rms(found[:, 0]), 0.05 * size), len(velocity), speed)
-            prior = replace(prior, component=component)
-            theta = forward.pack(found, velocity)
-            prior = self._turning(prior, forward, theta)
-            if end < frames:
-                settled = begin - SEGMENT / 2
-                open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
-                active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
-                share = 0.02 + 0.28 * part / parts
-                solved = self._solve(forward, prior, theta, SEGMENT_ITERATIONS, (share, share), "Following the object", active)
-                theta, used = solved.theta, used + solved.iterations
-                found, velocity = forward.per_frame(theta), theta[forward.size :]
-        return forward, prior, theta, used
-
-    def _turning(self, prior: Prior, forward: Forward, theta: np.ndarray) -> Prior:
-        """The prior with what it believes of stretch, on the body as it lies under theta."""
-        one_camera = len(self.objective.channels) == 1 and isinstance(self.objective.channels[0], TrackChannels)
-        return prior.turning(forward.basis, forward.x, forward.trajectory(theta, forward.rough).F, forward.knot_spacing, one_camera)
-
-    # -- parts ----------------------------------------------------------------------------------------------------------------
+            start = kept[-1].trajectory.state(-1) if kept else None
+            solver = WindowSolver(
+                self.particles, self.model, self.objective.between(begin, end), basis, expected, start,
+                self.settings.iterations, self.progress, tell,
+            )  # fmt: skip
+            found = solver.run()
+            if found.forward.knot_spacing > FULL_KNOT and not part:
+                self.notes.append(f"The force has a knot every {found.forward.knot_spacing:.0f} frames: faster gusts are smoothed.")
+            kept.append(_keep(found, cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin))
+        return kept
 
     def _observable(self, basis: SpatialBasis) -> SpatialBasis:
         """The modes that the observed points can tell apart; the constant one always."""
@@ -214,32 +178,14 @@ class _Solver:
             )
         return basis.first(count)
 
-    def _expected_size(self) -> float:
-        """Root mean square acceleration [m/s²] to expect of the field: the observed one, or what holds gravity up."""
+    def _expected(self, modes: int) -> Expected:
+        """Sizes before anything is solved: of the field, what was observed or what holds gravity up; of the initial velocity."""
         observed = max(one.acceleration(self.particles.x, self.fps) for one in self.objective.channels)
-        return float(np.hypot(observed, np.linalg.norm(self.model.gravity))) or 1e-3
-
-    def _expected_speed(self) -> float:
-        """Standard deviation of the initial velocity [m/s]."""
-        return max([SLOWEST, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
-
-    def _forward(self, basis: SpatialBasis, knot: float, frames: int) -> Forward:
-        velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
-        rough = replace(self.model, substeps=math.ceil(ROUGH * self.model.substeps))
-        return Forward(self.model, rough, self.particles.x, basis, hats(frames, knot), knot, velocity, gradient, self.progress)
-
-    def _knot(self, basis: SpatialBasis, wanted: float) -> float:
-        """Frames between knots: COARSE_KNOT, or a whole fraction or multiple of it, so that a field on coarse knots is one on finer too.
-
-        Sparser than wanted when a long clip would make the dense solve too large.
-        """
-        affordable = 3.0 * basis.phi.shape[1] * self.objective.frames / UNKNOWNS
-        knot = wanted
-        while knot < affordable:
-            knot *= 2.0
-        if knot > wanted and wanted == FULL_KNOT:
-            self.notes.append(f"Long clip: the force has a knot every {knot:.0f} frames, not {wanted:.0f}: fast gusts are smoothed.")
-        return knot
+        size = float(np.hypot(observed, np.linalg.norm(self.model.gravity))) or 1e-3
+        component = self._first_component(modes)
+        speed = max([SLOWEST, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
+        axes = np.sqrt(np.diag(component))  # uniform x y z, then the spins round x y z
+        return Expected(size, speed * np.resize(axes, 3 if self.particles.pinned.any() else 6), component)
 
     def _first_component(self, modes: int) -> np.ndarray:
         """(3, 3) covariance of the force's components before anything is learnt: round, but flat along what the data cannot show.
@@ -256,79 +202,28 @@ class _Solver:
         axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
         return np.eye(3) - (1.0 - shrink**2) * np.outer(axis, axis)
 
-    def _solve(
-        self,
-        forward: Forward,
-        prior: Prior,
-        theta: np.ndarray,
-        iterations: int,
-        share: tuple[float, float],
-        what: str,
-        active: np.ndarray | None = None,
-        point: Linearisation | None = None,
-        tolerance: float = TOLERANCE,
-    ) -> Solution:
-        """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
-        but for its theta, which is whole."""
-        objective = self.objective.until(len(forward.hats))
-        active = np.ones(len(theta), bool) if active is None else active
-        precision = prior.precision()
-        inner = precision[np.ix_(active, active)]
-        mean = -np.linalg.solve(inner, precision[np.ix_(active, ~active)] @ theta[~active])  # the prior, given those that stay
-
-        def whole(candidates: np.ndarray) -> np.ndarray:
-            full = np.repeat(theta[None], len(candidates), axis=0)
-            full[:, active] = candidates
-            return full
-
-        def residuals(candidates: np.ndarray) -> np.ndarray:
-            positions = forward.positions(whole(candidates))
-            broken = ~np.isfinite(positions).all(axis=(1, 2, 3))
-            white = objective.whiten(objective.residual(np.where(broken[:, None, None, None], self.particles.x, positions)))
-            white[broken] = np.inf
-            return white
-
-        def linearise(candidate: np.ndarray) -> Linearisation:
-            full = whole(candidate[None])[0]
-            raw = forward.jacobian(full, active, objective, prior.deviation())
-            return Linearisation.at(candidate, residuals(candidate[None])[0], objective.whiten(raw))
-
-        def report(iteration: int, cost: float) -> None:
-            fraction = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1)
-            self.progress.update(fraction, f"{what}, iteration {iteration}", cost=cost)
-
-        solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance)
-        return replace(solution, theta=whole(solution.theta[None])[0])
-
-    # -- result ---------------------------------------------------------------------------------------------------------------
-
-    def _result(
-        self, forward: Forward, prior: Prior, last: Solution, material: Material, views: int, iterations: int, began: float
-    ) -> Recovery:
-        self.progress.update(0.98, "Simulating the result")
-        trajectory = forward.trajectory(last.theta)
-        # What was only assumed of stretch is not known: the deviation leaves that assumption out.
-        covariance = np.linalg.inv(last.point.normal + replace(prior, stretch=None).precision())
-        deviation = posterior_deviation(forward, covariance)
-        residual = self.objective.root_mean_square(trajectory.x)
-        self._remark(trajectory, views)
+    def result(self, kept: list[_Kept], material: Material, views: int, began: float) -> Recovery:
+        """What the windows add up to."""
+        x = np.concatenate([one.trajectory.x[:-1] for one in kept] + [kept[-1].trajectory.x[-1:]])
+        F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
+        self._remark(x, views)
         return Recovery(
-            outcome=Outcome.CONVERGED if last.converged else Outcome.MAX_ITERATIONS,
-            force_density=material.density * forward.acceleration(last.theta),
-            deviation=material.density * deviation,
-            x=trajectory.x,
-            F=trajectory.F,
-            v0=trajectory.v[0],
-            residual=residual,
+            outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
+            force_density=material.density * np.concatenate([one.acceleration for one in kept]),
+            deviation=material.density * np.concatenate([one.deviation for one in kept]),
+            x=x,
+            F=F,
+            v0=kept[0].trajectory.v[0],
+            residual=self.objective.root_mean_square(x),
             residual_unit="px" if views else "m",
-            iterations=iterations,
+            iterations=sum(one.iterations for one in kept),
             seconds=time.monotonic() - began,
             notes=self.notes,
         )
 
-    def _remark(self, trajectory: Trajectory, views: int) -> None:
+    def _remark(self, x: np.ndarray, views: int) -> None:
         """Notes on what the clip does not show."""
-        moved = np.linalg.norm(trajectory.x - trajectory.x[0], axis=-1).max()
+        moved = np.linalg.norm(x - x[0], axis=-1).max()
         radius = np.linalg.norm(self.particles.x - self.particles.x.mean(axis=0), axis=1).max()
         if moved < STILL * max(radius, self.particles.spacing):
             self.notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
@@ -338,6 +233,15 @@ class _Solver:
             )
 
 
-def _rms(values: np.ndarray) -> float:
-    """Root mean square length of vectors (..., 3)."""
-    return float(np.sqrt((values**2).sum(axis=-1).mean()))
+def _keep(found: Found, frames: int) -> _Kept:
+    """The first frames of a window's solution, with the posterior deviation."""
+    # What was only assumed of stretch is not known: the deviation leaves that assumption out.
+    covariance = np.linalg.inv(found.last.point.normal + replace(found.prior, stretch=None).precision())
+    path = found.trajectory
+    return _Kept(
+        found.forward.acceleration(found.last.theta)[:frames],
+        posterior_deviation(found.forward, covariance)[:frames],
+        Trajectory(path.x[: frames + 1], path.v[: frames + 1], path.C[: frames + 1], path.F[: frames + 1], path.substeps[:frames]),
+        found.iterations,
+        found.last.converged,
+    )

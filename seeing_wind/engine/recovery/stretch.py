@@ -1,10 +1,10 @@
-"""Forces that only stretch: what a stiff body hides, and one camera cannot tell from depth.
+"""Forces that only stretch: what one camera cannot tell from depth.
 
 A field's gradient has a part that turns a body and a symmetric part that stretches it. A stiff body answers the second with less than a
 tracking error, and in one camera's picture a body that grew looks like one that came nearer, one that shrank to one side like one that
-tilted. Left to the data, such forces soak up every small mismatch. What is known beforehand: air hardly compresses, so the divergence of
-a wind is small (in the truth of other simulators, flags, plates and squeezed clay: a fifth to a half of the shear). So the prior gives
-the divergence, and under a single camera the whole symmetric gradient, a fraction of the variance that the rest of it implies.
+tilted. Left to the data, such forces soak up every small mismatch. So under a single camera the prior gives the symmetric gradient a
+fraction of the variance that the rest of it implies. From points in 3D or several views nothing of the kind is assumed: there it was
+measured to do harm in a field whose waves are shorter than the body.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FLAT = 0.25
 """An axis along which the body reaches less than this share of its longest cannot be stretched to any effect."""
 
 
-def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, divergence_only: bool) -> np.ndarray:
+def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float) -> np.ndarray:
     """How the coefficients of each knot stretch the body as it lies at that time.
 
     Along the axes on which the body reaches far: a plate's two, a post's one. A force across a plate that grows along it only tilts and
@@ -30,11 +30,10 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: flo
         x: (N, 3) rest positions [m].
         F: (T+1, N, 3, 3) deformation gradients of a nearby simulation; they turn the body's axes.
         spacing: frames between knots.
-        divergence_only: the trace of the gradient; otherwise all components of its symmetric part.
 
     Returns:
         (knots, M, modes, 3): row (k, m) dotted with the coefficients of knot k is the mean over the particles of a smooth function times
-        the divergence, or times one symmetric component of the gradient, of the acceleration [1/s²].
+        one symmetric component of the gradient of the acceleration [1/s²].
     """
     frames = len(F) - 1
     smooth = basis.phi[:, basis.degree <= DEGREE] / len(basis.phi)
@@ -46,8 +45,6 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: flo
     along = np.einsum("npj,bj->npb", basis.gradient, axes)  # derivative of each mode along each axis
     # (knots, M, a, b, modes, 3): smooth function m, part along axis a of the derivative along axis b.
     slope = np.einsum("nm,npb,knai->kmabpi", smooth, along, turned, optimize=True)
-    if divergence_only:
-        return np.einsum("kmaapi->kmpi", slope)
     pairs = [(a, b) for a in range(len(axes)) for b in range(a, len(axes))]
     rows = np.stack([0.5 * (slope[:, :, a, b] + slope[:, :, b, a]) for a, b in pairs], axis=2)
     return rows.reshape(len(slope), -1, *slope.shape[-2:])
@@ -58,15 +55,18 @@ def stretch_precision(rows: np.ndarray, time: np.ndarray, space: np.ndarray, com
 
     Args:
         rows: (knots, M, modes, 3) from `stretch_rows`.
-        time, space, component: the prior's factors, (knots, knots), (modes,), (3, 3).
+        time: (knots, knots) correlation over time.
+        space: (knots, modes, modes) the prior's correlation of the modes at each knot.
+        component: (3, 3) covariance of the force's components [m²/s⁴].
 
     Returns:
         (knots modes 3,) squared.
     """
-    implied = np.einsum("kmpi,p,ij,kmpj->m", rows, space, component, rows, optimize=True) / len(rows)
+    implied = np.einsum("kmpi,kpq,ij,kmqj->m", rows, space, component, rows, optimize=True) / len(rows)
     weight = stretch_weights(implied, share)
     flat = rows.reshape(*rows.shape[:2], -1)
-    extra = np.einsum("kma,kl,m,lmb->kalb", flat, np.linalg.inv(time), weight, flat, optimize=True)
+    inverse = np.linalg.inv(time + 1e-9 * np.eye(len(time)))
+    extra = np.einsum("kma,kl,m,lmb->kalb", flat, inverse, weight, flat, optimize=True)
     return extra.reshape(flat.shape[0] * flat.shape[2], -1)
 
 

@@ -104,7 +104,7 @@ class _Drawing:
 
     def _on_canvas(self, pixel: np.ndarray) -> np.ndarray:
         # pixel centres are at integers before and after enlarging
-        return (pixel + 0.5) * self.zoom - 0.5
+        return (self.camera.filmed(pixel) + 0.5) * self.zoom - 0.5
 
 
 def _carriers(observation: Observation, x: np.ndarray) -> np.ndarray:

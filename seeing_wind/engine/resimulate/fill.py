@@ -1,4 +1,7 @@
-"""Particles for a mesh: a lattice inside what is closed and thick enough, a shell of two layers on everything else."""
+"""Particles for a mesh: a lattice inside what is closed and thick enough, a shell of two layers on everything else.
+
+What encloses a room without being a proper solid (see `voxels`) gets the lattice too.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +12,10 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from ..closed_mesh import is_closed, signed_volume, triangle_areas, weld, winding_numbers
 from ..errors import UsageError
 from ..records import Particles
+from .voxels import Room, enclosed
 
 COUNT = 2000
 """Particles per body, roughly, where nothing else is asked."""
@@ -35,8 +40,9 @@ class Filling:
 def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None = None, count: int = COUNT) -> Filling:
     """Fill a mesh with about `count` particles, or with particles `spacing` apart.
 
-    The volumes of a closed mesh's particles sum to the mesh's volume. An open surface has none: it becomes a shell as thick as two
-    particles, and so does a closed part too thin for the lattice (which keeps its volume). Every connected part gets particles.
+    The volumes of a closed mesh's particles sum to the mesh's volume. A surface that is not closed but encloses something all the same is
+    filled through voxels. An open surface has no volume: it becomes a shell as thick as two particles, and so does a closed part too thin
+    for the lattice (which keeps its volume). Every connected part gets particles.
 
     Args:
         vertices: (V, 3) [m]; triangles: (M, 3).
@@ -56,17 +62,27 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
     parts = connected_parts(sewn, len(vertices))
     closed = np.array([is_closed(sewn[parts == part]) for part in range(parts.max() + 1)])[parts]
     volume = abs(signed_volume(vertices, triangles[closed]))
+    room = None if closed.all() else enclosed(vertices, triangles)
+    walls = _walls(vertices, triangles, area, parts, room) & ~closed
+    if room is not None and walls.any():
+        volume += room.volume
     if spacing is None:
-        spacing = _spacing_for(volume, area[closed].sum(), area[~closed].sum(), count)
+        spacing = _spacing_for(volume, area[closed | walls].sum(), area[~closed & ~walls].sum(), count)
+    in_room, room_volume = _in_room(vertices, triangles, closed, walls, room, spacing)
+    walls &= len(in_room) >= _FEWEST
 
     inside, owner = _lattice(vertices, triangles[closed], parts[closed], spacing)
     caught = np.bincount(owner, minlength=parts.max() + 1)
     contents = part_volumes(vertices, triangles, parts)
     thickness = 2.0 * np.abs(contents) / np.maximum(np.bincount(parts, area), 1e-300)
-    shell = ~closed | (caught < _FEWEST)[parts] | (thickness < _THINNEST * spacing)[parts]
+    shell = (~closed & ~walls) | (closed & (caught < _FEWEST)[parts]) | (closed & (thickness < _THINNEST * spacing)[parts])
     in_bulk = ~np.isin(owner, np.unique(parts[shell]))
     x, sizes = [inside[in_bulk]], [_shares(owner[in_bulk], contents)]
     notes: list[str] = []
+    if walls.any():
+        x.append(in_room)
+        sizes.append(np.full(len(in_room), room_volume / len(in_room)))
+        notes.append("not a closed solid (open, crossing or turned faces): filled where it encloses something, holes closed")
     if shell.any():
         points, normals, patch = sample_surface(vertices, triangles[shell], cross[shell], area[shell], spacing)
         shell_closed = triangles[shell & closed]
@@ -84,6 +100,27 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
             notes.append("closed but thinner than its particles: simulated as a shell of the same volume")
     particles = Particles(np.concatenate(x), np.concatenate(sizes), np.zeros(sum(map(len, x)), dtype=bool), float(spacing))
     return Filling(particles, notes)
+
+
+def _walls(vertices: np.ndarray, triangles: np.ndarray, area: np.ndarray, parts: np.ndarray, room: Room | None) -> np.ndarray:
+    """(M,) bool: triangles of the parts that have the room next to them over most of their area."""
+    if room is None:
+        return np.zeros(len(triangles), dtype=bool)
+    beside = room.borders(vertices[triangles].mean(axis=1))
+    return (np.bincount(parts, area * beside) > 0.5 * np.bincount(parts, area))[parts]
+
+
+def _in_room(
+    vertices: np.ndarray, triangles: np.ndarray, closed: np.ndarray, walls: np.ndarray, room: Room | None, spacing: float
+) -> tuple[np.ndarray, float]:
+    """Lattice points (P, 3) in the room but in no closed part, and the volume [m³] that they share."""
+    if room is None or not walls.any():
+        return np.zeros((0, 3)), 0.0
+    axes = _axes(vertices[np.unique(triangles[walls])], spacing)
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    within = room.contains(points)
+    alone = within & (winding_numbers(vertices, triangles[closed], axes).ravel() == 0) if closed.any() else within
+    return points[alone], room.volume * float(alone.sum()) / max(float(within.sum()), 1.0)
 
 
 def _shares(owner: np.ndarray, contents: np.ndarray) -> np.ndarray:
@@ -111,28 +148,6 @@ def _spacing_for(volume: float, closed_area: float, open_area: float, count: int
 # -- the mesh ---------------------------------------------------------------------------------------------------------------------
 
 
-def weld(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Triangles (M, 3) in which vertices at the same place go by one number: many files repeat vertices at texture seams."""
-    size = max(float(np.ptp(vertices, axis=0).max()), 1e-300)
-    return np.unique(np.round(vertices / (1e-7 * size)), axis=0, return_inverse=True)[1].ravel()[triangles]
-
-
-def triangle_areas(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Areas (M,) [m²] and edge cross products (M, 3) of triangles."""
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    cross = np.cross(b - a, c - a)
-    return 0.5 * np.linalg.norm(cross, axis=1), cross
-
-
-def signed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
-    """Volume [m³] that a closed surface encloses, positive if its normals point outwards (divergence theorem)."""
-    if len(triangles) == 0:
-        return 0.0
-    shifted = vertices - vertices[triangles[:, 0]].mean(axis=0)
-    a, b, c = (shifted[triangles[:, k]] for k in range(3))
-    return float(np.einsum("mi,mi->", a, np.cross(b, c)) / 6.0)
-
-
 def part_volumes(vertices: np.ndarray, triangles: np.ndarray, parts: np.ndarray) -> np.ndarray:
     """(P,) signed volume [m³] of each connected part, negative for a cavity's wall; without meaning for open parts."""
     a, b, c = (vertices[triangles[:, k]] - vertices.mean(axis=0) for k in range(3))
@@ -147,14 +162,6 @@ def connected_parts(triangles: np.ndarray, vertex_count: int) -> np.ndarray:
     return np.unique(label, return_inverse=True)[1].ravel()
 
 
-def is_closed(triangles: np.ndarray) -> bool:
-    """Whether every edge is passed once in either direction: a surface with an inside, consistently wound."""
-    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
-    size = edges.max() + 1
-    forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
-    return len(np.unique(forward)) == len(forward) and bool(np.array_equal(np.sort(forward), np.sort(backward)))
-
-
 # -- inside -----------------------------------------------------------------------------------------------------------------------
 
 
@@ -162,44 +169,21 @@ def _lattice(vertices: np.ndarray, triangles: np.ndarray, parts: np.ndarray, spa
     """Lattice points (P, 3) inside closed triangles, and the part (P,) whose surface is nearest."""
     if len(triangles) == 0:
         return np.zeros((0, 3)), np.zeros(0, dtype=int)
-    used = vertices[np.unique(triangles)]
-    low, high = used.min(axis=0), used.max(axis=0)
-    counts = np.maximum(np.ceil((high - low) / spacing).astype(int), 1)
-    # Centred, and off the places where a modeller's vertices lie: a line through an edge would count it twice.
-    start = 0.5 * (low + high) - 0.5 * (counts - 1) * spacing + spacing * np.array([1.37e-4, 2.11e-4, 0.0])
-    axes = [start[c] + spacing * np.arange(counts[c]) for c in range(3)]
+    axes = _axes(vertices[np.unique(triangles)], spacing)
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    points = points[_winding(vertices, triangles, axes).ravel() != 0]
+    points = points[winding_numbers(vertices, triangles, axes).ravel() != 0]
     if len(points) == 0:
         return points, np.zeros(0, dtype=int)
     return points, parts[cKDTree(vertices[triangles].mean(axis=1)).query(points)[1]]
 
 
-def _winding(vertices: np.ndarray, triangles: np.ndarray, axes: list[np.ndarray]) -> np.ndarray:
-    """Winding number (A, B, C) int of a closed surface about the lattice's points, by signed crossings of the lines along Z."""
-    corners = vertices[triangles]
-    first = [np.searchsorted(axes[c], corners[:, :, c].min(axis=1)) for c in range(2)]
-    last = [np.searchsorted(axes[c], corners[:, :, c].max(axis=1)) for c in range(2)]
-    wide = [last[c] - first[c] for c in range(2)]
-    each = wide[0] * wide[1]
-    triangle = np.repeat(np.arange(len(triangles)), each)
-    rank = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)
-    i = first[0][triangle] + rank // np.maximum(wide[1][triangle], 1)
-    j = first[1][triangle] + rank % np.maximum(wide[1][triangle], 1)
-    a, b, c = (corners[triangle, k] for k in range(3))
-    px, py = axes[0][i], axes[1][j]
-
-    def side(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-        return (q[:, 0] - p[:, 0]) * (py - p[:, 1]) - (q[:, 1] - p[:, 1]) * (px - p[:, 0])
-
-    wa, wb, wc = side(b, c), side(c, a), side(a, b)
-    total = wa + wb + wc
-    hit = (total != 0.0) & (((wa > 0) & (wb > 0) & (wc > 0)) | ((wa < 0) & (wb < 0) & (wc < 0)))
-    height = (wa * a[:, 2] + wb * b[:, 2] + wc * c[:, 2])[hit] / total[hit]
-    change = np.zeros((len(axes[0]), len(axes[1]), len(axes[2]) + 1), dtype=int)
-    above = np.searchsorted(axes[2], height)
-    np.add.at(change, (i[hit], j[hit], above), np.where(total[hit] > 0, -1, 1))
-    return np.cumsum(change, axis=2)[:, :, :-1]
+def _axes(vertices: np.ndarray, spacing: float) -> list[np.ndarray]:
+    """Coordinates of a lattice over the box of some vertices, along each axis [m]."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    counts = np.maximum(np.ceil((high - low) / spacing).astype(int), 1)
+    # Centred, and off the places where a modeller's vertices lie: a line through an edge would count it twice.
+    start = 0.5 * (low + high) - 0.5 * (counts - 1) * spacing + spacing * np.array([1.37e-4, 2.11e-4, 0.0])
+    return [start[c] + spacing * np.arange(counts[c]) for c in range(3)]
 
 
 # -- shells -----------------------------------------------------------------------------------------------------------------------

@@ -17,6 +17,9 @@ from ..take import DAMAGED
 GRIP = 2.0
 """Particles within that many spacings of a pinned vertex are pinned: one grid cell, the least that the grid can hold still."""
 
+SOFT = 24.0
+"""rad/s: a pin of weight one half swings about four times a second, which is what a hand that holds loosely does."""
+
 
 @dataclass(frozen=True)
 class Rider:
@@ -51,6 +54,59 @@ def read_pins(path: str | os.PathLike[str], count: int, what: str) -> np.ndarray
         bad = int(pins.max() if pins.max() >= count else pins.min())
         raise UsageError(f"The pins {path} name {bad}, but there are {count} {what}.", "Choose them again on this mesh.")
     return np.unique(pins)
+
+
+def read_weights(path: str | os.PathLike[str], pins: str | os.PathLike[str]) -> np.ndarray:
+    """Weights (P,) in 0..1 from an NPY file, in the order of the sorted indices that `read_pins` gives for `pins`.
+
+    Raises:
+        UsageError: no such file, another number of weights than of indices, or one outside 0..1.
+    """
+    advice = "Write one number from 0 to 1 per index with numpy.save."
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file of weights {path}.", advice)
+    try:
+        weights, index = np.asarray(np.load(path, allow_pickle=False)), np.asarray(np.load(pins, allow_pickle=False))
+    except DAMAGED as error:
+        raise UsageError(f"The weights {path} cannot be read: {error}.", advice) from error
+    if weights.shape != index.shape or not np.issubdtype(weights.dtype, np.floating):
+        raise UsageError(f"The weights {path} are {weights.dtype} of shape {weights.shape} for {index.size} indices.", advice)
+    if not ((weights >= 0.0) & (weights <= 1.0)).all():
+        raise UsageError(f"The weights {path} are not all from 0 to 1.", advice)
+    strongest = np.zeros(int(index.max()) + 1)
+    np.maximum.at(strongest, index, weights)
+    return strongest[np.unique(index)]
+
+
+def hold_of(rest: np.ndarray, pins: np.ndarray, weights: np.ndarray, particles: Particles) -> np.ndarray:
+    """(N,) weight in 0..1 with which particles hold the vertices `pins` of rest (V, 3).
+
+    Firmly held are the nearest particle of each firm vertex and all within a grid cell of it; elsewhere a particle takes the weight of its
+    nearest vertex.
+    """
+    hold = np.zeros(len(particles.x))
+    of_vertex = np.zeros(len(rest))
+    of_vertex[pins] = weights
+    distance, nearest = cKDTree(rest).query(particles.x)
+    if (weights < 1.0).any():
+        hold = np.where(of_vertex[nearest] < 1.0, of_vertex[nearest], 0.0)
+    firm = pins[weights >= 1.0]
+    if len(firm):
+        hold[particles_at(rest[firm], particles)] = 1.0
+    return hold
+
+
+def pull_back(offset: np.ndarray, v: np.ndarray, acceleration: np.ndarray, weight: np.ndarray, frame_dt: float) -> np.ndarray:
+    """Acceleration (N, 3) [m/s²], held over a frame, that draws particles back to their places like a spring.
+
+    The spring's angular frequency is omega = SOFT sqrt(w / (1 - w)), its pull that of the frame's end (implicit Euler): it never overshoots
+    at any frame rate, and for w towards 1 the particle ends the frame at its place.
+
+    Args:
+        offset: (N, 3) from the places [m]; v: (N, 3) [m/s]; acceleration: (N, 3) by everything else that is known [m/s²]; weight: (N,).
+    """
+    squared = SOFT**2 * weight / np.maximum(1.0 - weight, 1e-6)
+    return -(squared / (1.0 + squared * frame_dt**2))[:, None] * (offset + frame_dt * v + frame_dt**2 * acceleration)
 
 
 def particles_at(vertices: np.ndarray, particles: Particles) -> np.ndarray:

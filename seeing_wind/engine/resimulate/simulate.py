@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import SimulationError, UsageError
 from ..field.force_field import ForceField
 from ..materials import DEFAULT, adjusted, find
+from ..mpm.colliders import Collider
 from ..mpm.model import Model, model_for
 from ..mpm.rollout import advance
 from ..mpm.state import State
@@ -20,7 +21,8 @@ from ..records import Body, Material, Particles, Recovery
 from ..settings import BodyEdit, Edit
 from .fill import fill
 from .mesh import load_mesh
-from .pins import Rider, particles_at, read_pins, ride
+from .obstacles import colliders_of
+from .pins import Rider, hold_of, pull_back, read_pins, read_weights, ride
 
 MIN_SUBSTEPS, MAX_SUBSTEPS = 100, 400
 """Per frame. At least so many that a fall's first frame is right to a hundredth, whatever the stiffness; at most twice what a recovery
@@ -57,6 +59,8 @@ class _Actor:
     rider: Rider
     triangles: np.ndarray
     notes: list[str]
+    soft: np.ndarray
+    """(N,) weight in 0..1 with which a particle is drawn back to its place; 0 for free and for firmly held ones."""
 
 
 def simulate_bodies(
@@ -65,7 +69,7 @@ def simulate_bodies(
     """Move every body of `edit` through `field` for all the frames that it knows.
 
     A particle feels strength f(x, t) / (rho mass_scale), asked at the frame's start and held over the frame, its gradient within the
-    particle's cell, and the edit's gravity. Outside its box the field goes on as at the nearest place of the box.
+    particle's cell, the edit's gravity, and the pull of soft pins. Outside its box the field goes on as at the nearest place of the box.
 
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
@@ -80,12 +84,14 @@ def simulate_bodies(
     if not edit.body:
         raise UsageError("The edit has no body.", "Add one with a name and a mesh.")
     strength = _strengths(edit.field_strength, field.frames)
+    colliders = colliders_of(edit.collider, Path(base_dir))
     actors = [_enter(body, field, recovered, Path(base_dir)) for body in edit.body]
     groups = [actors] if edit.contact else [[actor] for actor in actors]
     done: dict[str, Simulated] = {}
     for number, group in enumerate(groups):
         try:
-            paths, notes = _move(group, field, edit.gravity, strength, progress, number / len(groups), 1.0 / len(groups))
+            share = (number / len(groups), 1.0 / len(groups))
+            paths, notes = _move(group, field, edit.gravity, strength, colliders, progress, *share)
         except SimulationError as error:
             names = ", ".join(actor.edit.name for actor in group)
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
@@ -111,8 +117,17 @@ def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
 
 def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> _Actor:
     """Mesh, particles, material and pins of one body."""
-    if not (np.isfinite(body.mass_scale) and body.mass_scale > 0.0):
-        raise UsageError(f"{body.name}: mass_scale is {body.mass_scale}.", "Give a number above zero; 1 leaves the mass as it is.")
+    for name in ("mass_scale", "youngs_modulus_scale"):
+        if not (np.isfinite(getattr(body, name)) and getattr(body, name) > 0.0):
+            raise UsageError(f"{body.name}: {name} is {getattr(body, name)}.", "Give a number above zero; 1 leaves it as it is.")
+    if body.mass is not None and not (np.isfinite(body.mass) and body.mass > 0.0):
+        raise UsageError(f"{body.name}: mass is {body.mass}.", "Give kilograms above zero.")
+    if body.mass is not None and body.density is not None:
+        raise UsageError(f"{body.name}: mass and density are both given.", "Give one of them; the other follows from the volume.")
+    if body.pin_weights is not None and body.pin is None:
+        raise UsageError(f"{body.name}: pin_weights without pin.", "Give the indices in pin as well.")
+    if body.free is not None and body.mesh != "recovered":
+        raise UsageError(f"{body.name}: free is given, but nothing holds a mesh besides its own pin.", "Leave it out, or change pin.")
     if not 0 <= body.start_frame < field.frames:
         raise UsageError(f"{body.name}: start_frame {body.start_frame} is outside the clip.", f"Its frames are 0 to {field.frames - 1}.")
     if body.velocity is not None and (np.shape(body.velocity) != (3,) or not np.isfinite(body.velocity).all()):
@@ -123,9 +138,9 @@ def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] |
         actor = _enter_recovered(body, *recovered)
     else:
         actor = _enter_mesh(body, base_dir)
-    if body.pin is None:
-        return actor
-    return _pin(actor, base_dir / body.pin)
+    if body.free is not None:
+        actor = _free(actor, base_dir / body.free)
+    return actor if body.pin is None else _pin(actor, base_dir)
 
 
 def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor:
@@ -133,7 +148,10 @@ def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor
     particles, surface = source.particles, source.surface
     velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
     rider = Rider(surface.vertices, surface.attachment, particles.x)
-    return _Actor(body, particles, _overridden(material, body), np.array(velocity, dtype=np.float64), rider, surface.triangles, [])
+    return _Actor(
+        body, particles, _overridden(material, body, particles), np.array(velocity, dtype=np.float64), rider, surface.triangles, [],
+        np.zeros(len(particles.x)),
+    )  # fmt: skip
 
 
 def _enter_mesh(body: BodyEdit, base_dir: Path) -> _Actor:
@@ -145,28 +163,41 @@ def _enter_mesh(body: BodyEdit, base_dir: Path) -> _Actor:
     particles = filling.particles
     velocity = np.broadcast_to(np.zeros(3) if body.velocity is None else np.asarray(body.velocity), particles.x.shape)
     rider = ride(vertices, particles, np.zeros(0, dtype=int))
-    material = _overridden(find(body.material or DEFAULT), body)
-    return _Actor(body, particles, material, np.array(velocity, dtype=np.float64), rider, triangles, list(filling.notes))
+    material = _overridden(find(body.material or DEFAULT), body, particles)
+    soft = np.zeros(len(particles.x))
+    return _Actor(body, particles, material, np.array(velocity, dtype=np.float64), rider, triangles, list(filling.notes), soft)
 
 
-def _overridden(material: Material, body: BodyEdit) -> Material:
+def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Material:
     names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")
-    return adjusted(material, **{name: getattr(body, name) for name in names})
+    changed = adjusted(material, **{name: getattr(body, name) for name in names})
+    density = None if body.mass is None else body.mass / float(particles.volume.sum())
+    return adjusted(changed, density=density, youngs_modulus=changed.youngs_modulus * body.youngs_modulus_scale)
 
 
-def _pin(actor: _Actor, path: Path) -> _Actor:
-    """The actor with pins: vertex indices for a mesh, particle indices for the recovered object."""
+def _free(actor: _Actor, path: Path) -> _Actor:
+    """The recovered object without some of the holds that it had in the clip."""
     pinned = actor.particles.pinned.copy()
-    if actor.edit.mesh == "recovered":
-        pinned[read_pins(path, len(pinned), "particles")] = True
-        particles = dataclasses.replace(actor.particles, pinned=pinned)
-        return dataclasses.replace(actor, particles=particles, velocity=np.where(pinned[:, None], 0.0, actor.velocity))
-    rest = actor.rider.rest
-    pins = read_pins(path, len(rest), "vertices")
-    pinned |= particles_at(rest[pins], actor.particles)
-    particles = dataclasses.replace(actor.particles, pinned=pinned)
+    pinned[read_pins(path, len(pinned), "particles")] = False
+    return dataclasses.replace(actor, particles=dataclasses.replace(actor.particles, pinned=pinned))
+
+
+def _pin(actor: _Actor, base_dir: Path) -> _Actor:
+    """The actor with pins, firm and soft: vertex indices for a mesh, particle indices for the recovered object."""
+    edit, particles, rest = actor.edit, actor.particles, actor.rider.rest
+    recovered, path = edit.mesh == "recovered", base_dir / str(edit.pin)
+    pins = read_pins(path, len(particles.x) if recovered else len(rest), "particles" if recovered else "vertices")
+    weights = np.ones(len(pins)) if edit.pin_weights is None else read_weights(base_dir / edit.pin_weights, path)
+    if recovered:
+        hold = np.zeros(len(particles.x))
+        hold[pins] = weights
+    else:
+        hold = hold_of(rest, pins, weights, particles)
+    pinned = particles.pinned | (hold >= 1.0)
+    particles = dataclasses.replace(particles, pinned=pinned)
     velocity = np.where(pinned[:, None], 0.0, actor.velocity)
-    return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=ride(rest, particles, pins))
+    rider = actor.rider if recovered else ride(rest, particles, pins[weights >= 1.0])
+    return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=rider, soft=np.where(pinned, 0.0, hold))
 
 
 # -- the motion -------------------------------------------------------------------------------------------------------------------
@@ -177,6 +208,7 @@ def _move(
     field: ForceField,
     gravity: Sequence[float],
     strength: np.ndarray,
+    colliders: Sequence[Collider],
     progress: Progress,
     begun: float,
     share: float,
@@ -187,31 +219,34 @@ def _move(
     density = np.concatenate([np.full(len(a.particles.x), a.material.density * a.edit.mass_scale) for a in actors])
     starts = {actor.edit.start_frame for actor in actors}
     state = State.at_rest(np.concatenate([actor.particles.x for actor in actors]))
-    model, notes = _model(actors, 0, field.fps, gravity)
+    places, soft = state.x, np.concatenate([actor.soft for actor in actors])
+    model, notes = _model(actors, 0, field.fps, gravity, colliders)
     history = [state.x]
     for t in range(field.frames):
         progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {', '.join(a.edit.name for a in actors)}")
         if t in starts:
-            model = _model(actors, t, field.fps, gravity)[0]
+            model = _model(actors, t, field.fps, gravity, colliders)[0]
             state = _released(state, actors, slices, t)
         if t >= min(starts):
             force, gradient = continued(field, state.x, t)
             scale = strength[t] / density
-            state = advance(model, state, force * scale[:, None], gradient * scale[:, None, None], frame=t)
+            acceleration = force * scale[:, None]
+            acceleration = acceleration + pull_back(state.x - places, state.v, acceleration + gravity, soft, 1.0 / field.fps)
+            state = advance(model, state, acceleration, gradient * scale[:, None, None], frame=t)
         history.append(state.x)
     path = np.stack(history)
     return [path[:, part] for part in slices], notes
 
 
-def _model(actors: Sequence[_Actor], frame: int, fps: float, gravity: Sequence[float]) -> tuple[Model, list[str]]:
+def _model(
+    actors: Sequence[_Actor], frame: int, fps: float, gravity: Sequence[float], colliders: Sequence[Collider]
+) -> tuple[Model, list[str]]:
     """The solver's model while all bodies that start after `frame` are held."""
-    particles = [
-        dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors
-    ]
+    particles = [dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors]
     speed = max(5.0, 1.5 * max(float(np.linalg.norm(actor.velocity, axis=1).max()) for actor in actors))
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
-        max_substeps=MAX_SUBSTEPS,
+        max_substeps=MAX_SUBSTEPS, colliders=colliders,
     )  # fmt: skip
     return dataclasses.replace(model, substeps=max(model.substeps, MIN_SUBSTEPS)), notes
 

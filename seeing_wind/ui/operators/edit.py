@@ -3,12 +3,12 @@
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
 from .. import freshness, worker_calls
 from ..properties import MATERIAL_ITEMS
-from ..scene_export import pinned_vertices
+from ..scene_export import FIRM, pinned_vertices
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
@@ -49,6 +49,14 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
     mass_scale: FloatProperty(name="Mass Factor", default=1.0, min=0.001, options={"SKIP_SAVE"})
     pin_group: StringProperty(name="Pinned", options={"SKIP_SAVE"}, description="Vertex group whose vertices are held in place")
     start_frame: IntProperty(name="Start Picture", default=0, min=0, options={"SKIP_SAVE"}, description="The body stands still before it")
+    density: FloatProperty(name="Density (kg/m³)", default=1000.0, min=0.01, options={"SKIP_SAVE"}, description="Instead of the material's")
+    mass: FloatProperty(
+        name="Mass (kg)", default=0.1, min=1e-6, options={"SKIP_SAVE"}, description="Of the whole body, instead of a density"
+    )
+    youngs_modulus: FloatProperty(
+        name="Stiffness (Pa)", default=1e5, min=1.0, options={"SKIP_SAVE"}, description="Young's modulus, instead of the material's"
+    )
+    velocity: FloatVectorProperty(name="Velocity (m/s)", size=3, options={"SKIP_SAVE"}, description="At the start")
 
     def edit(self, context):
         """Add one body per mesh."""
@@ -64,6 +72,10 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
             body.name, body.is_recovered, body.object = (obj.name if obj else "Recovered Object"), self.recovered, obj
             body.material = settings.material if self.material == "SAME" else self.material
             body.mass_scale, body.pin_group, body.start_frame = self.mass_scale, self.pin_group, self.start_frame
+            for name in ("density", "mass", "youngs_modulus", "velocity"):
+                if self.properties.is_property_set(name):
+                    setattr(body, f"use_{name}", True)
+                    setattr(body, name, getattr(self, name))
         settings.active_body = len(settings.bodies) - 1
         return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new) :])}"
 
@@ -120,9 +132,10 @@ class SEEING_WIND_OT_pin_vertices(EditOperator, bpy.types.Operator):
             obj.update_from_editmode()
         active = obj.vertex_groups.active
         group = self.vertex_group or (active.name if active else "")
-        count = len(pinned_vertices(obj, context.evaluated_depsgraph_get(), group))
+        _, weights = pinned_vertices(obj, context.evaluated_depsgraph_get(), group)
         body.pin_group = group
-        return f"{count} vertices of {body.name} are held"
+        soft = int((weights < FIRM).sum())
+        return f"{len(weights)} vertices of {body.name} are held" + (f", {soft} of them softly" if soft else "")
 
 
 class SEEING_WIND_OT_scale_mass(EditOperator, bpy.types.Operator):
@@ -140,6 +153,46 @@ class SEEING_WIND_OT_scale_mass(EditOperator, bpy.types.Operator):
         body = settings.bodies[_active(settings, self.object)]
         body.mass_scale = self.factor
         return f"{body.name} has {self.factor:g} times its mass"
+
+
+class SEEING_WIND_OT_scale_stiffness(EditOperator, bpy.types.Operator):
+    """Set the stiffness of a body relative to its material's Young's modulus"""
+
+    bl_idname = "seeing_wind.scale_stiffness"
+    bl_label = "Scale Stiffness"
+
+    factor: FloatProperty(name="Stiffness Factor", default=2.0, min=0.001, soft_max=100.0)
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
+
+    def edit(self, context):
+        """Noted for the next re-simulation."""
+        settings = context.scene.seeing_wind
+        body = settings.bodies[_active(settings, self.object)]
+        body.stiffness_scale = self.factor
+        return f"{body.name} is {self.factor:g} times as stiff as its material"
+
+
+class SEEING_WIND_OT_free_recovered(EditOperator, bpy.types.Operator):
+    """Let go of the clip's object where it was held in the clip: everywhere, or at the vertices of a group"""
+
+    bl_idname = "seeing_wind.free_recovered"
+    bl_label = "Let Go"
+
+    vertex_group: StringProperty(name="Vertex Group", options={"SKIP_SAVE"}, description="Of the recovered object; empty: everywhere")
+
+    def edit(self, context):
+        """Noted for the next re-simulation; the object is inserted if it is not yet."""
+        settings = context.scene.seeing_wind
+        if settings.recovered_object is None:
+            raise UsageError("There is no recovered object.", "Run Recover first.")
+        if self.vertex_group:
+            pinned_vertices(settings.recovered_object, context.evaluated_depsgraph_get(), self.vertex_group)
+        body = next((body for body in settings.bodies if body.is_recovered), None)
+        if body is None:
+            body = settings.bodies.add()
+            body.name, body.is_recovered = "Recovered Object", True
+        body.free_mode, body.free_group = ("GROUP" if self.vertex_group else "ALL"), self.vertex_group
+        return f"{self.vertex_group or 'The whole object'} is let go"
 
 
 def _active(settings: bpy.types.PropertyGroup, name: str = "") -> int:
@@ -165,4 +218,7 @@ def _import(path: str) -> list[bpy.types.Object]:
     return [obj for obj in bpy.data.objects if obj not in before and obj.type == "MESH"]
 
 
-CLASSES = (SEEING_WIND_OT_insert_mesh, SEEING_WIND_OT_remove_body, SEEING_WIND_OT_pin_vertices, SEEING_WIND_OT_scale_mass)
+CLASSES = (
+    SEEING_WIND_OT_insert_mesh, SEEING_WIND_OT_remove_body, SEEING_WIND_OT_pin_vertices, SEEING_WIND_OT_scale_mass,
+    SEEING_WIND_OT_scale_stiffness, SEEING_WIND_OT_free_recovered,
+)  # fmt: skip

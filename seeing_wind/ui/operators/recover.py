@@ -5,8 +5,8 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ...engine.errors import TakeError
-from .. import freshness, job, results, worker_calls
+from ...engine.errors import TakeError, UsageError
+from .. import freshness, job, native, results, worker_calls
 from ..engine_environment import engine_python
 from ..job_operator import JobOperator
 from ..properties import ClipOptions, adopt
@@ -21,11 +21,20 @@ class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
     bl_options = {"UNDO"}
     step = "recover"
 
+    mask_data: StringProperty(
+        name="Mask Data", options={"SKIP_SAVE"}, description="Name of a Blender mask; with object_mode='BLENDER_MASK'"
+    )
+    proxy: StringProperty(name="Proxy", options={"SKIP_SAVE"}, description="Name of a mesh object; with scale_mode='PROXY'")
+
     def start(self, scene):
         """Options given as keywords become the scene's settings first."""
         settings = scene.seeing_wind
         adopt(settings, self.properties)
+        for name, pool in (("mask_data", bpy.data.masks), ("proxy", scene.objects)):
+            if self.properties.is_property_set(name):
+                setattr(settings, name, _found(pool, getattr(self, name)))
         options, self.digest = worker_calls.recover_options(scene), freshness.recover_digest(scene)
+        native.write(scene, worker_calls.inputs_folder(settings))
         self.folder, self.clip = worker_calls.take_folder(settings), options[0]
         return self._messages(engine_python(), options, settings.field_resolution)
 
@@ -42,6 +51,14 @@ class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
         settings = scene.seeing_wind
         settings.recovered_digest, settings.recovered_take = self.digest, str(self.folder)
         return f"Recovered into {self.folder.name}"
+
+
+def _found(pool, name: str):
+    """The datablock of that name. Raises UsageError when there is none."""
+    found = pool.get(name)
+    if found is None:
+        raise UsageError(f"There is no {name!r} in this file.", "Check the name.")
+    return found
 
 
 class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):

@@ -3,13 +3,19 @@
 from pathlib import Path
 
 import bpy
+from bpy.props import BoolProperty, EnumProperty, IntVectorProperty, StringProperty
 
 from ...engine.errors import TakeError
-from .. import freshness, job, results, worker_calls
+from .. import bodies, freshness, job, worker_calls
 from ..edit_export import export_edit
 from ..engine_environment import engine_python
 from ..job_operator import JobOperator
+from ..properties import WAYS
 from .edit import EditOperator
+
+SAYS = {
+    "SHAPE_KEYS": "shape keys", "TRANSFORM": "location and rotation", "POINT_CACHE": "point cache", "ALEMBIC": "Alembic",
+}  # fmt: skip
 
 
 class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
@@ -26,7 +32,7 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
         if not settings.recovered_take:
             raise TakeError("There is no recovered field.", "Run Recover first.")
         source = Path(settings.recovered_take)
-        self.folder = worker_calls.edit_folder(source)
+        self.folder = worker_calls.edit_folder(source, settings.edit_folder)
         edit = export_edit(scene, source, self.folder)
         self.digest = freshness.edit_digest(scene)
         call = worker_calls.command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))
@@ -40,21 +46,44 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_bake(EditOperator, bpy.types.Operator):
-    """Bake the simulated motion to keyframes (absolute shape keys); the file then plays without this extension"""
+    """Bake the simulated motion to keyframes; the file then plays without this extension. What has not changed is left alone"""
 
     bl_idname = "seeing_wind.bake"
     bl_label = "Bake to Keyframes"
     bl_options = {"UNDO"}
 
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: all bodies")
+    way: EnumProperty(name="Keyframes", items=WAYS, options={"SKIP_SAVE"}, description="How the motion is kept")
+    frames: IntVectorProperty(name="Frames", size=2, options={"SKIP_SAVE"}, description="First and last scene frame, both inclusive")
+    force: BoolProperty(name="Bake All Again", options={"SKIP_SAVE"}, description="Also what has not changed since the last bake")
+
     def edit(self, context):
-        """All bodies of the last re-simulation."""
+        """All bodies of the last re-simulation, or one."""
         scene, settings = context.scene, context.scene.seeing_wind
-        bodies = [body for body in settings.bodies if body.result]
-        if not settings.simulated_take or not bodies:
-            raise TakeError("Nothing is simulated yet.", "Run Re-simulate first.")
-        baked = [results.bake_body(scene, body, Path(settings.simulated_take)) for body in bodies]
-        settings.baked_digest = settings.simulated_digest
-        return f"Baked {', '.join(obj.name for obj in baked)}"
+        if self.properties.is_property_set("way"):
+            settings.bake_way = self.way
+        if self.properties.is_property_set("frames"):
+            settings.bake_use_frames, settings.bake_frames = True, self.frames
+        done = bodies.bake_bodies(scene, self.object, self.force)
+        new = [f"{obj.name} ({SAYS[baked.way]})" for obj, baked in done if not baked.kept]
+        kept = len(done) - len(new)
+        said = f"Baked {', '.join(new)}" if new else "Nothing has changed since the last bake"
+        return f"{said}; {kept} unchanged" if new and kept else said
 
 
-CLASSES = (SEEING_WIND_OT_resimulate, SEEING_WIND_OT_bake)
+class SEEING_WIND_OT_clear_bake(EditOperator, bpy.types.Operator):
+    """Take the baked motion off the objects: they stand where they were inserted, their modifiers awake. The simulation is kept"""
+
+    bl_idname = "seeing_wind.clear_bake"
+    bl_label = "Clear Bake"
+    bl_options = {"UNDO"}
+
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: all bodies")
+
+    def edit(self, context):
+        """All bodies of the edit, or one."""
+        count = bodies.clear_bodies(context.scene, self.object)
+        return f"Cleared the motion of {count} {'body' if count == 1 else 'bodies'}"
+
+
+CLASSES = (SEEING_WIND_OT_resimulate, SEEING_WIND_OT_bake, SEEING_WIND_OT_clear_bake)

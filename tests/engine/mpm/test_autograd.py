@@ -1,4 +1,4 @@
-"""The adjoint against finite differences in double precision."""
+"""Whole simulations backwards, against finite differences in double precision: every law, every input."""
 
 from __future__ import annotations
 
@@ -8,81 +8,145 @@ import numpy as np
 import pytest
 import torch
 
-from seeing_wind.engine.errors import MaterialError
+from seeing_wind.engine.conventions import lame
 from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.autograd import simulate
 from tests.engine.mpm.bodies import RUBBER, block
 
-STEP = (1e-8, 1e-6, 1e-6, 1e-6, 1e-2, 1e-2)
-"""Of x0, v0, C0, F0, acceleration, gradient: each small beside what the motion does, large beside rounding."""
+LAWS = ("corotated", "neo_hookean", "von_mises", "viscoplastic")
+MOTION = {"x0": 1e-8, "v0": 1e-6, "C0": 1e-6, "F0": 1e-6, "acceleration": 1e-2, "gradient": 1e-2}
+"""Steps of the differences: each small beside what the motion does, large beside rounding."""
+MATERIAL = {"youngs_modulus": 1e-5, "poisson_ratio": 1e-5, "density": 1e-5, "yield_stress": 1e-5, "viscosity": 1e-5}
+"""Relative steps."""
+PLASTIC = ("von_mises", "viscoplastic")
+STARTS = ("rest", "two equal stretches", "three equal stretches", "anything")
 
 
-def problem(law, substeps, deformed, frames=2, pinned_below=0.012):
-    """Model, (x0, v0, C0, F0, acceleration, gradient), and weights of the four outputs in a loss that sees all of them."""
+def problem(law, substeps, start, frames=2, pinned_below=0.012):
+    """Model, inputs of `simulate` by name, and weights of the four outputs in a loss that sees all of them."""
     rng = np.random.default_rng(0)
     body = block(pinned_below=pinned_below)
-    model, _ = model_for(body, replace(RUBBER, law=law), 30.0)
+    model, _ = model_for(body, replace(RUBBER, law=law, yield_stress=400.0, viscosity=3.0), 30.0)
     model = replace(model, substeps=substeps, frame_dt=model.frame_dt / model.substeps * substeps)
     n = model.particles
-    F0 = np.tile(np.eye(3), (n, 1, 1)) + (0.1 * rng.normal(size=(n, 3, 3)) if deformed else 0.0)
-    inputs = [body.x, rng.normal(size=(n, 3)), rng.normal(size=(n, 3, 3)), F0]
-    inputs += [3 * rng.normal(size=(frames, n, 3)), 10 * rng.normal(size=(frames, n, 3, 3))]
-    weights = [scale * rng.normal(size=(frames + 1, *array.shape)) for scale, array in zip((1.0, 1.0, 0.01, 1.0), inputs)]
-    return model, inputs, weights
+    F0 = np.tile(np.eye(3), (n, 1, 1))
+    if start == "two equal stretches":
+        F0 = rotations(rng, n) @ np.diag([1.05, 1.05, 0.96]) @ rotations(rng, n)
+    elif start == "three equal stretches":
+        F0 = 0.98 * rotations(rng, n)
+    elif start == "anything":
+        F0 += 0.1 * rng.normal(size=(n, 3, 3))
+    inputs = {"x0": body.x, "v0": rng.normal(size=(n, 3)), "C0": rng.normal(size=(n, 3, 3)), "F0": F0}
+    inputs |= {"acceleration": 3 * rng.normal(size=(frames, n, 3)), "gradient": 10 * rng.normal(size=(frames, n, 3, 3))}
+    values = {"youngs_modulus": 2e4, "poisson_ratio": 0.3, "density": 300.0, "yield_stress": 400.0, "viscosity": 3.0}
+    inputs |= {name: value * rng.uniform(0.8, 1.2, size=n) for name, value in values.items()}
+    shapes = zip((1.0, 1.0, 0.01, 1.0), (inputs[name].shape for name in ("x0", "v0", "C0", "F0")))
+    return model, inputs, [scale * rng.normal(size=(frames + 1, *shape)) for scale, shape in shapes]
+
+
+def rotations(rng, count):
+    Q, _ = np.linalg.qr(rng.normal(size=(count, 3, 3)))
+    return Q * np.sign(np.linalg.det(Q))[:, None, None]
+
+
+def path_of(model, inputs):
+    mu, lam = lame(inputs["youngs_modulus"], inputs["poisson_ratio"])
+    mass = inputs["density"] * model.volume
+    model = replace(model, mass=mass, mu=mu, lam=lam, yield_stress=inputs["yield_stress"], viscosity=inputs["viscosity"])
+    path = rollout(model, State(*(inputs[name] for name in ("x0", "v0", "C0", "F0"))), inputs["acceleration"], inputs["gradient"])
+    assert (path.substeps == model.substeps).all()
+    return path
 
 
 def loss(model, inputs, weights):
-    x, v, C, F, acceleration, gradient = inputs
-    path = rollout(model, State(x, v, C, F), acceleration, gradient)
-    assert (path.substeps == model.substeps).all()
+    path = path_of(model, inputs)
     return sum((weight * array).sum() for weight, array in zip(weights, (path.x, path.v, path.C, path.F)))
 
 
 def gradients(model, inputs, weights):
-    x, v, C, F, acceleration, gradient = tensors = [torch.tensor(array, requires_grad=True) for array in inputs]
-    outputs = simulate(model, x, v, acceleration, gradient, C0=C, F0=F)
+    tensors = {name: torch.tensor(array, requires_grad=True) for name, array in inputs.items()}
+    outputs = simulate(model, **tensors)
     sum((torch.tensor(weight) * output).sum() for weight, output in zip(weights, outputs)).backward()
-    return [tensor.grad.numpy() for tensor in tensors]
+    return {name: tensor.grad.numpy() for name, tensor in tensors.items()}
 
 
-def directional(model, inputs, weights, which, direction):
-    h = STEP[which]
-    ahead, behind = list(inputs), list(inputs)
-    ahead[which], behind[which] = inputs[which] + h * direction, inputs[which] - h * direction
-    return (loss(model, ahead, weights) - loss(model, behind, weights)) / (2 * h)
+def directional(model, inputs, weights, name, direction, step):
+    ahead, behind = inputs | {name: inputs[name] + step * direction}, inputs | {name: inputs[name] - step * direction}
+    return (loss(model, ahead, weights) - loss(model, behind, weights)) / (2 * step)
 
 
-@pytest.mark.parametrize("law", ["corotated", "neo_hookean"])
-@pytest.mark.parametrize("deformed", [False, True])
+def agree(law, model, inputs, weights, name, direction, step, found):
+    """To 1e-6. A particle that crosses the yield surface within a step spoils that difference, so plastic laws may take shorter ones."""
+    steps = (step, 0.1 * step, 0.01 * step) if law in PLASTIC else (step,)
+    numeric = []
+    for each in steps:
+        numeric.append(directional(model, inputs, weights, name, direction, each))
+        if found == pytest.approx(numeric[-1], rel=1e-6):
+            return
+    raise AssertionError(f"{name}: {found} against {numeric}")
+
+
+def directions(rng, inputs, law):
+    """(input, random direction, step) of all inputs that the law has."""
+    for name, step in MOTION.items():
+        yield name, rng.normal(size=inputs[name].shape), step
+    for name, step in MATERIAL.items():
+        if (name != "yield_stress" or law in PLASTIC) and (name != "viscosity" or law == "viscoplastic"):
+            yield name, inputs[name] * rng.normal(size=inputs[name].shape), step
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("start", STARTS)
 @pytest.mark.parametrize("substeps", [1, 10, 100])
-def test_every_input_against_finite_differences(law, deformed, substeps):
-    model, inputs, weights = problem(law, substeps, deformed)
+def test_every_input_against_finite_differences(law, start, substeps):
+    model, inputs, weights = problem(law, substeps, start)
     found = gradients(model, inputs, weights)
-    rng = np.random.default_rng(1)
-    for which, gradient in enumerate(found):
-        direction = rng.normal(size=gradient.shape)
-        numeric = directional(model, inputs, weights, which, direction)
-        assert (gradient * direction).sum() == pytest.approx(numeric, rel=1e-6), which
+    for name, direction, step in directions(np.random.default_rng(1), inputs, law):
+        agree(law, model, inputs, weights, name, direction, step, (found[name] * direction).sum())
 
 
-def test_hundred_substeps_in_twenty_directions():
-    model, inputs, weights = problem("corotated", 100, False, frames=1, pinned_below=None)
+@pytest.mark.parametrize("law", PLASTIC)
+def test_the_plastic_bodies_above_flow_and_unload(law):
+    model, inputs, _ = problem(law, 100, "rest")
+    plastic = path_of(model, inputs)
+    elastic = path_of(model, inputs | {"yield_stress": 1e3 * inputs["yield_stress"]})
+    flowed = np.abs(plastic.F[-1] - elastic.F[-1]).max(axis=(1, 2)) > 1e-2
+    assert flowed.sum() > 0.2 * model.particles
+    strain = np.log(np.linalg.svd(plastic.F[-1], compute_uv=False))
+    trial = 2 * lame(inputs["youngs_modulus"], inputs["poisson_ratio"])[0] * np.linalg.norm(strain - strain.mean(1, keepdims=True), axis=1)
+    below = trial < 0.9 * np.sqrt(2 / 3) * inputs["yield_stress"]
+    assert below.sum() > 0.1 * model.particles
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_hundred_substeps_in_twenty_directions(law):
+    model, inputs, weights = problem(law, 100, "rest", frames=1, pinned_below=None)
     found = gradients(model, inputs, weights)
     rng = np.random.default_rng(2)
-    for k in range(20):
-        which = (0, 1, 3, 4, 5)[k % 5]
-        direction = rng.normal(size=inputs[which].shape)
-        numeric = directional(model, inputs, weights, which, direction)
-        assert (found[which] * direction).sum() == pytest.approx(numeric, rel=1e-6), which
+    for _ in range(20 // 5):
+        for name, direction, step in directions(rng, inputs, law):
+            if name in ("x0", "v0", "F0", "acceleration", "youngs_modulus"):
+                agree(law, model, inputs, weights, name, direction, step, (found[name] * direction).sum())
 
 
 def test_a_frame_that_was_halved_is_walked_back_with_its_own_substeps():
-    model, inputs, weights = problem("corotated", 8, False, frames=1, pinned_below=None)
+    model, inputs, weights = problem("corotated", 8, "rest", frames=1, pinned_below=None)
     speed = 1.5 * model.dx * model.substeps / model.frame_dt
-    inputs[1] = inputs[1] * 0.01 + [speed, 0.0, 0.0]
-    fine = replace(model, substeps=16)
-    for coarse_gradient, fine_gradient in zip(gradients(model, inputs, weights), gradients(fine, inputs, weights)):
-        assert np.allclose(coarse_gradient, fine_gradient, rtol=1e-12, atol=1e-12 * np.abs(fine_gradient).max())
+    inputs["v0"] = inputs["v0"] * 0.01 + [speed, 0.0, 0.0]
+    coarse, fine = gradients(model, inputs, weights), gradients(replace(model, substeps=16), inputs, weights)
+    for name, gradient in fine.items():
+        assert np.allclose(coarse[name], gradient, rtol=1e-12, atol=1e-12 * np.abs(gradient).max()), name
+
+
+def test_one_number_for_the_whole_body():
+    model, inputs, weights = problem("von_mises", 10, "anything")
+    inputs |= {name: np.full(model.particles, inputs[name].mean()) for name in MATERIAL}
+    found = gradients(model, inputs, weights)
+    numbers = {name: torch.tensor(inputs[name][0], requires_grad=True) for name in MATERIAL}
+    outputs = simulate(model, **{name: torch.tensor(inputs[name]) for name in MOTION}, **numbers)
+    sum((torch.tensor(weight) * output).sum() for weight, output in zip(weights, outputs)).backward()
+    for name, number in numbers.items():
+        assert number.grad.item() == pytest.approx(found[name].sum(), rel=1e-9), name
 
 
 def test_a_uniform_wind_is_found_by_descent():
@@ -103,11 +167,3 @@ def test_a_uniform_wind_is_found_by_descent():
 
     optimiser.step(closure)
     assert torch.allclose(guess.detach(), wind, atol=1e-4)
-
-
-def test_plastic_laws_have_no_gradients():
-    body = block()
-    model, _ = model_for(body, replace(RUBBER, law="von_mises", yield_stress=100.0), 30.0)
-    rest = torch.tensor(body.x)
-    with pytest.raises(MaterialError, match="no gradients"):
-        simulate(model, rest, torch.zeros_like(rest), torch.zeros(1, model.particles, 3, dtype=torch.float64))

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
 from seeing_wind.engine.progress import Cancelled, Progress
-from seeing_wind.engine.records import Attachment, Material, Particles
+from seeing_wind.engine.records import Attachment, Particles
 from tests.engine.mpm.bodies import RUBBER, block
 
 G = np.array([0.0, 0.0, -9.81])
@@ -280,39 +279,3 @@ def test_cancelling_stops_between_calls():
     with pytest.raises(Cancelled):
         rollout(model, State.at_rest(body.x), still(model, 50), progress=Progress(cancelled=cancelled))
     assert len(asked) == 4
-
-
-# -- another simulator ------------------------------------------------------------------------------------------------------------
-
-
-def driven(truth, **options):
-    """The body of a truth file under its true force; returns the path and distances [m] (T+1, N), and the model."""
-    x, acc = truth["x"], truth["acc"]
-    particles = Particles(x[0], np.full(x.shape[1], 0.04**3 / 27), truth["fixed"], 0.04 / 3)
-    material = Material("truth", options.pop("law", "corotated"), float(truth["rho"]), float(truth["E"]), float(truth["nu"]), **options)
-    model, _ = model_for(particles, material, float(truth["fps"]), gravity=truth["gravity"])
-    _, near = cKDTree(x[0]).query(x[0], k=14)
-    gradient = []
-    for positions, a in zip(x, acc):  # of the force, by least squares over each particle's neighbours
-        offset, change = positions[near] - positions[:, None], a[near] - a[:, None]
-        square = np.einsum("nki,nkj->nij", offset, offset) + 1e-7 * np.eye(3)
-        gradient.append(np.einsum("nki,nkj->nij", change, offset) @ np.linalg.inv(square))
-    path = rollout(model, State.at_rest(x[0], truth["v"][0]), acc, np.stack(gradient))
-    return path, np.linalg.norm(path.x - x, axis=-1), model
-
-
-@pytest.mark.parametrize("name, bound", [("sheet", 0.005), ("banner", 0.02)])
-def test_true_force_gives_the_other_simulators_motion(shared, name, bound):
-    truth = np.load(shared / "truth" / f"{name}.npz")
-    _, error, _ = driven(truth)
-    travelled = np.linalg.norm(np.diff(truth["x"], axis=0), axis=-1).sum(axis=0).mean()
-    assert error[-1].mean() < bound * travelled
-
-
-def test_clay_flows_as_in_the_other_simulator(shared):
-    # The other simulator compares |dev tau| with its yield stress; in tension that is sqrt(3/2) of it.
-    truth = np.load(shared / "truth" / "clay.npz")
-    truth = {key: truth[key][: 9 if key in ("x", "v") else 8] if key in ("x", "v", "acc") else truth[key] for key in truth.files}
-    _, error, model = driven(truth, law="von_mises", yield_stress=float(np.sqrt(1.5) * truth["yield_stress"]))
-    travelled = np.linalg.norm(np.diff(truth["x"], axis=0), axis=-1).sum(axis=0).mean()
-    assert error[-1].mean() < 0.06 * travelled

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ from scenes import Scene, write_video
 
 from seeing_wind.engine.errors import ClipError, UsageError
 from seeing_wind.engine.observe.clip import read_clip
+from seeing_wind.engine.progress import Progress
 
 
 def test_video_in_rgb_with_its_own_rate(disc: Scene) -> None:
@@ -88,3 +90,67 @@ def test_empty_folder_and_mixed_sizes(disc: Scene, tmp_path: Path) -> None:
 def test_rate_must_be_positive(disc: Scene, fps: float) -> None:
     with pytest.raises(UsageError):
         read_clip(disc.path, fps=fps)
+
+
+def mp4(path: Path) -> bytearray:
+    """An MP4 of ten pictures at 25 per second, whose upper left corner is bright."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (64, 48))
+    for t in range(10):
+        picture = np.full((48, 64, 3), 40 + 5 * t, np.uint8)
+        picture[:12, :12] = 250
+        writer.write(picture)
+    writer.release()
+    return bytearray(path.read_bytes())
+
+
+@pytest.mark.parametrize(
+    ("matrix", "size", "corner"),
+    [
+        ((0, 1, -1, 0), (64, 48), (0, -1)),  # 90 degrees clockwise
+        ((-1, 0, 0, -1), (48, 64), (-1, -1)),
+        ((0, -1, 1, 0), (64, 48), (-1, 0)),
+        ((1, 0, 0, 1), (48, 64), (0, 0)),
+    ],
+)
+def test_a_phones_rotation_is_undone(tmp_path: Path, matrix: tuple, size: tuple, corner: tuple) -> None:
+    data = mp4(tmp_path / "a.mp4")
+    place = data.find(b"tkhd") + 44  # the track header's matrix: a b u c d v x y w, 16.16 fixed point (w 2.30)
+    a, b, c, d = (value << 16 for value in matrix)
+    data[place : place + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    (tmp_path / "turned.mp4").write_bytes(data)
+    frames = read_clip(tmp_path / "turned.mp4").frames
+    assert frames.shape[1:3] == size
+    corners = {(row, column): frames[0][row * 5 if row else 4, column * 5 if column else 4].mean() for row in (0, -1) for column in (0, -1)}
+    assert max(corners, key=lambda key: corners[key]) == corner
+
+
+def wider(data: bytearray, place: int, extra: int, start: int = 0, end: int | None = None) -> None:
+    """Add `extra` to the size of every MP4 box that holds byte `place`."""
+    end = len(data) if end is None else end
+    while start + 8 <= end:
+        size, kind = struct.unpack(">I4s", data[start : start + 8])
+        if start < place < start + size:
+            data[start : start + 4] = struct.pack(">I", size + extra)
+            if kind in (b"moov", b"trak", b"mdia", b"minf", b"stbl"):
+                wider(data, place, extra, start + 8, start + size)
+            return
+        start += size
+
+
+def test_a_variable_frame_rate_is_told_and_its_mean_taken(tmp_path: Path) -> None:
+    data = mp4(tmp_path / "a.mp4")
+    place = data.find(b"stts") - 4
+    count, delta = struct.unpack(">II", data[place + 16 : place + 24])
+    wider(data, place + 8, 8)
+    data[place + 12 : place + 24] = struct.pack(">5I", 2, 5, delta, count - 5, 2 * delta)  # from the fifth picture on half the rate
+    (tmp_path / "uneven.mp4").write_bytes(data)
+    told: list[dict] = []
+    clip = read_clip(tmp_path / "uneven.mp4", progress=Progress(told.append))
+    steps = len(clip.frames) - 1
+    assert clip.fps == pytest.approx(steps / (5 * 0.04 + (steps - 5) * 0.08), rel=1e-3)
+    assert "40 to 80 ms" in told[-1]["message"]
+    told.clear()
+    # An even part of it has the rate of that part, and what the user says goes before.
+    assert read_clip(tmp_path / "uneven.mp4", (0, 4), progress=Progress(told.append)).fps == pytest.approx(25.0)
+    assert read_clip(tmp_path / "uneven.mp4", fps=30.0, progress=Progress(told.append)).fps == 30.0
+    assert not told

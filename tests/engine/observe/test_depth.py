@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.observe.depth import object_depth, typical_depth
+from seeing_wind.engine.observe.depth import object_depth, read_depth, typical_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 
 MASK = np.zeros((20, 30), bool)
@@ -16,16 +16,16 @@ MASK[5:15, 8:22] = True
 
 
 def test_plane() -> None:
-    depth = object_depth(None, MASK, 1.5, NoProgress())
+    depth = object_depth(None, "", MASK, 1.5, NoProgress())
     assert depth.dtype == np.float32 and (depth[MASK] == 1.5).all() and np.isinf(depth[~MASK]).all()
 
 
 def test_file_is_infinite_off_the_object(tmp_path: Path) -> None:
     values = np.tile(np.linspace(1, 2, 30), (20, 1))
     np.save(tmp_path / "d.npy", values)
-    depth = object_depth(str(tmp_path / "d.npy"), MASK, 9.0, NoProgress())
+    depth = object_depth(read_depth(str(tmp_path / "d.npy"), *MASK.shape), "d.npy", MASK, 9.0, NoProgress())
     assert np.allclose(depth[MASK], values[MASK]) and np.isinf(depth[~MASK]).all()
-    assert typical_depth(str(tmp_path / "d.npy"), MASK) == pytest.approx(np.median(values[MASK]))
+    assert typical_depth(read_depth(str(tmp_path / "d.npy"), *MASK.shape), MASK) == pytest.approx(np.median(values[MASK]))
 
 
 def test_rim_takes_the_objects_own_depth(tmp_path: Path) -> None:
@@ -34,7 +34,7 @@ def test_rim_takes_the_objects_own_depth(tmp_path: Path) -> None:
     values[5, 8:22] = np.inf
     np.save(tmp_path / "d.npy", values)
     told: list[dict] = []
-    depth = object_depth(str(tmp_path / "d.npy"), MASK, 9.0, Progress(told.append))
+    depth = object_depth(read_depth(str(tmp_path / "d.npy"), *MASK.shape), "d.npy", MASK, 9.0, Progress(told.append))
     assert (depth[MASK] == 1.0).all() and told[0]["type"] == "warning"
 
 
@@ -54,7 +54,7 @@ def test_files_refused(tmp_path: Path, case: str) -> None:
     elif case == "object":
         np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(UsageError) as caught:
-        object_depth(str(path), MASK, 1.0, NoProgress())
+        object_depth(read_depth(str(path), *MASK.shape), "d.npy", MASK, 1.0, NoProgress())
     assert caught.value.hint
 
 
@@ -62,4 +62,4 @@ def test_files_refused(tmp_path: Path, case: str) -> None:
 def test_a_file_that_is_no_depth(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "d.npy").write_bytes(content)
     with pytest.raises(UsageError, match="depth file"):
-        object_depth(str(tmp_path / "d.npy"), MASK, 1.0, NoProgress())
+        object_depth(read_depth(str(tmp_path / "d.npy"), *MASK.shape), "d.npy", MASK, 1.0, NoProgress())

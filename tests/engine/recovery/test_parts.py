@@ -1,5 +1,7 @@
 """Basis, prior, residuals and the damped solver, each against what it must satisfy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,10 +9,13 @@ from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.basis import hats, spatial_basis, velocity_basis
-from seeing_wind.engine.recovery.channels import edge_on, noise_of, point_channels, track_channels
+from seeing_wind.engine.recovery.channels import noise_of
+from seeing_wind.engine.recovery.evidence import learn
 from seeing_wind.engine.recovery.gauss_newton import Linearisation, solve
 from seeing_wind.engine.recovery.objective import Objective
-from seeing_wind.engine.recovery.prior import first_prior, learn, time_covariance
+from seeing_wind.engine.recovery.point_channels import point_channels, wild
+from seeing_wind.engine.recovery.prior import Kernel, Places, Prior, modes_worth
+from seeing_wind.engine.recovery.track_channels import edge_on, track_channels
 
 rng = np.random.default_rng(3)
 
@@ -79,24 +84,50 @@ def test_initial_motions_of_free_and_held_bodies():
     assert velocity.shape == (3, 60, 3) and (velocity[:, held] == 0.0).all() and (gradient[:, held] == 0.0).all()
 
 
-def test_prior_draws_are_smooth_and_its_size_is_learnt():
+def still(body, frames):
+    return np.repeat(body.x[None], frames + 1, axis=0)
+
+
+def test_prior_is_smooth_in_time_and_the_inverse_of_its_precision():
     body = block((8, 6, 2))
     basis = spatial_basis(body.x, body.volume, 6)
-    covariance = time_covariance(40, 2.0)
-    assert np.linalg.eigvalsh(covariance).min() > 0 and covariance[0, 1] > 0.9 > 0.5 > covariance[0, -1]
-    believed = first_prior(basis, 40, 2.0, 3.0, 0)
-    assert believed.deviation()[:3] == pytest.approx(3.0)
-    np.testing.assert_allclose(np.linalg.inv(believed.precision())[:3, :3], 9.0 * np.eye(3), rtol=1e-5)
-    # Coefficients drawn with an uneven component covariance, seen through little noise.
-    true = np.diag([0.3, 0.3, 2.4])
-    draw = np.linalg.cholesky(np.kron(covariance, np.kron(np.diag(believed.space), true))) @ rng.standard_normal(believed.count)
+    prior = Prior(Kernel(9.0 * np.eye(3)), Places.along(basis, still(body, 40), 2.0), np.array([0.1]))
+    covariance = np.linalg.inv(prior.precision())
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), prior.deviation(), rtol=1e-5)
+    first, modes = np.diag(covariance)[:-1].reshape(-1, 6, 3)[0], prior.places.covariance(prior.kernel)
+    assert 7.0 < first[0, 0] < 9.0 and first[0, 0] > 4 * first[1:].max()  # most of it is the same all over a small body
+    assert modes[0, 6] > 0.8 * modes[0, 0] > modes[0, -6] > 0.0
+
+
+def test_prior_knows_that_the_field_stays_where_it_is_when_the_body_moves_on():
+    body = block((8, 6, 2))
+    basis = spatial_basis(body.x, body.volume, 4)
+    path = still(body, 4)
+    path[4] += [10.0 * basis.radius, 0.0, 0.0]
+    kernel = Kernel(np.eye(3), length=1.0, duration=8.0, uniform=0.0)
+    here = Places.along(basis, still(body, 4), 4.0).covariance(kernel)
+    gone = Places.along(basis, path, 4.0).covariance(kernel)
+    assert here[0, 4] > 0.5 * here[0, 0] and abs(gone[0, 4]) < 1e-6 * gone[0, 0]
+    # A quarter turn in the plane: what was the slope along the body's length is now the one along its width.
+    turned = still(body, 4)
+    turned[4] = body.x @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    quarter = Places.along(basis, turned, 4.0).covariance(kernel)
+    assert abs(here[1, 5]) > 10 * abs(here[1, 6]) and abs(quarter[1, 6]) > 10 * abs(quarter[1, 5])
+
+
+def test_sizes_of_the_prior_are_learnt_from_a_draw():
+    body = block((8, 6, 2))
+    basis = spatial_basis(body.x, body.volume, 10)
+    places = Places.along(basis, still(body, 60), 2.0)
+    true = Kernel(np.diag([0.3, 0.3, 2.4]), length=1.0, duration=6.0, uniform=0.05)
+    believed = Prior(true, places, np.zeros(0))
+    draw = np.linalg.cholesky(np.linalg.inv(believed.precision())) @ np.random.default_rng(4).standard_normal(believed.count)
     normal = np.eye(believed.count) / 0.01**2
-    start = first_prior(basis, 40, 2.0, 1.0, 0)
-    learnt, mean = learn(start, normal, normal @ draw, iterations=10)
-    np.testing.assert_allclose(mean, draw, atol=0.01)
-    found = np.diag(learnt.component)
-    assert found[2] > 4 * found[0] and found[2] > 4 * found[1]
-    assert 0.5 < (np.trace(learnt.component) / 3 * learnt.scale[1] / believed.scale[1]) < 2.0
+    learnt = learn(Prior(Kernel(np.eye(3)), places, np.zeros(0)), normal, normal @ draw)
+    size = np.diag(learnt.covariance)
+    assert size[2] > 4 * size[0] and size[2] > 4 * size[1] and 0.4 < size.sum() / 3.0 < 2.5
+    assert 0.7 < learnt.length < 1.5 and 4.0 < learnt.duration < 9.0
+    assert modes_worth(learnt, basis, body.x, 1e-4) > modes_worth(replace(learnt, length=8.0), basis, body.x, 1e-4)
 
 
 def test_residuals_of_points_are_zero_for_the_truth_and_white_for_noise():
@@ -218,9 +249,10 @@ def test_stretch_is_held_down_and_turning_is_not() -> None:
     basis = spatial_basis(x, np.ones(len(x)), 4, 1)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # a quarter turn round Y
     F = np.broadcast_to(turn, (5, len(x), 3, 3))
-    rows = stretch_rows(basis, x, F, 4.0, divergence_only=False)
+    rows = stretch_rows(basis, x, F, 4.0)
     modes = basis.phi.shape[1]
-    extra = stretch_precision(rows, np.eye(len(rows)), np.ones(modes), np.eye(3), 0.1)
+    space = np.tile(np.eye(modes), (len(rows), 1, 1))
+    extra = stretch_precision(rows, np.eye(len(rows)), space, np.eye(3), 0.1)
 
     def cost(gradient: np.ndarray) -> float:
         """Of the field whose derivative with respect to the rest position is `gradient`."""
@@ -234,3 +266,16 @@ def test_stretch_is_held_down_and_turning_is_not() -> None:
     tilt = turn @ np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     assert cost(swell) > 0.0
     assert cost(spin) < 1e-9 * cost(swell) and cost(tilt) < 1e-9 * cost(swell)
+
+
+def test_wild_points_are_left_out_and_no_others():
+    body = block((8, 6, 2))
+    pictures = 6
+    bend = np.stack([body.x + [0.0, 0.0, 1.0] * (2.0 * t * 0.01 * (body.x[:, :1] / 0.08) ** 2) for t in range(pictures)])
+    moved = bend + 0.0005 * rng.standard_normal(bend.shape)
+    lost = rng.random((pictures, 96)) < 0.1
+    lost[0] = False
+    moved[lost] += 0.05 * rng.standard_normal((lost.sum(), 3)) + 0.05
+    targets = PointTargets(moved, np.ones(lost.shape, bool), every(body))
+    modes = spatial_basis(body.x, np.ones(96), 12).phi
+    np.testing.assert_array_equal(wild(targets, body.x, modes, body.spacing), lost)

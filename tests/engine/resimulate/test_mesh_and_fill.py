@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from seeing_wind.engine.closed_mesh import signed_volume
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.resimulate.fill import fill, signed_volume
+from seeing_wind.engine.resimulate.fill import fill
 from seeing_wind.engine.resimulate.mesh import load_mesh
 
 trimesh = pytest.importorskip("trimesh")
@@ -129,3 +130,46 @@ def test_what_cannot_be_filled_is_refused(sheet):
 def test_signed_volume_does_not_depend_on_the_place():
     box = trimesh.creation.box((1, 2, 3))
     assert signed_volume(box.vertices + 100.0, box.faces) == pytest.approx(6.0)
+
+
+def broken_boxes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """A box of 0.2 x 0.3 x 0.1 m that is no proper solid, in ways that modellers make."""
+    box = trimesh.creation.box((0.2, 0.3, 0.1)).subdivide().subdivide().subdivide()
+    vertices, faces = np.array(box.vertices), np.array(box.faces)
+    turned = faces.copy()
+    turned[::3] = turned[::3, ::-1]
+    inner = np.array([[-0.1, -0.15, -0.05], [0.1, -0.15, -0.05], [0.1, 0.15, 0.05], [-0.1, 0.15, 0.05]])
+    return {
+        "faces turned": (vertices, turned),
+        "a face missing": (vertices, faces[1:]),
+        "a wall inside": (np.concatenate([vertices, inner]), np.concatenate([faces, len(vertices) + np.array([[0, 1, 2], [0, 2, 3]])])),
+    }
+
+
+@pytest.mark.parametrize("kind", ["faces turned", "a face missing", "a wall inside"])
+def test_what_is_no_proper_solid_is_filled_where_it_encloses_something(kind):
+    vertices, faces = broken_boxes()[kind]
+    filling = fill(vertices, faces, count=1500)
+    particles = filling.particles
+    assert particles.volume.sum() == pytest.approx(0.2 * 0.3 * 0.1, rel=0.05)
+    assert 1000 < len(particles.x) < 2200
+    np.testing.assert_allclose(np.ptp(particles.x, axis=0), [0.2, 0.3, 0.1], atol=2.1 * particles.spacing)
+    assert any("not a closed solid" in note for note in filling.notes) and not any("shell" in note for note in filling.notes)
+
+
+def test_an_open_bowl_holds_nothing():
+    box = trimesh.creation.box((0.2, 0.2, 0.2)).subdivide()
+    faces = np.array(box.faces)[np.array(box.triangles_center)[:, 2] < 0.09]
+    filling = fill(np.array(box.vertices), faces, count=1500)
+    distance = np.abs(np.abs(filling.particles.x) - 0.1).min(axis=1)
+    assert distance.max() < filling.particles.spacing, "particles only along the walls"
+    assert any("shell" in note for note in filling.notes)
+
+
+def test_a_sheet_beside_a_broken_solid_stays_a_sheet(sheet):
+    vertices, faces = broken_boxes()["faces turned"]
+    flag, triangles = sheet(0.3, 0.2)
+    filling = fill(np.concatenate([vertices, flag + [0.2, 0.0, 0.0]]), np.concatenate([faces, triangles + len(vertices)]), count=1500)
+    beyond = filling.particles.x[:, 0] > 0.15
+    assert beyond.sum() > 100 and np.abs(filling.particles.x[beyond, 1]).max() < filling.particles.spacing
+    assert filling.particles.volume[~beyond].sum() == pytest.approx(0.006, rel=0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 
 import numpy as np
@@ -13,7 +14,7 @@ from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.resimulate import simulate_bodies
 from seeing_wind.engine.resimulate.simulate import continued
-from seeing_wind.engine.settings import BodyEdit, Edit
+from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -106,6 +107,35 @@ def test_a_single_pinned_vertex_holds(folder):
     assert np.isfinite(body.vertices).all()
 
 
+def test_a_soft_pin_draws_back_like_a_spring(folder):
+    """All of a box held with weight w under gravity g: it comes to rest g / omega² lower, omega² = 24² w / (1 - w)."""
+    np.save(folder / "all.npy", np.arange(8))
+    drop = {}
+    for weight in (0.5, 0.9):
+        np.save(folder / "weights.npy", np.full(8, weight))
+        held = BodyEdit("box", "box.obj", pin="all.npy", pin_weights="weights.npy", **SOFT)
+        path = run(folder, held, gravity=(0, 0, -9.81), field=uniform((0, 0, 0), 30))["box"].vertices
+        drop[weight] = (path[0] - path[-12:])[..., 2].mean()  # its corners swing a little, for it is soft
+        assert drop[weight] == pytest.approx(9.81 * (1.0 - weight) / weight / 24.0**2, rel=0.05)
+    assert drop[0.5] == pytest.approx(9.0 * drop[0.9], rel=0.1)
+
+
+def test_weights_of_one_are_firm_pins(folder):
+    np.save(folder / "corner.npy", np.array([3, 0]))
+    np.save(folder / "weights.npy", np.array([1.0, 1.0]))
+    firm = run(folder, BodyEdit("held", "flag.npz", pin="corner.npy", **SOFT))["held"].vertices
+    weighted = run(folder, BodyEdit("held", "flag.npz", pin="corner.npy", pin_weights="weights.npy", **SOFT))["held"].vertices
+    np.testing.assert_array_equal(weighted, firm)
+
+
+def test_the_mass_of_the_whole_body_and_a_factor_on_its_stiffness(folder):
+    body = run(folder, BodyEdit("box", "box.obj", mass=0.2**3 * 250.0, youngs_modulus=2e4))["box"]
+    np.testing.assert_allclose(centre_acceleration(body.vertices), [2.4, 0.0, 1.2], atol=0.024)
+    same = BodyEdit("a", "flag.npz", density=500.0, youngs_modulus=4e4), BodyEdit("b", "flag.npz", youngs_modulus_scale=2.0, **SOFT)
+    bodies = run(folder, *same, field=waves())
+    np.testing.assert_allclose(bodies["a"].vertices, bodies["b"].vertices, atol=1e-12)
+
+
 def test_a_body_waits_for_its_start_frame(folder):
     late = run(folder, BodyEdit("late", "box.obj", start_frame=3, velocity=(0.5, 0.0, 0.0), **SOFT))["late"].vertices
     early = run(folder, BodyEdit("early", "box.obj", velocity=(0.5, 0.0, 0.0), **SOFT))["early"].vertices
@@ -160,6 +190,29 @@ def test_the_recovered_object_starts_with_its_own_velocity_and_takes_particle_pi
     assert np.linalg.norm(held - held[0], axis=-1).max() < 1e-4
 
 
+def test_what_the_clip_held_can_be_let_go(folder):
+    body, recovery = recovered_object()
+    held = dataclasses.replace(body, particles=dataclasses.replace(body.particles, pinned=np.ones(len(body.particles.x), dtype=bool)))
+    np.save(folder / "free.npy", np.arange(len(body.particles.x)))
+    still = run(folder, BodyEdit("clip", "recovered"), recovered=(held, recovery))["clip"].vertices
+    assert np.abs(still[-1] - still[0]).max() < 1e-6
+    loose = run(folder, BodyEdit("clip", "recovered", free="free.npy"), recovered=(held, recovery))["clip"].vertices
+    never_held = run(folder, BodyEdit("clip", "recovered"), recovered=(body, recovery))["clip"].vertices
+    np.testing.assert_allclose(loose, never_held, atol=1e-12)
+
+
+def test_a_body_lands_on_a_floor_and_on_a_mesh(folder):
+    trimesh.creation.box((1.0, 1.0, 0.2)).apply_translation((0, 0, -0.25)).export(folder / "table.obj")
+    floor = ColliderEdit("floor", plane=(0.0, 0.0, -0.15, 0.0, 0.0, 1.0))
+    table = ColliderEdit("table", mesh="table.obj", kind="sticky")
+    for collider in (floor, table):
+        body = BodyEdit("box", "box.obj", density=500.0, youngs_modulus=2e5)
+        path = run(folder, body, field=uniform((0, 0, 0), 6), gravity=(0, 0, -9.81), collider=(collider,))["box"].vertices
+        lowest = path[..., 2].min(axis=1)
+        # falling freely it would be at -0.3 by now
+        assert -0.17 < lowest.min() < -0.13 and lowest[-1] > -0.17, collider.name
+
+
 def test_beyond_its_box_the_field_goes_on_from_the_edge():
     field = waves()
     points = np.array([[0.5, 0.0, 0.0], [1.5, 0.2, 0.0]])
@@ -199,15 +252,43 @@ def test_a_body_that_tears_is_said(folder):
         ({"pin": "empty.npy"}, UsageError, "at least one|index"),
         ({"mesh": "recovered"}, UsageError, "no recovered object"),
         ({"density": -1.0}, MaterialError, "density"),
+        ({"mass": -1.0, "density": None}, UsageError, "mass is -1"),
+        ({"mass": 1.0}, UsageError, "mass and density"),
+        ({"youngs_modulus_scale": 0.0}, UsageError, "youngs_modulus_scale"),
+        ({"pin_weights": "weights.npy"}, UsageError, "without pin"),
+        ({"pin": "corner.npy", "pin_weights": "none.npy"}, UsageError, "no file of weights"),
+        ({"pin": "corner.npy", "pin_weights": "weights.npy"}, UsageError, "for 1 indices"),
+        ({"pin": "corner.npy", "pin_weights": "two.npy"}, UsageError, "from 0 to 1"),
+        ({"free": "corner.npy"}, UsageError, "free"),
     ],
 )
 def test_bad_edits_are_refused_with_a_sentence(folder, change, error, says):
     np.save(folder / "float.npy", np.array([0.5]))
     np.save(folder / "far.npy", np.array([800]))
     np.save(folder / "empty.npy", np.zeros(0, dtype=int))
+    np.save(folder / "corner.npy", np.array([0]))
+    np.save(folder / "weights.npy", np.array([0.5, 0.5]))
+    np.save(folder / "two.npy", np.array([2.0]))
     with pytest.raises(error) as raised:
         run(folder, BodyEdit(**({"name": "box", "mesh": "box.obj", **SOFT} | change)))
     assert re.search(says, str(raised.value))
+
+
+@pytest.mark.parametrize(
+    ("collider", "says"),
+    [
+        ({}, "needs a mesh or a plane"),
+        ({"mesh": "box.obj", "plane": (0.0,) * 5 + (1.0,)}, "needs a mesh or a plane"),
+        ({"mesh": "none.obj"}, "Collider wall: There is no mesh"),
+        ({"mesh": "flag.npz"}, "Collider wall"),
+        ({"mesh": "box.obj", "kind": "glue"}, "glue"),
+        ({"plane": (0.0,) * 6}, "Collider wall"),
+        ({"mesh": "box.obj", "friction": -1.0}, "friction"),
+    ],
+)
+def test_bad_colliders_are_refused_by_name(folder, collider, says):
+    with pytest.raises(UsageError, match=says):
+        run(folder, BodyEdit("box", "box.obj", **SOFT), collider=(ColliderEdit("wall", **collider),))
 
 
 def test_a_list_of_strengths_must_fit_the_clip(folder):

@@ -1,8 +1,9 @@
-"""Renders the leaf's clip with Cycles. Runs inside Blender or any Python that has the `bpy` wheel; needs bpy and NumPy only.
+"""Renders a sample scene's clip with Cycles. Runs inside Blender or any Python that has the `bpy` wheel; needs bpy and NumPy only.
 
     blender -b --factory-startup --python render.py -- DIR         or         python render.py DIR
 
-DIR holds what make.py wrote: scene.npz (vertices (T+1,V,3) m, triangles, uv, fps, samples), camera.json, leaf.png, backdrop.png.
+DIR holds what make.py wrote: scene.npz (vertices (T+1,V,3) m, triangles, uv, fps, samples; perhaps stand_vertices,
+stand_triangles and stand_colour of what stands still beside it), camera.json, texture.png, backdrop.png.
 The result is DIR/clip.mp4.
 """
 
@@ -28,8 +29,11 @@ def main(folder: Path) -> None:
     camera = json.loads((folder / "camera.json").read_text())
     scene = bpy.context.scene
     place_camera(scene, camera)
-    leaf = animated_mesh("leaf", scene_data["vertices"], scene_data["triangles"], scene_data["uv"])
-    leaf.data.materials.append(leaf_material(folder / "leaf.png"))
+    body = animated_mesh("body", scene_data["vertices"], scene_data["triangles"], scene_data["uv"])
+    body.data.materials.append(textured_material(folder / "texture.png"))
+    if "stand_vertices" in scene_data:
+        stand = animated_mesh("stand", scene_data["stand_vertices"][None], scene_data["stand_triangles"])
+        stand.data.materials.append(plain_material("stand", scene_data["stand_colour"]))
     hang_backdrop(scene.camera, camera, image_material("backdrop", bpy.data.images.load(str(folder / "backdrop.png"))))
     light(scene)
     settings(scene, camera, len(scene_data["vertices"]), float(scene_data["fps"]), int(scene_data["samples"]))
@@ -64,6 +68,8 @@ def animated_mesh(name: str, vertices: np.ndarray, triangles: np.ndarray, uv: np
         layer.data.foreach_set("uv", uv[corner].astype(np.float32).ravel())
     body = bpy.data.objects.new(name, mesh)
     bpy.context.scene.collection.objects.link(body)
+    if len(vertices) == 1:
+        return body
     for t, shape in enumerate(vertices):
         body.shape_key_add(name=f"frame {t + 1}", from_mix=False).data.foreach_set("co", shape.astype(np.float32).ravel())
     keys = mesh.shape_keys
@@ -87,9 +93,9 @@ def curves_of(action) -> list:
     return [curve for layer in action.layers for strip in layer.strips for bag in strip.channelbags for curve in bag.fcurves]
 
 
-def leaf_material(picture: Path):
+def textured_material(picture: Path):
     """Waxy, slightly translucent, with the veins standing out."""
-    material, nodes, links, out = _blank("leaf")
+    material, nodes, links, out = _blank("texture")
     image = nodes.new("ShaderNodeTexImage")
     image.image = bpy.data.images.load(str(picture))
     image.interpolation = "Cubic"
@@ -102,6 +108,16 @@ def leaf_material(picture: Path):
     links.new(image.outputs["Color"], bump.inputs["Height"])
     links.new(bump.outputs["Normal"], surface.inputs["Normal"])
     links.new(image.outputs["Color"], surface.inputs["Base Color"])
+    links.new(surface.outputs["BSDF"], out.inputs["Surface"])
+    return material
+
+
+def plain_material(name: str, colour):
+    """Matt, one colour (linear)."""
+    material, nodes, links, out = _blank(name)
+    surface = nodes.new("ShaderNodeBsdfPrincipled")
+    surface.inputs["Base Color"].default_value = (*(float(c) for c in colour), 1.0)
+    surface.inputs["Roughness"].default_value = 0.8
     links.new(surface.outputs["BSDF"], out.inputs["Surface"])
     return material
 

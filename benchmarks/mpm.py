@@ -1,0 +1,257 @@
+"""The solver against others, in one run: `make benchmark-mpm`, or benchmarks/mpm.py [--particles N] [--repeats N] [--skip NAME ...]
+
+The same body, particles, grid, substep and law for: this solver, forwards and backwards; a straightforward Taichi MLS-MPM; NVIDIA Warp on
+the CPU; torch. All in single precision. First all must reach the same state; then they take turns, and each one's best turn counts.
+Writes benchmarks/results/mpm.json and mpm.png, and docs/mpm_cost.png (cost against particles).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from benchmarks.peers.problem import LAWS, Problem, cube  # noqa: E402
+from seeing_wind.engine.mpm import State, rollout  # noqa: E402
+from seeing_wind.engine.mpm.autograd import simulate  # noqa: E402
+from seeing_wind.engine.mpm.body import Body  # noqa: E402
+from seeing_wind.engine.mpm.boundary import FREE  # noqa: E402
+from seeing_wind.engine.mpm.constitutive import LAWS as NUMBERS  # noqa: E402
+from seeing_wind.engine.mpm.model import Model  # noqa: E402
+from seeing_wind.engine.progress import NoProgress  # noqa: E402
+
+GRID = 64
+AGREE = 20
+"""Substeps after which all simulators are compared."""
+TURN = {"naive Taichi": 10, "Warp": 10, "torch": 3}
+"""Substeps of one timed turn."""
+FRAME = 50
+"""Substeps of the timed frame of this solver."""
+TOLERANCE = 1e-3
+BARS = {
+    "corotated": {"ratio_naive_taichi": 8.0, "ratio_warp": 4.0},
+    "neo_hookean": {"ratio_naive_taichi": 10.0, "ratio_warp": 5.0},
+    "von_mises": {"ratio_naive_taichi": 5.0},
+    "viscoplastic": {"ratio_naive_taichi": 5.0},
+}
+"""What each law must reach on two cores."""
+
+
+def model_of(problem: Problem, substeps: int) -> Model:
+    """The problem for this solver: one frame of that many substeps."""
+    n = len(problem.x)
+    p = problem
+    columns = [np.full(n, value) for value in (p.mass, p.volume, p.mu, p.lam, p.yield_stress, p.viscosity)]
+    return Model(
+        *columns, np.full(n, NUMBERS[problem.law_name], np.int32), np.full(n, FREE, np.int32), np.zeros(3, np.int32),
+        np.zeros((1, 1, 1), np.int32), offset=np.zeros(3), dx=problem.dx, frame_dt=substeps * problem.dt, substeps=substeps,
+        gravity=np.array(problem.gravity),
+    )  # fmt: skip
+
+
+def state_of(problem: Problem) -> State:
+    return State(problem.x, problem.v, problem.C, problem.F)
+
+
+def seconds(action) -> float:
+    start = time.perf_counter()
+    action()
+    return time.perf_counter() - start
+
+
+class Ours:
+    """This solver on a problem."""
+
+    def __init__(self, problem: Problem, substeps: int = FRAME) -> None:
+        self.problem, self.substeps = problem, substeps
+        self.model = model_of(problem, substeps)
+        self.still = np.zeros((1, len(problem.x), 3))
+
+    def forward(self) -> State:
+        """One frame, packing and sorting included."""
+        path = rollout(self.model, state_of(self.problem), self.still, precision="single")
+        assert path.substeps[0] == self.substeps, "a substep was too long"
+        return path.state(1)
+
+    def both_ways(self) -> tuple[float, float, float]:
+        """Seconds of the forward sweep that keeps its states and of the backward sweep, bytes kept per particle and substep."""
+        x, v, C, F = (torch.tensor(a, requires_grad=True) for a in (self.problem.x, self.problem.v, self.problem.C, self.problem.F))
+        acceleration = torch.zeros(1, len(x), 3, dtype=torch.float64, requires_grad=True)
+        start = time.perf_counter()
+        outputs = simulate(self.model, x, v, acceleration, C0=C, F0=F, precision="single")
+        middle = time.perf_counter()
+        kept = outputs[0].grad_fn.runs[0]
+        size = kept.bytes / (len(x) * self.substeps)
+        torch.autograd.backward([output[1] for output in outputs], [torch.ones_like(output[1]) for output in outputs])
+        return middle - start, time.perf_counter() - middle, size
+
+
+def peers(problem: Problem, skip: list[str]) -> list:
+    """The other simulators on the problem."""
+    Body(model_of(problem, 1), "single")  # starts Taichi
+    from benchmarks.peers.naive_taichi import NaiveTaichi
+
+    found = [NaiveTaichi(problem)]
+    if "Warp" not in skip:
+        from benchmarks.peers.warp_cpu import WarpCpu
+
+        found.append(WarpCpu(problem))
+    if "torch" not in skip:
+        from benchmarks.peers.torch_index_add import TorchIndexAdd
+
+        found.append(TorchIndexAdd(problem))
+    return found
+
+
+def disagreement(problem: Problem, others: list) -> dict[str, float]:
+    """Largest relative error of each peer's displacements and strains against this solver's after AGREE substeps; warms all up."""
+    ours = Ours(problem, AGREE).forward()
+    found = {}
+    for other in others:
+        other.run(AGREE)
+        moved, strained = ours.x - problem.x, ours.F - np.eye(3)
+        found[other.name] = max(
+            float(np.linalg.norm(other.positions() - ours.x) / np.linalg.norm(moved)),
+            float(np.linalg.norm(other.deformations() - ours.F) / np.linalg.norm(strained)),
+        )
+        other.reset()
+    return found
+
+
+def measure(law: str, particles: int, repeats: int, skip: list[str]) -> dict:
+    """One case: agreement, then turns."""
+    problem = cube(law, particles, GRID)
+    others = peers(problem, skip)
+    errors = disagreement(problem, others)
+    print(f"{law}: relative difference of the final states " + ", ".join(f"{name} {error:.1e}" for name, error in errors.items()))
+    if max(errors.values()) > TOLERANCE:
+        sys.exit(f"{law}: the simulators do not agree within {TOLERANCE:g}; their speeds cannot be compared.")
+    ours = Ours(problem)
+    ours.forward()
+    ours.both_ways()
+    best = {other.name: np.inf for other in others} | {"forward": np.inf, "kept": np.inf, "backward": np.inf}
+    size = 0.0
+    for _ in range(repeats):
+        best["forward"] = min(best["forward"], seconds(ours.forward) / FRAME)
+        there, back, size = ours.both_ways()
+        best["kept"], best["backward"] = min(best["kept"], there / FRAME), min(best["backward"], back / FRAME)
+        for other in others:
+            turn = TURN[other.name]
+            best[other.name] = min(best[other.name], seconds(lambda: other.run(turn)) / turn)  # noqa: B023
+            other.reset()
+    speeds = {name: particles / value for name, value in best.items()}
+    case = {
+        "law": law, "particles": particles, "grid": GRID, "forward_per_s": speeds["forward"],
+        "backward_over_forward": best["backward"] / best["kept"], "bytes_per_particle_substep": size, "backward_per_s": speeds["backward"],
+    }  # fmt: skip
+    for other, key in (("naive Taichi", "naive_taichi"), ("Warp", "warp"), ("torch", "torch")):
+        if other in speeds:
+            case |= {f"ratio_{key}": speeds["forward"] / speeds[other], f"{key}_per_s": speeds[other], f"difference_{key}": errors[other]}
+    return case
+
+
+def thread_scaling(particles: int, repeats: int) -> float:
+    """How much faster two threads are than one: corotated, one frame, no packing."""
+    problem = cube("corotated", particles, GRID)
+    model, best = model_of(problem, FRAME), {1: np.inf, 2: np.inf}
+    for _ in range(repeats + 1):
+        for tasks in best:
+            body = Body(model, "single", tasks=tasks)
+            run = body.start(state_of(problem), np.zeros((particles, 3)) + model.gravity, None, 0, FRAME)
+            best[tasks] = min(best[tasks], seconds(lambda: body.advance(run, 0, FRAME, FRAME, NoProgress())))  # noqa: B023
+    return best[1] / best[2]
+
+
+def cost(counts: tuple[int, ...]) -> list[dict]:
+    """Nanoseconds per particle and substep at growing numbers of particles, eight per cell."""
+    rows = []
+    for count in counts:
+        ours = Ours(cube("corotated", count, GRID))
+        ours.forward()
+        best = min(seconds(ours.forward) for _ in range(1 + min(20, 200_000 // count)))
+        spent = best / ours.substeps
+        rows.append({"particles": count, "seconds_per_substep": spent, "ns_per_particle_substep": spent / count * 1e9})
+        print(f"{count:>9} particles: {spent * 1e3:8.2f} ms a substep, {spent / count * 1e9:.0f} ns each")
+    return rows
+
+
+def draw(cases: list[dict], rows: list[dict]) -> None:
+    """Bar chart of speeds, and cost against particles."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    series = [("Seeing Wind", "forward_per_s", "#1f77b4"), ("Seeing Wind, adjoint", "backward_per_s", "#8fbfe0"),
+              ("Warp 1.x, CPU", "warp_per_s", "#76b900"), ("Taichi, atomics and ti.svd", "naive_taichi_per_s", "#d98a29"),
+              ("torch, index_add", "torch_per_s", "#b04a4a")]  # fmt: skip
+    figure, axes = plt.subplots(figsize=(9, 4.2))
+    for k, (label, key, colour) in enumerate(series):
+        values = [case.get(key, 0.0) / 1e6 for case in cases]
+        bars = axes.bar(np.arange(len(cases)) + 0.16 * (k - 2), values, 0.15, label=label, color=colour)
+        axes.bar_label(bars, [f"{value:.1f}" if value else "" for value in values], fontsize=7)
+    axes.set_xticks(range(len(cases)), [case["law"].replace("_", "-") for case in cases])
+    axes.set_ylabel("million particle-substeps per second")
+    axes.set_title(f"{cases[0]['particles']:,} particles, grid {GRID}, {os.cpu_count()} cores, single precision")
+    axes.legend(frameon=False, fontsize=8)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.tight_layout()
+    figure.savefig(ROOT / "benchmarks/results/mpm.png", dpi=130)
+
+    figure, axes = plt.subplots(figsize=(6, 4))
+    counts, spent = np.array([row["particles"] for row in rows]), np.array([row["seconds_per_substep"] for row in rows])
+    axes.loglog(counts, 1e3 * spent, "o-", label="measured")
+    axes.loglog(counts, 1e3 * spent[-1] * counts / counts[-1], "--", color="grey", label="proportional to particles")
+    axes.set_xlabel("particles (eight per cell)")
+    axes.set_ylabel("ms per substep")
+    axes.set_title(f"Cost of a substep, corotated, {os.cpu_count()} cores")
+    axes.legend(frameon=False)
+    axes.grid(alpha=0.3)
+    figure.tight_layout()
+    figure.savefig(ROOT / "docs/mpm_cost.png", dpi=130)
+
+
+def report(cases: list[dict]) -> None:
+    """A row per law, with what it must reach."""
+    print(f"\n{'law':13} {'forward/s':>10} {'backward':>9} {'naive':>7} {'Warp':>7} {'torch':>7} {'bytes':>6}   wanted")
+    for case in cases:
+        cells = [f"{case[key]:6.1f}x" if (key := f"ratio_{name}") in case else "      -" for name in ("naive_taichi", "warp", "torch")]
+        bars = BARS[case["law"]].items()
+        wanted = [f"{key.removeprefix('ratio_')} >= {bar:g}{'' if case.get(key, 0) >= bar else ' MISSED'}" for key, bar in bars]
+        wanted.append("backward <= 2.5" + ("" if case["backward_over_forward"] <= 2.5 else " MISSED"))
+        print(
+            f"{case['law']:13} {case['forward_per_s'] / 1e6:8.2f} M {case['backward_over_forward']:8.2f}x {' '.join(cells)} "
+            f"{case['bytes_per_particle_substep']:6.1f}   {', '.join(wanted)}"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--particles", type=int, default=100_000)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--skip", nargs="*", default=[], choices=["Warp", "torch"], help="peers to leave out")
+    parser.add_argument("--laws", nargs="*", default=list(LAWS), choices=LAWS)
+    options = parser.parse_args()
+    cases = [measure(law, options.particles, options.repeats, options.skip) for law in options.laws]
+    report(cases)
+    scaling = thread_scaling(options.particles, options.repeats)
+    print(f"\ntwo threads are {scaling:.2f} times as fast as one\n")
+    rows = cost((1_000, 10_000, 100_000, 1_000_000))
+    draw(cases, rows)
+    machine = {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}
+    found = {"cases": cases, "scaling_1_to_2_threads": scaling, "cost": rows, "machine": machine}
+    (ROOT / "benchmarks/results/mpm.json").write_text(json.dumps(found, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,70 @@
+"""Triangle meshes as solids: what is closed, how much it holds, and which points lie inside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def weld(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Triangles (M, 3) in which vertices at the same place go by one number: many files repeat vertices at texture seams."""
+    size = max(float(np.ptp(vertices, axis=0).max()), 1e-300)
+    return np.unique(np.round(vertices / (1e-7 * size)), axis=0, return_inverse=True)[1].ravel()[triangles]
+
+
+def triangle_areas(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Areas (M,) [m²] and edge cross products (M, 3) of triangles."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    return 0.5 * np.linalg.norm(cross, axis=1), cross
+
+
+def signed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
+    """Volume [m³] that a closed surface encloses, positive if its normals point outwards (divergence theorem)."""
+    if len(triangles) == 0:
+        return 0.0
+    shifted = vertices - vertices[triangles[:, 0]].mean(axis=0)
+    a, b, c = (shifted[triangles[:, k]] for k in range(3))
+    return float(np.einsum("mi,mi->", a, np.cross(b, c)) / 6.0)
+
+
+def is_closed(triangles: np.ndarray) -> bool:
+    """Whether every edge is passed once in either direction: a surface with an inside, consistently wound."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]).astype(np.int64)
+    size = edges.max() + 1
+    forward, backward = edges[:, 0] * size + edges[:, 1], edges[:, 1] * size + edges[:, 0]
+    return len(np.unique(forward)) == len(forward) and bool(np.array_equal(np.sort(forward), np.sort(backward)))
+
+
+def winding_numbers(vertices: np.ndarray, triangles: np.ndarray, axes: list[np.ndarray]) -> np.ndarray:
+    """Winding number (A, B, C) int of a closed surface about lattice points, by signed crossings of the lines along Z.
+
+    A line that meets an edge counts it once for each triangle: give the lattice a place where the mesh is unlikely to have vertices.
+
+    Args:
+        vertices: (V, 3) [m].
+        triangles: (M, 3) int, closed and consistently wound.
+        axes: increasing x (A,), y (B,) and z (C,) of the lattice [m].
+    """
+    corners = vertices[triangles]
+    first = [np.searchsorted(axes[c], corners[:, :, c].min(axis=1)) for c in range(2)]
+    last = [np.searchsorted(axes[c], corners[:, :, c].max(axis=1)) for c in range(2)]
+    wide = [last[c] - first[c] for c in range(2)]
+    each = wide[0] * wide[1]
+    triangle = np.repeat(np.arange(len(triangles)), each)
+    rank = np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)
+    i = first[0][triangle] + rank // np.maximum(wide[1][triangle], 1)
+    j = first[1][triangle] + rank % np.maximum(wide[1][triangle], 1)
+    a, b, c = (corners[triangle, k] for k in range(3))
+    px, py = axes[0][i], axes[1][j]
+
+    def side(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        return (q[:, 0] - p[:, 0]) * (py - p[:, 1]) - (q[:, 1] - p[:, 1]) * (px - p[:, 0])
+
+    wa, wb, wc = side(b, c), side(c, a), side(a, b)
+    total = wa + wb + wc
+    hit = (total != 0.0) & (((wa > 0) & (wb > 0) & (wc > 0)) | ((wa < 0) & (wb < 0) & (wc < 0)))
+    height = (wa * a[:, 2] + wb * b[:, 2] + wc * c[:, 2])[hit] / total[hit]
+    change = np.zeros((len(axes[0]), len(axes[1]), len(axes[2]) + 1), dtype=int)
+    above = np.searchsorted(axes[2], height)
+    np.add.at(change, (i[hit], j[hit], above), np.where(total[hit] > 0, -1, 1))
+    return np.cumsum(change, axis=2)[:, :, :-1]

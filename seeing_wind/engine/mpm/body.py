@@ -1,0 +1,329 @@
+"""One body on all cores: sorts and packs its particles, runs substeps forwards and backwards, keeps the states the way back needs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..progress import Progress
+from . import device, parallel, parallel_adjoint, substep
+from .boundary import HELD
+from .failure import check_start, failure
+from .kinematics import Conditions, conditions_for
+from .model import Model
+from .packed import SCRATCH
+from .precision import DTYPES, compiled_in
+from .state import State
+
+MOST_NODES = 30_000_000
+"""Nodes of one grid (1 GB). A body spread over more has burst."""
+_LEAST_PER_TASK = 2000
+"""Particles below which another task costs more than it saves."""
+_WORK_PER_CHECK = 2_000_000
+"""Particle-substeps between two looks at whether the user wants to stop."""
+
+
+@dataclass
+class FrameRun:
+    """One frame's particles in the order in which they were simulated, and the states kept of it."""
+
+    order: np.ndarray
+    """(M,) which particle of the model each one is; held ones are left out."""
+    first: np.ndarray
+    """(tasks + 1,) int32, each task's first particle."""
+    particle: np.ndarray
+    """(M, 8), see `packed.constants`."""
+    force: np.ndarray
+    """(M, 3, 4), see `packed.forces`."""
+    pieces: list[tuple]
+    """What holds at the nodes, as arguments of the kernels: (offset, pin velocity, boundary arguments) for each piece of the frame."""
+    substeps: int
+    kept: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    """Packed state (M, 3, 8) and boxes (tasks, 6) before substep s; the frame's end has the number `substeps`."""
+    grids: dict[int, np.ndarray] = field(default_factory=dict)
+    """Momentum and mass (nodes, 4) of the nodes in substep s, where they take less than a number per particle."""
+
+    @property
+    def bytes(self) -> int:
+        """Size of what is kept of all substeps; the frame's end belongs to the next."""
+        states = sum(state.nbytes for s, (state, _) in self.kept.items() if s < self.substeps)
+        return states + sum(grid.nbytes for grid in self.grids.values())
+
+    def piece(self, s: int) -> tuple:
+        """The arguments that hold in substep s."""
+        return self.pieces[min(((s + 1) * len(self.pieces) - 1) // self.substeps, len(self.pieces) - 1)]
+
+
+class Body:
+    """Runs frames of one model in one precision. Positions are kept relative to the lattice, so that single precision has its digits."""
+
+    def __init__(self, model: Model, precision: str = "double", tasks: int | None = None) -> None:
+        """precision: double or single; tasks: threads to use, None for as many as there are cores and work."""
+        device.start(model.device)
+        self.model, self.real = model, np.dtype(DTYPES[precision])
+        self.gpu = device.on_gpu()
+        self.active = np.flatnonzero(model.role != HELD)
+        count = len(self.active)
+        self.tasks = 1 if self.gpu else tasks or max(1, min(device.cores(), count // _LEAST_PER_TASK))
+        columns = (model.mass, model.volume, model.mu, model.lam, model.yield_stress, model.viscosity, model.law, model.role)
+        self.particle = np.stack([column[self.active] for column in columns], axis=1).astype(self.real)
+        self.capacity = 0
+        self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = np.zeros((0, 4), self.real)
+        self.scratch = np.zeros(((count if self.gpu else self.tasks) * SCRATCH, 4), self.real)
+        self.status = np.zeros((self.tasks, 2), np.int32)
+
+    # -- frames ------------------------------------------------------------------------------------------------------------------
+
+    def checked(self, state: State) -> State:
+        """The state in float64, held particles at rest. SimulationError when it is not finite."""
+        x, v, C, F = (np.array(array, dtype=np.float64) for array in (state.x, state.v, state.C, state.F))
+        check_start(position=x, velocity=v, affine_velocity=C, deformation=F)
+        held = self.model.role == HELD
+        v[held], C[held] = 0.0, 0.0
+        return State(x, v, C, F)
+
+    def frame(
+        self,
+        state: State,
+        acceleration: np.ndarray,
+        gradient: np.ndarray | None,
+        frame: int,
+        progress: Progress,
+        stride: Callable[[int], int] = lambda substeps: substeps,
+        into: State | None = None,
+    ) -> tuple[State, FrameRun]:
+        """One frame under acceleration (N, 3), gravity included, and gradient (N, 3, 3); tried once more with half the dt.
+
+        Args:
+            stride: from the frame's substeps to how many of them lie between two states that are kept.
+            into: arrays for the state at the frame's end; None makes new ones.
+
+        Raises:
+            SimulationError: when it breaks both times.
+            Cancelled: when the user asked to stop.
+        """
+        after, run, status = self.attempt(state, acceleration, gradient, frame, progress, stride, into)
+        if after is None:
+            raise failure(status, frame, run.substeps)
+        return after, run
+
+    def attempt(
+        self,
+        state: State,
+        acceleration: np.ndarray,
+        gradient: np.ndarray | None,
+        frame: int,
+        progress: Progress,
+        stride: Callable[[int], int] = lambda substeps: substeps,
+        into: State | None = None,
+    ) -> tuple[State | None, FrameRun, tuple[int, int, int]]:
+        """As `frame`, with None and a status (code, particle, substep) of `substep` where that raises SimulationError."""
+        for substeps in (self.model.substeps, 2 * self.model.substeps):
+            run = self.start(state, acceleration, gradient, frame, substeps)
+            status = self.advance(run, 0, substeps, stride(substeps), progress)
+            if status[0] == substep.RUNNING:
+                return self.unpack(run, run.kept[substeps][0], state, into), run, status
+        return None, run, status
+
+    # -- packing ------------------------------------------------------------------------------------------------------------------
+
+    def start(self, state: State, acceleration: np.ndarray, gradient: np.ndarray | None, frame: int, substeps: int) -> FrameRun:
+        """A frame about to start from `state` under acceleration (N, 3), gravity included, and gradient (N, 3, 3)."""
+        m = self.model
+        conditions = conditions_for(m, frame)
+        by_cell = self._by_cell(state.x if len(self.active) == m.particles else state.x[self.active], conditions[0].offset)
+        order = self.active[by_cell]
+        first = np.linspace(0, len(order), self.tasks + 1).astype(np.int32)
+        force = np.zeros((len(order), 3, 4), self.real)
+        force[:, :, 0] = acceleration[order]
+        if gradient is not None:
+            force[:, :, 1:] = gradient[order]
+        pieces = [self._arguments(c, order) for c in conditions]
+        run = FrameRun(order, first, self.particle[by_cell], force, pieces, substeps)
+        packed = np.empty((len(order), 24), self.real)
+        packed[:, 0:3], packed[:, 3:6] = state.x[order] - m.offset, state.v[order]
+        packed[:, 6:15], packed[:, 15:24] = state.C[order].reshape(-1, 9), state.F[order].reshape(-1, 9)
+        packed = packed.reshape(-1, 3, 8)
+        run.kept[0] = packed, self.boxes(run, packed, pieces[0][0])
+        return run
+
+    def _by_cell(self, x: np.ndarray, offset: np.ndarray) -> np.ndarray:
+        """The order that sorts positions x (M, 3) by cell, along z fastest."""
+        if not len(x):
+            return np.zeros(0, np.int64)
+        key, size = np.zeros(len(x), np.int64), 1
+        for axis in (2, 1, 0):
+            cell = np.floor((x[:, axis] - offset[axis]) * (1.0 / self.model.dx)).astype(np.int64)
+            cell -= cell.min()
+            key += size * cell
+            size *= int(cell.max()) + 1
+        # NumPy sorts 16 bits by radix, several times faster than 64.
+        order = np.argsort((key & 0xFFFF).astype(np.uint16), kind="stable")
+        if size > 0x10000:
+            order = order[np.argsort(key[order] >> 16, kind="stable")]
+        return order
+
+    def _arguments(self, c: Conditions, order: np.ndarray) -> tuple:
+        def real(array: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(array, dtype=self.real)
+
+        planes = c.planes.copy()
+        planes[:, 3] -= planes[:, :3] @ self.model.offset  # positions are relative to the lattice here
+        boundary = (c.clamp_lo, c.clamp, real(c.clamp_velocity), real(planes), c.solid_lo, real(c.solid))
+        return c.offset - self.model.offset, real(c.pin_velocity[order]), boundary
+
+    def boxes(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray) -> np.ndarray:
+        """First and last of the first nodes of every task's particles, (tasks, 6) int32."""
+        # The kernels' own arithmetic, operation by operation: a particle on a cell's border must fall on the same side.
+        inv_dx = np.ones(1, self.real) / np.full(1, self.model.dx, self.real)
+        base = np.floor((packed[:, 0, :3] - offset.astype(self.real)) * inv_dx - np.full(1, 0.5, self.real)).astype(np.int32)
+        if not len(base):
+            return np.zeros((self.tasks, 6), np.int32)
+        # A GPU may fuse a product and a sum, and round otherwise.
+        margin = int(self.gpu)
+        rows = [base[a:b] for a, b in zip(run.first, run.first[1:])]
+        return np.array([np.concatenate([row.min(axis=0) - margin, row.max(axis=0) + margin]) for row in rows], np.int32)
+
+    def unpack(self, run: FrameRun, packed: np.ndarray, before: State, into: State | None = None) -> State:
+        """Particles of the model, in its order and in float64; held ones as they were."""
+        into = into or State(*(np.empty_like(array) for array in (before.x, before.v, before.C, before.F)))
+        if len(run.order) < self.model.particles:
+            for array, start in ((into.x, before.x), (into.v, before.v), (into.C, before.C), (into.F, before.F)):
+                array[:] = start
+        flat = packed.reshape(-1, 24)
+        into.x[run.order], into.v[run.order] = flat[:, 0:3] + self.model.offset, flat[:, 3:6]
+        into.C[run.order], into.F[run.order] = flat[:, 6:15].reshape(-1, 3, 3), flat[:, 15:24].reshape(-1, 3, 3)
+        return into
+
+    # -- forwards -----------------------------------------------------------------------------------------------------------------
+
+    def advance(self, run: FrameRun, begin: int, end: int, stride: int, progress: Progress) -> tuple[int, int, int]:
+        """Substeps `begin` to `end` from the kept state `begin`; keeps the states at multiples of `stride`, and the last.
+
+        Returns:
+            code of `substep` (RUNNING is success), particle of the model, substeps done.
+        """
+        state, boxes = run.kept[begin]
+        if not len(state):  # everything is held
+            run.kept[end] = state, boxes
+            return substep.RUNNING, -1, end
+        for s in range(begin, end):
+            if s == begin or (s * len(run.order)) % _WORK_PER_CHECK < len(run.order):
+                progress.check()
+            after = np.empty_like(state) if s in run.kept else state
+            code, particle, boxes = self._substep(run, s, state, after, boxes)
+            if code != substep.RUNNING:
+                return code, particle, s
+            nodes = math.prod(int(n) for n in window(run.kept[s][1])[1]) if s in run.kept else 0
+            if stride == 1 and 4 * nodes <= len(run.order):
+                run.grids[s] = self.momentum[:nodes].copy()
+            state = after
+            if s + 1 == end or (s + 1) % stride == 0:
+                run.kept[s + 1] = state, boxes
+        return substep.RUNNING, -1, end
+
+    def _substep(
+        self, run: FrameRun, s: int, state: np.ndarray, after: np.ndarray, boxes: np.ndarray
+    ) -> tuple[int, int, np.ndarray]:
+        """One substep from `state` into `after`, which may be the same array; returns code, particle, boxes of `after`."""
+        offset, pin_velocity, _ = run.piece(s)
+        if not self._fits(boxes):
+            return substep.BURST, -1, boxes
+        dt = self.model.frame_dt / run.substeps
+        lo, dims = window(boxes)
+        self._to_grid(run, s, state, boxes)
+        after_boxes = np.empty_like(boxes)
+        self.status[:] = 0
+        with compiled_in(self.real):
+            parallel.to_particles(
+                self.gpu, self.model.plastic, run.first, run.particle, state, after, pin_velocity,
+                offset, self.model.dx, dt, lo, dims, after_boxes, self.status, self.velocity, self.scratch, SCRATCH,
+            )  # fmt: skip
+        failed = np.flatnonzero(self.status[:, 0])
+        if len(failed):
+            code, particle = self.status[failed[0]]
+            return int(code), int(run.order[particle]), after_boxes
+        if s + 1 < run.substeps and run.piece(s + 1)[0] is not offset:
+            after_boxes = self.boxes(run, after, run.piece(s + 1)[0])
+        return substep.RUNNING, -1, after_boxes
+
+    def _to_grid(self, run: FrameRun, s: int, state: np.ndarray, boxes: np.ndarray) -> None:
+        offset, _, boundary = run.piece(s)
+        lo, dims = window(boxes)
+        with compiled_in(self.real):
+            parallel.to_grid(
+                self.gpu, self.model.plastic, run.first, run.particle, state, run.force, *boundary,
+                offset, self.model.dx, self.model.frame_dt / run.substeps, lo, dims, boxes,
+                self.capacity, self.grid, self.momentum, self.velocity,
+            )  # fmt: skip
+
+    def _fits(self, boxes: np.ndarray) -> bool:
+        """Makes the grids large enough for the window, with room to grow; False where it has burst."""
+        wanted = math.prod(int(n) for n in window(boxes)[1])
+        if wanted > MOST_NODES:
+            return False
+        if wanted > self.capacity:
+            self.capacity = wanted + wanted // 3
+            self.grid = np.empty((self.tasks * self.capacity, 4), self.real)
+            self.momentum, self.velocity = (np.empty((self.capacity, 4), self.real) for _ in range(2))
+        return True
+
+    # -- backwards ----------------------------------------------------------------------------------------------------------------
+
+    def pull_back(self, run: FrameRun, bar: np.ndarray, material: bool, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
+        """Turns bar (M, 3, 8) by the frame's end into that by its start, in place; returns those by `force` and by `particle`.
+
+        `material`: whether the last are wanted; they are zero otherwise.
+
+        States that were not kept are simulated again, a stretch at a time.
+        """
+        force_bar, particle_bar = np.zeros_like(run.force), np.zeros_like(run.particle)
+        end = run.substeps if len(bar) else 0
+        while end:
+            begin = max(s for s in run.kept if s < end)
+            length = end - begin
+            if length > 1:
+                self.advance(run, begin, end, 1 if length <= sparse_stride(run.substeps) else sparse_stride(length), progress)
+                continue
+            progress.check()
+            self._substep_adjoint(run, begin, bar, force_bar, particle_bar, material)
+            del run.kept[end]
+            run.grids.pop(begin, None)
+            end = begin
+        return force_bar, particle_bar
+
+    def _substep_adjoint(
+        self, run: FrameRun, s: int, bar: np.ndarray, force_bar: np.ndarray, particle_bar: np.ndarray, material: bool
+    ) -> None:
+        state, boxes = run.kept[s]
+        offset, _, boundary = run.piece(s)
+        self._fits(boxes)
+        if len(self.grid_bar) < self.tasks * self.capacity:
+            self.grid_bar = np.empty((self.tasks * self.capacity, 4), self.real)
+            self.momentum_bar = np.empty((self.capacity, 4), self.real)
+        lo, dims = window(boxes)
+        momentum = run.grids.get(s)
+        if momentum is None:
+            self._to_grid(run, s, state, boxes)
+            momentum = self.momentum
+        with compiled_in(self.real):
+            parallel_adjoint.substep_adjoint(
+                self.gpu, self.model.plastic, material, run.first, run.particle, state, run.kept[s + 1][0], run.force,
+                bar, force_bar, particle_bar, *boundary, offset, self.model.dx, self.model.frame_dt / run.substeps, lo, dims, boxes,
+                self.capacity, self.grid_bar, momentum, self.velocity, self.momentum_bar, self.scratch, SCRATCH,
+            )  # fmt: skip
+
+
+def window(boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First node (3,) and node counts (3,) of the box that all tasks' particles touch."""
+    lo = boxes[:, :3].min(axis=0)
+    # In 64 bits: the box of an exploding body overflows 32.
+    return lo, boxes[:, 3:].max(axis=0).astype(np.int64) - lo + 3
+
+
+def sparse_stride(substeps: int) -> int:
+    """Substeps between states kept so that they, and those of one stretch between two of them, are fewest: the root."""
+    return math.isqrt(substeps - 1) + 1

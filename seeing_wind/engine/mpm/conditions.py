@@ -1,0 +1,123 @@
+"""What a grid node's velocity becomes at planes, in solid colliders and at pins, and the derivative of that.
+
+Applied once a substep, between momentum / mass and g2p. The contact law is Stomakhin et al. 2013, "A material point method for snow
+simulation", section 8: relative to the wall the normal part that runs into it is taken away, and Coulomb's friction takes from the
+tangential part at most mu times as much. Every branch is differentiated exactly; on a kink (just touching, just slipping) the derivative
+is that of one side.
+"""
+# Taichi reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# mypy: ignore-errors
+
+import taichi as ti
+
+NONE, STICKY, SLIP, SEPARATE = 0, 1, 2, 3
+"""Kinds of wall: a node stands still with it; may slide but neither enter nor leave; may also leave."""
+
+
+@ti.func
+def contact_velocity(v, n, kind, friction, wall):
+    """Velocity of a node within a wall of unit normal n (outwards) that moves with velocity `wall`; v is the node's own."""
+    u = v - wall
+    along = u.dot(n)
+    if kind == STICKY:
+        u = ti.Vector.zero(float, 3)
+    elif kind == SLIP or (kind == SEPARATE and along < 0.0):
+        u -= along * n
+        speed = u.norm()
+        loss = friction * ti.abs(along)
+        if loss > speed:
+            u = ti.Vector.zero(float, 3)
+        elif loss > 0.0:
+            u *= 1.0 - loss / speed
+    return wall + u
+
+
+@ti.func
+def contact_jacobian(v, n, kind, friction, wall):
+    """d contact_velocity / d v, (3, 3)."""
+    J = ti.Matrix.identity(float, 3)
+    u = v - wall
+    along = u.dot(n)
+    if kind == STICKY:
+        J = ti.Matrix.zero(float, 3, 3)
+    elif kind == SLIP or (kind == SEPARATE and along < 0.0):
+        J -= n.outer_product(n)
+        u -= along * n
+        speed = u.norm()
+        loss = friction * ti.abs(along)
+        if loss > speed:
+            J = ti.Matrix.zero(float, 3, 3)
+        elif loss > 0.0:
+            t, share, side = u / speed, loss / speed, ti.select(along < 0.0, -1.0, 1.0)
+            J = (1.0 - share) * J + t.outer_product(share * t - (friction * side) * n)
+    return J
+
+
+@ti.func
+def in_box(c, box: ti.template()):
+    """Whether the index c (3,) lies in the first three axes of the array `box`."""
+    return 0 <= c[0] < box.shape[0] and 0 <= c[1] < box.shape[1] and 0 <= c[2] < box.shape[2]
+
+
+@ti.func
+def boundary_velocity(
+    node, v, offset, dx, clamp_lo, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid_lo,
+    solid: ti.template(),
+):  # fmt: skip
+    """Velocity of the lattice's node `node` (3,) int under all conditions: planes in their order, then solids, then pins.
+
+    Args:
+        v: momentum / mass [m/s].
+        offset, dx: the node is at offset + dx node [m].
+        clamp_lo, clamp (a, b, c) int, clamp_velocity (a, b, c, 3): nodes whose velocity is prescribed (clamp not 0) [m/s].
+        planes: (K, 8), rows of nx ny nz d kind friction 0 0; it holds nodes with n.x < d.
+        solid_lo, solid (a, b, c, 8): kind nx ny nz friction vx vy vz at nodes; kind 0 where there is nothing.
+    """
+    x = offset + dx * node
+    out = v
+    for k in range(planes.shape[0]):
+        n = ti.Vector([planes[k, 0], planes[k, 1], planes[k, 2]])
+        if n.dot(x) < planes[k, 3]:
+            out = contact_velocity(out, n, ti.cast(planes[k, 4], ti.i32), planes[k, 5], ti.Vector.zero(float, 3))
+    c = node - solid_lo
+    if in_box(c, solid):
+        kind = ti.cast(solid[c[0], c[1], c[2], 0], ti.i32)
+        if kind != NONE:
+            n = ti.Vector([solid[c[0], c[1], c[2], a] for a in ti.static(range(1, 4))])
+            wall = ti.Vector([solid[c[0], c[1], c[2], a] for a in ti.static(range(5, 8))])
+            out = contact_velocity(out, n, kind, solid[c[0], c[1], c[2], 4], wall)
+    c = node - clamp_lo
+    if in_box(c, clamp):
+        if clamp[c[0], c[1], c[2]] != 0:
+            out = ti.Vector([clamp_velocity[c[0], c[1], c[2], a] for a in ti.static(range(3))])
+    return out
+
+
+@ti.func
+def boundary_velocity_adjoint(
+    node, v, v_out_bar, offset, dx, clamp_lo, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid_lo,
+    solid: ti.template(),
+):  # fmt: skip
+    """v_bar from the derivative by `boundary_velocity`'s result; v is again momentum / mass. The conditions get no derivatives."""
+    x = offset + dx * node
+    J = ti.Matrix.identity(float, 3)
+    through = v
+    still = ti.Vector.zero(float, 3)
+    for k in range(planes.shape[0]):
+        n = ti.Vector([planes[k, 0], planes[k, 1], planes[k, 2]])
+        if n.dot(x) < planes[k, 3]:
+            kind = ti.cast(planes[k, 4], ti.i32)
+            J = contact_jacobian(through, n, kind, planes[k, 5], still) @ J
+            through = contact_velocity(through, n, kind, planes[k, 5], still)
+    c = node - solid_lo
+    if in_box(c, solid):
+        kind = ti.cast(solid[c[0], c[1], c[2], 0], ti.i32)
+        if kind != NONE:
+            n = ti.Vector([solid[c[0], c[1], c[2], a] for a in ti.static(range(1, 4))])
+            wall = ti.Vector([solid[c[0], c[1], c[2], a] for a in ti.static(range(5, 8))])
+            J = contact_jacobian(through, n, kind, solid[c[0], c[1], c[2], 4], wall) @ J
+    c = node - clamp_lo
+    if in_box(c, clamp):
+        if clamp[c[0], c[1], c[2]] != 0:
+            J = ti.Matrix.zero(float, 3, 3)
+    return J.transpose() @ v_out_bar

@@ -1,0 +1,58 @@
+"""Colours of Gaussians that depend on the direction they are seen from, and how they turn with the body.
+
+Real spherical harmonics up to degree 3 with the signs and the order of Kerbl et al. 2023, "3D Gaussian splatting", as their PLY files
+have them. A Gaussian that the body turns by R (the polar rotation of its F) shows towards d what it showed at rest towards R^T d; a
+stretch does not turn it (Xie et al. 2024, "PhysGaussian", section 3.5).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..records import Gaussians
+from .gaussians import SH0, blended_gradients
+
+_SH1 = 0.4886025119029199
+_SH2 = (1.0925484305920792, -1.0925484305920792, 0.31539156525252005, -1.0925484305920792, 0.5462742152960396)
+_SH3 = (
+    -0.5900435899266435, 2.890611442640554, -0.4570457994644658, 0.3731763325901154, -0.4570457994644658, 1.445305721320277,
+    -0.5900435899266435,
+)  # fmt: skip
+
+
+def harmonics(directions: np.ndarray, bands: int) -> np.ndarray:
+    """Values (..., bands) of the first `bands` (1, 4, 9 or 16) harmonics towards unit vectors (..., 3)."""
+    x, y, z = np.moveaxis(np.asarray(directions, dtype=np.float64), -1, 0)
+    values = [np.full_like(x, SH0), -_SH1 * y, _SH1 * z, -_SH1 * x]
+    if bands > 4:
+        second = (x * y, y * z, 2.0 * z * z - x * x - y * y, x * z, x * x - y * y)
+        values += [factor * value for factor, value in zip(_SH2, second)]
+    if bands > 9:
+        round_z, in_plane = 4.0 * z * z - x * x - y * y, x * x - y * y
+        third = (
+            y * (3.0 * x * x - y * y), x * y * z, y * round_z, z * (2.0 * z * z - 3.0 * x * x - 3.0 * y * y), x * round_z, z * in_plane,
+            x * (x * x - 3.0 * y * y),
+        )  # fmt: skip
+        values += [factor * value for factor, value in zip(_SH3, third)]
+    return np.stack(values[:bands], axis=-1)
+
+
+def polar_rotations(F: np.ndarray) -> np.ndarray:
+    """The rotation R of each F = R S, (..., 3, 3); the nearest one for an F that mirrors."""
+    U, _, Vt = np.linalg.svd(F)
+    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+    return U @ Vt
+
+
+def seen_colours(gaussians: Gaussians, x: np.ndarray, eye: np.ndarray, F: np.ndarray | None = None) -> np.ndarray:
+    """RGB (G, 3) in 0..1 of Gaussians centred at x (G, 3) [m] from a camera at `eye` (3,) [m].
+
+    Args:
+        F: (N, 3, 3) deformation gradients of the particles; None for a body that has not turned.
+    """
+    toward = x - eye
+    toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+    if F is not None:
+        toward = np.einsum("gba,gb->ga", polar_rotations(blended_gradients(gaussians, F)), toward)
+    values = harmonics(toward, gaussians.sh.shape[1])
+    return np.clip(0.5 + np.einsum("gk,gkc->gc", values, gaussians.sh), 0.0, 1.0)

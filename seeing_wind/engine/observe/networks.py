@@ -1,0 +1,128 @@
+"""Where a network is asked for, it takes the place of a default: depth, the first outline, the outlines after it, the tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..conventions import DEFAULT_FOV_DEGREES
+from ..errors import ObjectError, UsageError
+from ..progress import Progress
+from ..settings import ObserveSettings
+from .background import Plate
+from .camera import read_camera
+from .clip import Clip
+from .depth import read_depth
+from .lens import Lens
+from .mask import LEAST_PIXELS, first_mask, mask_in_box
+from .motion import Flow, FlowSolver, window_of
+from .tracks import find_corners
+
+LEAST_TRACKS = 3
+"""Points of the object that a network must be given."""
+
+
+def check_networks(settings: ObserveSettings) -> None:
+    """Raises UsageError for options that need each other or exclude each other."""
+    if (settings.prompt is None) != (settings.detector_model is None):
+        raise UsageError("--prompt and --detector-model belong together.", "Give the words, and the network that finds them.")
+    if settings.prompt is not None and not settings.prompt.strip():
+        raise UsageError("The prompt is empty.", "Say in a word or two what the object is.")
+    if settings.prompt is not None and (settings.mask or settings.box):
+        raise UsageError("The object is marked by words and by a mask or box.", "Give one of them.")
+    if settings.depth and settings.depth_model:
+        raise UsageError("--depth and --depth-model contradict each other.", "Give one of them.")
+    if settings.tracks and settings.track_model:
+        raise UsageError("--tracks and --track-model contradict each other.", "Give one of them.")
+
+
+def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tuple[np.ndarray | None, str]:
+    """The depth (H, W) float32 [m] of picture 0 as filmed, from a file or a network, None without; and what to call it.
+
+    Raises:
+        UsageError: a depth file that cannot be used. ModelError, MissingPackage: a network that cannot.
+    """
+    pictures, height, width = clip.frames.shape[:3]
+    if settings.depth is not None:
+        return read_depth(settings.depth, height, width), Path(settings.depth).name
+    if settings.depth_model is None:
+        return None, ""
+    from ..models.depth import predict_depth
+
+    fov = settings.fov if 1.0 <= settings.fov <= 170.0 else DEFAULT_FOV_DEGREES  # a wrong one is told by the camera
+    focal = 0.5 * width / float(np.tan(0.5 * np.radians(fov)))
+    if settings.camera is not None:
+        focal = read_camera(settings.camera, width, height, pictures, clip.first_frame).fx
+    return predict_depth(settings.depth_model, clip.frames[0], focal, progress), settings.depth_model
+
+
+def first_outline(settings: ObserveSettings, picture: np.ndarray, plate: Plate | None, lens: Lens, progress: Progress) -> np.ndarray:
+    """The object (H, W) bool in the straightened `picture` (H, W, 3): from words, else as `first_mask` finds it; cut by a network if named.
+
+    Raises:
+        ObjectError, UsageError: as `first_mask`. ModelError, MissingPackage: a network that cannot be used.
+    """
+    box = settings.box
+    if settings.prompt is not None and settings.detector_model is not None:
+        from ..models.masks import find_box
+
+        box = find_box(settings.detector_model, settings.prompt, picture, progress)
+    if box is not None and settings.mask is None and settings.mask_model is not None:
+        from ..models.masks import MaskModel
+
+        mask = MaskModel(settings.mask_model).in_box(picture, box)
+        if mask.sum() < LEAST_PIXELS:
+            raise ObjectError(f"{settings.mask_model} finds nothing in the box.", "Draw it closer, or give --mask with a PNG.")
+        return mask
+    if box is not None and settings.mask is None:
+        return mask_in_box(picture, box, plate, progress)
+    mask = first_mask(settings, picture, plate, progress)
+    # A mask or a depth map of the user's is over the filmed picture; what moves was found in the straightened one.
+    return lens.straight_map(mask) if settings.mask is not None or settings.depth is not None else mask
+
+
+@dataclass
+class Followed:
+    """What the tracker wants to know of a step: the flow from the picture before, None where the object is hidden in one of them."""
+
+    flow: Flow | None
+
+
+def network_masks(name: str, frames: np.ndarray, mask: np.ndarray, progress: Progress) -> Iterator[tuple[np.ndarray, Followed]]:
+    """The masks (H, W) bool of pictures 1 to T by the network `name`, with the flow between pictures round them."""
+    import cv2
+
+    from ..models.masks import MaskModel
+
+    solver, before, gray = FlowSolver(), mask, cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
+    for t, new in enumerate(MaskModel(name).follow(frames, mask, progress), start=1):
+        progress.update(0.1 + 0.6 * t / len(frames), f"following the object, frame {t} of {len(frames) - 1}")
+        after = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY)
+        flow = None
+        if before.any() and new.any():
+            shift = _middle(new) - _middle(before)
+            flow = solver.between(gray, after, window_of(before, 24), shift)
+        yield new, Followed(flow)
+        before, gray = new, after
+
+
+def _middle(mask: np.ndarray) -> np.ndarray:
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()])
+
+
+def network_tracks(name: str, frames: np.ndarray, mask: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of the object's corners by the network `name`.
+
+    Raises:
+        ObjectError: the object has no corners to follow.
+    """
+    from ..models.points import follow_points
+
+    corners = find_corners(frames[0], mask)
+    if len(corners) < LEAST_TRACKS:
+        raise ObjectError("The object is too plain to follow points on it.", "Leave --track-model out: its silhouette is followed then.")
+    return follow_points(name, frames, corners, progress)

@@ -1,0 +1,132 @@
+"""The sizes of the prior that make the clip most probable: type-II maximum likelihood on the linearised problem.
+
+With unknowns ~ N(0, K), K the prior's covariance, and whitened residuals linear in them, J'J = R'R and z = R^-T J'(J theta - r), z is
+N(0, I + R K R'), so
+
+    -2 log evidence = log |I + R K R'| + z' (I + R K R')^-1 z + constant
+
+(MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). Weak beliefs about the sizes keep it from running
+away where the clip says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import torch
+
+from .gauss_newton import Linearisation
+from .objective import Objective
+from .prior import DURATION, LENGTH, UNIFORM, Kernel, Prior
+
+ITERATIONS = 25
+BELIEFS = {"length": (LENGTH, 1.0), "duration": (DURATION, 0.5), "uniform": (UNIFORM, 1.5)}
+"""Median and standard deviation of the logarithm of each size."""
+ROUNDNESS = 1.0
+"""Standard deviation of the logarithm of each component's size about what is believed of it, and of the correlations."""
+FLOOR = 0.02
+"""Share of the variance that keeps the shape believed: no direction is ruled out for good."""
+SMALLEST = 1e-12
+"""Directions of the unknowns that the data see less than this, relative to the best seen, are not seen."""
+
+
+def learn(
+    prior: Prior, normal: np.ndarray, pull: np.ndarray, component: np.ndarray | None = None, check: Callable[[], None] = lambda: None
+) -> Kernel:
+    """The sizes of the prior, learnt by L-BFGS.
+
+    Args:
+        prior: where to start. Its `stretch` is left out: what it holds down would make the sizes look small, and they it, without end.
+        normal: (n, n) J'J of the whitened residuals.
+        pull: (n,) J'(J theta - r) at the linearisation point theta.
+        component: (3, 3) the shape that the force's covariance is believed to have; None is a ball.
+        check: called at every evaluation; may raise to stop.
+    """
+    size = len(normal) - len(prior.velocity)
+    values, vectors = np.linalg.eigh(normal)
+    seen = values > SMALLEST * values[-1]
+    root = np.sqrt(values[seen])
+    R = torch.from_numpy(root[:, None] * vectors[:, seen].T)
+    z = torch.from_numpy((vectors[:, seen].T @ pull) / root)
+    velocity = R[:, size:] @ torch.diag(torch.from_numpy(prior.velocity**2)) @ R[:, size:].T
+    by_component = R[:, :size].reshape(len(R), -1, 3)
+    parameters = _pack(prior.kernel).requires_grad_(True)
+    begin = parameters.detach().clone()
+    shape = np.eye(3) if component is None else component
+    believed = _pack(Kernel(shape))
+    optimiser = torch.optim.LBFGS([parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=1e-3)
+
+    def objective() -> torch.Tensor:
+        check()
+        optimiser.zero_grad()
+        factor, sizes = _unpack(parameters)
+        correlation = prior.places.correlation(*sizes)
+        turned = (by_component @ factor).unbind(dim=2)
+        field = sum(part @ correlation @ part.T for part in turned)
+        value = _disbelief(parameters, believed) - _log_evidence(field + velocity, z)
+        value.backward()
+        return value
+
+    optimiser.step(objective)
+    found = parameters.detach() if bool(torch.isfinite(parameters).all()) else begin
+    factor, sizes = _unpack(found)
+    covariance = (factor @ factor.T).numpy()
+    covariance += FLOOR * np.trace(covariance) / np.trace(shape) * shape
+    return Kernel(covariance, *(float(value) for value in sizes))
+
+
+def _pack(kernel: Kernel) -> torch.Tensor:
+    """log L, log tau, log u, the logarithms of the diagonal of C's Cholesky factor, and the rest of it over its diagonal."""
+    factor = np.linalg.cholesky(kernel.covariance)
+    diagonal = np.diag(factor)
+    below = (factor / diagonal)[np.tril_indices(3, -1)]
+    sizes = [kernel.length, kernel.duration, kernel.uniform]
+    return torch.from_numpy(np.concatenate([np.log(sizes), np.log(diagonal), below]))
+
+
+def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+    """Cholesky factor of C, and L, tau, u."""
+    length, duration, uniform = torch.exp(parameters[:3]).unbind()
+    below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[6:])
+    factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(torch.exp(parameters[3:6]))
+    return factor, (length, duration, uniform)
+
+
+def _disbelief(parameters: torch.Tensor, believed: torch.Tensor) -> torch.Tensor:
+    """Minus the logarithm of what is believed of the sizes: of C its shape only, not its scale."""
+    total = torch.zeros((), dtype=parameters.dtype)
+    for value, (median, spread) in zip(parameters[:3], BELIEFS.values()):
+        total = total + 0.5 * ((value - math.log(median)) / spread) ** 2
+    diagonal, below = parameters[3:6] - believed[3:6], parameters[6:] - believed[6:]
+    return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / ROUNDNESS**2
+
+
+def _log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+    factor = torch.linalg.cholesky(covariance + torch.eye(len(z), dtype=z.dtype))
+    white = torch.linalg.solve_triangular(factor, z[:, None], upper=False)
+    return -torch.log(torch.diagonal(factor)).sum() - 0.5 * (white**2).sum()
+
+
+def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, scales: Sequence[float]) -> float:
+    """Which of the factors on the standard deviation of the mismatch makes the clip most probable.
+
+    Args:
+        prior: with its sizes learnt.
+        objective: that whitened the residuals of `point`.
+        point: the linearisation.
+        scales: factors to choose from.
+    """
+    raw = objective.unwhitened(np.concatenate([point.jacobian, (point.jacobian.T @ point.theta - point.residual)[None]]))
+    covariance = np.linalg.inv(prior.precision())
+    evidence = []
+    for scale in scales:
+        other = objective.mismatched(scale)
+        white = other.whiten(raw).astype(np.float64)
+        jacobian, data = white[:-1], white[-1]
+        inner = np.eye(len(covariance)) + covariance @ (jacobian @ jacobian.T)
+        mean = np.linalg.solve(inner, covariance @ (jacobian @ data))
+        volume = np.linalg.slogdet(inner)[1] - 2.0 * other.log_volume
+        evidence.append(-0.5 * (data @ (data - jacobian.T @ mean) + volume))
+    return scales[int(np.argmax(evidence))]

@@ -1,0 +1,239 @@
+"""The solve over one window of the clip, coarse to fine, because a body that turns makes the problem curved.
+
+Follow the targets with a receding horizon, solve with few modes and sparse knots, learn the prior's sizes, then solve with all modes
+that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..mpm.model import Model
+from ..mpm.state import State, Trajectory
+from ..progress import Progress
+from ..records import Particles
+from .basis import SpatialBasis, hats, velocity_basis
+from .evidence import learn, mismatch_scale
+from .forward import Forward
+from .gauss_newton import TOLERANCE, Linearisation, Solution, solve
+from .objective import Objective
+from .point_channels import PointChannels
+from .prior import Kernel, Places, Prior, modes_worth
+from .track_channels import TrackChannels
+from .warm_start import warm_start
+
+COARSE_DEGREE, COARSE_KNOT = 2, 4.0
+"""Degree of the modes and frames between knots of the first solve."""
+FULL_KNOT = 2.0
+COARSE_ITERATIONS, FINE_ITERATIONS = 1, 2
+"""Jacobians at most; settings.iterations may lower them. Few are needed: each serves several chord steps."""
+COARSE_TOLERANCE = 0.1
+"""A coarse solve has done its work when a step promises less than this share of the cost: the fine one goes on from there."""
+SEGMENT = 16
+"""Frames by which the followed part of the window grows."""
+SEGMENT_ITERATIONS = 1
+ROUGH = 0.5
+"""Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
+UNEXPECTED = 1e-4
+"""Share of the field's variance over the body that may lie in modes which the solve leaves out."""
+MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
+"""Factors on the mismatch of points in 3D that are tried."""
+ABSORBED = 4.0
+"""How much of the mismatch looks like a force: what the residuals still show of it must be taken times this."""
+UNKNOWNS = 900
+"""Most unknowns of the dense solve; beyond them the knots get sparser."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the clip as a whole says beforehand."""
+
+    size: float
+    """Root mean square acceleration of the field [m/s²]."""
+    speed: np.ndarray
+    """(V,) standard deviations of the initial velocities [m/s]."""
+    component: np.ndarray
+    """(3, 3) covariance of the force's components, trace at most 3, before anything is learnt."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A window's solution."""
+
+    forward: Forward
+    prior: Prior
+    last: Solution
+    trajectory: Trajectory
+    iterations: int
+    """Jacobians used."""
+
+
+@dataclass
+class WindowSolver:
+    """One window on its way from a rough start to the final solve."""
+
+    particles: Particles
+    model: Model
+    objective: Objective
+    """Of the window alone."""
+    basis: SpatialBasis
+    """All modes that the data can tell apart."""
+    expected: Expected
+    start: State | None
+    """The body at the window's first picture; None is at rest in its built shape with an unknown velocity."""
+    iterations: int
+    progress: Progress
+    tell: Callable[[float, str, float | None], None]
+    """Told the fraction done, what is being done and the cost."""
+
+    def run(self) -> Found:
+        """All parts in order."""
+        coarse, prior, theta, used = self._grow()
+        left = self.iterations
+        first = self._solve(coarse, prior, theta, min(left, COARSE_ITERATIONS), (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
+        kernel = learn(prior, first.point.normal, first.pull, self.expected.component, self.progress.check)
+
+        self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
+        worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
+        fine = self._forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
+        theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
+        prior = self._prior(kernel, fine, theta)
+        left = max(1, left - first.iterations)
+        second = self._solve(fine, prior, theta, min(left, FINE_ITERATIONS), (0.45, 0.8), "Solving finely")
+        prior, point = self._learn(prior, fine, second)
+        left = min(1, max(0, left - second.iterations))
+        last = self._solve(fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt", point=point)
+        iterations = used + first.iterations + second.iterations + last.iterations
+        return Found(fine, prior, last, fine.trajectory(last.theta), iterations)
+
+    def knot(self, wanted: float) -> float:
+        """Frames between knots: COARSE_KNOT, or a whole fraction or multiple of it, so that a field on coarse knots is one on finer too.
+
+        Sparser than wanted when the dense solve would become too large.
+        """
+        affordable = 3.0 * self.basis.phi.shape[1] * self.objective.frames / UNKNOWNS
+        knot = wanted
+        while knot < affordable:
+            knot *= 2.0
+        return knot
+
+    def _grow(self) -> tuple[Forward, Prior, np.ndarray, int]:
+        """A coarse field that keeps the simulation near the targets through the whole window, found a segment at a time.
+
+        In each segment the receding horizon leads on from the simulation so far; then its knots and those shortly before it are solved.
+        Returns forward model, prior, unknowns, and the Jacobians used.
+        """
+        frames, size, component = self.objective.frames, self.expected.size, self.expected.component
+        modes, affine = self.basis.up_to(COARSE_DEGREE), self.basis.up_to(1)
+        knot = self.knot(COARSE_KNOT)
+        parts = math.ceil(frames / SEGMENT)
+        ends = [round(frames * (part + 1) / parts) for part in range(parts)]
+        leader, found, used = self._forward(affine, 1.0, frames), np.zeros((0, modes.phi.shape[1], 3)), 0
+        forward, theta, velocity = self._forward(modes, knot, frames), np.zeros(0), np.zeros(0)
+        for part, end in enumerate(ends):
+            begin = len(found)
+            self.tell(0.02 + 0.28 * part / parts, f"Following the object, frame {begin} to {end} of {frames}", None)
+            state = forward.trajectory(theta).state(begin) if begin else self.start
+            led = warm_start(leader, self.objective, size * np.sqrt(np.diag(component)), self.expected.speed, state, begin, end)
+            velocity = velocity if begin else led.velocity
+            fresh = np.zeros((end - begin, *found.shape[1:]))
+            fresh[:, : affine.phi.shape[1]] = led.coefficients
+            found = np.concatenate([found, fresh])
+            forward = self._forward(modes, knot, end)
+            theta = forward.pack(found, velocity)
+            prior = self._prior(Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0), forward, theta)
+            if end < frames:
+                settled = begin - SEGMENT / 2
+                open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
+                active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
+                share = 0.02 + 0.28 * part / parts
+                solved = self._solve(forward, prior, theta, SEGMENT_ITERATIONS, (share, share), "Following the object", active)
+                theta, used = solved.theta, used + solved.iterations
+                found, velocity = forward.per_frame(theta), theta[forward.size :]
+        return forward, prior, theta, used
+
+    def _forward(self, basis: SpatialBasis, knot: float, frames: int) -> Forward:
+        velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
+        if self.start is not None:
+            velocity, gradient = velocity[:0], gradient[:0]
+        rough = replace(self.model, substeps=math.ceil(ROUGH * self.model.substeps))
+        x = self.particles.x
+        return Forward(self.model, rough, x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
+
+    def _prior(self, kernel: Kernel, forward: Forward, theta: np.ndarray) -> Prior:
+        """The prior of these sizes along the simulation under theta, with what one camera must believe of stretch."""
+        one_camera = len(self.objective.channels) == 1 and isinstance(self.objective.channels[0], TrackChannels)
+        path = forward.trajectory(theta, forward.rough)
+        speed = self.expected.speed[: len(forward.velocity)]
+        prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), speed)
+        return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing) if one_camera else prior
+
+    def _learn(self, prior: Prior, forward: Forward, solution: Solution) -> tuple[Prior, Linearisation]:
+        """The prior's sizes and, for points of a free body, how far the solver is from the real one; the linearisation with that known.
+
+        For pixels the mismatch is known better than it can be learnt: that of tracks which all lie on one slightly wrong body. That of a
+        clamp cannot be learnt either: all of it looks like a force.
+        """
+        point, component, check = solution.point, self.expected.component, self.progress.check
+        prior = self._prior(learn(prior, point.normal, solution.pull, component, check), forward, solution.theta)
+        if self.particles.pinned.any() or not all(isinstance(one, PointChannels) for one in self.objective.channels):
+            return prior, point
+        objective = self.objective
+        self.objective = objective.mismatched(ABSORBED * mismatch_scale(prior, objective, point, MISMATCH_SCALES))
+        rows = np.concatenate([point.jacobian, point.residual[None]])
+        white = self.objective.whiten(objective.unwhitened(rows))
+        point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
+        pull = point.normal @ point.theta - point.jacobian @ point.residual
+        return replace(prior, kernel=learn(prior, point.normal, pull, component, check)), point
+
+    def _solve(
+        self,
+        forward: Forward,
+        prior: Prior,
+        theta: np.ndarray,
+        iterations: int,
+        share: tuple[float, float],
+        what: str,
+        active: np.ndarray | None = None,
+        point: Linearisation | None = None,
+        tolerance: float = TOLERANCE,
+    ) -> Solution:
+        """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
+        but for its theta, which is whole."""
+        objective = self.objective.until(len(forward.hats))
+        active = np.ones(len(theta), bool) if active is None else active
+        precision = prior.precision()
+        inner = precision[np.ix_(active, active)]
+        mean = -np.linalg.solve(inner, precision[np.ix_(active, ~active)] @ theta[~active])  # the prior, given those that stay
+
+        def whole(candidates: np.ndarray) -> np.ndarray:
+            full = np.repeat(theta[None], len(candidates), axis=0)
+            full[:, active] = candidates
+            return full
+
+        def residuals(candidates: np.ndarray) -> np.ndarray:
+            positions = forward.positions(whole(candidates))
+            broken = ~np.isfinite(positions).all(axis=(1, 2, 3))
+            white = objective.whiten(objective.residual(np.where(broken[:, None, None, None], self.particles.x, positions)))
+            white[broken] = np.inf
+            return white
+
+        def linearise(candidate: np.ndarray) -> Linearisation:
+            full = whole(candidate[None])[0]
+            raw = forward.jacobian(full, active, objective, prior.deviation())
+            return Linearisation.at(candidate, residuals(candidate[None])[0], objective.whiten(raw))
+
+        def report(iteration: int, cost: float) -> None:
+            self.tell(share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1), f"{what}, iteration {iteration}", cost)
+
+        solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance)
+        return replace(solution, theta=whole(solution.theta[None])[0])
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square length of vectors (..., 3)."""
+    return float(np.sqrt((values**2).sum(axis=-1).mean()))

@@ -1,0 +1,66 @@
+"""Keyframes and animation curves, the same way in Blender 4 and 5."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import bpy
+import numpy as np
+
+
+def curves_of(datablock: bpy.types.ID) -> list[bpy.types.FCurve]:
+    """The animation curves of a datablock, through layers, strips and channel bags (Blender 5 has no other way)."""
+    bag = _bags(datablock)
+    return [curve for each in bag for curve in each.fcurves]
+
+
+def remove_curves(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
+    """Remove the curves of these data paths; an action left empty goes with its last user."""
+    wanted = set(paths)
+    for bag in _bags(datablock):
+        for curve in [curve for curve in bag.fcurves if curve.data_path in wanted]:
+            bag.fcurves.remove(curve)
+    if datablock.animation_data is None or datablock.animation_data.action is None or curves_of(datablock):
+        return
+    action = datablock.animation_data.action
+    datablock.animation_data.action = None
+    if action.users == 0:
+        bpy.data.actions.remove(action)
+    if not datablock.animation_data.nla_tracks and not datablock.animation_data.drivers:
+        datablock.animation_data_clear()
+
+
+def make_linear(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
+    """Straight lines between the keyframes of these data paths: nothing swings over between pictures."""
+    wanted = set(paths)
+    for curve in curves_of(datablock):
+        if curve.data_path in wanted:
+            for point in curve.keyframe_points:
+                point.interpolation = "LINEAR"
+            curve.update()
+
+
+def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple[float, ...]]]:
+    """All keyframes of a datablock as plain values: what a digest of its animation needs."""
+    found = []
+    for curve in curves_of(datablock):
+        flat = np.empty(2 * len(curve.keyframe_points))
+        curve.keyframe_points.foreach_get("co", flat)
+        found.append((curve.data_path, curve.array_index, tuple(np.round(flat, 5))))
+    return found
+
+
+def values_over(scene: bpy.types.Scene, owner: bpy.types.bpy_struct, name: str, frames: Iterable[int]) -> list[float]:
+    """A number of the scene (or of something in it) at each of these frames, as its keyframes say; the same everywhere without any."""
+    path = owner.path_from_id(name)
+    curve = next((each for each in curves_of(scene) if each.data_path == path), None)
+    if curve is None or curve.mute:
+        return [float(getattr(owner, name))]
+    return [float(curve.evaluate(frame)) for frame in frames]
+
+
+def _bags(datablock: bpy.types.ID) -> list[bpy.types.ActionChannelbag]:
+    data = datablock.animation_data
+    if data is None or data.action is None:
+        return []
+    return [bag for layer in data.action.layers for strip in layer.strips for bag in strip.channelbags if bag.slot == data.action_slot]

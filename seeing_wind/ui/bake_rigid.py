@@ -1,0 +1,122 @@
+"""Bodies that stay rigid: the rigid motion nearest to a simulation, and its keys of location and rotation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from .animation import curves_of, make_linear, remove_curves
+
+TOLERANCE = 0.002
+"""Of the body's size: a fifth of a percent is not seen. Elastic bodies that bend more are no rigid ones."""
+
+PATHS = ("location", "rotation_quaternion")
+_TURNS = ("rotation_euler", "rotation_quaternion", "rotation_axis_angle")
+
+
+@dataclass(frozen=True)
+class RigidFit:
+    """The rigid motion that is nearest to a motion of vertices."""
+
+    rotation: np.ndarray
+    """(T+1, 3, 3), from picture 0."""
+    translation: np.ndarray
+    """(T+1, 3) [m]: x_t = rotation_t x_0 + translation_t."""
+    residual: float
+    """Largest distance of a vertex from that motion, over all pictures [m]."""
+    size: float
+    """Diagonal of the box round picture 0 [m]."""
+
+
+def rigid_fit(vertices: np.ndarray) -> RigidFit:
+    """Fit each picture of vertices (T+1, V, 3) [m] by a rotation and translation of picture 0, least squares.
+
+    Kabsch's method: W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32 (1976).
+    """
+    centre = vertices.mean(axis=1)
+    rest = vertices[0] - centre[0]
+    rotation, residual = np.empty((len(vertices), 3, 3)), 0.0
+    for picture, moved in enumerate(vertices - centre[:, None]):
+        u, _, vt = np.linalg.svd(rest.T @ moved)
+        sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
+        rotation[picture] = vt.T @ np.diag([1.0, 1.0, sign or 1.0]) @ u.T
+        off = moved - rest @ rotation[picture].T
+        residual = max(residual, float(np.sqrt((off * off).sum(axis=1).max())))
+    translation = centre - np.einsum("tij,j->ti", rotation, centre[0])
+    return RigidFit(rotation, translation, residual, float(np.linalg.norm(np.ptp(vertices[0], axis=0))))
+
+
+def obstacle(obj: bpy.types.Object, mark: dict[str, Any]) -> str:
+    """Why an object cannot be moved by keys of its own location and rotation; "" when it can."""
+    if obj.library is not None:
+        return "it is linked from another file"
+    if obj.constraints:
+        return "it has constraints"
+    if obj.rigid_body is not None:
+        return "Blender's rigid body solver moves it"
+    if any(obj.delta_location) or any(obj.delta_rotation_euler) or tuple(obj.delta_scale) != (1.0, 1.0, 1.0):
+        return "it has a delta transform"
+    ours = PATHS if mark.get("way") == "TRANSFORM" else ()
+    moving = {curve.data_path for curve in curves_of(obj)} & {"location", "scale", "delta_location", "delta_scale", *_TURNS}
+    if not moving <= set(ours):
+        return "it is animated already"
+    data = obj.animation_data
+    if data is not None and (len(data.nla_tracks) or len(data.drivers)):
+        return "it is animated already"
+    parent = obj.parent
+    while parent is not None:
+        if parent.animation_data is not None or parent.constraints or parent.rigid_body is not None:
+            return f"its parent {parent.name} moves"
+        parent = parent.parent
+    return ""
+
+
+def bake(obj: bpy.types.Object, fit: RigidFit, pictures: np.ndarray, frames: np.ndarray, unit: float) -> dict[str, Any]:
+    """Key location and rotation (quaternion) at each frame. Returns what `clear` needs to restore the object.
+
+    Args:
+        obj: as it stands at picture 0.
+        pictures: indices of the pictures to key, at `frames`.
+        unit: metres per unit of the scene.
+    """
+    bpy.context.view_layer.update()
+    former = {
+        "mode": obj.rotation_mode,
+        "location": list(obj.location),
+        "turns": {name: list(getattr(obj, name)) for name in _TURNS},
+        "world": [list(row) for row in obj.matrix_world],
+    }
+    basis, previous = obj.matrix_basis.copy(), None
+    frame_of_parent = obj.matrix_world @ basis.inverted_safe()
+    obj.rotation_mode = "QUATERNION"
+    for picture, frame in zip(pictures, frames):
+        motion = Matrix(fit.rotation[picture].tolist()).to_4x4()
+        motion.translation = fit.translation[picture] / unit
+        location, rotation, _ = (frame_of_parent.inverted_safe() @ motion @ frame_of_parent @ basis).decompose()
+        if previous is not None:
+            # the same turn has two quaternions; the nearer one keeps the curve from swinging round between pictures
+            rotation.make_compatible(previous)
+        obj.location, obj.rotation_quaternion, previous = location, rotation, rotation
+        for path in PATHS:
+            obj.keyframe_insert(path, frame=float(frame))
+    make_linear(obj, PATHS)
+    return former
+
+
+def clear(obj: bpy.types.Object, former: dict[str, Any]) -> None:
+    """Remove the keys and put the object back where it stood."""
+    remove_curves(obj, PATHS)
+    # a change of mode converts the rotation from one to the other: the former numbers come last
+    obj.rotation_mode, obj.location = former["mode"], former["location"]
+    for name, turn in former["turns"].items():
+        setattr(obj, name, turn)
+    bpy.context.view_layer.update()
+
+
+def is_intact(obj: bpy.types.Object) -> bool:
+    """Whether location and rotation are still keyed."""
+    return set(PATHS) <= {curve.data_path for curve in curves_of(obj)}

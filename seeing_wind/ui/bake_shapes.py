@@ -1,0 +1,53 @@
+"""Absolute shape keys with a keyed evaluation time: a motion that lives in the .blend file and plays anywhere."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from .animation import curves_of, make_linear
+
+
+def bake(obj: bpy.types.Object, local: np.ndarray, pictures: np.ndarray, frames: np.ndarray) -> None:
+    """One absolute key per picture, and two linear keyframes of the evaluation time from the first shape to the last.
+
+    Args:
+        obj: a mesh object without shape keys.
+        local: (P, V, 3) in the object's own coordinates.
+        pictures: (P,) numbers, for the keys' names.
+        frames: (P,) scene frames, evenly spaced.
+    """
+    for picture, coordinates in zip(pictures, local):
+        block = obj.shape_key_add(name=f"Picture {picture}", from_mix=False)
+        block.interpolation = "KEY_LINEAR"
+        block.data.foreach_set("co", coordinates.astype(np.float32).ravel())
+    key = obj.data.shape_keys
+    key.use_relative = False
+    for frame, block in ((frames[0], key.key_blocks[0]), (frames[-1], key.key_blocks[-1])):
+        key.eval_time = block.frame
+        key.keyframe_insert("eval_time", frame=float(frame))
+    make_linear(key, ["eval_time"])
+    obj.active_shape_key_index = 0
+    obj.data.update()
+
+
+def clear(obj: bpy.types.Object) -> None:
+    """Remove all shape keys with their keyframes; the mesh itself is as it was before."""
+    key = obj.data.shape_keys
+    if key is None:
+        return
+    action = key.animation_data.action if key.animation_data else None
+    obj.shape_key_clear()
+    if action is not None and action.users == 0:
+        bpy.data.actions.remove(action)
+
+
+def is_intact(obj: bpy.types.Object) -> bool:
+    """Whether the keys are there, and their time is keyed."""
+    key = obj.data.shape_keys
+    return key is not None and bool(evaluation_time_curves(key))
+
+
+def evaluation_time_curves(key: bpy.types.Key) -> list[bpy.types.FCurve]:
+    """The animation curves of a key's evaluation time."""
+    return [curve for curve in curves_of(key) if curve.data_path == "eval_time"]

@@ -1,0 +1,159 @@
+"""The field on a lattice, for Geometry Nodes: a hidden mesh with the field's values, and the node group *Sample Wind* that reads it.
+
+The field object's own vertices are wind sources, whose vectors are not the field's values; so the values have a mesh of their own, a child
+of the field object that moves, turns and changes strength with it. *Sample Wind* is marked as an asset: it can be dropped into any node
+tree, and its only link to one field is the object that it is given.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
+
+SAMPLE_WIND = "Sample Wind"
+MARK = "seeing_wind_samples"
+"""Custom property of the object with the values."""
+FORCE, COUNT, SURE = "force", "lattice_count", "confidence"
+"""Attributes: the field [N per cubic scene unit-metre, as the field object has it], nodes along each axis, confidence in 0..1."""
+
+
+def create_samples(
+    scene: bpy.types.Scene, field: bpy.types.Object, counts: tuple[int, int, int], points: np.ndarray, forces: np.ndarray,
+    confidence: np.ndarray, frame_start: int, delay: int,
+) -> bpy.types.Object:  # fmt: skip
+    """The hidden child of a field object that holds its values.
+
+    Args:
+        counts: nodes along x, y, z; `points` run through z fastest.
+        points: (L, 3) in the field object's own coordinates [scene units].
+        forces: (T, L, 3) [N/m³ over the scene's unit, so that force / density is in scene units per square second].
+        confidence: (T, L) in 0..1.
+        frame_start: scene frame of picture 0.
+        delay: scene frames by which the values are late; that of the solvers.
+    """
+    mesh = bpy.data.meshes.new(f"{field.name} Samples")
+    mesh.vertices.add(forces.shape[0] * forces.shape[1])
+    mesh.vertices.foreach_set("co", np.tile(points, (len(forces), 1)).astype(np.float32).ravel())
+    many = np.broadcast_to(np.asarray(counts, dtype=np.float32), forces.shape)
+    for name, values in ((FORCE, forces), (COUNT, many)):
+        mesh.attributes.new(name, "FLOAT_VECTOR", "POINT").data.foreach_set("vector", values.astype(np.float32).ravel())
+    mesh.attributes.new(SURE, "FLOAT", "POINT").data.foreach_set("value", confidence.astype(np.float32).ravel())
+    mesh.update()
+    obj = bpy.data.objects.new(f"{field.name} Samples", mesh)
+    obj[MARK] = True
+    obj.hide_render = obj.hide_viewport = obj.hide_select = True
+    field.users_collection[0].objects.link(obj)
+    obj.parent = field
+    group = GroupBuilder(f"{field.name} Samples")
+    current = points_of_current_frame(group, forces.shape[1], len(forces), frame_start, delay)
+    # the strength slider of the field object acts here too
+    factor = group.driven("Strength", field, "field.strength", f"value / {field.field.strength!r}", 1.0)
+    stored = group.node(
+        "GeometryNodeStoreNamedAttribute",
+        {"Geometry": current, "Name": FORCE, "Value": group.scaled(group.attribute(FORCE, "FLOAT_VECTOR"), factor)},
+        data_type="FLOAT_VECTOR", domain="POINT",
+    ).outputs["Geometry"]  # fmt: skip
+    set_up_modifier(obj, group.finish(stored))
+    return obj
+
+
+def samples_of(field: bpy.types.Object) -> bpy.types.Object | None:
+    """The object with the values of a field object, if it is still there."""
+    return next((child for child in field.children if MARK in child), None)
+
+
+def sample_wind_group(samples: bpy.types.Object | None = None, density: float = 1000.0) -> bpy.types.NodeTree:
+    """The node group *Sample Wind*, made once per file and marked as an asset.
+
+    Args:
+        samples: which field it reads unless its user says otherwise: the newest one made.
+        density: default of its input [kg/m³].
+    """
+    tree = bpy.data.node_groups.get(SAMPLE_WIND)
+    if tree is None:
+        tree = _build(GroupBuilder(SAMPLE_WIND, modifier=False))
+        tree.asset_mark()
+        tree.asset_data.description = "The recovered wind at a place and the current frame"
+        tree.asset_data.tags.new("Seeing Wind")
+    inputs = {item.name: item for item in tree.interface.items_tree if item.item_type == "SOCKET" and item.in_out == "INPUT"}
+    if samples is not None:
+        inputs["Wind"].default_value = samples
+        inputs["Density"].default_value = density
+    return tree
+
+
+def _build(group: GroupBuilder) -> bpy.types.NodeTree:
+    """Look up the eight nodes round a place, in the coordinates of the field object, and mix them linearly."""
+    wind = group.parameter("Wind", "Object", None, "The Samples object under the recovered wind")
+    place = group.parameter("Position", "Vector", None, "Where, in the same space as the object")
+    interface = next(item for item in group.tree.interface.items_tree if item.item_type == "SOCKET" and item.name == "Position")
+    interface.default_input, interface.hide_value = "POSITION", True
+    density = group.parameter("Density", "Float", 1000.0, "Of the matter that the wind moves [kg/m³]", minimum=1e-3)
+    mass = group.parameter("Mass", "Float", 1.0, "Of each point [kg]; for Force", minimum=0.0)
+
+    info = group.node("GeometryNodeObjectInfo", {"Object": wind}, transform_space="RELATIVE")
+    own = group.node("GeometryNodeObjectInfo", {"Object": wind}, transform_space="ORIGINAL").outputs["Geometry"]
+    into = group.node("FunctionNodeInvertMatrix", {0: info.outputs["Transform"]}).outputs[0]
+    local = group.node("FunctionNodeTransformPoint", {0: place, 1: into}).outputs[0]
+    box = group.node("GeometryNodeBoundBox", {"Geometry": own})
+    low, high = box.outputs["Min"], box.outputs["Max"]
+    count = _sample(group, own, group.attribute(COUNT, "FLOAT_VECTOR"), 0)
+    last = group.vector("SUBTRACT", count, (1.0, 1.0, 1.0))
+    # outside the box the nearest place on it counts
+    share = group.vector("DIVIDE", group.vector("SUBTRACT", local, low), group.vector("SUBTRACT", high, low))
+    where = group.vector("MULTIPLY", group.vector("MINIMUM", group.vector("MAXIMUM", share, (0.0,) * 3), (1.0,) * 3), last)
+    corner = group.vector("FLOOR", group.vector("MINIMUM", where, group.vector("SUBTRACT", last, (1.0e-3,) * 3)))
+    t = group.split(group.vector("SUBTRACT", where, corner))
+    indices = _corner_indices(group, corner, count)
+    force = _mix(group, [_sample(group, own, group.attribute(FORCE, "FLOAT_VECTOR"), index) for index in indices], t, "VECTOR")
+    sure = _mix(group, [_sample(group, own, group.attribute(SURE), index, "FLOAT") for index in indices], t, "FLOAT")
+
+    turned = group.node("FunctionNodeTransformDirection", {0: force, 1: info.outputs["Transform"]}).outputs[0]
+    acceleration = group.scaled(turned, group.math("DIVIDE", 1.0, density))
+    group.result("Force Density", "Vector", turned, "N/m³ in the object's space")
+    group.result("Acceleration", "Vector", acceleration, "Of matter of that density [m/s²]")
+    group.result("Force", "Vector", group.scaled(acceleration, mass), "On a point of that mass and density [N]")
+    group.result("Confidence", "Float", sure, "0: a guess, 1: well determined by the clip")
+    return group.finish()
+
+
+def _sample(group: GroupBuilder, geometry: Any, value: Any, index: Any, kind: str = "FLOAT_VECTOR") -> Any:
+    return group.node(
+        "GeometryNodeSampleIndex", {"Geometry": geometry, "Value": value, "Index": index}, data_type=kind, domain="POINT"
+    ).outputs["Value"]
+
+
+def _corner_indices(group: GroupBuilder, corner: Any, count: Any) -> list[Any]:
+    """Indices of the eight nodes of a cell, z fastest."""
+    (x, y, z), (_, ny, nz) = group.split(corner), group.split(count)
+    plane = group.math("MULTIPLY", ny, nz)
+    first = group.math("ADD", group.math("ADD", group.math("MULTIPLY", x, plane), group.math("MULTIPLY", y, nz)), z)
+    indices = []
+    for dx in (0, 1):
+        for dy in (0, 1):
+            row = first if not dx else group.math("ADD", first, plane)
+            row = row if not dy else group.math("ADD", row, nz)
+            # a quarter keeps the conversion to a whole number on the right side
+            indices += [group.math("ADD", row, 0.25), group.math("ADD", row, 1.25)]
+    return indices
+
+
+def _mix(group: GroupBuilder, corners: list[Any], t: list[Any], kind: str) -> Any:
+    """Trilinear: halve the corners along z, then y, then x."""
+    for along in (2, 1, 0):
+        pairs = zip(corners[::2], corners[1::2], strict=True)
+        corners = [_between(group, a, b, t[along], kind) for a, b in pairs]
+    return corners[0]
+
+
+def _between(group: GroupBuilder, a: Any, b: Any, factor: Any, kind: str) -> Any:
+    node = group.node("ShaderNodeMix", data_type=kind)
+    sockets = {socket.identifier: socket for socket in node.inputs}
+    ending = "Vector" if kind == "VECTOR" else "Float"
+    for name, value in (("Factor_Float", factor), (f"A_{ending}", a), (f"B_{ending}", b)):
+        group.tree.links.new(value, sockets[name])
+    return next(socket for socket in node.outputs if socket.identifier == f"Result_{ending}")

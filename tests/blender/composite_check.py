@@ -1,0 +1,109 @@
+"""Recover (with the stand-in for the engine), calibrate, export VDB, set up the composite and render a picture, in a real Blender.
+
+    SEEING_WIND_PYTHON=.../fake_python SEEING_WIND_CLIP=.../clip.mp4 \\
+        blender -b --factory-startup --python-exit-code 9 --python tests/blender/composite_check.py
+
+`run.sh` sets both variables. Ends with exit code 9 when something is not as it should be.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+
+from seeing_wind import ui  # noqa: E402
+from seeing_wind.ui import field_vdb  # noqa: E402
+from seeing_wind.ui.field_samples import samples_of  # noqa: E402
+
+
+def check(name: str, good: bool, figures: str = "") -> None:
+    """One line; the end when it is not good."""
+    print(("ok   " if good else "FAIL ") + name, figures, flush=True)
+    if not good:
+        raise SystemExit(9)
+
+
+def check_vdb(scene: bpy.types.Scene, folder: Path) -> None:
+    """What a file says at a place against the samples, with the field object moved, turned and doubled."""
+    field = scene.seeing_wind.field_object
+    field.location.x += 0.3
+    field.rotation_euler = (0.0, 0.0, 0.6)
+    field.field.strength *= 2.0
+    bpy.context.view_layer.update()
+    if not field_vdb.available():
+        print("-    this Blender has no OpenVDB for Python", flush=True)
+        return
+    import openvdb
+
+    check("export", bpy.ops.seeing_wind.export_field(filepath=str(folder / "vdb")) == {"FINISHED"})
+    files = sorted((folder / "vdb").glob("*.vdb"))
+    check("one file per frame", len(files) == 12 and files[0].name == "wind_0001.vdb", str(len(files)))
+    points, counts, force, _ = field_vdb.read_samples(samples_of(field))
+    grids = {grid.name: grid for grid in openvdb.readAllGridMetadata(str(files[4]))}
+    check("grids", set(grids) == {"force", "confidence"})
+    grid = openvdb.read(str(files[4]), "force")
+    turn = np.array(field.matrix_world)
+    for number in (0, len(points) // 2 + 3, len(points) - 1):
+        world = turn[:3, :3] @ points[number] + turn[:3, 3]
+        index = [round(each) for each in grid.transform.worldToIndex(tuple(world))]
+        want = 2.0 * turn[:3, :3] @ force[4][number]
+        found = np.array(grid.getConstAccessor().getValue(tuple(index)))
+        check(f"value {number}", np.allclose(found, want, rtol=1e-4, atol=1e-3 * np.abs(force).max()), f"{found} {want}")
+    bpy.ops.object.volume_import(filepath=str(files[4]), directory=str(files[4].parent), files=[{"name": files[4].name}])
+    bpy.context.object.data.grids.load()
+    check("Blender reads it", {grid.name for grid in bpy.context.object.data.grids} == {"force", "confidence"})
+
+
+def check_composite(scene: bpy.types.Scene, folder: Path) -> None:
+    """The clip behind a glowing cube."""
+    bpy.ops.mesh.primitive_cube_add(size=0.2, location=(-0.5, 0.0, -0.3))
+    material = bpy.data.materials.new("Red")
+    material.use_nodes = True
+    surface = material.node_tree.nodes["Principled BSDF"].inputs
+    surface["Base Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+    surface["Emission Color"].default_value, surface["Emission Strength"].default_value = (1.0, 0.0, 0.0, 1.0), 1.0
+    bpy.context.object.data.materials.append(material)
+    scene.frame_set(4)
+    check("set up", bpy.ops.seeing_wind.set_up_composite(samples=1) == {"FINISHED"})
+    check("render", bpy.ops.seeing_wind.render_composite(filepath=str(folder / "over.png"), still=True) == {"FINISHED"})
+    image = bpy.data.images.load(str(folder / "over.png"))
+    pixels = np.empty(4 * 64 * 96, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    picture = 255.0 * pixels.reshape(64, 96, 4)[::-1, :, :3]
+    check("the clip's ground", bool(np.abs(picture[4:16, 60:90] - 60).max() < 14), str(picture[8, 70]))
+    check("the clip's square", bool(np.abs(picture[28:36, 32:44] - 230).max() < 16), str(picture[30, 36]))
+    cube = picture[44:56, 12:24].reshape(-1, 3).mean(0)
+    check("the cube", bool(cube[0] > 150 and cube[0] > cube[1] + 80), str(cube))
+    video = folder / "over.mp4"
+    scene.frame_end = 3
+    check("video", bpy.ops.seeing_wind.render_composite(filepath=str(video)) == {"FINISHED"} and video.stat().st_size > 500)
+
+
+def main() -> None:
+    """In an empty file."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    ui.register()
+    ui._look_round()
+    scene = bpy.context.scene
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        options = {"clip": os.environ["SEEING_WIND_CLIP"], "box": (20, 20, 44, 44), "distance": 2.0, "take": str(folder / "out.take")}
+        check("recover", bpy.ops.seeing_wind.recover(**options) == {"FINISHED"})
+        bpy.ops.mesh.primitive_grid_add(size=0.5)
+        bpy.context.object.modifiers.new("Cloth", "CLOTH")
+        check("calibrate", bpy.ops.seeing_wind.calibrate() == {"FINISHED"})
+        check_composite(scene, folder)
+        check_vdb(scene, folder)
+    ui.unregister()
+    print("composite_check: all good in Blender", bpy.app.version_string)
+
+
+if __name__ == "__main__":
+    main()

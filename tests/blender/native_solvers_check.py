@@ -1,0 +1,265 @@
+"""What Blender's own solvers feel of a field object, against the field that it was made from; the tests in tests/ui use the same functions.
+
+    blender -b --factory-startup --python-exit-code 9 --python tests/blender/native_solvers_check.py [-- cloth hair ...]
+
+Every solver gets 200 probes, spread over the box and released at rest: one body of the solver's kind each. A probe's acceleration over a
+frame is compared with f / rho of the known swirl where it is. Ends with exit code 9 when a bar is missed.
+"""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Euler, Vector
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+checks = runpy.run_path(str(Path(__file__).with_name("field_object_check.py")), run_name="checks")
+
+from seeing_wind.ui.field_calibration import calibrate_object  # noqa: E402
+from seeing_wind.ui.field_samples import sample_wind_group, samples_of  # noqa: E402
+from seeing_wind.ui.node_groups import GroupBuilder, set_input, set_up_modifier  # noqa: E402
+
+PROBES = 200
+BOX, CENTRE, DENSITY, FPS, FRAMES, FRAME_START = (checks[name] for name in ("BOX", "CENTRE", "DENSITY", "FPS", "FRAMES", "FRAME_START"))
+INTERVALS = (0, 2, 5)
+BARS = {"particles": (1.0, 0.02), "rigid": (1.0, 0.02), "hair": (2.0, 0.05), "cloth": (2.0, 0.05), "nodes": (1.0, 0.03)}
+"""Largest angle [degrees] and relative error of the size, by kind of solver."""
+
+
+def places(interval: int) -> np.ndarray:
+    """(PROBES, 3) in the box of the swirl."""
+    return np.random.default_rng(interval).uniform(*BOX, (PROBES, 3))
+
+
+def released(field: bpy.types.Object, points: np.ndarray) -> np.ndarray:
+    """Points of the box, moved and turned as the field object is."""
+    bpy.context.view_layer.update()
+    moved = np.array(field.matrix_world)
+    return (points - CENTRE) @ moved[:3, :3].T + moved[:3, 3]
+
+
+def errors(field: bpy.types.Object, at: np.ndarray, found: np.ndarray, interval: int, density: float = DENSITY) -> tuple[float, float]:
+    """Worst angle [degrees] and relative error of accelerations [m/s²] found at places (P, 3), in the field object's own frame."""
+    moved = np.array(field.matrix_world)
+    home = (at - moved[:3, 3]) @ moved[:3, :3] + CENTRE
+    return checks["worst_errors"](found, checks["swirl"](home, interval) / density @ moved[:3, :3].T)
+
+
+def first_move(obj: bpy.types.Object, cache: bpy.types.PointCache | None, frame: int, read, substeps: int) -> np.ndarray:
+    """Accelerations [scene units/s²] from how far a solver moves things from rest in its first frame.
+
+    A solver that adds to the velocity before it moves goes a (n + 1) / 2n dt² in n equal substeps.
+    """
+    scene = bpy.context.scene
+    if cache is not None:
+        cache.frame_start, cache.frame_end = frame, frame + 10
+    seen = []
+    for now in (frame, frame + 1):
+        scene.frame_set(now)
+        seen.append(read(obj.evaluated_get(bpy.context.evaluated_depsgraph_get())))
+    return (seen[1] - seen[0]) * FPS**2 * 2 * substeps / (substeps + 1)
+
+
+def patches(points: np.ndarray, cells: int, size: float) -> bpy.types.Object:
+    """One mesh of a small square sheet at every point, turned every way."""
+    axis = np.linspace(-size / 2, size / 2, cells + 1)
+    flat = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
+    index = np.arange((cells + 1) ** 2).reshape(cells + 1, cells + 1)
+    faces = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], -1).reshape(-1, 4)
+    rng, vertices = np.random.default_rng(0), []
+    for point in points:
+        turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        vertices.append(point + flat @ turn[:2])
+    mesh = bpy.data.meshes.new("Patches")
+    corners = np.concatenate([faces + k * len(flat) for k in range(len(points))])
+    mesh.from_pydata(np.concatenate(vertices).tolist(), [], corners.tolist())
+    obj = bpy.data.objects.new("Patches", mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def middles(evaluated: bpy.types.Object) -> np.ndarray:
+    """(PROBES, 3) middles of the patches, in the world."""
+    mesh = evaluated.data
+    flat = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.vertices.foreach_get("co", flat)
+    matrix = np.array(evaluated.matrix_world)
+    return flat.reshape(PROBES, -1, 3).astype(float).mean(1) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def particle_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+    """Newtonian particles."""
+    return checks["field_errors"](bpy.context.scene, field, interval, PROBES)
+
+
+def rigid_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+    """Small cubes as rigid bodies."""
+    scene, frame = bpy.context.scene, FRAME_START + interval
+    bpy.ops.rigidbody.world_add()
+    world = scene.rigidbody_world
+    world.effector_weights.gravity = 0.0
+    world.collection = bpy.data.collections.new("Rigid")
+    mesh = bpy.data.meshes.new("Cube")
+    mesh.from_pydata([(x, y, z) for x in (-0.001, 0.001) for y in (-0.001, 0.001) for z in (-0.001, 0.001)], [], [])
+    at, cubes = released(field, places(interval)), []
+    for point in at:
+        cube = bpy.data.objects.new("Cube", mesh)
+        cube.location = point
+        scene.collection.objects.link(cube)
+        world.collection.objects.link(cube)
+        cube.rigid_body.mass, cube.rigid_body.collision_shape, cube.rigid_body.linear_damping = 0.05, "SPHERE", 0.0
+        cubes.append(cube)
+    calibrate_object(scene, cubes[0], field)
+
+    def read(_) -> np.ndarray:
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        return np.array([cube.evaluated_get(depsgraph).matrix_world.translation[:] for cube in cubes])
+
+    found = first_move(cubes[0], world.point_cache, frame, read, world.substeps_per_frame)
+    bpy.ops.rigidbody.world_remove()
+    for cube in cubes:
+        bpy.data.objects.remove(cube)
+    return errors(field, at, found, interval)
+
+
+def cloth_errors(field: bpy.types.Object, interval: int, cells: int) -> tuple[float, float]:
+    """Small sheets of cells x cells faces; a sheet's acceleration is that of its middle."""
+    scene = bpy.context.scene
+    obj = patches(released(field, places(interval)), cells, 0.04)
+    cloth = obj.modifiers.new("Cloth", "CLOTH")
+    cloth.settings.effector_weights.gravity = 0.0
+    calibrate_object(scene, obj, field)
+    at = middles(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    found = first_move(obj, cloth.point_cache, FRAME_START + interval, middles, cloth.settings.quality)
+    bpy.data.objects.remove(obj)
+    return errors(field, at, found, interval)
+
+
+def hair_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+    """Short hairs without stiffness; their tips, across the hair: along it the hair itself holds them."""
+    obj = patches(released(field, places(interval)), 1, 0.001)
+    system = obj.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system
+    settings = system.settings
+    settings.type, settings.count, settings.emit_from, settings.use_emit_random = "HAIR", PROBES, "VERT", False
+    settings.hair_length, settings.hair_step = 0.02, 3
+    bpy.context.view_layer.update()
+    system.use_hair_dynamics = True
+    cloth = system.cloth.settings
+    cloth.pin_stiffness = cloth.bending_stiffness = settings.effector_weights.gravity = 0.0
+    calibrate_object(bpy.context.scene, obj, field)
+
+    def keys(evaluated: bpy.types.Object) -> np.ndarray:
+        return np.array([[key.co[:] for key in particle.hair_keys] for particle in evaluated.particle_systems[0].particles])
+
+    found = first_move(obj, system.point_cache, FRAME_START + interval, keys, cloth.quality)[:, -1]
+    bpy.context.scene.frame_set(FRAME_START + interval)
+    at = keys(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    bpy.data.objects.remove(obj)
+    along = at[:, -1] - at[:, -2]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    moved = np.array(field.matrix_world)
+    truth = checks["swirl"]((at[:, -1] - moved[:3, 3]) @ moved[:3, :3] + CENTRE, interval) / DENSITY @ moved[:3, :3].T
+    truth, found = (each - (each * along).sum(1, keepdims=True) * along for each in (truth, found))
+    clear = np.linalg.norm(truth, axis=1) > 0.3 * np.linalg.norm(truth, axis=1).max()
+    return checks["worst_errors"](found[clear], truth[clear])
+
+
+def sample_wind_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+    """The node group Sample Wind on points, in the frame in which solvers feel the interval."""
+    scene = bpy.context.scene
+    mesh = bpy.data.meshes.new("Points")
+    mesh.from_pydata(released(field, places(interval)).tolist(), [], [])
+    obj = bpy.data.objects.new("Points", mesh)
+    scene.collection.objects.link(obj)
+    # the object stands elsewhere than the world's origin, with its points where they were
+    obj.matrix_world = Euler((0.2, 0.3, -0.4)).to_matrix().to_4x4()
+    bpy.context.view_layer.update()
+    mesh.transform(obj.matrix_world.inverted())
+    group = GroupBuilder("Read")
+    wind = group.tree.nodes.new("GeometryNodeGroup")
+    wind.node_tree = sample_wind_group(samples_of(field), DENSITY)
+    stored = group.node(
+        "GeometryNodeStoreNamedAttribute", {"Geometry": group.input.outputs[0], "Name": "a", "Value": wind.outputs["Acceleration"]},
+        data_type="FLOAT_VECTOR", domain="POINT",
+    )  # fmt: skip
+    set_up_modifier(obj, group.finish(stored.outputs[0]))
+    scene.frame_set(FRAME_START + interval + 1)
+    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    turn = np.array(evaluated.matrix_world)
+    found = np.array([value.vector[:] for value in evaluated.data.attributes["a"].data]) @ turn[:3, :3].T
+    at = np.array([vertex.co[:] for vertex in evaluated.data.vertices]) @ turn[:3, :3].T + turn[:3, 3]
+    bpy.data.objects.remove(obj)
+    return errors(field, at, found, interval)
+
+
+def nodes_errors(field: bpy.types.Object, interval: int, substeps: int) -> tuple[float, float]:
+    """Blender 5.2's Cloth Dynamics as a modifier, on small sheets; two frames, since it starts with half a move."""
+    scene = bpy.context.scene
+    from seeing_wind.ui.physics_nodes import ASSETS
+
+    path = str(Path(bpy.utils.system_resource("DATAFILES")) / ASSETS)
+    with bpy.data.libraries.load(path) as (source, wanted):
+        wanted.node_groups = [name for name in source.node_groups if name.startswith("Cloth Dynamics")]
+    obj = patches(released(field, places(interval)), 1, 0.04)
+    modifier = obj.modifiers.new("Cloth Dynamics", "NODES")
+    modifier.node_group = wanted.node_groups[0]
+    tree = modifier.node_group
+    sockets = [item for item in tree.interface.items_tree if item.item_type == "SOCKET"]
+    switch = next(item for item in sockets if item.socket_type == "NodeSocketBool" and item.name == "Gravity")
+    getattr(modifier.properties.inputs, switch.identifier).value = False
+    for name, value in {"Substeps": substeps, "Linear Damping": 0.0, "Mass": 0.37}.items():
+        set_input(modifier, name, value)
+    # light, so that it moves farther in a substep than single precision blurs
+    said = calibrate_object(scene, obj, field, density=DENSITY / 10)
+    assert len(said) == 1 and "Cloth Dynamics" in said[0], said
+    frame = FRAME_START + interval
+    scene.frame_start, scene.frame_end = frame, frame + 10
+    seen = []
+    for now in (frame, frame + 1):
+        scene.frame_set(now)
+        seen.append(middles(obj.evaluated_get(bpy.context.evaluated_depsgraph_get())))
+    bpy.data.objects.remove(obj)
+    return errors(field, seen[0], (seen[1] - seen[0]) * FPS**2 * 2 * substeps / (substeps + 1), interval, DENSITY / 10)
+
+
+KINDS = {
+    "particles": ("particles", particle_errors),
+    "rigid bodies": ("rigid", rigid_errors),
+    "cloth of 2x2 faces": ("cloth", lambda field, interval: cloth_errors(field, interval, 2)),
+    "cloth of 5x5 faces": ("cloth", lambda field, interval: cloth_errors(field, interval, 5)),
+    "hair": ("hair", hair_errors),
+    "Sample Wind": ("nodes", sample_wind_errors),
+    "Cloth Dynamics, 1 substep": ("nodes", lambda field, interval: nodes_errors(field, interval, 1)),
+    "Cloth Dynamics, 20 substeps": ("nodes", lambda field, interval: nodes_errors(field, interval, 20)),
+}
+
+
+def main() -> None:
+    """Every kind at three frames, the field object moved and turned at the second."""
+    missed, wanted = 0, sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+    for name, (kind, measure) in KINDS.items():
+        if wanted and not any(name.startswith(each) for each in wanted):
+            continue
+        if name.startswith("Cloth Dynamics") and bpy.app.version < (5, 2, 0):
+            continue
+        for interval in INTERVALS:
+            bpy.ops.wm.read_factory_settings(use_empty=True)
+            field = checks["swirl_field"](bpy.context.scene)
+            if interval == INTERVALS[1]:
+                field.location += Vector((0.4, 1.0, -0.3))
+                field.rotation_euler = Euler((0.5, -0.7, 1.1))
+            angle, size = measure(field, interval)
+            good = angle <= BARS[kind][0] and size <= BARS[kind][1]
+            missed += not good
+            print(f"{'ok  ' if good else 'FAIL'} {name}, interval {interval}: {angle:.2f} degrees, {100 * size:.2f} %", flush=True)
+    if missed:
+        raise SystemExit(9)
+    print("native_solvers_check: all good in Blender", bpy.app.version_string)
+
+
+if __name__ == "__main__":
+    main()

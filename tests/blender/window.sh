@@ -1,0 +1,21 @@
+#!/bin/bash
+# Runs window_check.py in a Blender with a window. Needs a screen: with none, run it under xvfb-run.
+# usage: window.sh BLENDER_EXECUTABLE [Blender's arguments, such as --gpu-backend opengl]
+#        PYTHON names the Python that makes the test's clip (default: .venv/bin/python)
+set -euo pipefail
+blender=${1:?usage: window.sh BLENDER_EXECUTABLE [arguments]}
+shift
+root=$(cd "$(dirname "$0")/../.." && pwd -P)
+python=${PYTHON:-$root/.venv/bin/python}
+cd "$root"
+work=$(mktemp -d /tmp/seeing_wind_window.XXXXXX)
+trap 'rm -rf "$work"' EXIT
+"$python" - "$work" <<'PY'
+import runpy, sys
+from pathlib import Path
+tools = runpy.run_path("tests/ui/extension.py")
+tools["make_clip"](Path(sys.argv[1]) / "clip.mp4")
+tools["fake_python"](Path(sys.argv[1]))
+PY
+export SEEING_WIND_PYTHON=$work/fake_python SEEING_WIND_CLIP=$work/clip.mp4 LIBGL_ALWAYS_SOFTWARE=${LIBGL_ALWAYS_SOFTWARE:-1}
+timeout 400 "$blender" --factory-startup --enable-event-simulate -p 0 0 1280 800 "$@" --python "$root/tests/blender/window_check.py"

@@ -1,0 +1,118 @@
+"""Several objects in one picture, each with a material and a mask of its own."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from seeing_wind.engine.arguments import parser
+from seeing_wind.engine.errors import ModelError, ObjectError
+from seeing_wind.engine.models.endpoint import endpoint_of
+from seeing_wind.engine.models.objects import find_objects
+from seeing_wind.engine.observe.mask import read_mask
+from seeing_wind.engine.progress import NoProgress, Progress
+from seeing_wind.engine.verbs import identify
+
+BALL = {"object": "Rubber ball", "material": "rubber", "type": "elastic", "box": [16, 26, 64, 74]}
+CLAY = {"object": "brick", "material": "clay", "type": "elastoplastic", "box": [96, 40, 144, 90]}
+RUBBER_NUMBERS = {"density": 930.0, "youngs_modulus": 2e6, "poisson_ratio": 0.48, "yield_stress": None, "viscosity": None}
+CLAY_NUMBERS = {"density": 1900.0, "youngs_modulus": 1e6, "poisson_ratio": 0.4, "yield_stress": 3e4, "viscosity": None}
+
+
+def picture() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    image = (90 + rng.normal(0, 3, (120, 160, 3))).astype(np.uint8)
+    ball, brick = np.zeros((120, 160), np.uint8), np.zeros((120, 160), np.uint8)
+    cv2.circle(ball, (40, 50), 20, 1, -1)
+    cv2.rectangle(brick, (100, 44), (140, 86), 1, -1)
+    image[ball > 0], image[brick > 0] = (210, 40, 30), (40, 60, 200)
+    return image, ball > 0, brick > 0
+
+
+def iou(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def test_types_then_properties_then_masks(server) -> None:
+    image, ball, brick = picture()
+    server.answers = [{"objects": [BALL, CLAY]}, RUBBER_NUMBERS, CLAY_NUMBERS]
+    found = find_objects(endpoint_of(server.url, "any"), image, None, None, NoProgress())
+    assert [one.estimate.law for one in found] == ["neo_hookean", "von_mises"]
+    assert iou(found[0].mask, ball) > 0.95 and iou(found[1].mask, brick) > 0.95
+    assert "160" in server.question(0) and "rubber" in server.question(1) and "clay" in server.question(2)
+
+
+def test_networks_find_each_by_its_name_and_overlaps_go_to_the_smaller(server, monkeypatch: pytest.MonkeyPatch) -> None:
+    image, ball, brick = picture()
+    asked = []
+
+    class Whole:
+        def __init__(self, name: str) -> None:
+            assert name == "sam"
+
+        def in_box(self, _: np.ndarray, box: tuple) -> np.ndarray:
+            return np.ones_like(ball) if box == (0, 0, 1, 1) else ball
+
+    def find_box(name: str, text: str, *_: object) -> tuple:
+        asked.append((name, text))
+        return (0, 0, 1, 1) if text == "brick" else (16, 26, 64, 74)
+
+    monkeypatch.setattr("seeing_wind.engine.models.masks.find_box", find_box)
+    monkeypatch.setattr("seeing_wind.engine.models.masks.MaskModel", Whole)
+    server.answers = [{"objects": [CLAY, BALL]}, CLAY_NUMBERS, RUBBER_NUMBERS]
+    found = find_objects(endpoint_of(server.url, "any"), image, "dino", "sam", NoProgress())
+    assert asked == [("dino", "brick"), ("dino", "Rubber ball")]
+    assert np.array_equal(found[1].mask, ball) and np.array_equal(found[0].mask, ~ball)
+
+
+def test_what_does_not_stand_out_is_told_and_left_out(server) -> None:
+    image, ball, _ = picture()
+    image[:, 70:] = 90
+    server.answers = [{"objects": [BALL, CLAY]}, RUBBER_NUMBERS]
+    told: list[dict] = []
+    found = find_objects(endpoint_of(server.url, "any"), image, None, None, Progress(told.append))
+    assert len(found) == 1 and any("brick" in one["message"] for one in told if one["type"] == "warning")
+    image[:] = 90
+    server.answers = [{"objects": [BALL]}]
+    with pytest.raises(ObjectError, match="no object"):
+        find_objects(endpoint_of(server.url, "any"), image, None, None, NoProgress())
+
+
+@pytest.mark.parametrize(
+    "lie",
+    [
+        {"objects": []},
+        {"objects": [BALL] * 9},
+        {"objects": [{**BALL, "box": [10, 10, 10, 10]}]},
+        {"objects": [{**BALL, "box": [500, 500, 600, 600]}]},
+        {"objects": [{**BALL, "box": "left"}]},
+        {"objects": [{**BALL, "box": [True, 1, 20, 20]}]},
+        {"objects": ["ball"]},
+        [BALL],
+    ],
+)
+def test_lies_about_objects_are_refused(server, lie) -> None:
+    server.answers = [lie]
+    with pytest.raises(ModelError, match="no usable answer"):
+        find_objects(endpoint_of(server.url, "any"), picture()[0], None, None, NoProgress())
+
+
+def test_the_verb_writes_masks_and_options_that_recover_takes(server, tmp_path: Path) -> None:
+    image, ball, brick = picture()
+    for number in range(2):
+        cv2.imwrite(str(tmp_path / f"p{number}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    server.answers = [{"objects": [BALL, CLAY]}, RUBBER_NUMBERS, CLAY_NUMBERS]
+    words = ["identify", str(tmp_path / "p%d.png"), "--take", str(tmp_path / "a take"), "--material-endpoint", server.url]
+    arguments: argparse.Namespace = parser().parse_args([*words, "--material-model", "any"])
+    listed = identify(arguments, NoProgress())["objects"]
+    assert [one["name"] for one in listed] == ["rubber_ball", "brick"]
+    assert json.loads((tmp_path / "a take" / "objects.json").read_text())["objects"] == listed
+    assert iou(read_mask(listed[1]["mask"], 120, 160), brick) > 0.95
+    again = parser().parse_args(["recover", "clip.mp4", "--take", "b", *shlex.split(listed[1]["options"])])
+    assert (again.mask, again.law, again.density, again.yield_stress) == (listed[1]["mask"], "von_mises", 1900.0, 3e4)
