@@ -52,10 +52,10 @@ def learn(
     z = torch.from_numpy((vectors[:, seen].T @ pull) / root)
     velocity = R[:, size:] @ torch.diag(torch.from_numpy(prior.velocity**2)) @ R[:, size:].T
     by_component = R[:, :size].reshape(len(R), -1, 3)
-    parameters = _pack(prior.kernel).requires_grad_(True)
-    begin = parameters.detach().clone()
     shape = np.eye(3) if component is None else component
-    believed = _pack(Kernel(shape))
+    root = torch.from_numpy(np.linalg.cholesky(shape))
+    parameters = _pack(prior.kernel, root.numpy()).requires_grad_(True)
+    begin = parameters.detach().clone()
     optimiser = torch.optim.LBFGS([parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=1e-3)
 
     def objective() -> torch.Tensor:
@@ -63,23 +63,23 @@ def learn(
         optimiser.zero_grad()
         factor, sizes = _unpack(parameters)
         correlation = prior.places.correlation(*sizes)
-        turned = (by_component @ factor).unbind(dim=2)
+        turned = (by_component @ (root @ factor)).unbind(dim=2)
         field = sum(part @ correlation @ part.T for part in turned)
-        value = _disbelief(parameters, believed) - _log_evidence(field + velocity, z)
+        value = _disbelief(parameters) - _log_evidence(field + velocity, z)
         value.backward()
         return value
 
     optimiser.step(objective)
     found = parameters.detach() if bool(torch.isfinite(parameters).all()) else begin
     factor, sizes = _unpack(found)
-    covariance = (factor @ factor.T).numpy()
+    covariance = (root @ factor @ factor.T @ root.T).numpy()
     covariance += FLOOR * np.trace(covariance) / np.trace(shape) * shape
     return Kernel(covariance, *(float(value) for value in sizes))
 
 
-def _pack(kernel: Kernel) -> torch.Tensor:
-    """log L, log tau, log u, the logarithms of the diagonal of C's Cholesky factor, and the rest of it over its diagonal."""
-    factor = np.linalg.cholesky(kernel.covariance)
+def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
+    """log L, log tau, log u, and of the factor A of C = root A A' root' the logarithms of its diagonal, and the rest over the diagonal."""
+    factor = np.linalg.solve(root, np.linalg.cholesky(kernel.covariance))
     diagonal = np.diag(factor)
     below = (factor / diagonal)[np.tril_indices(3, -1)]
     sizes = [kernel.length, kernel.duration, kernel.uniform]
@@ -87,19 +87,19 @@ def _pack(kernel: Kernel) -> torch.Tensor:
 
 
 def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
-    """Cholesky factor of C, and L, tau, u."""
+    """A, and L, tau, u."""
     length, duration, uniform = torch.exp(parameters[:3]).unbind()
     below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[6:])
     factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(torch.exp(parameters[3:6]))
     return factor, (length, duration, uniform)
 
 
-def _disbelief(parameters: torch.Tensor, believed: torch.Tensor) -> torch.Tensor:
-    """Minus the logarithm of what is believed of the sizes: of C its shape only, not its scale."""
+def _disbelief(parameters: torch.Tensor) -> torch.Tensor:
+    """Minus the logarithm of what is believed of the sizes: of C the shape root root' only, not its scale."""
     total = torch.zeros((), dtype=parameters.dtype)
     for value, (median, spread) in zip(parameters[:3], BELIEFS.values()):
         total = total + 0.5 * ((value - math.log(median)) / spread) ** 2
-    diagonal, below = parameters[3:6] - believed[3:6], parameters[6:] - believed[6:]
+    diagonal, below = parameters[3:6], parameters[6:]
     return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / ROUNDNESS**2
 
 

@@ -95,7 +95,7 @@ class WindowSolver:
         coarse, prior, theta, used = self._grow()
         left = self.iterations
         first = self._solve(coarse, prior, theta, min(left, COARSE_ITERATIONS), (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
-        kernel = learn(prior, first.point.normal, first.pull, self.expected.component, self.progress.check)
+        kernel = self._learnt(prior, first.point.normal, first.pull)
 
         self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
         worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
@@ -178,8 +178,8 @@ class WindowSolver:
         For pixels the mismatch is known better than it can be learnt: that of tracks which all lie on one slightly wrong body. That of a
         clamp cannot be learnt either: all of it looks like a force.
         """
-        point, component, check = solution.point, self.expected.component, self.progress.check
-        prior = self._prior(learn(prior, point.normal, solution.pull, component, check), forward, solution.theta)
+        point = solution.point
+        prior = self._prior(self._learnt(prior, point.normal, solution.pull), forward, solution.theta)
         if self.particles.pinned.any() or not all(isinstance(one, PointChannels) for one in self.objective.channels):
             return prior, point
         objective = self.objective
@@ -188,7 +188,13 @@ class WindowSolver:
         white = self.objective.whiten(objective.unwhitened(rows))
         point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
         pull = point.normal @ point.theta - point.jacobian @ point.residual
-        return replace(prior, kernel=learn(prior, point.normal, pull, component, check)), point
+        return replace(prior, kernel=self._learnt(prior, point.normal, pull)), point
+
+    def _learnt(self, prior: Prior, normal: np.ndarray, pull: np.ndarray) -> Kernel:
+        """The prior's sizes learnt; a body that is seen as a point keeps the first ones, as it could only learn a depth that it has not."""
+        if self.basis.phi.shape[1] == 1:
+            return prior.kernel
+        return learn(prior, normal, pull, self.expected.component, self.progress.check)
 
     def _solve(
         self,
