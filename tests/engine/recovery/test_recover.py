@@ -168,14 +168,14 @@ def test_it_can_be_cancelled_on_the_way():
 
 def test_a_long_clip_is_solved_in_windows_that_join():
     body = plate((5, 3, 2))
-    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0 * np.cos(0.15 * t), 0.0, 2.0 * np.sin(0.2 * t)], 56)
+    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0 * np.cos(0.15 * t), 0.0, 2.0 * np.sin(0.2 * t)], 36)
     heard = []
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, Progress(lambda message: heard.append(message)))
-    assert windows(32) == [(0, 32)] and windows(56) == [(0, 32), (24, 56)]
+    assert windows(32) == [(0, 32)] and windows(36) == [(0, 22), (14, 36)]
     assert all(b - a <= 33 for a, b in windows(300)) and windows(300)[-1][1] == 300
     assert all(0 < end - begin <= 9 for (_, end), (begin, _) in zip(windows(300), windows(300)[1:]))
     assert relative(found.force_density, 400.0 * wind) < 0.05
-    assert found.x.shape == x.shape and found.F.shape == (57, 30, 3, 3) and found.residual.max() < 2e-4
+    assert found.x.shape == x.shape and found.F.shape == (37, 30, 3, 3) and found.residual.max() < 2e-4
     assert any("part 2 of 2" in message["message"] for message in heard)
     fractions = [message["fraction"] for message in heard]
     assert fractions == sorted(fractions)
