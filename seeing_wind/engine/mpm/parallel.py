@@ -52,6 +52,7 @@ def particle_to_grid(
     atomic: ti.template(), plastic: ti.template(), p, first_node, particle: ti.template(), state: ti.template(), force: ti.template(),
     offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
+    """p2g of particle p: adds its momentum and mass to the 27 nodes round it (Hu et al. 2018, as `transfer.scatter`)."""
     x, v, C, F = unpacked(state[p])
     a, G = unpacked_force(force[p])
     c = particle[p]

@@ -95,6 +95,10 @@ class PlaneField(DescentField):
         return list(self.module.parameters())
 
     def confine(self) -> None:
+        """Between backward and step: of the time encoder only the current frame's weights learn (paper, Eq. (3)).
+
+        The gradients of all other frames' weights are dropped; the other representations have nothing to confine.
+        """
         if not isinstance(self.module, CausalTriPlane):
             return
         time = self.module.time
