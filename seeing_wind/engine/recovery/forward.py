@@ -1,11 +1,12 @@
 """The forward model of the solve: unknowns in, trajectories and their derivatives out.
 
 The unknowns theta (n,) are the field's coefficients (knots, modes, 3) [m/s²] followed by the initial velocities (V,) [m/s].
-A column of the Jacobian is one more simulation, from the picture in which its hat begins: nothing earlier can feel it.
+The Jacobian comes from changes carried along one simulation, or, for bodies that flow, from a simulation per unknown.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..errors import SimulationError
 from ..mpm.model import Model
 from ..mpm.rollout import advance, rollout_batch
 from ..mpm.state import State, Trajectory
+from ..mpm.tangent import LANES, Changes, applies_to, tangents
 from ..progress import Progress
 from .basis import SpatialBasis
 from .objective import Objective
@@ -22,6 +24,8 @@ OFFSET = 1e-4
 """Step of the finite differences, relative to the size that the prior expects. In double precision the quotient is good to 1e-5."""
 COLUMNS_AT_ONCE = 96
 """Simulations whose positions are held in memory together."""
+TANGENT_BYTES = 300_000_000
+"""Memory that the changed positions of one call of `tangents` may take."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +115,23 @@ class Forward:
             return self._batch(self.rough, State.at_rest(self.x), coefficients, unknowns[:, 3 * modes :])
         return self._batch(self.rough, state, coefficients, None)
 
+    def window_changes(self, state: State | None, unknown: np.ndarray, offset: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (frames+1, N, 3) of `window` under `unknown` (n,), and (n, ...) with each of its entries changed by its offset (n,)."""
+        if not applies_to(self.rough):
+            both = self.window(state, np.concatenate([unknown[None], unknown + np.diag(offset)]), frames)
+            return both[0], both[1:]
+        modes = self.shape[1]
+        unit = np.eye(len(unknown))
+        constant = np.repeat(unit[:, : 3 * modes].reshape(-1, 1, modes, 3), frames, axis=1)
+        coefficients = np.repeat(unknown[: 3 * modes].reshape(1, modes, 3), frames, axis=0)
+        v0 = C0 = None
+        if state is None:
+            state = self.start(unknown[3 * modes :])
+            v0, C0 = (np.tensordot(unit[:, 3 * modes :], motion, 1) for motion in (self.velocity, self.velocity_gradient))
+        changes = Changes(constant, v0, C0)
+        x, change = tangents(self.rough, state, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress)
+        return x, x + offset[:, None, None, None] * change
+
     def _batch(
         self,
         model: Model,
@@ -123,12 +144,10 @@ class Forward:
         if velocity is not None:
             v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
         phi, gradient = self.basis.phi, self.basis.gradient
-        return rollout_batch(
-            model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress
-        ).points
+        return rollout_batch(model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress).points
 
     def jacobian(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
-        """d (raw residuals) / d theta[active], (number active, T+1, channels), by one simulation per unknown with the rough model.
+        """d (raw residuals) / d theta[active], (number active, T+1, channels), with the rough model.
 
         Args:
             theta: (n,) the point.
@@ -139,22 +158,52 @@ class Forward:
         Raises:
             SimulationError: when a simulation breaks down.
         """
-        nominal = self.trajectory(theta, self.rough)
-        base = objective.residual(nominal.x[None])[0]
-        first = np.concatenate([np.repeat(np.argmax(self.hats > 0.0, axis=0), 3 * self.shape[1]), np.zeros(len(theta) - self.size, int)])
         which = np.flatnonzero(active)
-        columns = np.zeros((len(which), *base.shape), np.float32)
-        for group, moving in ((which < self.size, False), (which >= self.size, True)):
-            rows = np.flatnonzero(group)
-            for some in np.array_split(rows, max(1, -(-len(rows) // COLUMNS_AT_ONCE))):
-                if not len(some):
-                    continue
-                offset = OFFSET * scale[which[some]]
+        offset = OFFSET * scale[which]
+        moved = self._carried if applies_to(self.rough) else self._shaken
+        columns: np.ndarray | None = None
+        for some, nominal, positions in moved(theta, which, offset):
+            base = objective.residual(nominal[None])[0]
+            columns = np.zeros((len(which), *base.shape), np.float32) if columns is None else columns
+            columns[some] = (objective.residual(positions) - base) / offset[some, None, None]
+        assert columns is not None, "no unknown is active"
+        return columns
+
+    def _carried(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
+        """Positions after small changes, by carrying the changes along one simulation (`mpm.tangent`)."""
+        coefficients, at_once = self.per_frame(theta), max(LANES, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x)))
+        for some in _blocks(np.arange(len(which)), at_once):
+            unit = np.zeros((len(some), len(theta)))
+            unit[np.arange(len(some)), which[some]] = 1.0
+            v0 = C0 = None
+            if (which[some] >= self.size).any():
+                velocity = unit[:, self.size :]
+                v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
+            changes = Changes(self.per_frame(unit), v0, C0)
+            start = self.start(theta[self.size :])
+            nominal, change = tangents(self.rough, start, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress)
+            for few in _blocks(np.arange(len(some)), COLUMNS_AT_ONCE):
+                yield some[few], nominal, nominal + offset[some[few], None, None, None] * change[few]
+
+    def _shaken(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
+        """The same by one more simulation for every change, from the picture in which its hat begins: nothing earlier can feel it."""
+        nominal = self.trajectory(theta, self.rough)
+        first = np.concatenate([np.repeat(np.argmax(self.hats > 0.0, axis=0), 3 * self.shape[1]), np.zeros(len(theta) - self.size, int)])
+        for moving in (False, True):
+            for some in _blocks(np.flatnonzero((which >= self.size) == moving), COLUMNS_AT_ONCE):
                 moved = np.repeat(theta[None], len(some), axis=0)
-                moved[np.arange(len(some)), which[some]] += offset
+                moved[np.arange(len(some)), which[some]] += offset[some]
                 velocity = moved[:, self.size :] if moving else None
                 positions = self._batch(self.rough, nominal, self.per_frame(moved), velocity, first[which[some]])
                 if not np.isfinite(positions).all():
                     raise SimulationError("A slightly different force breaks the simulation down.", "Choose a stiffer or heavier material.")
-                columns[some] = (objective.residual(positions) - base) / offset[:, None, None]
-        return columns
+                yield some, nominal.x, positions
+
+
+Moved = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Which changes, positions (T+1, N, 3) without them, and with each of them (changes, T+1, N, 3)."""
+
+
+def _blocks(rows: np.ndarray, most: int) -> list[np.ndarray]:
+    """Rows in parts of equal size, at most `most` in each."""
+    return np.array_split(rows, -(-len(rows) // most)) if len(rows) else []

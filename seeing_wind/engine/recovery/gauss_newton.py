@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-DAMPING = (0.0, 1.0, 5.0, 30.0, 200.0, 1e3, 3e4, 1e6)
-"""Candidates of lambda, all tried at once: their simulations run in parallel."""
+DAMPING = ((0.0, 1.0), (5.0, 30.0, 200.0, 1e3, 3e4, 1e6))
+"""Candidates of lambda: those that mostly serve, and those tried when they do not. Those of a group are simulated in parallel."""
 CHORD_STEPS = 6
 """Steps with one Jacobian at most."""
 TOLERANCE = 2e-3
@@ -105,14 +105,16 @@ def solve(
         at_start = cost
         for _ in range(CHORD_STEPS):
             gradient = point.jacobian @ residual + precision @ (theta - mean)
-            steps = np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in DAMPING])
-            promised = float(gradient @ steps[0])
+            promised = float(gradient @ np.linalg.solve(point.normal + precision, gradient))
             if promised < max(TOLERANCE_PER_UNKNOWN * len(theta), tolerance * cost):
                 return Solution(theta, residual, cost, used, True, point)
-            trials = theta - steps
-            missed = residuals(trials)
-            costs = cost_of(missed, trials - mean, precision)
-            best = int(np.argmin(costs))
+            for damping in DAMPING:
+                trials = theta - np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in damping])
+                missed = residuals(trials)
+                costs = cost_of(missed, trials - mean, precision)
+                best = int(np.argmin(costs))
+                if costs[best] < cost:
+                    break
             if not costs[best] < cost:
                 break
             won, cost, theta, residual = cost - costs[best], float(costs[best]), trials[best], missed[best]

@@ -62,7 +62,8 @@ class TrackChannels:
             frames, *MISMATCH_PIXELS, MISMATCH_PIXELS_TAU, self.variance_factor * self.mismatch_scale**2
         )
         marginal = np.sqrt(self.inflation[:, channel])
-        late = 0.0 if self.targets.visible[0, track] else LATE_OFFSET**2
+        offset = LATE_OFFSET if self.targets.offset is None else self.targets.offset[track]
+        late = 0.0 if self.targets.visible[0, track] else offset**2
         return total * np.outer(marginal, marginal) + late
 
     def reweighted(self, residual: np.ndarray) -> TrackChannels:

@@ -1,0 +1,197 @@
+"""How the motion of a body changes with the force on it and with its start: many changes at once, to first order.
+
+One simulation of the body as it is; then every change costs a small part of another, because it shares all that depends on the body alone
+(`tangent_kernels`). Elastic laws; bodies that flow, colliders and moving pins take finite differences.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from taichi.lang import impl
+
+from ..progress import Progress
+from . import device, substep, tangent_kernels
+from .constitutive import ELASTIC_LAWS
+from .failure import check_start, failure
+from .model import Model
+from .precision import compiled_in
+from .rollout import conditioned
+from .state import State
+from .tangent_kernels import LANES, RECORD, SOURCE, STATE
+
+_WORK_PER_CALL = 6_000_000
+"""Changes of a particle in a substep between two safe points."""
+_MOST_NODES = 30_000_000
+
+
+def applies_to(model: Model) -> bool:
+    """Whether the changes of this model's motion can be carried."""
+    return not conditioned(model) and bool(np.isin(model.law, list(ELASTIC_LAWS.values())).all())
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Changes in B directions, by the picture from which on a direction acts."""
+
+    coefficients: np.ndarray
+    """(B, T, P, 3) of the force's coefficients [m/s²]; zero before the direction's first frame."""
+    v0: np.ndarray | None = None
+    """(B, N, 3) of the initial velocities [m/s]."""
+    C0: np.ndarray | None = None
+    """(B, N, 3, 3) of the initial affine velocities [1/s]."""
+
+
+def tangents(
+    model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, coefficients: np.ndarray, changes: Changes, progress: Progress
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motion under a force, and how it changes to first order.
+
+    Args:
+        start: the body at the first picture.
+        phi, dphi: (N, P) basis at the particles' rest positions, (N, P, 3) its gradient [1/m]; the force is as in `rollout_batch`.
+        coefficients: (T, P, 3) [m/s²].
+        changes: directions.
+
+    Returns:
+        positions (T+1, N, 3) [m], and their changes (B, T+1, N, 3) [m], single precision.
+
+    Raises:
+        SimulationError: when the simulation breaks even with half the dt.
+        Cancelled: when the user asked to stop.
+    """
+    device.start(model.device)
+    return _Carrier(model, start, phi, dphi, changes, progress).run(coefficients)
+
+
+class _Carrier:
+    """One body, its changes in groups of LANES, a frame at a time."""
+
+    def __init__(self, model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, changes: Changes, progress: Progress) -> None:
+        check_start(position=start.x, velocity=start.v, affine_velocity=start.C, deformation=start.F)
+        self.model, self.state, self.progress = model, start, progress
+        self.phi, self.dphi = torch.from_numpy(np.ascontiguousarray(phi)), torch.from_numpy(np.ascontiguousarray(dphi))
+        count, n = len(changes.coefficients), model.particles
+        groups = -(-count // LANES)
+        acting = (changes.coefficients != 0.0).any(axis=(2, 3))
+        begin = np.where(acting.any(axis=1), acting.argmax(axis=1), acting.shape[1])
+        if changes.v0 is not None:
+            begin[:] = 0
+        self.order = np.argsort(begin, kind="stable")
+        self.begin = begin[self.order]
+        """First acting frame of each change; later ones lie in later groups."""
+        per_frame = torch.from_numpy(changes.coefficients[self.order]).float()
+        self.coefficients = torch.cat([per_frame, per_frame.new_zeros(groups * LANES - count, *per_frame.shape[1:])])
+        self.lanes = aligned((groups, n, STATE, LANES))
+        for rows, values in ((slice(0, 3), changes.v0), (slice(3, 12), changes.C0)):
+            if values is not None:
+                padded = np.zeros((groups * LANES, n, rows.stop - rows.start), np.float32)
+                padded[:count] = values[self.order].reshape(count, n, -1)
+                self.lanes[:, :, rows] = padded.reshape(groups, LANES, n, -1).transpose(0, 2, 3, 1)
+        self.count, self.capacity = count, 0
+
+    def run(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        frames, n = len(coefficients), self.model.particles
+        x = np.empty((frames + 1, n, 3))
+        changed = np.zeros((self.count, frames + 1, n, 3), np.float32)
+        x[0] = self.state.x
+        for t in range(frames):
+            self.progress.check()
+            acceleration = self.phi.numpy() @ coefficients[t] + self.model.gravity
+            spatial = np.linalg.inv(self.state.F)
+            gradient = torch.einsum("pi,npj->nij", torch.from_numpy(coefficients[t]), self.dphi).numpy() @ spatial
+            substeps = self._record(acceleration, gradient, t)
+            groups = -(-int((self.begin <= t).sum()) // LANES)
+            if groups:
+                self._carry(groups, self._source(groups, t, substeps, spatial), substeps)
+                moved = self.lanes[:groups, :, 21:].transpose(0, 3, 1, 2).reshape(-1, n, 3)[: self.count]
+                changed[self.order[: len(moved)], t + 1] = moved
+            x[t + 1] = self.state.x
+        return x, changed
+
+    def _record(self, acceleration: np.ndarray, gradient: np.ndarray, frame: int) -> int:
+        """The frame's substeps, kept and linearised; moves the body on. Returns their number: the model's, or twice that."""
+        m = self.model
+        for substeps in (m.substeps, 2 * m.substeps):
+            status = self._attempt(acceleration, gradient, substeps)
+            if status[0] == substep.RUNNING:
+                break
+        else:
+            raise failure(tuple(int(code) for code in status[:3]), frame, substeps)
+        tangent_kernels.linearise(
+            m.volume, m.mu, m.lam, m.law, m.offset, m.dx, m.frame_dt / substeps,
+            self.x, self.F, self.boxes, self.corner, self.record,
+        )  # fmt: skip
+        self.state = State(self.x[-1].copy(), self.v[-1].copy(), self.C[-1].copy(), self.F[-1].copy())
+        return substeps
+
+    def _attempt(self, acceleration: np.ndarray, gradient: np.ndarray, substeps: int) -> np.ndarray:
+        m, n = self.model, self.model.particles
+        if not self.capacity:
+            self.capacity = int(min(np.prod(np.ceil(np.ptp(self.state.x, axis=0) / m.dx) + 4) * 1.5, _MOST_NODES))
+        self.x, self.v = np.empty((substeps + 1, n, 3)), np.empty((substeps + 1, n, 3))
+        self.C, self.F = np.empty((substeps + 1, n, 3, 3)), np.empty((substeps + 1, n, 3, 3))
+        self.boxes, self.corner = np.zeros((substeps, 6), np.int32), np.zeros((substeps, n), np.int32)
+        self.record = np.empty(substeps * n * RECORD, np.float32)
+        while True:
+            self.x[0], self.v[0], self.C[0], self.F[0] = self.state.x, self.state.v, self.state.C, self.state.F
+            self.inverse_mass = np.empty((substeps, self.capacity), np.float32)
+            grid, status = np.empty((1, self.capacity, 4)), np.zeros(4, np.int32)
+            tangent_kernels.record_frame(
+                m.plastic, m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role, m.clamp_lo, m.clamp,
+                m.offset, m.dx, m.frame_dt / substeps, acceleration[None], gradient[None],
+                self.x, self.v, self.C, self.F, self.boxes, self.inverse_mass, grid, status,
+            )  # fmt: skip
+            if status[0] != substep.GRID_FULL or status[3] > _MOST_NODES:
+                return status
+            self.capacity = int(status[3]) * 4 // 3
+
+    def _source(self, groups: int, frame: int, substeps: int, spatial: np.ndarray) -> np.ndarray:
+        """What the changed force gives in a substep, (groups, N, SOURCE, LANES); `spatial` (N, 3, 3) is F^-1 at the frame's start."""
+        m, n = self.model, self.model.particles
+        source = aligned((groups, n, SOURCE, LANES))
+        change = self.coefficients[: groups * LANES, frame].reshape(groups, LANES, -1, 3)
+        momentum = torch.from_numpy(m.mass * m.frame_dt / substeps).float()
+        slope = torch.einsum("npj,njk->npk", self.dphi, torch.from_numpy(spatial)).float() * (m.dx * momentum)[:, None, None]
+        torch.from_numpy(source)[:, :, :3] = torch.einsum("np,glpi->gnil", self.phi.float() * momentum[:, None], change)
+        torch.from_numpy(source)[:, :, 3:] = torch.einsum("npk,glpi->gnikl", slope, change).reshape(groups, n, 9, LANES)
+        return source
+
+    def _carry(self, groups: int, source: np.ndarray, substeps: int) -> None:
+        m, nodes = self.model, 3 * self.capacity
+        mass, flat = m.mass.astype(np.float32), lambda array: array.reshape(-1, LANES)
+        at_once = max(1, min(groups, _WORK_PER_CALL // (m.particles * substeps * LANES)))
+        at_once += at_once % 2
+        for first in range(0, groups, at_once):
+            grid = aligned((min(at_once, groups - first) * nodes, LANES))
+            self.progress.check()
+            with native_vectors():
+                tangent_kernels.carry(
+                    first, mass, m.role, m.dx, m.frame_dt / substeps, self.boxes, self.corner, self.record, self.inverse_mass,
+                    flat(source), flat(self.lanes), grid,
+                )  # fmt: skip
+
+
+@contextlib.contextmanager
+def native_vectors() -> Iterator[None]:
+    """Kernels compiled inside are in single precision, with vectors that stay vectors of the processor instead of loose numbers."""
+    config = impl.get_runtime().prog.config()
+    before = config.real_matrix_scalarize
+    config.real_matrix_scalarize = False
+    try:
+        with compiled_in(np.float32):
+            yield
+    finally:
+        config.real_matrix_scalarize = before
+
+
+def aligned(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros of single precision at an address that vectors of LANES can be loaded from; NumPy's own may lie between."""
+    size, step = int(np.prod(shape)), 4 * LANES
+    raw = np.zeros(size + LANES, np.float32)
+    first = -raw.ctypes.data % step // 4
+    return raw[first : first + size].reshape(shape)

@@ -1,0 +1,112 @@
+"""Changes carried to first order, against closed forms and against finite differences of whole simulations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.mpm import rollout_batch
+from seeing_wind.engine.mpm.model import model_for
+from seeing_wind.engine.mpm.state import State
+from seeing_wind.engine.mpm.tangent import LANES, Changes, applies_to, tangents
+from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.recovery.basis import spatial_basis
+from tests.engine.mpm.bodies import RUBBER, block
+
+FPS, FRAMES = 30.0, 5
+
+
+def body(law="corotated", pinned_below=None, shape=(4, 3, 5)):
+    """A body of so many particles, its solver's model, start, and a basis of four modes."""
+    particles = block(shape, pinned_below=pinned_below)
+    material = replace(RUBBER, law=law, yield_stress=1e3 if law == "von_mises" else 0.0)
+    model, _ = model_for(particles, material, FPS, gravity=(0.0, 0.0, -2.0))
+    basis = spatial_basis(particles.x, model.mass * ~particles.pinned, 4)
+    return model, State.at_rest(particles.x, spin=None if particles.pinned.any() else (3.0, -2.0, 4.0)), basis
+
+
+def coefficients(rng, modes, size):
+    """(FRAMES, modes, 3) of a force that bends and turns the body."""
+    return size * rng.standard_normal((FRAMES, modes, 3))
+
+
+def test_a_uniform_force_moves_a_free_body_as_a_point():
+    """Any body's changed places are those of a point: dx = sum over substeps of dt² (s da), exactly."""
+    model, start, basis = body()
+    change = np.zeros((1, FRAMES, 4, 3))
+    change[0, 1:, 0] = (0.0, 0.0, 1.0)  # the first mode is uniform
+    phi, dphi = basis.phi, basis.gradient
+    _, dx = tangents(model, start, phi, dphi, coefficients(np.random.default_rng(0), 4, 2.0), Changes(change), NoProgress())
+    steps = np.arange(1, FRAMES + 1)[:, None] * model.substeps - np.arange(model.substeps, FRAMES * model.substeps)[None]
+    expected = np.where(steps > 0, steps, 0).sum(axis=1) * (model.frame_dt / model.substeps) ** 2 * phi[0, 0]
+    assert dx[0, 0] == pytest.approx(0.0)
+    np.testing.assert_allclose(dx[0, 1:, :, 2], np.tile(expected[:, None], len(start.x)), rtol=1e-4, atol=1e-9)
+    assert np.abs(dx[0, ..., :2]).max() < 1e-5 * expected[-1]
+
+
+def largest_error(model, start, basis, force, change):
+    """Of the carried changes against central differences of simulations, relative to each; the motion itself must be the same."""
+    phi, dphi, count, step = basis.phi, basis.gradient, len(change), 1e-4
+    x, dx = tangents(model, start, phi, dphi, force, Changes(change), NoProgress())
+    every = np.concatenate([force[None], force + step * change, force - step * change])
+    points = rollout_batch(model, start, phi, dphi, every, strict=True).points
+    np.testing.assert_allclose(x, points[0], rtol=0, atol=1e-12)
+    wanted = (points[1 : count + 1] - points[count + 1 :]) / (2 * step)
+    return np.max(np.linalg.norm((dx - wanted).reshape(count, -1), axis=1) / np.linalg.norm(wanted.reshape(count, -1), axis=1))
+
+
+@pytest.mark.parametrize("law", ["corotated", "neo_hookean"])
+@pytest.mark.parametrize("pinned_below", [None, 0.008])
+def test_agrees_with_differences_of_simulations(law, pinned_below):
+    """Random changes in every mode, of a body of 5 by 4 by 6 cells that turns and bends."""
+    rng = np.random.default_rng(1)
+    change = rng.standard_normal((LANES + 3, FRAMES, 4, 3))  # more than one group, the last not full
+    change[5:, :2] = 0.0  # these begin later
+    model, start, basis = body(law, pinned_below, (8, 6, 10))
+    assert largest_error(model, start, basis, coefficients(rng, 4, 3.0), change) < 0.03
+
+
+def test_what_moving_nodes_neglect_is_of_second_order():
+    """Twice the cells across the body: the error falls at least threefold."""
+    change = np.random.default_rng(3).standard_normal((LANES, FRAMES, 4, 3))
+    force = coefficients(np.random.default_rng(1), 4, 3.0)
+    small, large = (largest_error(*body(shape=shape), force, change) for shape in ((4, 3, 5), (8, 6, 10)))
+    assert 3.0 * large < small < 0.2
+
+
+def test_nothing_moves_before_its_force_acts():
+    model, start, basis = body()
+    change = np.zeros((3, FRAMES, 4, 3))
+    change[:, 3:, 1] = 1.0
+    _, dx = tangents(model, start, basis.phi, basis.gradient, np.zeros((FRAMES, 4, 3)), Changes(change), NoProgress())
+    assert not dx[:, :4].any()
+    assert dx[:, 4:].any()
+
+
+def test_changes_of_the_start():
+    """Initial velocities too: a spin and a push of a free body, against differences."""
+    model, start, basis = body(shape=(8, 6, 10))
+    velocity = np.zeros((2, *start.x.shape))
+    velocity[0, :, 0] = 1.0
+    gradient = np.zeros((2, len(start.x), 3, 3))
+    gradient[1] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
+    velocity[1] = (start.x - start.x.mean(axis=0)) @ gradient[1, 0].T
+    force = coefficients(np.random.default_rng(2), 4, 1.0)
+    phi, dphi = basis.phi, basis.gradient
+    changes = Changes(np.zeros((2, FRAMES, 4, 3)), velocity, gradient)
+    _, dx = tangents(model, start, phi, dphi, force, changes, NoProgress())
+    step, every = 1e-4, np.repeat(force[None], 4, axis=0)
+    sides = np.array([1.0, 1.0, -1.0, -1.0])
+    v0 = start.v + step * sides[:, None, None] * np.concatenate([velocity, velocity])
+    C0 = start.C + step * sides[:, None, None, None] * np.concatenate([gradient, gradient])
+    points = rollout_batch(model, start, phi, dphi, every, v0=v0, C0=C0, strict=True).points
+    wanted = (points[:2] - points[2:]) / (2 * step)
+    for k in range(2):
+        assert np.linalg.norm(dx[k] - wanted[k]) < 0.03 * np.linalg.norm(wanted[k])
+
+
+def test_bodies_that_flow_are_refused():
+    assert applies_to(body()[0])
+    assert not applies_to(body("von_mises")[0])
