@@ -1,7 +1,7 @@
 """How the motion of a body changes with the force on it and with its start: many changes at once, to first order.
 
 One simulation of the body as it is; then every change costs a small part of another, because it shares all that depends on the body alone
-(`tangent_kernels`). Not with colliders or moving pins.
+(`tangent_kernels`). Elastic laws; bodies that flow, colliders and moving pins take finite differences.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from taichi.lang import impl
 
 from ..progress import Progress
 from . import device, substep, tangent_kernels
+from .constitutive import ELASTIC_LAWS
 from .failure import check_start, failure
 from .model import Model
 from .precision import compiled_in
@@ -26,6 +27,11 @@ from .tangent_kernels import LANES, RECORD, SOURCE, STATE
 _WORK_PER_CALL = 6_000_000
 """Changes of a particle in a substep between two safe points."""
 _MOST_NODES = 30_000_000
+
+
+def applies_to(model: Model) -> bool:
+    """Whether the changes of this model's motion can be carried."""
+    return not conditioned(model) and bool(np.isin(model.law, list(ELASTIC_LAWS.values())).all())
 
 
 @dataclass(frozen=True)
@@ -56,11 +62,8 @@ def tangents(
 
     Raises:
         SimulationError: when the simulation breaks even with half the dt.
-        ValueError: for a model with colliders or moving pins.
         Cancelled: when the user asked to stop.
     """
-    if conditioned(model):
-        raise ValueError("changes are carried only where nothing but pins that stand still holds at the nodes")
     device.start(model.device)
     return _Carrier(model, start, phi, dphi, changes, progress).run(coefficients)
 
@@ -83,7 +86,7 @@ class _Carrier:
         """First acting frame of each change; later ones lie in later groups."""
         per_frame = torch.from_numpy(changes.coefficients[self.order]).float()
         self.coefficients = torch.cat([per_frame, per_frame.new_zeros(groups * LANES - count, *per_frame.shape[1:])])
-        self.lanes = aligned((groups, n, STATE[model.plastic], LANES))
+        self.lanes = aligned((groups, n, STATE, LANES))
         for rows, values in ((slice(0, 3), changes.v0), (slice(3, 12), changes.C0)):
             if values is not None:
                 padded = np.zeros((groups * LANES, n, rows.stop - rows.start), np.float32)
@@ -105,7 +108,7 @@ class _Carrier:
             groups = -(-int((self.begin <= t).sum()) // LANES)
             if groups:
                 self._carry(groups, self._source(groups, t, substeps, spatial), substeps)
-                moved = self.lanes[:groups, :, 21:24].transpose(0, 3, 1, 2).reshape(-1, n, 3)[: self.count]
+                moved = self.lanes[:groups, :, 21:].transpose(0, 3, 1, 2).reshape(-1, n, 3)[: self.count]
                 changed[self.order[: len(moved)], t + 1] = moved
             x[t + 1] = self.state.x
         return x, changed
@@ -120,8 +123,8 @@ class _Carrier:
         else:
             raise failure(tuple(int(code) for code in status[:3]), frame, substeps)
         tangent_kernels.linearise(
-            m.plastic, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.offset, m.dx, m.frame_dt / substeps,
-            self.x, self.C, self.F, self.boxes, self.corner, self.record,
+            m.volume, m.mu, m.lam, m.law, m.offset, m.dx, m.frame_dt / substeps,
+            self.x, self.F, self.boxes, self.corner, self.record,
         )  # fmt: skip
         self.state = State(self.x[-1].copy(), self.v[-1].copy(), self.C[-1].copy(), self.F[-1].copy())
         return substeps
@@ -133,7 +136,7 @@ class _Carrier:
         self.x, self.v = np.empty((substeps + 1, n, 3)), np.empty((substeps + 1, n, 3))
         self.C, self.F = np.empty((substeps + 1, n, 3, 3)), np.empty((substeps + 1, n, 3, 3))
         self.boxes, self.corner = np.zeros((substeps, 6), np.int32), np.zeros((substeps, n), np.int32)
-        self.record = np.empty(substeps * n * RECORD[m.plastic], np.float32)
+        self.record = np.empty(substeps * n * RECORD, np.float32)
         while True:
             self.x[0], self.v[0], self.C[0], self.F[0] = self.state.x, self.state.v, self.state.C, self.state.F
             self.inverse_mass = np.empty((substeps, self.capacity), np.float32)
@@ -168,7 +171,7 @@ class _Carrier:
             self.progress.check()
             with native_vectors():
                 tangent_kernels.carry(
-                    m.plastic, first, mass, m.role, m.dx, m.frame_dt / substeps, self.boxes, self.corner, self.record, self.inverse_mass,
+                    first, mass, m.role, m.dx, m.frame_dt / substeps, self.boxes, self.corner, self.record, self.inverse_mass,
                     flat(source), flat(self.lanes), grid,
                 )  # fmt: skip
 

@@ -9,9 +9,6 @@ with D the change's velocity gradient in the unchanged body. It is the substep o
 that of the first Piola-Kirchhoff stress pushed forward (Bonet and Wood, "Nonlinear continuum mechanics", section 6.3). What the moving
 nodes neglect is of the order of the discretisation's own error: for a plate of 14 cells 0.2 %, for a block of 2 by 2 by 3 cells 10 %.
 
-A body that flows keeps the change of its elastic F and that of its shape apart: E = F_e' - F_e follows the trial step and the derivative of
-the flow, L' = (L + dt D) (I + dt C)^-1 the shape.
-
 LANES changes share weights and stress derivative; they are the lanes of a vector.
 """
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
@@ -22,20 +19,18 @@ import taichi as ti
 from .boundary import FREE, HELD
 from .constitutive import kirchhoff, kirchhoff_adjoint
 from .eigen import product
-from .plasticity import plastic_flow_adjoint
 from .substep import GRID_FULL, RUNNING, STRIDE, grid_to_particles, grids, matrices, nodes, particles_to_grid, scalars, vectors, window
 from .substep import flags as integers
 from .transfer import base_of, clear, momentum_to_velocity, spline, vec3
 
 LANES = 8
 """Changes that are carried together: a vector register of single precision."""
-STATE = {False: 24, True: 33}
-"""Numbers of a change per particle, by whether the body flows: dv 0..2, D 3..11, dF 12..20, dx 21..23, L 24..32, matrices row by row."""
+STATE = 24
+"""Numbers of a change per particle: dv 0..2, D 3..11, dF 12..20, dx 21..23, matrices row by row."""
 SOURCE = 12
 """dt m da 0..2, dt m dx dG 3..11."""
-RECORD = {False: 102, True: 210}
-"""Numbers of a linearised particle: weights 0..8, place f in its cell 9..11, derivative of the stress 12..92, dt F 93..101; and where the
-body flows tau 102..110, dt C 111..119, (I + dt C)^-1 120..128, derivative of the flow 129..209."""
+RECORD = 102
+"""Numbers of a linearised particle: weights 0..8, place f in its cell 9..11, derivative of the stress 12..92, dt F 93..101."""
 
 records = ti.types.ndarray(dtype=ti.f32, ndim=1)
 lanes = ti.types.ndarray(element_shape=(LANES,), ndim=1)
@@ -91,8 +86,8 @@ def record_frame(
 
 @ti.kernel
 def linearise(
-    plastic: ti.template(), volume: scalars, mu: scalars, lam: scalars, yield_stress: scalars, viscosity: scalars, law: integers,
-    offset: vec3, dx: ti.f64, dt: ti.f64, x: vectors, C: matrices, F: matrices, boxes: table, corner: table, record: records,
+    volume: scalars, mu: scalars, lam: scalars, law: integers, offset: vec3, dx: ti.f64, dt: ti.f64,
+    x: vectors, F: matrices, boxes: table, corner: table, record: records,
 ):  # fmt: skip
     """Weights and stress derivatives of all substeps of a frame: corner (S, N), record (S N RECORD,)."""
     for s, p in ti.ndrange(boxes.shape[0], x.shape[1]):
@@ -101,58 +96,35 @@ def linearise(
         c = base - lo
         corner[s, p] = (c[0] * dims[1] + c[1]) * dims[2] + c[2]
         f = (x[s, p] - offset) / dx - base
-        at = (s * x.shape[1] + p) * ti.static(RECORD[plastic])
-        write(at, spline(f), record)
-        write(at + 93, dt * F[s, p], record)
+        w = spline(f)
+        at = (s * x.shape[1] + p) * RECORD
+        F_p = F[s, p]
+        for i, a in ti.static(ti.ndrange(3, 3)):
+            record[at + 3 * i + a] = ti.cast(w[i, a], ti.f32)
+            record[at + 93 + 3 * i + a] = ti.cast(dt * F_p[i, a], ti.f32)
         for a in ti.static(range(3)):
             record[at + 9 + a] = ti.cast(f[a], ti.f32)
-        stress_slopes(plastic, at, law[p], F[s, p], mu[p], lam[p], -4.0 * dt / dx * volume[p], record)
-        if ti.static(plastic):
-            turn = dt * C[s + 1, p]
-            write(at + 111, turn, record)
-            write(at + 120, (ti.Matrix.identity(ti.f64, 3) + turn).inverse(), record)
-            trial = F[s, p] + product(turn, F[s, p])
-            for a in range(9):
+        scale = -4.0 * dt / dx * volume[p]
+        turn = scale * product(kirchhoff(False, law[p], F_p, mu[p], lam[p]), F_p.inverse().transpose())
+        for a in range(3):
+            for b in range(a, 3):
                 bar = ti.Matrix.zero(ti.f64, 3, 3)
-                bar[a // 3, a % 3] = 1.0
-                slopes = plastic_flow_adjoint(law[p], trial, mu[p], yield_stress[p], viscosity[p], dt, bar)
-                write(at + 129 + 9 * a, slopes[0], record)
-
-
-@ti.func
-def write(at, A, record: ti.template()):
-    """A (3, 3), row by row."""
-    for i, a in ti.static(ti.ndrange(3, 3)):
-        record[at + 3 * i + a] = ti.cast(A[i, a], ti.f32)
-
-
-@ti.func
-def stress_slopes(plastic: ti.template(), at, law, F, mu, lam, scale, record: ti.template()):
-    """`scale` times d tau by dF; for a body that does not flow less tau L^T too, as L = dF F^-1 there."""
-    tau = scale * kirchhoff(plastic, law, F, mu, lam)
-    turn = product(tau, F.inverse().transpose())
-    if ti.static(plastic):
-        write(at + 102, tau, record)
-        turn = ti.Matrix.zero(ti.f64, 3, 3)
-    for a in range(3):
-        for b in range(a, 3):
-            bar = ti.Matrix.zero(ti.f64, 3, 3)
-            bar[a, b] = scale
-            F_bar, _mu_bar, _lam_bar = kirchhoff_adjoint(plastic, law, F, mu, lam, bar)
-            for i, d in ti.static(ti.ndrange(3, 3)):
-                first, second = F_bar[i, d], F_bar[i, d]
-                if i == b:
-                    first -= turn[a, d]
-                if i == a:
-                    second -= turn[b, d]
-                record[at + 12 + 9 * (3 * a + b) + 3 * i + d] = ti.cast(first, ti.f32)
-                record[at + 12 + 9 * (3 * b + a) + 3 * i + d] = ti.cast(second, ti.f32)
+                bar[a, b] = scale
+                F_bar, _mu_bar, _lam_bar = kirchhoff_adjoint(False, law[p], F_p, mu[p], lam[p], bar)
+                for i, d in ti.static(ti.ndrange(3, 3)):
+                    first, second = F_bar[i, d], F_bar[i, d]
+                    if i == b:
+                        first -= turn[a, d]
+                    if i == a:
+                        second -= turn[b, d]
+                    record[at + 12 + 9 * (3 * a + b) + 3 * i + d] = ti.cast(first, ti.f32)
+                    record[at + 12 + 9 * (3 * b + a) + 3 * i + d] = ti.cast(second, ti.f32)
 
 
 @ti.kernel
 def carry(
-    plastic: ti.template(), first: ti.i32, mass: ti.types.ndarray(dtype=ti.f32, ndim=1), role: integers, dx: ti.f32, dt: ti.f32,
-    boxes: table, corner: table, record: records, inverse_mass: inverse_masses, source: lanes, state: lanes, grid: lanes,
+    first: ti.i32, mass: ti.types.ndarray(dtype=ti.f32, ndim=1), role: integers, dx: ti.f32, dt: ti.f32, boxes: table, corner: table,
+    record: records, inverse_mass: inverse_masses, source: lanes, state: lanes, grid: lanes,
 ):  # fmt: skip
     """Brings state (groups N STATE,) of the groups from `first` on through a frame under source (groups N SOURCE,)."""
     # Taichi runs loops of less than about a thousand turns on one thread: see `substep.run_substeps`.
@@ -163,17 +135,17 @@ def carry(
             own = g * 3 * inverse_mass.shape[1]
             count = mass.shape[0]
             for s in range(boxes.shape[0]):
-                to_nodes(plastic, s, first + g, count, own, mass, role, dx, boxes, corner, record, source, state, grid)
+                to_nodes(s, first + g, count, own, mass, role, dx, boxes, corner, record, source, state, grid)
                 for node in range(boxes[s, 3] * boxes[s, 4] * boxes[s, 5]):
                     inverse = inverse_mass[s, node]
                     for a in ti.static(range(3)):
                         grid[own + 3 * node + a] = inverse * grid[own + 3 * node + a]
-                from_nodes(plastic, s, first + g, count, own, role, dx, dt, boxes, corner, record, state, grid)
+                from_nodes(s, first + g, count, own, role, dx, dt, boxes, corner, record, state, grid)
 
 
 @ti.func
 def to_nodes(
-    plastic: ti.template(), s, group, count, own, mass: ti.template(), role: ti.template(), dx, boxes: ti.template(), corner: ti.template(),
+    s, group, count, own, mass: ti.template(), role: ti.template(), dx, boxes: ti.template(), corner: ti.template(),
     record: ti.template(), source: ti.template(), state: ti.template(), grid: ti.template(),
 ):  # fmt: skip
     """p2g of all particles' changes."""
@@ -184,8 +156,7 @@ def to_nodes(
         grid[own + node] = nil
     for p in range(count):
         if role[p] != HELD:
-            at, row = (s * count + p) * ti.static(RECORD[plastic]), (group * count + p) * ti.static(STATE[plastic])
-            given = (group * count + p) * SOURCE
+            at, row, given = (s * count + p) * RECORD, (group * count + p) * STATE, (group * count + p) * SOURCE
             node = own + 3 * corner[s, p]
             for c in range(3):
                 B = [source[given + 3 + 3 * c + k] + (mass[p] * dx) * state[row + 3 + 3 * c + k] for k in ti.static(range(3))]
@@ -193,9 +164,6 @@ def to_nodes(
                     F = state[row + 12 + k]
                     for d in ti.static(range(3)):
                         B[d] = B[d] + record[at + 12 + 9 * (3 * c + d) + k] * F
-                if ti.static(plastic):
-                    for d, k in ti.static(ti.ndrange(3, 3)):
-                        B[d] = B[d] - record[at + 102 + 3 * c + k] * state[row + 24 + 3 * d + k]
                 value = source[given + c] + mass[p] * state[row + c]
                 for d in ti.static(range(3)):
                     value = value - record[at + 9 + d] * B[d]
@@ -213,15 +181,15 @@ def to_nodes(
 
 @ti.func
 def from_nodes(
-    plastic: ti.template(), s, group, count, own, role: ti.template(), dx, dt, boxes: ti.template(), corner: ti.template(),
-    record: ti.template(), state: ti.template(), grid: ti.template(),
+    s, group, count, own, role: ti.template(), dx, dt, boxes: ti.template(), corner: ti.template(), record: ti.template(),
+    state: ti.template(), grid: ti.template(),
 ):  # fmt: skip
     """g2p of all particles' changes."""
     stride_y = boxes[s, 5]
     stride_x = boxes[s, 4] * stride_y
     for p in range(count):
         if role[p] != HELD:
-            at, row = (s * count + p) * ti.static(RECORD[plastic]), (group * count + p) * ti.static(STATE[plastic])
+            at, row = (s * count + p) * RECORD, (group * count + p) * STATE
             node = own + 3 * corner[s, p]
             for c in range(3):
                 nil = 0.0 * state[row]
@@ -246,38 +214,9 @@ def from_nodes(
                 D = [(4.0 / dx) * (M[d] - record[at + 9 + d] * v) for d in ti.static(range(3))]
                 for d in ti.static(range(3)):
                     state[row + 3 + 3 * c + d] = D[d]
-                for d in ti.static(range(0 if plastic else 3)):
+                for d in ti.static(range(3)):
                     turned = record[at + 93 + d] * D[0] + record[at + 96 + d] * D[1] + record[at + 99 + d] * D[2]
                     state[row + 12 + 3 * c + d] = state[row + 12 + 3 * c + d] + turned
                 state[row + c] = v
                 if role[p] == FREE:
                     state[row + 21 + c] = state[row + 21 + c] + dt * v
-            if ti.static(plastic):
-                reshape(at, row, dt, record, state)
-
-
-@ti.func
-def reshape(at, row, dt, record: ti.template(), state: ti.template()):
-    """What g2p does to dF and L of a particle of a body that flows, D being known."""
-    D = [state[row + 3 + k] for k in ti.static(range(9))]
-    E = [state[row + 12 + k] for k in ti.static(range(9))]
-    L = [state[row + 24 + k] for k in ti.static(range(9))]
-    slope = [dt * D[k] for k in ti.static(range(9))]
-    for k in ti.static(range(9)):
-        for j in ti.static(range(3)):
-            slope[k] = slope[k] - record[at + 111 + k // 3 * 3 + j] * L[3 * j + k % 3]
-    trial = [1.0 * E[k] for k in ti.static(range(9))]
-    for k in ti.static(range(9)):
-        for j in ti.static(range(3)):
-            by_shape = record[at + 111 + k // 3 * 3 + j] * E[3 * j + k % 3]
-            trial[k] = trial[k] + by_shape + (record[at + 93 + 3 * j + k % 3] / dt) * slope[k // 3 * 3 + j]
-    for k in ti.static(range(9)):
-        flowed = record[at + 129 + 9 * k] * trial[0]
-        for j in ti.static(range(1, 9)):
-            flowed = flowed + record[at + 129 + 9 * k + j] * trial[j]
-        state[row + 12 + k] = flowed
-    for k in ti.static(range(9)):
-        shape = record[at + 120 + k % 3] * (L[k // 3 * 3] + dt * D[k // 3 * 3])
-        for j in ti.static(range(1, 3)):
-            shape = shape + record[at + 120 + 3 * j + k % 3] * (L[k // 3 * 3 + j] + dt * D[k // 3 * 3 + j])
-        state[row + 24 + k] = shape

@@ -1,7 +1,7 @@
 """The forward model of the solve: unknowns in, trajectories and their derivatives out.
 
 The unknowns theta (n,) are the field's coefficients (knots, modes, 3) [m/s²] followed by the initial velocities (V,) [m/s].
-The Jacobian comes from changes that are carried along one simulation (`mpm.tangent`).
+The Jacobian comes from changes carried along one simulation, or, for bodies that flow, from a simulation per unknown.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import SimulationError
 from ..mpm.model import Model
 from ..mpm.rollout import advance, rollout_batch
 from ..mpm.state import State, Trajectory
-from ..mpm.tangent import LANES, Changes, tangents
+from ..mpm.tangent import LANES, Changes, applies_to, tangents
 from ..progress import Progress
 from .basis import SpatialBasis
 from .objective import Objective
@@ -116,6 +117,9 @@ class Forward:
 
     def window_changes(self, state: State | None, unknown: np.ndarray, offset: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
         """Positions (frames+1, N, 3) of `window` under `unknown` (n,), and (n, ...) with each of its entries changed by its offset (n,)."""
+        if not applies_to(self.rough):
+            both = self.window(state, np.concatenate([unknown[None], unknown + np.diag(offset)]), frames)
+            return both[0], both[1:]
         modes = self.shape[1]
         unit = np.eye(len(unknown))
         constant = np.repeat(unit[:, : 3 * modes].reshape(-1, 1, modes, 3), frames, axis=1)
@@ -156,16 +160,17 @@ class Forward:
         """
         which = np.flatnonzero(active)
         offset = OFFSET * scale[which]
+        moved = self._carried if applies_to(self.rough) else self._shaken
         columns: np.ndarray | None = None
-        for some, nominal, positions in self._changed(theta, which, offset):
+        for some, nominal, positions in moved(theta, which, offset):
             base = objective.residual(nominal[None])[0]
             columns = np.zeros((len(which), *base.shape), np.float32) if columns is None else columns
             columns[some] = (objective.residual(positions) - base) / offset[some, None, None]
         assert columns is not None, "no unknown is active"
         return columns
 
-    def _changed(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
-        """Positions after small changes of the unknowns `which`, in parts that memory holds."""
+    def _carried(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
+        """Positions after small changes, by carrying the changes along one simulation (`mpm.tangent`)."""
         coefficients, at_once = self.per_frame(theta), max(LANES, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x)))
         for some in _blocks(np.arange(len(which)), at_once):
             unit = np.zeros((len(some), len(theta)))
@@ -179,6 +184,20 @@ class Forward:
             nominal, change = tangents(self.rough, start, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress)
             for few in _blocks(np.arange(len(some)), COLUMNS_AT_ONCE):
                 yield some[few], nominal, nominal + offset[some[few], None, None, None] * change[few]
+
+    def _shaken(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
+        """The same by one more simulation for every change, from the picture in which its hat begins: nothing earlier can feel it."""
+        nominal = self.trajectory(theta, self.rough)
+        first = np.concatenate([np.repeat(np.argmax(self.hats > 0.0, axis=0), 3 * self.shape[1]), np.zeros(len(theta) - self.size, int)])
+        for moving in (False, True):
+            for some in _blocks(np.flatnonzero((which >= self.size) == moving), COLUMNS_AT_ONCE):
+                moved = np.repeat(theta[None], len(some), axis=0)
+                moved[np.arange(len(some)), which[some]] += offset[some]
+                velocity = moved[:, self.size :] if moving else None
+                positions = self._batch(self.rough, nominal, self.per_frame(moved), velocity, first[which[some]])
+                if not np.isfinite(positions).all():
+                    raise SimulationError("A slightly different force breaks the simulation down.", "Choose a stiffer or heavier material.")
+                yield some, nominal.x, positions
 
 
 Moved = tuple[np.ndarray, np.ndarray, np.ndarray]
