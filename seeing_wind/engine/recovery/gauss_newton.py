@@ -82,6 +82,7 @@ def solve(
     report: Callable[[int, float], None] = lambda iteration, cost: None,
     point: Linearisation | None = None,
     tolerance: float = TOLERANCE,
+    per_unknown: float = TOLERANCE_PER_UNKNOWN,
 ) -> Solution:
     """Minimise from `theta` (n,).
 
@@ -93,7 +94,7 @@ def solve(
         iterations: Jacobians at most, the one given not counted.
         report: called with the number of Jacobians so far and the cost.
         point: a linearisation near `theta` to begin with.
-        tolerance: share of the cost that a step must promise.
+        tolerance, per_unknown: what a step must promise, as a share of the cost and per unknown.
     """
     used, residual = 0, residuals(theta[None])[0] if point else np.zeros(0)
     while True:
@@ -106,7 +107,7 @@ def solve(
         for _ in range(CHORD_STEPS):
             gradient = point.jacobian @ residual + precision @ (theta - mean)
             promised = float(gradient @ np.linalg.solve(point.normal + precision, gradient))
-            if promised < max(TOLERANCE_PER_UNKNOWN * len(theta), tolerance * cost):
+            if promised < max(per_unknown * len(theta), tolerance * cost):
                 return Solution(theta, residual, cost, used, True, point)
             for damping in DAMPING:
                 trials = theta - np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in damping])

@@ -19,7 +19,7 @@ from ..records import Particles
 from .basis import SpatialBasis, hats, velocity_basis
 from .evidence import learn, mismatch_scale
 from .forward import Forward
-from .gauss_newton import TOLERANCE, Linearisation, Solution, solve
+from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, solve
 from .objective import Objective
 from .point_channels import PointChannels
 from .prior import Kernel, Places, Prior, modes_worth
@@ -33,6 +33,8 @@ COARSE_ITERATIONS, FINE_ITERATIONS = 1, 2
 """Jacobians at most; settings.iterations may lower them. Few are needed: each serves several chord steps."""
 COARSE_TOLERANCE = 0.1
 """A coarse solve has done its work when a step promises less than this share of the cost: the fine one goes on from there."""
+LAST_TOLERANCE, LAST_PER_UNKNOWN = 2e-4, 2e-3
+"""The last solve, with the sizes learnt, is settled more finely: its steps are cheap, as no Jacobian is missing."""
 SEGMENT = 16
 """Frames by which the followed part of the window grows."""
 SEGMENT_ITERATIONS = 1
@@ -106,7 +108,10 @@ class WindowSolver:
         second = self._solve(fine, prior, theta, min(left, FINE_ITERATIONS), (0.45, 0.8), "Solving finely")
         prior, point = self._learn(prior, fine, second)
         left = min(1, max(0, left - second.iterations))
-        last = self._solve(fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt", point=point)
+        last = self._solve(
+            fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt",
+            point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
+        )  # fmt: skip
         iterations = used + first.iterations + second.iterations + last.iterations
         return Found(fine, prior, last, fine.trajectory(last.theta), iterations)
 
@@ -207,6 +212,7 @@ class WindowSolver:
         active: np.ndarray | None = None,
         point: Linearisation | None = None,
         tolerance: float = TOLERANCE,
+        per_unknown: float = TOLERANCE_PER_UNKNOWN,
     ) -> Solution:
         """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
         but for its theta, which is whole."""
@@ -236,7 +242,7 @@ class WindowSolver:
         def report(iteration: int, cost: float) -> None:
             self.tell(share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1), f"{what}, iteration {iteration}", cost)
 
-        solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance)
+        solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance, per_unknown)
         return replace(solution, theta=whole(solution.theta[None])[0])
 
 
