@@ -73,6 +73,14 @@ def whole(least: int, most: int) -> Callable[[str], int]:
     return parse
 
 
+def pixel(text: str) -> tuple[float, float]:
+    """'X,Y' -> (X, Y)."""
+    parts = text.split(",")
+    if len(parts) != 2:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a point such as 120,80")
+    return finite(parts[0]), finite(parts[1])
+
+
 def fov(text: str) -> float:
     """Degrees strictly between 0 and 180."""
     value = positive(text)
@@ -122,6 +130,7 @@ def _recover(p: Parser) -> None:
     which = seen.add_mutually_exclusive_group()
     which.add_argument("--mask", metavar="PNG", help="non-zero = the object, in the first picture")
     which.add_argument("--box", type=finite, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="pixels round the object, first picture")
+    which.add_argument("--points", type=pixel, nargs="+", metavar="X,Y", help="points on the object, in pixels of the first picture")
     seen.add_argument("--tracks", metavar="NPZ", help="xy (T+1,K,2) px and visible (T+1,K), instead of tracking")
     scale = seen.add_mutually_exclusive_group()
     scale.add_argument("--depth", metavar="NPY", help="(H,W) metres along the view axis, first picture")

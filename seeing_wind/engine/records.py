@@ -206,7 +206,9 @@ class Body:
     keypoints: Attachment
     """The K tracked points of the observation on the particles (the paper's control, Eq. (13), generalised: see object/control.py)."""
     lifted: np.ndarray
-    """(T+1, K, 3) key points P^t lifted to 3D [m], NaN where never seen: a display and a start, not the target of the fit."""
+    """(T+1, K, 3) key points P^t lifted to 3D [m], NaN where never seen or not placed: a display and a start, not the target of the fit."""
+    tie_sigma: tuple[float, ...] = ()
+    """Per key point, how uncertain [px] its place is beyond what tracks placed in picture 0 have; () where all are certain."""
 
 
 @dataclass(frozen=True)
@@ -234,6 +236,8 @@ class TrackTargets:
     """(T+1, K) [px]."""
     camera: Camera
     attachment: Attachment
+    offset: np.ndarray | None = None
+    """(K,) standard deviation [px] of a constant error of each attachment, for tracks that begin after picture 0; None leaves it small."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,8 @@ class ObserveSettings:
     """PNG of the first picture, non-zero = object."""
     box: tuple[float, float, float, float] | None = None
     """X0 Y0 X1 Y1 [px] round the object in the first picture."""
+    points: tuple[float, ...] | None = None
+    """X0 Y0 X1 Y1 ... [px], points on the object in the first picture."""
     tracks: str | None = None
     """NPZ with xy (T+1,K,2) [px] and visible (T+1,K), instead of tracking."""
     depth: str | None = None

@@ -24,8 +24,11 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 
-VERSION = 1
+VERSION = 2
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
+
+LATE_OFFSET = 0.5
+"""Standard deviation [px] of the place of a track that was not there in picture 0, at best."""
 
 
 def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Progress) -> tuple[Observation, str]:
@@ -179,8 +182,16 @@ def picture_loss(settings: RecoverSettings, observation: Observation, body: Body
 
 
 def track_targets(observation: Observation, body: Body) -> TrackTargets:
-    """The observation's tracks as targets of the recovery."""
-    return TrackTargets(observation.xy, observation.visible, observation.sigma, observation.camera, body.keypoints)
+    """The observation's tracks as targets of the recovery, those left out that have no place on the body."""
+    import numpy as np
+
+    visible = observation.visible & np.isfinite(body.lifted).all(axis=-1)
+    offset = None
+    if any(body.tie_sigma):
+        # Tracks tied through the body's estimated pose share its error, so their number does not average it out.
+        sigma = np.array(body.tie_sigma)
+        offset = np.sqrt(LATE_OFFSET**2 + np.count_nonzero(sigma) * sigma**2)
+    return TrackTargets(observation.xy, visible, observation.sigma, observation.camera, body.keypoints, offset)
 
 
 def read_body(take: Take) -> Body:

@@ -52,7 +52,8 @@ def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
     check_solve(settings, clip=True, views=len(arguments.view))
     endpoint = _endpoint(arguments)
     take, seconds = Take(arguments.take), dict[str, float]()
-    observing = settings_of(ObserveSettings, arguments)
+    points = tuple(value for point in arguments.points for value in point) if arguments.points else None
+    observing = settings_of(ObserveSettings, arguments, points=points)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
     building = settings_of(BuildSettings, arguments)
     if endpoint is not None:
@@ -63,8 +64,8 @@ def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
     targets = [track_targets(observation, body)]
     for clip, camera, mask in arguments.view:
         # Depth and pins of a further view are not used: its points are found on the first view's body.
-        further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, tracks=None, depth=None, pin=None, distance=1.0)
-        further = dataclasses.replace(further, depth_model=None, prompt=None, detector_model=None)
+        further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
+        further = dataclasses.replace(further, distance=1.0, depth_model=None, prompt=None, detector_model=None)
         progress.begin("observe", f"further view {Path(clip).name}")
         targets.append(view_targets(body, observe(clip, further, progress)))
     upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))

@@ -80,11 +80,19 @@ class MaskModel:
 
     def in_box(self, picture: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
         """The mask (H, W) bool of the object in `box` (x0 y0 x1 y1 [px]) of `picture` (H, W, 3) uint8 RGB; starts a clip with it."""
+        return self._prompted(picture, np.array(box).reshape(2, 2), [2, 3])
+
+    def at_points(self, picture: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """The mask (H, W) bool of the object that `points` (P, 2) [px] of `picture` (H, W, 3) uint8 RGB lie on; starts a clip with it."""
+        return self._prompted(picture, points, [1] * len(points))
+
+    def _prompted(self, picture: np.ndarray, points: np.ndarray, labels: list[int]) -> np.ndarray:
+        """`labels` say what each point is: 1 on the object, 2 and 3 the corners of a box round it."""
         height, width = self._start(picture)
         # Pixel centres are at integers here, at halves in the network's coordinates.
         scale = torch.tensor([self._side / width, self._side / height])
-        corners = (torch.tensor(box, dtype=torch.float32).reshape(2, 2) + 0.5) * scale
-        prompt = {"point_coords": corners.reshape(1, 1, 2, 2), "point_labels": torch.tensor([[[2, 3]]], dtype=torch.int32)}
+        places = (torch.from_numpy(np.asarray(points, dtype=np.float32)) + 0.5) * scale
+        prompt = {"point_coords": places[None, None], "point_labels": torch.tensor([[labels]], dtype=torch.int32)}
         self._session.add_point_inputs(self._session.obj_id_to_idx(ONE), 0, prompt)
         self._session.obj_with_new_inputs = [ONE]
         return self._next(picture)

@@ -5,6 +5,7 @@
     lifting.py    tracks to 3D, as rigid as possible             surface.py    closed mesh for display
     gaussians.py  3D Gaussians G^0                               splatting.py  their rasteriser and fit (torch)
     ply.py        their file                                     views.py      further cameras
+    pose.py       the whole body in every picture                late.py       tracks that begin later
 """
 
 from __future__ import annotations

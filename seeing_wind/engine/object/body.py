@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+
 from ..materials import PLASTIC_LAWS, adjusted, find
 from ..progress import NoProgress, Progress
-from ..records import Body, Observation
+from ..records import Body, Observation, Particles, Surface
 from ..settings import BuildSettings
 from .gaussians import pixel_aligned
 from .keypoints import held, place, ride
+from .late import among, tie
 from .lifting import Arap, lift
 from .particles import fill
-from .relief import relief_of
+from .relief import Relief, relief_of
 from .surface import surface_of
 
 POOR_LOOK = 25.0
@@ -46,16 +49,15 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
     relief = relief_of(observation, settings.thickness)
     particles = fill(relief, settings.particles, observation.pin)
     progress.update(0.05, f"{len(particles.x)} particles in a {relief.kind}, {1000.0 * relief.thickness:.1f} mm thick")
-    points = place(observation, relief, particles)
+    surface = surface_of(relief, particles.x)
+    points, tie_sigma = _key_points(observation, relief, particles, surface, progress)
     keypoints = ride(points, observation.on_centroid, particles)
     # A body that flows forgets picture 0: its neighbourhoods are compared with the previous picture.
     arap: Arap = "previous" if material.law in PLASTIC_LAWS else "rest"
-    lifted = lift(
-        observation.camera, observation.xy, observation.visible, observation.sigma, points, held(observation, points), arap, progress
-    )
-    progress.update(0.15, f"{len(points)} key points lifted")
-    surface = surface_of(relief, particles.x)
-    progress.update(0.2, f"surface of {len(surface.vertices)} vertices")
+    visible = observation.visible & np.isfinite(points).all(axis=1)
+    sigma = np.hypot(observation.sigma, tie_sigma)
+    lifted = lift(observation.camera, observation.xy, visible, sigma, points, held(observation, points), arap, progress)
+    progress.update(0.2, f"{len(points)} key points lifted, surface of {len(surface.vertices)} vertices")
     from .splatting import fit  # brings torch: here, so that the rest of this room loads fast
 
     rough = pixel_aligned(relief, observation.image, particles.x)
@@ -63,7 +65,31 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
     if quality < POOR_LOOK:
         progress.warn(f"The Gaussians show the object with {quality:.1f} dB only; forces do not depend on it.")
     progress.update(1.0, f"{len(gaussians.x)} Gaussians, {quality:.1f} dB", psnr=round(quality, 2))
-    return Body(particles=particles, material=material, gaussians=gaussians, surface=surface, keypoints=keypoints, lifted=lifted)
+    return Body(
+        particles=particles,
+        material=material,
+        gaussians=gaussians,
+        surface=surface,
+        keypoints=keypoints,
+        lifted=lifted,
+        tie_sigma=tuple(tie_sigma.tolist()),
+    )
+
+
+def _key_points(
+    observation: Observation, relief: Relief, particles: Particles, surface: Surface, progress: Progress
+) -> tuple[np.ndarray, np.ndarray]:
+    """Key points (K, 3) in picture 0 [m], NaN for tracks without a place, and the standard deviation of a later one's place (K,) [px]."""
+    points = place(observation, relief, particles)
+    seen = observation.visible & np.isfinite(observation.xy).all(axis=-1)
+    first = np.where(seen.any(axis=0) & ~observation.on_centroid, seen.argmax(axis=0), -1)
+    apart = (first > 0) & ~among(observation, first)
+    if not apart.any():
+        return points, np.zeros(len(points))
+    ties, sigma = tie(observation, surface, points, np.where(apart | (first == 0), first, -1), progress)
+    placed = apart & np.isfinite(ties).all(axis=1)
+    progress.update(0.1, f"{int(placed.sum())} of {int(apart.sum())} later tracks tied to the body")
+    return np.where(apart[:, None], ties, points), np.where(placed, sigma, 0.0)
 
 
 class _Share(Progress):

@@ -168,33 +168,53 @@ class _Picture:
     def _rigidity(
         self, points: np.ndarray, reference: np.ndarray, rotation: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
     ) -> None:
-        """Add the edges (P_j - P_i) - R_i (Q_j - Q_i), projected onto what no small rotation of neighbourhood i can mend."""
-        count, fan = self.edges.shape
+        """Add the edges (P_j - P_i) - R_i (Q_j - Q_i)."""
         turned = np.matmul(reference[self.edges] - reference[:, None], rotation.transpose(0, 2, 1))  # (K, J, 3)
-        residual = points[self.edges] - points[:, None] - turned
-        inverse = 1.0 / (EDGE_SIGMA * self.edge) ** 2
-        project = np.broadcast_to(np.eye(3 * fan), (count, 3 * fan, 3 * fan)) * inverse
-        if self.arap == "difference":
-            # Eq. (12) has the length of the difference, not its square: reweighted, with a floor where it vanishes.
-            length = np.linalg.norm(residual, axis=-1)
-            weight = EDGE_SIGMA * self.edge / np.maximum(length, 0.1 * EDGE_SIGMA * self.edge)
-            project = project * np.repeat(weight, 3, axis=1)[:, :, None]
-        else:
-            turn = _cross_matrices(turned).reshape(count, 3 * fan, 3)
-            inner = np.matmul(turn.transpose(0, 2, 1), turn)
-            inner = inner + 1e-9 * np.trace(inner, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
-            project = project - inverse * np.matmul(turn, np.linalg.solve(inner, turn.transpose(0, 2, 1)))
-        # d residual_j = dP_j - dP_i: spread the (3J x 3J) block to the points of the fan, the centre last with the negative sum.
-        spread = np.zeros((3 * fan, 3 * (fan + 1)))
-        spread[:, : 3 * fan] = np.eye(3 * fan)
-        spread[:, 3 * fan :] = -np.tile(np.eye(3), (fan, 1))
-        block = np.matmul(spread.T, np.matmul(project, spread))
-        slope = np.matmul(spread.T, np.matmul(project, residual.reshape(count, -1, 1)))[..., 0]
-        node = np.concatenate([self.edges, np.arange(count)[:, None]], axis=1)
-        row = (3 * node[:, :, None] + np.arange(3)).reshape(count, -1)
-        flat = (row[:, :, None] * (3 * count) + row[:, None, :]).ravel()
-        hessian += np.bincount(flat, block.ravel(), minlength=(3 * count) ** 2).reshape(hessian.shape)
-        gradient += np.bincount(row.ravel(), slope.ravel(), minlength=3 * count).reshape(gradient.shape)
+        rigidity(points, self.edges, turned, EDGE_SIGMA * self.edge, hessian, gradient, difference=self.arap == "difference")
+
+
+def rigidity(
+    points: np.ndarray,
+    edges: np.ndarray,
+    turned: np.ndarray,
+    sigma: float,
+    hessian: np.ndarray,
+    gradient: np.ndarray,
+    *,
+    difference: bool = False,
+) -> None:
+    """Add the edges (P_j - P_i) - R_i (Q_j - Q_i) to a least-squares problem.
+
+    Args:
+        points: (K, 3) P [m]; edges: (K, J) neighbours; turned: (K, J, 3) R_i (Q_j - Q_i) [m].
+        sigma: allowed change of an edge [m].
+        hessian: (K, 3, K, 3) and gradient: (K, 3), added to.
+        difference: the paper's Eq. (12); otherwise the edges are projected onto what no small rotation of neighbourhood i can mend.
+    """
+    count, fan = edges.shape
+    residual = points[edges] - points[:, None] - turned
+    inverse = 1.0 / sigma**2
+    project = np.broadcast_to(np.eye(3 * fan), (count, 3 * fan, 3 * fan)) * inverse
+    if difference:
+        # Eq. (12) has the length of the difference, not its square: reweighted, with a floor where it vanishes.
+        weight = sigma / np.maximum(np.linalg.norm(residual, axis=-1), 0.1 * sigma)
+        project = project * np.repeat(weight, 3, axis=1)[:, :, None]
+    else:
+        turn = _cross_matrices(turned).reshape(count, 3 * fan, 3)
+        inner = np.matmul(turn.transpose(0, 2, 1), turn)
+        inner = inner + 1e-9 * np.trace(inner, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
+        project = project - inverse * np.matmul(turn, np.linalg.solve(inner, turn.transpose(0, 2, 1)))
+    # d residual_j = dP_j - dP_i: spread the (3J x 3J) block to the points of the fan, the centre last with the negative sum.
+    to_points = np.zeros((3 * fan, 3 * (fan + 1)))
+    to_points[:, : 3 * fan] = np.eye(3 * fan)
+    to_points[:, 3 * fan :] = -np.tile(np.eye(3), (fan, 1))
+    block = np.matmul(to_points.T, np.matmul(project, to_points))
+    slope = np.matmul(to_points.T, np.matmul(project, residual.reshape(count, -1, 1)))[..., 0]
+    node = np.concatenate([edges, np.arange(count)[:, None]], axis=1)
+    row = (3 * node[:, :, None] + np.arange(3)).reshape(count, -1)
+    flat = (row[:, :, None] * (3 * count) + row[:, None, :]).ravel()
+    hessian += np.bincount(flat, block.ravel(), minlength=(3 * count) ** 2).reshape(hessian.shape)
+    gradient += np.bincount(row.ravel(), slope.ravel(), minlength=3 * count).reshape(gradient.shape)
 
 
 def best_rotations(rest: np.ndarray, points: np.ndarray, edges: np.ndarray) -> np.ndarray:

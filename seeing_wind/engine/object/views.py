@@ -32,17 +32,20 @@ def view_targets(body: Body, observation: Observation) -> TrackTargets:
     )
 
 
-def surface_points(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First crossing of the pixels' rays in picture 0 with a triangle mesh.
+def surface_points(
+    vertices: np.ndarray, triangles: np.ndarray, camera: Camera, xy: np.ndarray, frame: int = 0, rest: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """First crossing of the pixels' rays in picture `frame` with a triangle mesh.
 
     Args:
-        vertices: (V, 3) [m]; triangles: (M, 3); xy: (K, 2) [px].
+        vertices: (V, 3) in that picture [m]; triangles: (M, 3); xy: (K, 2) [px].
+        rest: (V, 3) the vertices in another picture [m], in which the points are wanted; None takes `vertices`.
 
     Returns:
         points (K, 3) [m] (NaN where the ray misses) and hit (K,) bool. Moeller and Trumbore 1997, all pairs at once.
     """
-    origin = camera.pose(0)[:3, 3]
-    direction = camera.unproject(xy, np.ones(len(xy))) - origin
+    origin = camera.pose(frame)[:3, 3]
+    direction = camera.unproject(xy, np.ones(len(xy)), frame) - origin
     a, b, c = (vertices[triangles[:, i]] for i in range(3))
     edge1, edge2 = b - a, c - a
     p = np.cross(direction[:, None], edge2[None])
@@ -54,7 +57,10 @@ def surface_points(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, 
         v = direction @ q.T / determinant
         t = (q * edge2).sum(-1) / determinant
     t = np.where((np.abs(determinant) > 1e-15) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0), t, np.inf)
-    nearest = t.min(axis=1, initial=np.inf)
-    hit = np.isfinite(nearest)
-    points = np.where(hit[:, None], origin + np.where(hit, nearest, 0.0)[:, None] * direction, np.nan)
+    hit = np.isfinite(t).any(axis=1)
+    points = np.full((len(xy), 3), np.nan)
+    if hit.any():
+        ray, triangle = np.flatnonzero(hit), t[hit].argmin(axis=1)
+        share = np.stack([1.0 - u[ray, triangle] - v[ray, triangle], u[ray, triangle], v[ray, triangle]], axis=1)
+        points[ray] = (share[:, :, None] * (vertices if rest is None else rest)[triangles[triangle]]).sum(axis=1)
     return points, hit

@@ -23,6 +23,9 @@ STEADY = 5.0
 SHADOW_TINT = 0.07
 """Relative difference between the channels' darkening up to which it is a shadow: sky light tints shadows a little."""
 
+FIRST_SIGHTS = 3
+"""Pictures, from the first on, that must agree on what is behind the object where the whole clip does not."""
+
 LONGEST_MEDIAN = 31
 """Pictures that enter a temporal median, spread over the clip: more cost memory and change nothing."""
 
@@ -115,6 +118,25 @@ def without_object(plate: Plate, picture: np.ndarray, mask: np.ndarray) -> Plate
     stayed = cv2.morphologyEx((same & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     reach = cv2.dilate(stayed, np.ones((9, 9), np.uint8)) > 0
     return Plate(plate.color, plate.reliable & ~reach, plate.noise)
+
+
+def with_first_sight(plate: Plate, frames: np.ndarray, mask: np.ndarray) -> Plate:
+    """The plate with what the first pictures show off the object, where the median is not to be trusted.
+
+    An object that comes to rest, or turns in one place for half of the clip, leaves no steady median there; the pictures before it came
+    do show what is behind it.
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0.
+    """
+    if len(frames) <= FIRST_SIGHTS:
+        return plate
+    first = frames[:FIRST_SIGHTS]
+    seen = ~plate.reliable & (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0)
+    for picture in first[1:]:
+        seen &= _largest(cv2.absdiff(picture, first[0])) < 4.0 * plate.noise
+    color = np.where(seen[..., None], _median(first), plate.color)
+    return Plate(color, plate.reliable | seen, plate.noise)
 
 
 def plate_behind(frames: np.ndarray, masks: np.ndarray, before: Plate, progress: Progress) -> Plate:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ..progress import Progress
+from ..progress import NoProgress, Progress
 from ..records import Camera
 
 
@@ -33,6 +33,10 @@ class Lens:
             progress.check()
             out[t] = cv2.remap(picture, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         return out
+
+    def straight_one(self, picture: np.ndarray) -> np.ndarray:
+        """One picture (H, W, 3) as `straight`."""
+        return self.straight(picture[None], NoProgress())[0].copy()
 
     def straight_map(self, values: np.ndarray, outside: float = 0.0) -> np.ndarray:
         """A mask or depth map (H, W) of the filmed picture over the straightened one; `outside` the filmed part."""

@@ -19,24 +19,32 @@ LEAST_PIXELS = 12
 GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
 
-NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, or --mask with a PNG."
+SEED = 0.012
+"""Radius of the disc round a point that is surely the object, in units of the picture's shorter side."""
+
+LARGEST_OF_POINTS = 0.6
+"""Part of the picture beyond which what was found from points is the background."""
+
+NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, --points X,Y ..., or --mask with a PNG."
 
 
 def first_mask(settings: ObserveSettings, picture: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
     """The object (H, W) bool in `picture` (H, W, 3) uint8 RGB.
 
-    `settings.mask` comes first, then `settings.box`, then the extent of a depth map that is infinite off the object, then the one
-    thing that differs from `plate`, the background of a camera that stands still (None when it moves).
+    `settings.mask` comes first, then `settings.box`, then `settings.points`, then the extent of a depth map that is infinite off the
+    object, then the one thing that differs from `plate`, the background of a camera that stands still (None when it moves).
 
     Raises:
         ObjectError: nothing there, or too little.
-        UsageError: a mask of another size or unreadable, a box outside the picture or without area.
+        UsageError: a mask of another size or unreadable, a box or a point outside the picture, a box without area.
     """
     height, width = picture.shape[:2]
     if settings.mask is not None:
         mask = read_mask(settings.mask, height, width)
     elif settings.box is not None:
         mask = mask_in_box(picture, settings.box, plate, progress)
+    elif settings.points is not None:
+        mask = mask_from_points(picture, point_list(settings.points, height, width), plate, progress)
     elif settings.depth is not None and not np.isfinite(depth := read_depth(settings.depth, height, width)).all():
         mask = np.isfinite(depth) & (depth > 0)
     else:
@@ -105,6 +113,82 @@ def mask_in_box(picture: np.ndarray, box: tuple[float, float, float, float], pla
             f"Nothing in the box {_numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
         )
     return mask
+
+
+def point_list(points: tuple[float, ...], height: int, width: int) -> np.ndarray:
+    """The flat `points` X0 Y0 X1 Y1 ... as (P, 2) [px].
+
+    Raises:
+        UsageError: no point, half a point, or one outside the picture.
+    """
+    if not points or len(points) % 2 or not np.isfinite(points).all():
+        raise UsageError(f"The points {_numbers(points)} are no pairs of pixels.", "Give --points X,Y [X,Y ...], each on the object.")
+    pairs = np.array(points, dtype=np.float64).reshape(-1, 2)
+    outside = (pairs < -0.5).any(axis=1) | (pairs[:, 0] > width - 0.5) | (pairs[:, 1] > height - 0.5)
+    if outside.any():
+        raise UsageError(f"The point {_numbers(tuple(pairs[outside][0]))} lies outside the {width}x{height} picture.", NEITHER)
+    return pairs
+
+
+def mask_from_points(picture: np.ndarray, points: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
+    """The object (H, W) bool that `points` (P, 2) [px] lie on.
+
+    What differs from the background of a camera that stands still, where every point lies on it; otherwise what has the colours at the
+    points rather than those of the rest, by GrabCut, as far as it hangs together with them. Points on all its colours help.
+
+    Raises:
+        ObjectError: what is found is next to nothing, or nearly the whole picture.
+    """
+    height, width = picture.shape[:2]
+    seeds = np.zeros((height, width), np.uint8)
+    radius = max(2, round(SEED * min(height, width)))
+    for x, y in np.round(points).astype(int):
+        cv2.circle(seeds, (int(x), int(y)), radius, 1, -1)
+    found = _changed_at(picture, seeds, points, plate, progress)
+    if found is None:
+        found = _coloured_as(picture, seeds, points, progress)
+    # Hardly more than the discs round the points: their colours are everywhere, and nothing was added to them.
+    if not max(LEAST_PIXELS, 1.5 * seeds.sum()) <= found.sum() <= LARGEST_OF_POINTS * found.size:
+        raise ObjectError(
+            f"What the points lie on covers {int(found.sum())} pixels and is told from its surroundings by neither colour nor motion.",
+            "Set more points, on all of its colours, or draw a --box round it.",
+        )
+    return found
+
+
+def _changed_at(picture: np.ndarray, seeds: np.ndarray, points: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray | None:
+    """The moving things under the points, cut along their edges; None where a point is on nothing that moves."""
+    if plate is None:
+        return None
+    changed = (plate.difference(picture) > 6.0 * plate.noise) | ~plate.reliable
+    _, labels = cv2.connectedComponents(cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)))
+    column, row = np.round(points).astype(int).T
+    own = np.unique(labels[row, column])
+    if not own.all():
+        return None
+    # Part of it is the background that the object moves over, or a shadow that moves along: the colours tell.
+    trimap = np.where(np.isin(labels, own), cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
+    relit = plate.relit(picture, (0, 0, picture.shape[1], picture.shape[0]))
+    if relit[seeds > 0].mean() < 0.5:
+        trimap[relit] = cv2.GC_BGD
+    trimap[seeds > 0] = cv2.GC_FGD
+    return tidy(grab_cut(picture, trimap, 5, progress), seeds > 0)
+
+
+def _coloured_as(picture: np.ndarray, seeds: np.ndarray, points: np.ndarray, progress: Progress) -> np.ndarray:
+    trimap = np.full(seeds.shape, cv2.GC_PR_BGD, np.uint8)
+    hull = np.zeros_like(seeds)
+    cv2.fillConvexPoly(hull, cv2.convexHull(np.round(points).astype(np.int32)), 1)
+    trimap[hull > 0] = cv2.GC_PR_FGD
+    rim = max(1, min(seeds.shape) // 50)
+    edge = np.ones(seeds.shape, bool)
+    edge[rim:-rim, rim:-rim] = False
+    trimap[edge] = cv2.GC_BGD
+    trimap[seeds > 0] = cv2.GC_FGD
+    found = grab_cut(picture, trimap, 6, progress)
+    _, labels = cv2.connectedComponents(found.astype(np.uint8), connectivity=4)
+    own = np.unique(labels[(seeds > 0) & found])
+    return tidy(np.isin(labels, own[own > 0]), seeds > 0)
 
 
 def _cut_box(crop: np.ndarray, trimap: np.ndarray, changed: np.ndarray | None, progress: Progress) -> np.ndarray:

@@ -17,7 +17,7 @@ from .camera import read_camera
 from .clip import Clip
 from .depth import read_depth
 from .lens import Lens
-from .mask import LEAST_PIXELS, first_mask, mask_in_box
+from .mask import LEAST_PIXELS, first_mask, mask_in_box, point_list
 from .motion import Flow, FlowSolver, window_of
 from .tracks import find_corners
 
@@ -31,8 +31,8 @@ def check_networks(settings: ObserveSettings) -> None:
         raise UsageError("--prompt and --detector-model belong together.", "Give the words, and the network that finds them.")
     if settings.prompt is not None and not settings.prompt.strip():
         raise UsageError("The prompt is empty.", "Say in a word or two what the object is.")
-    if settings.prompt is not None and (settings.mask or settings.box):
-        raise UsageError("The object is marked by words and by a mask or box.", "Give one of them.")
+    if settings.prompt is not None and (settings.mask or settings.box or settings.points):
+        raise UsageError("The object is marked by words and by a mask, box or points.", "Give one of them.")
     if settings.depth and settings.depth_model:
         raise UsageError("--depth and --depth-model contradict each other.", "Give one of them.")
     if settings.tracks and settings.track_model:
@@ -70,12 +70,16 @@ def first_outline(settings: ObserveSettings, picture: np.ndarray, plate: Plate |
         from ..models.masks import find_box
 
         box = find_box(settings.detector_model, settings.prompt, picture, progress)
-    if box is not None and settings.mask is None and settings.mask_model is not None:
+    if (box is not None or settings.points is not None) and settings.mask is None and settings.mask_model is not None:
         from ..models.masks import MaskModel
 
-        mask = MaskModel(settings.mask_model).in_box(picture, box)
+        network = MaskModel(settings.mask_model)
+        if box is not None:
+            mask = network.in_box(picture, box)
+        else:
+            mask = network.at_points(picture, point_list(settings.points or (), *picture.shape[:2]))
         if mask.sum() < LEAST_PIXELS:
-            raise ObjectError(f"{settings.mask_model} finds nothing in the box.", "Draw it closer, or give --mask with a PNG.")
+            raise ObjectError(f"{settings.mask_model} finds nothing there.", "Mark it more closely, or give --mask with a PNG.")
         return mask
     if box is not None and settings.mask is None:
         return mask_in_box(picture, box, plate, progress)

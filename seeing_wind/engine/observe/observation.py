@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from ..errors import ObjectError
 from ..progress import Progress
 from ..records import Observation
 from ..settings import ObserveSettings
-from .background import Plate, clean_plate, median_plate, plate_behind, stands_still, without_object
+from .background import Plate, clean_plate, median_plate, plate_behind, stands_still, with_first_sight, without_object
 from .camera import find_camera
 from .clip import Clip, read_clip
 from .defects import check_pictures, tell_defects
 from .depth import object_depth, typical_depth
 from .follow import MaskFollower
 from .lens import Lens
-from .mask import read_mask
+from .mask import point_list, read_mask
 from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
 from .shake import as_filmed, camera_turns, steadied, turning
 from .threads import one_thread
-from .tracks import Tracker, find_corners
+from .tracks import find_corners
 from .tracks_centroid import centroid_track
 from .tracks_file import read_tracks
+from .tracks_reseed import Generations
+from .working_size import WorkingSize, working_scale
 
 ENOUGH = 6
 """Corner tracks in sight from which the body's motion is known better by them than by its silhouette."""
@@ -35,6 +39,10 @@ FEW_PATCHES = 900
 
 SILHOUETTE = 0.02
 """A turning body's silhouette has its centroid off the body's own by about this part of its size."""
+
+
+ROUND_POINT = 0.25
+"""About how far the object may reach from a point on it, in units of the picture's shorter side."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +69,19 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
     progress.update(0.0, "reading the clip")
     clip = read_clip(path, settings.frames, settings.fps, progress)
     check_pictures(clip.frames, clip.first_frame, progress)
+    height, width = clip.frames.shape[1:3]
+    scale = working_scale(settings, height, width)
+    if scale == 1.0:
+        return _seen(clip, settings, progress)
+    size = WorkingSize(height, width, scale)
+    with tempfile.TemporaryDirectory(prefix="seeing_wind_") as folder:
+        return size.observation(_seen(size.clip(clip), size.settings(settings, clip, Path(folder)), progress), clip)
+
+
+def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observation:
+    """The observation of a clip at the size at which it is."""
     pictures, height, width = clip.frames.shape[:3]
-    around = read_mask(settings.mask, height, width) if settings.mask else _box_area(settings, height, width)
+    around = _marked_area(settings, height, width)
     known_depth, depth_name = first_depth(settings, clip, progress)
     depth_of_object = typical_depth(known_depth, around)
     camera, distance = find_camera(settings, width, height, pictures, clip.first_frame, depth_of_object, progress)
@@ -84,7 +103,8 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
     progress.update(0.1, "following the object")
     pin = _pin(settings, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
-    plate = without_object(plate, clip.frames[0], mask) if plate is not None else None
+    if plate is not None:
+        plate = with_first_sight(without_object(plate, clip.frames[0], mask), clip.frames, mask)
     masks, tracks = _follow(clip, mask, plate, lens, settings, progress)
     tell_defects(clip.frames, masks, progress)
     progress.update(0.95, "background")
@@ -127,16 +147,29 @@ def _depth_map(
 
 
 def _straight(settings: ObserveSettings, lens: Lens) -> ObserveSettings:
-    """The settings with their box in the pinhole's pixels."""
-    return replace(settings, box=lens.straight_box(settings.box)) if settings.box is not None and lens.bends else settings
+    """The settings with their box or points in the pinhole's pixels."""
+    if not lens.bends:
+        return settings
+    if settings.box is not None:
+        return replace(settings, box=lens.straight_box(settings.box))
+    if settings.points is not None and len(settings.points) % 2 == 0:
+        straight = lens.straight_points(np.array(settings.points, dtype=np.float64).reshape(-1, 2))
+        return replace(settings, points=tuple(float(value) for value in straight.ravel()))
+    return settings
 
 
-def _box_area(settings: ObserveSettings, height: int, width: int) -> np.ndarray:
-    area = np.zeros((height, width), bool)
+def _marked_area(settings: ObserveSettings, height: int, width: int) -> np.ndarray:
+    """(H, W) bool: about where a mask, box or points say that the object is; nowhere without them."""
+    if settings.mask:
+        return read_mask(settings.mask, height, width)
+    area = np.zeros((height, width), np.uint8)
     if settings.box is not None and np.isfinite(settings.box).all():
         x0, y0, x1, y1 = (int(value) for value in np.clip(settings.box, 0, max(height, width)))
-        area[y0 : y1 + 1, x0 : x1 + 1] = True
-    return area
+        area[y0 : y1 + 1, x0 : x1 + 1] = 1
+    elif settings.box is None and settings.points is not None:
+        for x, y in np.round(point_list(settings.points, height, width)).astype(int):
+            cv2.circle(area, (int(x), int(y)), round(ROUND_POINT * min(height, width)), 1, -1)
+    return area > 0
 
 
 def _pin(settings: ObserveSettings, mask: np.ndarray, lens: Lens) -> np.ndarray:
@@ -163,8 +196,9 @@ def _follow(
     elif settings.track_model:
         given = network_tracks(settings.track_model, frames, mask, progress)
     corners = find_corners(frames[0], mask) if given is None else np.zeros((0, 2))
-    tracker = Tracker(frames[0], mask, corners)
-    rows = [(tracker.xy, tracker.visible, tracker.sigma)]
+    # A body of a few patches or corners is followed by its silhouette where they are lost: new ones would be as few.
+    reseed = len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
+    points = Generations(frames[0], mask, corners, reseed=reseed)
     masks = [mask]
     carried: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
         network_masks(settings.mask_model, frames, mask, progress)
@@ -172,16 +206,16 @@ def _follow(
         else _carry(frames, mask, plate, progress, 0.1, 0.7)
     )
     for new, follower in carried:
-        tracker.advance(frames[len(masks)], follower.flow, new)
+        points.advance(frames[len(masks)], follower.flow, new)
         masks.append(new)
-        rows.append((tracker.xy, tracker.visible, tracker.sigma))
     _tell_lost(np.stack(masks), progress)
     if given is not None:
         return np.stack(masks), _Tracks(*given, np.zeros(given[0].shape[1], bool))
-    xy, visible, sigma = (np.stack(column) for column in zip(*rows))
-    found = _Tracks(xy, visible, sigma, np.zeros(len(corners), bool))
+    xy, visible, sigma = points.tracks()
+    found = _Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool))
     seen = np.array([one.any() for one in masks])
-    enough = visible.sum(axis=1) >= ENOUGH
+    # Later tracks do not count: only those of picture 0 say for certain where on the body they are.
+    enough = visible[:, : len(corners)].sum(axis=1) >= ENOUGH
     if enough[seen].all():
         return np.stack(masks), found
     if plate is not None and not settings.mask_model:

@@ -27,7 +27,7 @@ def read_tracks(
     Raises:
         UsageError: unreadable, keys or shapes wrong, values not finite, or no track on the object.
     """
-    xy, visible, sigma = _load(path)
+    xy, visible, sigma = load_tracks(path)
     if xy.ndim != 3 or xy.shape[2] != 2 or visible.shape != xy.shape[:2] or sigma.shape not in ((), xy.shape[:2]):
         raise UsageError(f"The tracks {path} have xy {xy.shape} and visible {visible.shape}.", SHAPES)
     sigma = np.broadcast_to(sigma, visible.shape)
@@ -56,7 +56,12 @@ def read_tracks(
     return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]
 
 
-def _load(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def load_tracks(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """xy, visible and sigma of a track file as they are, sigma a single number where the file has none.
+
+    Raises:
+        UsageError: unreadable, or without xy and visible.
+    """
     try:
         with np.load(path, allow_pickle=False) as file:
             missing = [key for key in ("xy", "visible") if key not in file]

@@ -98,6 +98,8 @@ def test_sam_masks_have_the_clips_size_and_follow_every_picture(folders: Path) -
     model = MaskModel(str(tiny.sam2(folders / "sam2")))
     first = model.in_box(PICTURE, (10.0, 10.0, 40.0, 30.0))
     assert first.shape == (48, 64) and first.dtype == bool
+    pointed = model.at_points(PICTURE, np.array([[20.0, 15.0], [30.0, 25.0]]))
+    assert pointed.shape == (48, 64) and pointed.dtype == bool
     mask = np.zeros((48, 64), bool)
     mask[10:30, 10:40] = True
     frames = np.stack([PICTURE, PICTURE[::-1], PICTURE[:, ::-1]])

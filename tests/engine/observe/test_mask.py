@@ -7,11 +7,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scenes import HEIGHT, WIDTH, Scene
+from scenes import HEIGHT, WIDTH, Scene, moving_body, noise
 
+from seeing_wind.engine.arguments import parser
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.mask import read_mask
+from seeing_wind.engine.observe.background import median_plate, with_first_sight
+from seeing_wind.engine.observe.mask import mask_from_points, read_mask
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
@@ -30,6 +32,41 @@ def test_loose_box(disc: Scene) -> None:
     x0, y0, x1, y1 = disc.box
     seen = observe(disc.path, ObserveSettings(box=(x0 - 9.5, y0 - 8.2, x1 + 8, y1 + 9), distance=1.0), NoProgress())
     assert overlap(seen.masks, disc.masks).min() > 0.9
+
+
+def test_points_on_what_moves(disc: Scene) -> None:
+    middle = disc.centers[0]
+    seen = observe(disc.path, ObserveSettings(points=(middle[0], middle[1]), distance=1.0), NoProgress())
+    assert overlap(seen.masks, disc.masks).min() > 0.93
+
+
+def test_points_where_no_background_is_known(disc: Scene) -> None:
+    ring = disc.centers[0] + 18.0 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    found = mask_from_points(disc.frames[0], ring, None, NoProgress())
+    assert overlap(found[None], disc.masks[:1])[0] > 0.85
+    aside = mask_from_points(disc.frames[0], ring[:3], None, NoProgress())
+    assert (aside & ~disc.masks[0]).sum() < 0.1 * disc.masks[0].sum(), "it stays with what the points lie on"
+
+
+def test_points_by_the_command_line(disc: Scene, tmp_path: Path) -> None:
+    words = ["recover", str(disc.path), "--take", str(tmp_path / "a.take")]
+    assert parser().parse_args([*words, "--points", "12,30.5", "40,31"]).points == [(12.0, 30.5), (40.0, 31.0)]
+    for wrong in (["--points", "12"], ["--points", "a,b"], ["--points", "1,2", "--box", "0", "0", "9", "9"]):
+        with pytest.raises(UsageError):
+            parser().parse_args([*words, *wrong])
+
+
+@pytest.mark.parametrize("points", [(), (3.0,), (4.0, 500.0), (np.nan, 3.0)])
+def test_points_refused(disc: Scene, points: tuple[float, ...]) -> None:
+    with pytest.raises(UsageError) as caught:
+        observe(disc.path, ObserveSettings(points=points, distance=1.0, frames=(0, 3)), NoProgress())
+    assert caught.value.hint
+
+
+def test_points_on_the_background_are_told(disc: Scene) -> None:
+    with pytest.raises(ObjectError) as caught:
+        observe(disc.path, ObserveSettings(points=(200.0, 20.0), distance=1.0, frames=(0, 3)), NoProgress())
+    assert "--box" in caught.value.hint
 
 
 def test_mask_file_is_taken_as_it_is(disc: Scene, tmp_path: Path) -> None:
@@ -113,3 +150,18 @@ def test_pin(disc: Scene, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "off.png"), np.roll(pin, 100, axis=0) * 0)
     with pytest.raises(ObjectError, match="pinned"):
         observe(disc.path, ObserveSettings(box=disc.box, pin=str(tmp_path / "off.png"), distance=1.0, frames=(0, 2)), NoProgress())
+
+
+def test_background_is_known_where_the_object_comes_to_turn(tmp_path: Path) -> None:
+    """Half of the clip it turns in one place, which it left free at first: the median there is neither it nor the background."""
+    t = np.arange(15.0)
+    texture = noise(np.random.default_rng(2), (90, 90), (120, 40, 20), (255, 200, 110), 1.6)
+    scene = moving_body(tmp_path, np.stack([np.minimum(50 + 20 * t, 150), 80 + 0 * t], axis=1), 0.4 * t, 30.0, texture)
+    plate = median_plate(scene.frames, NoProgress())
+    place = scene.masks[-1] & ~scene.masks[0]
+    assert plate.reliable[place].mean() < 0.5
+    better = with_first_sight(plate, scene.frames, scene.masks[0])
+    assert better.reliable[place].mean() > 0.95 and not (plate.reliable & ~better.reliable).any()
+    assert np.abs(better.color[place].astype(int) - scene.frames[0][place]).mean() < 3
+    seen = observe(scene.path, ObserveSettings(box=scene.box, distance=1.0), NoProgress())
+    assert overlap(seen.masks, scene.masks).min() > 0.9

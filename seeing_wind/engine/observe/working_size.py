@@ -1,0 +1,161 @@
+"""Clips of high resolution are looked at in a smaller copy; what is found is reported in the file's own pixels.
+
+Tracks and outlines gain nothing from thousands of pixels, while every part takes time in proportion. The files that the user named for
+the clip's size are written smaller beside each other in a temporary folder, once they have been checked at their own size.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ..records import Camera, Observation
+from ..settings import ObserveSettings
+from .camera import read_camera
+from .clip import Clip
+from .depth import read_depth
+from .lens import Lens
+from .mask import point_list, read_mask
+from .tracks_file import load_tracks
+from .transforms import LENS
+
+LONGEST = 1280
+"""Pixels of the picture's longer side that are enough."""
+
+LEAST_OBJECT = 160
+"""Pixels of the object's longer side below which a smaller copy would lose its pattern."""
+
+ALIKE = 12
+"""Grey levels within which picture 0 shows the background that was found, only sharper."""
+
+
+def working_scale(settings: ObserveSettings, height: int, width: int) -> float:
+    """The factor, at most 1, to look at pictures of `height` and `width` with.
+
+    Raises:
+        UsageError: a mask that cannot be read.
+    """
+    scale = LONGEST / max(height, width)
+    side = float(max(height, width))
+    if settings.mask is not None:
+        rows, columns = np.nonzero(read_mask(settings.mask, height, width))
+        side = float(max(np.ptp(rows), np.ptp(columns)) + 1) if len(rows) else side
+    elif settings.box is not None and np.isfinite(settings.box).all():
+        side = max(settings.box[2] - settings.box[0], settings.box[3] - settings.box[1], 1.0)
+    return min(1.0, max(scale, LEAST_OBJECT / side))
+
+
+class WorkingSize:
+    """A clip's own size (H, W) and the one at which it is looked at."""
+
+    def __init__(self, height: int, width: int, scale: float) -> None:
+        self.file = (height, width)
+        self.work = (round(height * scale), round(width * scale))
+        self._factor = np.array([width / self.work[1], height / self.work[0]])
+        """File pixels per working pixel, x and y."""
+
+    def inward(self, xy: np.ndarray) -> np.ndarray:
+        """Pixels (..., 2) of the file in the working copy; pixel centres are at integers in both."""
+        return (np.asarray(xy, dtype=np.float64) + 0.5) / self._factor - 0.5
+
+    def outward(self, xy: np.ndarray) -> np.ndarray:
+        """The inverse of `inward`."""
+        return (xy + 0.5) * self._factor - 0.5
+
+    def clip(self, clip: Clip) -> Clip:
+        """The smaller copy."""
+        frames = np.empty((len(clip.frames), *self.work, 3), np.uint8)
+        for t, picture in enumerate(clip.frames):
+            frames[t] = cv2.resize(picture, self.work[::-1], interpolation=cv2.INTER_AREA)
+        return replace(clip, frames=frames)
+
+    def settings(self, settings: ObserveSettings, clip: Clip, folder: Path) -> ObserveSettings:
+        """The settings for the smaller copy of `clip`, with smaller copies of their files in `folder`.
+
+        Raises:
+            UsageError: as the readers of those files say, in the file's own pixels.
+        """
+        changes: dict[str, object] = {}
+        for name, what in (("mask", "mask"), ("pin", "pin mask")):
+            path = getattr(settings, name)
+            if path is not None:
+                changes[name] = str(folder / f"{name}.png")
+                small = cv2.resize(read_mask(path, *self.file, what).astype(np.float32), self.work[::-1], interpolation=cv2.INTER_AREA)
+                cv2.imwrite(str(folder / f"{name}.png"), (small >= 0.5).astype(np.uint8) * 255)
+        if settings.depth is not None:
+            depth = read_depth(settings.depth, *self.file)
+            changes["depth"] = str(folder / "depth.npy")
+            np.save(folder / "depth.npy", cv2.resize(depth, self.work[::-1], interpolation=cv2.INTER_NEAREST))
+        if settings.camera is not None:
+            camera = read_camera(settings.camera, self.file[1], self.file[0], len(clip.frames), clip.first_frame)
+            changes["camera"] = str(folder / "camera.json")
+            (folder / "camera.json").write_text(json.dumps(self._camera(camera)), encoding="utf-8")
+        if settings.tracks is not None:
+            xy, visible, sigma = load_tracks(settings.tracks)
+            changes["tracks"] = str(folder / "tracks.npz")
+            np.savez(folder / "tracks.npz", xy=self.inward(xy), visible=visible, sigma=sigma / self._factor.mean())
+        if settings.box is not None:
+            changes["box"] = tuple(float(value) for value in self.inward(np.reshape(settings.box, (2, 2))).ravel())
+        if settings.points is not None:
+            points = point_list(settings.points, *self.file)
+            changes["points"] = tuple(float(value) for value in self.inward(points).ravel())
+        if settings.pixels_per_metre is not None:
+            changes["pixels_per_metre"] = settings.pixels_per_metre / float(self._factor[0])
+        return replace(settings, **changes)  # type: ignore[arg-type]
+
+    def _camera(self, camera: Camera) -> dict[str, object]:
+        cx, cy = self.inward(np.array([camera.cx, camera.cy]))
+        values: dict[str, object] = {
+            "width": self.work[1], "height": self.work[0],
+            "fx": camera.fx / self._factor[0], "fy": camera.fy / self._factor[1], "cx": cx, "cy": cy,
+            "camera_to_world": np.asarray(camera.camera_to_world).tolist(),
+        }  # fmt: skip
+        return values | dict(zip(LENS, camera.distortion))
+
+    def observation(self, seen: Observation, clip: Clip) -> Observation:
+        """What was seen in the smaller copy of `clip`, in the file's own pixels."""
+        camera = self._full(seen.camera)
+        size = self.file[::-1]
+        image = Lens(camera).straight_one(clip.frames[0])
+        background = cv2.resize(seen.background, size, interpolation=cv2.INTER_CUBIC)
+        # Off the object picture 0 shows the same, only sharper.
+        near = cv2.dilate(seen.masks[0].astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+        same = (cv2.absdiff(seen.background, seen.image).max(axis=2) < ALIKE) & ~near
+        background[self._larger(same)] = image[self._larger(same)]
+        mask = self._larger(seen.masks[0])
+        depth = cv2.resize(_filled(seen.depth), size, interpolation=cv2.INTER_LINEAR)
+        return replace(
+            seen,
+            camera=camera,
+            image=image,
+            background=background,
+            masks=np.stack([self._larger(one) for one in seen.masks]),
+            depth=np.where(mask, depth, np.float32(np.inf)),
+            pin=self._larger(seen.pin) & mask,
+            xy=self.outward(seen.xy),
+            sigma=seen.sigma * self._factor.mean(),
+        )
+
+    def _larger(self, mask: np.ndarray) -> np.ndarray:
+        return cv2.resize(mask.astype(np.float32), self.file[::-1], interpolation=cv2.INTER_LINEAR) >= 0.5
+
+    def _full(self, camera: Camera) -> Camera:
+        cx, cy = self.outward(np.array([camera.cx, camera.cy]))
+        return replace(
+            camera, width=self.file[1], height=self.file[0], fx=camera.fx * self._factor[0], fy=camera.fy * self._factor[1], cx=cx, cy=cy
+        )
+
+
+def _filled(depth: np.ndarray) -> np.ndarray:
+    """Depth (H, W) with its unknown pixels taking the nearest known one, so that it can be interpolated."""
+    unknown = ~np.isfinite(depth)
+    if not unknown.any():
+        return depth
+    from scipy.ndimage import distance_transform_edt
+
+    rows, columns = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+    return depth[rows, columns]
