@@ -229,6 +229,7 @@ def report(cases: list[dict]) -> None:
         bars = BARS[case["law"]].items()
         wanted = [f"{key.removeprefix('ratio_')} >= {bar:g}{'' if case.get(key, 0) >= bar else ' MISSED'}" for key, bar in bars]
         wanted.append("backward <= 2.5" + ("" if case["backward_over_forward"] <= 2.5 else " MISSED"))
+        wanted.append("bytes <= 100" + ("" if case["bytes_per_particle_substep"] <= 100.0 else " MISSED"))
         print(
             f"{case['law']:13} {case['forward_per_s'] / 1e6:8.2f} M {case['backward_over_forward']:8.2f}x {' '.join(cells)} "
             f"{case['bytes_per_particle_substep']:6.1f}   {', '.join(wanted)}"
@@ -245,7 +246,7 @@ def main() -> None:
     cases = [measure(law, options.particles, options.repeats, options.skip) for law in options.laws]
     report(cases)
     scaling = thread_scaling(options.particles, options.repeats)
-    print(f"\ntwo threads are {scaling:.2f} times as fast as one\n")
+    print(f"\ntwo threads are {scaling:.2f} times as fast as one, wanted >= 1.7{'' if scaling >= 1.7 else ' MISSED'}\n")
     rows = cost((1_000, 10_000, 100_000, 1_000_000))
     draw(cases, rows)
     machine = {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}

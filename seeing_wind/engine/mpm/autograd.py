@@ -9,8 +9,9 @@ import numpy as np
 import torch
 
 from ..progress import NoProgress, Progress
-from .body import Body, FrameRun, sparse_stride
+from .body import Body, sparse_stride
 from .boundary import HELD
+from .frame_run import FrameRun
 from .model import Model
 from .state import State
 

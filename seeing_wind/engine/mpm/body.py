@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -12,9 +11,13 @@ from ..progress import Progress
 from . import device, parallel, parallel_adjoint, substep
 from .boundary import HELD
 from .failure import check_start, failure
+from .frame_run import FrameRun, Piece
 from .kinematics import Conditions, conditions_for
+from .launch import Launcher
 from .model import Model
-from .packed import SCRATCH
+from .pack import pack, pack_forces, unpack
+from .packed import MOST_NODES as MOST_INDEXED
+from .packed import MOST_NODES_ACROSS, SCRATCH
 from .precision import DTYPES, compiled_in
 from .state import State
 
@@ -26,37 +29,6 @@ _WORK_PER_CHECK = 2_000_000
 """Particle-substeps between two looks at whether the user wants to stop."""
 
 
-@dataclass
-class FrameRun:
-    """One frame's particles in the order in which they were simulated, and the states kept of it."""
-
-    order: np.ndarray
-    """(M,) which particle of the model each one is; held ones are left out."""
-    first: np.ndarray
-    """(tasks + 1,) int32, each task's first particle."""
-    particle: np.ndarray
-    """(M, 8), see `packed.constants`."""
-    force: np.ndarray
-    """(M, 3, 4), see `packed.forces`."""
-    pieces: list[tuple]
-    """What holds at the nodes, as arguments of the kernels: (offset, pin velocity, boundary arguments) for each piece of the frame."""
-    substeps: int
-    kept: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    """Packed state (M, 3, 8) and boxes (tasks, 6) before substep s; the frame's end has the number `substeps`."""
-    grids: dict[int, np.ndarray] = field(default_factory=dict)
-    """Momentum and mass (nodes, 4) of the nodes in substep s, where they take less than a number per particle."""
-
-    @property
-    def bytes(self) -> int:
-        """Size of what is kept of all substeps; the frame's end belongs to the next."""
-        states = sum(state.nbytes for s, (state, _) in self.kept.items() if s < self.substeps)
-        return states + sum(grid.nbytes for grid in self.grids.values())
-
-    def piece(self, s: int) -> tuple:
-        """The arguments that hold in substep s."""
-        return self.pieces[min(((s + 1) * len(self.pieces) - 1) // self.substeps, len(self.pieces) - 1)]
-
-
 class Body:
     """Runs frames of one model in one precision. Positions are kept relative to the lattice, so that single precision has its digits."""
 
@@ -65,7 +37,7 @@ class Body:
         device.start(model.device)
         self.model, self.real = model, np.dtype(DTYPES[precision])
         self.gpu = device.on_gpu()
-        self.active = np.flatnonzero(model.role != HELD)
+        self.active = np.flatnonzero(model.role != HELD).astype(np.int32)
         count = len(self.active)
         self.tasks = 1 if self.gpu else tasks or max(1, min(device.cores(), count // _LEAST_PER_TASK))
         columns = (model.mass, model.volume, model.mu, model.lam, model.yield_stress, model.viscosity, model.law, model.role)
@@ -74,6 +46,13 @@ class Body:
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = np.zeros((0, 4), self.real)
         self.scratch = np.zeros(((count if self.gpu else self.tasks) * SCRATCH, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
+        self.window = np.zeros(16, np.int32)
+        """lo, dims of the box of nodes in use, `Piece.lo`, the capacity of a task's grid: what the kernels look up, changed in place."""
+        self._substep_kernel = self._launcher(parallel.substep)
+        self._adjoint_kernel = self._launcher(parallel_adjoint.substep_adjoint)
+
+    def _launcher(self, kernel: Callable[..., None]) -> Callable[..., None]:
+        return launched_in(self.real, kernel) if self.gpu else Launcher(kernel, self.real)
 
     # -- frames ------------------------------------------------------------------------------------------------------------------
 
@@ -137,17 +116,15 @@ class Body:
         by_cell = self._by_cell(state.x if len(self.active) == m.particles else state.x[self.active], conditions[0].offset)
         order = self.active[by_cell]
         first = np.linspace(0, len(order), self.tasks + 1).astype(np.int32)
-        force = np.zeros((len(order), 3, 4), self.real)
-        force[:, :, 0] = acceleration[order]
-        if gradient is not None:
-            force[:, :, 1:] = gradient[order]
-        pieces = [self._arguments(c, order) for c in conditions]
+        force = np.empty((len(order), 3, 4), self.real)
+        slopes = np.empty((0, 3, 3)) if gradient is None else _float64(gradient)
+        launched_in(self.real, pack_forces)(order, _float64(acceleration), slopes, force)
+        pieces = [self._piece(c, order, m.frame_dt / substeps) for c in conditions]
         run = FrameRun(order, first, self.particle[by_cell], force, pieces, substeps)
-        packed = np.empty((len(order), 24), self.real)
-        packed[:, 0:3], packed[:, 3:6] = state.x[order] - m.offset, state.v[order]
-        packed[:, 6:15], packed[:, 15:24] = state.C[order].reshape(-1, 9), state.F[order].reshape(-1, 9)
-        packed = packed.reshape(-1, 3, 8)
-        run.kept[0] = packed, self.boxes(run, packed, pieces[0][0])
+        rows = np.empty((len(order), 3, 8), self.real)
+        parts = (_float64(array) for array in (state.x, state.v, state.C, state.F))
+        launched_in(self.real, pack)(order, *parts, m.offset, rows)
+        run.kept[0] = rows, self.boxes(run, rows, pieces[0].offset)
         return run
 
     def _by_cell(self, x: np.ndarray, offset: np.ndarray) -> np.ndarray:
@@ -166,14 +143,20 @@ class Body:
             order = order[np.argsort(key[order] >> 16, kind="stable")]
         return order
 
-    def _arguments(self, c: Conditions, order: np.ndarray) -> tuple:
+    def _piece(self, c: Conditions, order: np.ndarray, dt: float) -> Piece:
         def real(array: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(array, dtype=self.real)
 
         planes = c.planes.copy()
         planes[:, 3] -= planes[:, :3] @ self.model.offset  # positions are relative to the lattice here
-        boundary = (c.clamp_lo, c.clamp, real(c.clamp_velocity), real(planes), c.solid_lo, real(c.solid))
-        return c.offset - self.model.offset, real(c.pin_velocity[order]), boundary
+        offset = c.offset - self.model.offset
+        return Piece(
+            offset=offset,
+            lattice=real(np.array([*offset, self.model.dx, dt])),
+            pin_velocity=real(c.pin_velocity if len(c.pin_velocity) == 1 else c.pin_velocity[order]),
+            lo=np.concatenate([c.clamp_lo, c.solid_lo, c.push_lo]).astype(np.int32),
+            boundary=(c.clamp, real(c.clamp_velocity), real(planes), real(c.solid), real(c.push)),
+        )
 
     def boxes(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """First and last of the first nodes of every task's particles, (tasks, 6) int32."""
@@ -193,9 +176,7 @@ class Body:
         if len(run.order) < self.model.particles:
             for array, start in ((into.x, before.x), (into.v, before.v), (into.C, before.C), (into.F, before.F)):
                 array[:] = start
-        flat = packed.reshape(-1, 24)
-        into.x[run.order], into.v[run.order] = flat[:, 0:3] + self.model.offset, flat[:, 3:6]
-        into.C[run.order], into.F[run.order] = flat[:, 6:15].reshape(-1, 3, 3), flat[:, 15:24].reshape(-1, 3, 3)
+        launched_in(self.real, unpack)(run.order, packed, self.model.offset, into.x, into.v, into.C, into.F)
         return into
 
     # -- forwards -----------------------------------------------------------------------------------------------------------------
@@ -225,48 +206,45 @@ class Body:
                 run.kept[s + 1] = state, boxes
         return substep.RUNNING, -1, end
 
-    def _substep(
-        self, run: FrameRun, s: int, state: np.ndarray, after: np.ndarray, boxes: np.ndarray
-    ) -> tuple[int, int, np.ndarray]:
-        """One substep from `state` into `after`, which may be the same array; returns code, particle, boxes of `after`."""
-        offset, pin_velocity, _ = run.piece(s)
+    def _substep(self, run: FrameRun, s: int, state: np.ndarray, after: np.ndarray, boxes: np.ndarray) -> tuple[int, int, np.ndarray]:
+        """One substep from `state` into `after`, which may be the same array; returns code, particle, boxes of `after`.
+
+        `boxes` becomes those of `after` unless they are kept.
+        """
+        piece = run.piece(s)
         if not self._fits(boxes):
             return substep.BURST, -1, boxes
-        dt = self.model.frame_dt / run.substeps
-        lo, dims = window(boxes)
-        self._to_grid(run, s, state, boxes)
-        after_boxes = np.empty_like(boxes)
+        if s in run.kept:
+            boxes = boxes.copy()
         self.status[:] = 0
-        with compiled_in(self.real):
-            parallel.to_particles(
-                self.gpu, self.model.plastic, run.first, run.particle, state, after, pin_velocity,
-                offset, self.model.dx, dt, lo, dims, after_boxes, self.status, self.velocity, self.scratch, SCRATCH,
-            )  # fmt: skip
-        failed = np.flatnonzero(self.status[:, 0])
-        if len(failed):
-            code, particle = self.status[failed[0]]
-            return int(code), int(run.order[particle]), after_boxes
-        if s + 1 < run.substeps and run.piece(s + 1)[0] is not offset:
-            after_boxes = self.boxes(run, after, run.piece(s + 1)[0])
-        return substep.RUNNING, -1, after_boxes
+        self._launch(run, piece, state, after, boxes, whole=1)
+        if self.status.any():
+            code, particle = self.status[np.flatnonzero(self.status[:, 0])[0]]
+            return int(code), int(run.order[particle]), boxes
+        if s + 1 < run.substeps and run.piece(s + 1) is not piece:
+            boxes = self.boxes(run, after, run.piece(s + 1).offset)
+        return substep.RUNNING, -1, boxes
 
-    def _to_grid(self, run: FrameRun, s: int, state: np.ndarray, boxes: np.ndarray) -> None:
-        offset, _, boundary = run.piece(s)
+    def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, *, whole: int) -> None:
+        """One substep in the window of `boxes`; without `whole` only as far as the nodes."""
+        self._look(piece, boxes)
+        self._substep_kernel(
+            self.gpu, self.model.plastic, whole, run.first, run.particle, state, after, run.force, piece.pin_velocity, *piece.boundary,
+            piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity, self.scratch, SCRATCH,
+        )  # fmt: skip
+
+    def _look(self, piece: Piece, boxes: np.ndarray) -> None:
         lo, dims = window(boxes)
-        with compiled_in(self.real):
-            parallel.to_grid(
-                self.gpu, self.model.plastic, run.first, run.particle, state, run.force, *boundary,
-                offset, self.model.dx, self.model.frame_dt / run.substeps, lo, dims, boxes,
-                self.capacity, self.grid, self.momentum, self.velocity,
-            )  # fmt: skip
+        self.window[:3], self.window[3:6], self.window[6:15], self.window[15] = lo, dims, piece.lo, self.capacity
 
     def _fits(self, boxes: np.ndarray) -> bool:
         """Makes the grids large enough for the window, with room to grow; False where it has burst."""
-        wanted = math.prod(int(n) for n in window(boxes)[1])
-        if wanted > MOST_NODES:
+        dims = [int(n) for n in window(boxes)[1]]
+        wanted = math.prod(dims)
+        if wanted > min(MOST_NODES, MOST_INDEXED // self.tasks) or max(dims[1:]) > MOST_NODES_ACROSS:
             return False
         if wanted > self.capacity:
-            self.capacity = wanted + wanted // 3
+            self.capacity = min(wanted + wanted // 3, MOST_INDEXED // self.tasks)
             self.grid = np.empty((self.tasks * self.capacity, 4), self.real)
             self.momentum, self.velocity = (np.empty((self.capacity, 4), self.real) for _ in range(2))
         return True
@@ -299,22 +277,21 @@ class Body:
         self, run: FrameRun, s: int, bar: np.ndarray, force_bar: np.ndarray, particle_bar: np.ndarray, material: bool
     ) -> None:
         state, boxes = run.kept[s]
-        offset, _, boundary = run.piece(s)
+        piece = run.piece(s)
         self._fits(boxes)
         if len(self.grid_bar) < self.tasks * self.capacity:
             self.grid_bar = np.empty((self.tasks * self.capacity, 4), self.real)
             self.momentum_bar = np.empty((self.capacity, 4), self.real)
-        lo, dims = window(boxes)
         momentum = run.grids.get(s)
         if momentum is None:
-            self._to_grid(run, s, state, boxes)
+            self._launch(run, piece, state, state, boxes, whole=0)
             momentum = self.momentum
-        with compiled_in(self.real):
-            parallel_adjoint.substep_adjoint(
-                self.gpu, self.model.plastic, material, run.first, run.particle, state, run.kept[s + 1][0], run.force,
-                bar, force_bar, particle_bar, *boundary, offset, self.model.dx, self.model.frame_dt / run.substeps, lo, dims, boxes,
-                self.capacity, self.grid_bar, momentum, self.velocity, self.momentum_bar, self.scratch, SCRATCH,
-            )  # fmt: skip
+        self._look(piece, boxes)
+        self._adjoint_kernel(
+            self.gpu, self.model.plastic, int(material), run.first, run.particle, state, run.kept[s + 1][0], run.force,
+            bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
+            self.grid_bar, momentum, self.velocity, self.momentum_bar, self.scratch, SCRATCH,
+        )  # fmt: skip
 
 
 def window(boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -322,6 +299,20 @@ def window(boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     lo = boxes[:, :3].min(axis=0)
     # In 64 bits: the box of an exploding body overflows 32.
     return lo, boxes[:, 3:].max(axis=0).astype(np.int64) - lo + 3
+
+
+def launched_in(real: np.dtype, kernel: Callable[..., None]) -> Callable[..., None]:
+    """The kernel, traced in the precision `real`."""
+
+    def launch(*args: object) -> None:
+        with compiled_in(real):
+            kernel(*args)
+
+    return launch
+
+
+def _float64(array: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(array, dtype=np.float64)
 
 
 def sparse_stride(substeps: int) -> int:

@@ -46,13 +46,17 @@ class Conditions:
     clamp_velocity: np.ndarray
     """(a, b, c, 3) that velocity [m/s]."""
     pin_velocity: np.ndarray
-    """(N, 3) with which pinned particles move [m/s]."""
+    """(N, 3) with which pinned particles move [m/s], or one row (1, 3) for all of them."""
     planes: np.ndarray
     """(K, 8), see `colliders.ColliderGrid`."""
     solid_lo: np.ndarray
     """(3,) int32."""
     solid: np.ndarray
     """(a, b, c, 8), see `colliders.ColliderGrid`."""
+    push_lo: np.ndarray
+    """(3,) int32, first node of `push`."""
+    push: np.ndarray
+    """(a, b, c, 3) acceleration prescribed at the nodes [m/s²]."""
 
 
 def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx: float) -> np.ndarray:
@@ -87,10 +91,10 @@ def conditions_for(model: Model, frame: int) -> list[Conditions]:
     Raises:
         SimulationError: when the path of the pins has no such frame.
     """
-    obstacles = model.collider_grid
+    obstacles, force = model.collider_grid, model.grid_force
     still = Conditions(
-        model.offset, model.clamp_lo, model.clamp, np.zeros((*model.clamp.shape, 3)), np.zeros((model.particles, 3)),
-        obstacles.planes, obstacles.solid_lo, obstacles.solid,
+        model.offset, model.clamp_lo, model.clamp, np.zeros((*model.clamp.shape, 3)), np.zeros((1, 3)),
+        obstacles.planes, obstacles.solid_lo, obstacles.solid, force.lo, force.at(frame),
     )  # fmt: skip
     if model.pin_path is None or model.pin_rest is None:
         return [still]
@@ -101,12 +105,14 @@ def conditions_for(model: Model, frame: int) -> list[Conditions]:
         )  # fmt: skip
     start, step = model.pin_path[frame], model.pin_path[frame + 1] - model.pin_path[frame]
     at_rest = model.pin_rest[model.pinned]
-    # A mesh's signed distance is sampled on the lattice where it lies: beside one, the lattice stays.
-    follow = 0.0 if obstacles.solid[..., 0].any() else 1.0
+    # A mesh's signed distance and a force are given on the lattice where it lies: with either, the lattice stays.
+    follow = 0.0 if obstacles.solid[..., 0].any() or force.active else 1.0
     mean_step = follow * step.mean(axis=0)
     patterns = _count(float(np.linalg.norm(step - mean_step, axis=1).max()), _CLAMP_LAG * model.dx, model.substeps)
     shifts = _count(float(np.linalg.norm(mean_step)), _LATTICE_LAG * model.dx * patterns, model.substeps // patterns)
-    still.pin_velocity[model.pinned] = step / model.frame_dt
+    pin_velocity = np.zeros((model.particles, 3))
+    pin_velocity[model.pinned] = step / model.frame_dt
+    still = replace(still, pin_velocity=pin_velocity)
     pieces = []
     for k in range(patterns):
         pins = start + (k + 0.5) / patterns * step

@@ -14,6 +14,7 @@ from ..records import Material, Particles
 from .boundary import FREE, clamped_nodes, lattice_offset, particle_roles
 from .colliders import NO_COLLIDERS, Collider, ColliderGrid, collider_grid, collider_notes
 from .constitutive import LAWS
+from .grid_force import NO_FORCE, GridForce
 from .kinematics import checked_pin_path
 from .plasticity import PLASTIC_LAWS, VON_MISES
 
@@ -76,6 +77,8 @@ class Model:
     """(N, 3) [m] all particles at rest; only with `pin_path`."""
     clamp_depth: float = 0.0
     """Cells below the border of the pinned material at which it begins to be held."""
+    grid_force: GridForce = NO_FORCE
+    """Acceleration prescribed at nodes of the lattice, see `grid_force.with_grid_force`."""
 
     @property
     def particles(self) -> int:
@@ -84,7 +87,7 @@ class Model:
 
     @property
     def plastic(self) -> bool:
-        """Whether any particle has a plastic law, which has no adjoint."""
+        """Whether any particle has a plastic law."""
         return bool((self.law >= VON_MISES).any())
 
     @property

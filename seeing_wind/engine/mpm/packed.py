@@ -2,8 +2,9 @@
 
 A particle's x v C F are 24 consecutive numbers (three rows of eight), its constants eight, its force twelve, a node's momentum and mass
 four. Rows of a power of two let the compiler see that numbers are neighbours in memory, and so use vector instructions; loose arrays of
-threes doubled the instructions. The sums of a gather pass through `scratch` for the same reason: it vectorises what ends in
-neighbouring stores. All functions are generic in precision, and on a GPU, where threads share a grid, `atomic` adds atomically.
+threes doubled the instructions. What goes into a scatter and comes out of a gather passes through `scratch` for the same reason: it
+vectorises what begins and ends in neighbouring memory. Indices are `bounded`. All functions are generic in precision, and on a GPU,
+where threads share a grid, `atomic` adds atomically.
 """
 # Taichi reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -21,8 +22,46 @@ forces = ti.types.ndarray(element_shape=(3, 4), ndim=1)
 nodes = ti.types.ndarray(element_shape=(4,), ndim=1)
 """Momentum or velocity, and mass."""
 
+integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
+numbers = ti.types.ndarray(ndim=1)
+
 SCRATCH = 8
 """Vectors of `scratch` per task; room enough that two tasks share no line of the cache."""
+MOST_NODES_ACROSS = 2**13 - 1
+"""Along y or z."""
+MOST_NODES = 2**28
+"""Of all tasks' grids. With `MOST_NODES_ACROSS` this keeps every index of a number in a grid below 2³¹."""
+MOST_PARTICLES = 2**25
+"""Whose 24 numbers have indices below 2³¹."""
+
+
+@ti.func
+def bounded(i, most: ti.template()):
+    """i, with the news for the compiler that it lies in 0..most, as it always does.
+
+    Only where no sum of 32-bit indices can overflow may it add the constant part of an address for nothing, within the instruction that
+    loads or stores; otherwise every number of a row costs two instructions for its address, a sixth of all.
+    """
+    return ti.max(0, ti.min(i, most))
+
+
+@ti.func
+def lattice_of(lattice: ti.template()):
+    """offset (3,) [m], dx [m], dt [s] from an array of these five numbers."""
+    return ti.Vector([lattice[0], lattice[1], lattice[2]]), lattice[3], lattice[4]
+
+
+@ti.func
+def triple(window: ti.template(), row: ti.template()):
+    """A row of three of the array of integers `window`, see `body.Body`."""
+    return ti.Vector([window[3 * row], window[3 * row + 1], window[3 * row + 2]])
+
+
+@ti.func
+def window_of(window: ti.template()):
+    """lo (3,), dims (3,), the box of nodes in use."""
+    d = triple(window, 1)
+    return triple(window, 0), ti.Vector([d[0], bounded(d[1], MOST_NODES_ACROSS), bounded(d[2], MOST_NODES_ACROSS)])
 
 
 @ti.func
@@ -73,23 +112,28 @@ def transposed_times(A, b):
 
 
 @ti.func
-def corner_of(x, offset, inv_dx, lo, dims):
-    """Where a particle's 27 nodes begin in a grid of `dims` whose first node is `lo`, and its distance f to the first in cells."""
+def corner_of(x, offset, inv_dx, lo, dims, first_node):
+    """Where a particle's 27 nodes begin in a grid of `dims` whose first node is `lo` and has the number `first_node`; and its distance f
+    to the first of them in cells."""
     local = (x - offset) * inv_dx
     base = ti.floor(local - 0.5, ti.i32)
     c = base - lo
-    return (c[0] * dims[1] + c[1]) * dims[2] + c[2], local - base
+    return bounded(first_node + (c[0] * dims[1] + c[1]) * dims[2] + c[2], MOST_NODES), local - base
 
 
 @ti.func
-def linear(B, q, fourth):
+def linear(B, q, fourth, scratch: ti.template(), task, each):
     """Four-vectors S, X, Y, Z of the function S + i X + j Y + k Z that is q + B (i, j, k) at node (i, j, k), with a constant fourth."""
     nil = 0.0 * q[0]  # a constant 0 would keep the compiler from treating all four alike
     S = ti.Vector([q[0], q[1], q[2], fourth])
     X = ti.Vector([B[0, 0], B[1, 0], B[2, 0], nil])
     Y = ti.Vector([B[0, 1], B[1, 1], B[2, 1], nil])
     Z = ti.Vector([B[0, 2], B[1, 2], B[2, 2], nil])
-    return S, X, Y, Z
+    parts = [S, X, Y, Z]
+    for c in ti.static(range(4)):
+        scratch[task * SCRATCH + c] = parts[c]
+    back = bounded(task * each, MOST_NODES)
+    return scratch[back], scratch[back + 1], scratch[back + 2], scratch[back + 3]
 
 
 @ti.func
@@ -147,7 +191,7 @@ def gather(f, at, dims, grid: ti.template(), scratch: ti.template(), task, each)
     sums = [total, moment_x, moment_y, moment_z]
     for c in ti.static(range(4)):
         scratch[task * SCRATCH + c] = sums[c]
-    back = task * each
+    back = bounded(task * each, MOST_NODES)
     g, gx, gy, gz = scratch[back], scratch[back + 1], scratch[back + 2], scratch[back + 3]
     return ti.Vector([g[0], g[1], g[2]]), ti.Matrix([[gx[a], gy[a], gz[a]] for a in ti.static(range(3))]), g[3]
 
@@ -179,6 +223,6 @@ def spline_pull(f, S, X, Y, Z, at, dims, grid: ti.template(), scratch: ti.templa
     sums = [pull_x, pull_y, pull_z]
     for c in ti.static(range(3)):
         scratch[task * SCRATCH + 4 + c] = sums[c]
-    back = task * each + 4
+    back = bounded(task * each + 4, MOST_NODES)
     px, py, pz = scratch[back], scratch[back + 1], scratch[back + 2]
     return ti.Vector([px.sum(), py.sum(), pz.sum()])

@@ -2,7 +2,7 @@
 
 Particles are sorted by cell and dealt out to `tasks` in runs of equal length, so that a task's particles fill a slab of the grid. Every
 task adds to a grid of its own, with plain adds; only the slabs' overlaps are summed. On a GPU there is one task, whose loops run over
-particles and add atomically. The window `lo`, `dims` of nodes in use is found by the host from `boxes`, which each g2p leaves behind.
+particles and add atomically. The window of nodes in use is found by the host from `boxes`, which each g2p leaves behind.
 """
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -10,34 +10,42 @@ particles and add atomically. The window `lo`, `dims` of nodes in use is found b
 import taichi as ti
 
 from .boundary import FREE
-from .conditions import boundary_velocity
+from .conditions import boundary_velocity, in_box
 from .constitutive import kirchhoff
 from .eigen import product
 from .packed import (
+    MOST_NODES,
+    MOST_PARTICLES,
+    bounded,
     constants,
     corner_of,
     forces,
     gather,
+    integers,
+    lattice_of,
     linear,
     nodes,
+    numbers,
     packed,
     scatter,
     states,
     times,
+    triple,
     unpacked,
     unpacked_force,
+    window_of,
 )
 from .plasticity import VON_MISES, plastic_flow
 from .substep import INVERTED, NOT_FINITE, RUNNING, STRIDE, TOO_FAST
 from .transfer import base_of
 
-integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
 box_rows = ti.types.ndarray(dtype=ti.i32, ndim=2)
 flags = ti.types.ndarray(dtype=ti.i32, ndim=3)
 rows = ti.types.ndarray(ndim=2)
 lattice_rows = ti.types.ndarray(ndim=4)
-ivec3 = ti.types.vector(3, ti.i32)
-vec3 = ti.types.vector(3, ti.f64)
+
+CLAMP_LO, SOLID_LO, PUSH_LO, CAPACITY = 2, 3, 4, 15
+"""Rows of three in the array `window`, after lo and dims, and the place of the capacity of a task's grid; see `Body`."""
 
 
 @ti.func
@@ -49,17 +57,17 @@ def affine(plastic: ti.template(), c, v, C, F, a, G, dt, dx):
 
 @ti.func
 def particle_to_grid(
-    atomic: ti.template(), plastic: ti.template(), p, first_node, particle: ti.template(), state: ti.template(), force: ti.template(),
-    offset, dx, dt, lo, dims, grid: ti.template(),
+    atomic: ti.template(), plastic: ti.template(), p, task, first_node, particle: ti.template(), state: ti.template(),
+    force: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(), scratch: ti.template(), each,
 ):  # fmt: skip
     """p2g of particle p: adds its momentum and mass to the 27 nodes round it (Hu et al. 2018, as `transfer.scatter`)."""
     x, v, C, F = unpacked(state[p])
     a, G = unpacked_force(force[p])
     c = particle[p]
     momentum, B = affine(plastic, c, v, C, F, a, G, dt, dx)
-    at, f = corner_of(x, offset, 1.0 / dx, lo, dims)
-    S, X, Y, Z = linear(B, momentum - times(B, f), c[0])
-    scatter(atomic, f, S, X, Y, Z, first_node + at, dims, grid)
+    at, f = corner_of(x, offset, 1.0 / dx, lo, dims, first_node)
+    S, X, Y, Z = linear(B, momentum - times(B, f), c[0], scratch, task, each)
+    scatter(atomic, f, S, X, Y, Z, at, dims, grid)
 
 
 @ti.func
@@ -67,30 +75,32 @@ def grid_to_particle(
     plastic: ti.template(), p, task, particle: ti.template(), state: ti.template(), state_out: ti.template(), pin_velocity: ti.template(),
     offset, dx, dt, lo, dims, velocity: ti.template(), scratch: ti.template(), each,
 ):  # fmt: skip
-    """g2p of one particle: returns its status and the first of its nodes."""
+    """g2p of one particle: returns its status and its new place."""
     x, _v, _C, F = unpacked(state[p])
     c = particle[p]
-    at, f = corner_of(x, offset, 1.0 / dx, lo, dims)
+    at, f = corner_of(x, offset, 1.0 / dx, lo, dims, 0)
     v, moment, _mass = gather(f, at, dims, velocity, scratch, task, each)
     C = (4.0 / dx) * (moment - v.outer_product(f))
     F += dt * product(C, F)
     if ti.cast(c[7], ti.i32) == FREE:
         x += dt * v
     else:
-        x += dt * ti.Vector([pin_velocity[p, 0], pin_velocity[p, 1], pin_velocity[p, 2]])
-    status = RUNNING
-    if not (v.norm_sqr() + C.norm_sqr() < 1e30):  # also when it is NaN
+        pin = ti.min(p, pin_velocity.shape[0] - 1)  # one row for all where they stand still
+        x += dt * ti.Vector([pin_velocity[pin, 0], pin_velocity[pin, 1], pin_velocity[pin, 2]])
+    status, speed_sqr, J = RUNNING, v.norm_sqr(), F.determinant()
+    # Also when one is NaN. What is not finite in C is not in F.
+    if not (speed_sqr < 1e30 and ti.abs(J) < 1e30):
         status = NOT_FINITE
-    elif dt * dt * v.norm_sqr() > dx * dx:
+    elif dt * dt * speed_sqr > dx * dx:
         status = TOO_FAST
-    elif not (F.determinant() > 0.0):
+    elif not (J > 0.0):
         status = INVERTED
     elif ti.static(plastic):
         law = ti.cast(c[6], ti.i32)
         if law >= VON_MISES:
             F = plastic_flow(law, F, c[2], c[4], c[5], dt)
     state_out[p] = packed(x, v, C, F)
-    return status, base_of(x, offset, 1.0 / dx)
+    return status, x
 
 
 @ti.func
@@ -99,7 +109,7 @@ def summed(node, tasks, i, boxes: ti.template(), capacity, grid: ti.template()):
     g = ti.Vector.zero(float, 4)
     for task in range(tasks):
         if boxes[task, 0] <= i and i <= boxes[task, 3] + 2:
-            g += grid[task * capacity + node]
+            g += grid[bounded(task * capacity + node, MOST_NODES)]
     return g
 
 
@@ -112,30 +122,42 @@ def place(node, lo, dims):
 
 
 @ti.func
+def pushed(at, v, dt, push_lo, push: ti.template()):
+    """v after the acceleration prescribed at the lattice's node `at`."""
+    c = at - push_lo
+    if in_box(c, push):
+        v += dt * ti.Vector([push[c[0], c[1], c[2], a] for a in ti.static(range(3))])
+    return v
+
+
+@ti.func
 def node_velocity(
-    node, g, lo, dims, offset, dx, clamp_lo, clamp: ti.template(), clamp_velocity: ti.template(),
-    planes: ti.template(), solid_lo, solid: ti.template(),
+    node, g, window: ti.template(), offset, dx, dt, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
+    solid: ti.template(), push: ti.template(),
 ):  # fmt: skip
-    """Momentum over mass, and what the boundary makes of it, with the mass."""
+    """Momentum over mass, the push of the grid's own force, and what the boundary makes of it, with the mass."""
     v = ti.Vector.zero(float, 3)
     if g[3] > 0.0:
-        v = ti.Vector([g[0], g[1], g[2]]) / g[3]
-        v = boundary_velocity(place(node, lo, dims), v, offset, dx, clamp_lo, clamp, clamp_velocity, planes, solid_lo, solid)
+        lo, dims = window_of(window)
+        at = place(node, lo, dims)
+        v = pushed(at, ti.Vector([g[0], g[1], g[2]]) / g[3], dt, triple(window, PUSH_LO), push)
+        v = boundary_velocity(
+            at, v, offset, dx, triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid
+        )
     return ti.Vector([v[0], v[1], v[2], g[3]])
 
 
 @ti.func
 def node_to_velocity(
-    node, tasks, boxes: ti.template(), capacity, grid: ti.template(), momentum: ti.template(),
-    velocity: ti.template(), lo, dims, offset, dx, clamp_lo, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
-    solid_lo, solid: ti.template(),
+    node, tasks, window: ti.template(), boxes: ti.template(), grid: ti.template(), momentum: ti.template(), velocity: ti.template(),
+    offset, dx, dt, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid: ti.template(),
+    push: ti.template(),
 ):  # fmt: skip
     """Sums the tasks' parts of a node."""
-    g = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, capacity, grid)
+    lo, dims = window_of(window)
+    g = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, window[CAPACITY], grid)
     momentum[node] = g
-    velocity[node] = node_velocity(
-        node, g, lo, dims, offset, dx, clamp_lo, clamp, clamp_velocity, planes, solid_lo, solid
-    )
+    velocity[node] = node_velocity(node, g, window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
 
 
 @ti.func
@@ -153,96 +175,94 @@ def share(task, tasks, count):
 
 
 @ti.kernel
-def to_grid(
+def substep(
     gpu: ti.template(), plastic: ti.template(),
+    whole: ti.i32,  # 1: all of it; 0: p2g and the nodes' velocities only
     # body: `first` particle of every task
-    first: integers, particle: constants, state: states, force: forces,
-    # boundary, see `conditions.boundary_velocity`
-    clamp_lo: ivec3, clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid_lo: ivec3, solid: lattice_rows,
-    # lattice and time
-    offset_m: vec3, dx_m: ti.f64, dt_s: ti.f64, lo: ivec3, dims: ivec3, boxes: box_rows,
+    first: integers, particle: constants, state: states, state_out: states, force: forces, pin_velocity: rows,
+    # at the nodes, see `conditions.boundary_velocity` and `pushed`
+    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
+    # `lattice_of`; integers, see `Body`; boxes (tasks, 6): first and last of the particles' first nodes, in and out;
+    # status (tasks, 2) out: code, particle
+    lattice: numbers, window: integers, boxes: box_rows, status: box_rows,
     # grids: the tasks' own, one after the other, then momentum and velocity of all
-    capacity: ti.i32, grid: nodes, momentum: nodes, velocity: nodes,
+    grid: nodes, momentum: nodes, velocity: nodes, scratch: nodes, each: ti.i32,
 ):  # fmt: skip
-    """p2g and the nodes' velocities."""
+    """p2g, the nodes' velocities, g2p."""
     if ti.static(gpu):
-        offset, dx, dt = ti.cast(offset_m, float), ti.cast(dx_m, float), ti.cast(dt_s, float)
-        for node in range(dims[0] * dims[1] * dims[2]):
+        for node in range(window[3] * window[4] * window[5]):
             grid[node] = ti.Vector.zero(float, 4)
         for p in range(state.shape[0]):
-            particle_to_grid(
-                True, plastic, p, 0, particle, state, force, offset, dx,
-                dt, lo, dims, grid,
-            )  # fmt: skip
-        for node in range(dims[0] * dims[1] * dims[2]):
+            offset, dx, dt = lattice_of(lattice)
+            lo, dims = window_of(window)
+            particle_to_grid(True, plastic, p, p, 0, particle, state, force, offset, dx, dt, lo, dims, grid, scratch, each)
+        for node in range(window[3] * window[4] * window[5]):
+            offset, dx, dt = lattice_of(lattice)
             node_to_velocity(
-                node, 1, boxes, capacity, grid, momentum, velocity, lo, dims, offset, dx,
-                clamp_lo, clamp, clamp_velocity, planes, solid_lo, solid,
-            )  # fmt: skip
+                node, 1, window, boxes, grid, momentum, velocity, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
+            )
+        for a in range(6 * whole):
+            boxes[0, a] = ti.select(a < 3, 2**30, -(2**30))
+        for p in range(state.shape[0] * whole):
+            offset, dx, dt = lattice_of(lattice)
+            lo, dims = window_of(window)
+            code, x = grid_to_particle(
+                plastic, p, p, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity, scratch, each
+            )
+            if code != RUNNING:
+                status[0, 0], status[0, 1] = code, p
+            base = base_of(x, offset, 1.0 / dx)
+            for a in ti.static(range(3)):
+                ti.atomic_min(boxes[0, a], base[a])
+                ti.atomic_max(boxes[0, 3 + a], base[a])
     else:
         # Taichi runs loops of less than about a thousand turns on one thread: a task is STRIDE turns, all but one of them empty.
         ti.loop_config(block_dim=STRIDE)
         for turn in range((first.shape[0] - 1) * STRIDE):
             if turn % STRIDE == 0:
                 task = turn // STRIDE
-                offset, dx, dt = ti.cast(offset_m, float), ti.cast(dx_m, float), ti.cast(dt_s, float)
+                offset, dx, dt = lattice_of(lattice)
+                lo, dims = window_of(window)
                 begin, end = slab(task, lo, dims, boxes)
-                for node in range(task * capacity + begin, task * capacity + end):
-                    grid[node] = ti.Vector.zero(float, 4)
-                for p in range(first[task], first[task + 1]):
-                    particle_to_grid(False, plastic, p, task * capacity, particle, state, force, offset, dx, dt, lo, dims, grid)
+                first_node = task * window[CAPACITY]
+                for node in range(begin, end):
+                    grid[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
+                for index in range(first[task], first[task + 1]):
+                    p = bounded(index, MOST_PARTICLES)
+                    particle_to_grid(
+                        False, plastic, p, task, first_node, particle, state, force, offset, dx, dt, lo, dims, grid, scratch, each
+                    )
         ti.loop_config(block_dim=STRIDE)
         for turn in range((first.shape[0] - 1) * STRIDE):
             if turn % STRIDE == 0:
-                offset, dx, dt = ti.cast(offset_m, float), ti.cast(dx_m, float), ti.cast(dt_s, float)
+                offset, dx, dt = lattice_of(lattice)
                 tasks = first.shape[0] - 1
-                begin, end = share(turn // STRIDE, tasks, dims[0] * dims[1] * dims[2])
-                for node in range(begin, end):
+                begin, end = share(turn // STRIDE, tasks, window[3] * window[4] * window[5])
+                for index in range(begin, end):
+                    node = bounded(index, MOST_NODES)
                     node_to_velocity(
-                        node, tasks, boxes, capacity, grid, momentum, velocity, lo, dims, offset,
-                        dx, clamp_lo, clamp, clamp_velocity, planes, solid_lo, solid,
-                    )  # fmt: skip
-
-
-@ti.kernel
-def to_particles(
-    gpu: ti.template(), plastic: ti.template(),
-    # body
-    first: integers, particle: constants, state: states, state_out: states, pin_velocity: rows,
-    # lattice and time; boxes (tasks, 6) out: first and last of the particles' first nodes; status (tasks, 2) out: code, particle
-    offset_m: vec3, dx_m: ti.f64, dt_s: ti.f64, lo: ivec3, dims: ivec3, boxes: box_rows, status: box_rows,
-    velocity: nodes, scratch: nodes, each: ti.i32,
-):  # fmt: skip
-    """g2p."""
-    if ti.static(gpu):
-        offset, dx, dt = ti.cast(offset_m, float), ti.cast(dx_m, float), ti.cast(dt_s, float)
-        for _task in range(1):
-            for a in ti.static(range(3)):
-                boxes[0, a], boxes[0, 3 + a] = 2**30, -(2**30)
-        for p in range(state.shape[0]):
-            code, base = grid_to_particle(
-                plastic, p, p, particle, state, state_out, pin_velocity, offset, dx,
-                dt, lo, dims, velocity, scratch, each,
-            )  # fmt: skip
-            if code != RUNNING:
-                status[0, 0], status[0, 1] = code, p
-            for a in ti.static(range(3)):
-                ti.atomic_min(boxes[0, a], base[a])
-                ti.atomic_max(boxes[0, 3 + a], base[a])
-    else:
+                        node, tasks, window, boxes, grid, momentum, velocity, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
+                    )
         ti.loop_config(block_dim=STRIDE)
-        for turn in range((first.shape[0] - 1) * STRIDE):
+        for turn in range((first.shape[0] - 1) * STRIDE * whole):
             if turn % STRIDE == 0:
                 task = turn // STRIDE
-                offset, dx, dt = ti.cast(offset_m, float), ti.cast(dx_m, float), ti.cast(dt_s, float)
-                low, high = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
-                for p in range(first[task], first[task + 1]):
-                    code, base = grid_to_particle(
+                offset, dx, dt = lattice_of(lattice)
+                lo, dims = window_of(window)
+                low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
+                for index in range(first[task], first[task + 1]):
+                    p = bounded(index, MOST_PARTICLES)
+                    code, x = grid_to_particle(
                         plastic, p, task, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity, scratch, each
                     )
                     if code != RUNNING:
                         status[task, 0], status[task, 1] = code, p
-                    low = ti.min(low, base)
-                    high = ti.max(high, base)
+                    for a in ti.static(range(3)):
+                        low[a] = ti.select(x[a] < low[a], x[a], low[a])  # one instruction, min is three
+                        high[a] = ti.select(x[a] > high[a], x[a], high[a])
+                # Rounding keeps order: these are the first and the last of the particles' own.
+                low_base, high_base = base_of(low, offset, 1.0 / dx), base_of(high, offset, 1.0 / dx)
+                some = first[task] < first[task + 1]
                 for a in ti.static(range(3)):
-                    boxes[task, a], boxes[task, 3 + a] = low[a], high[a]
+                    boxes[task, a] = ti.select(some, low_base[a], 2**30)
+                    boxes[task, 3 + a] = ti.select(some, high_base[a], -(2**30))

@@ -115,7 +115,7 @@ class CopiesInTurn(Copies):
 
 def conditioned(model: Model) -> bool:
     """Whether more holds at the nodes than pins that stand still: `Body` knows of it, `Copies` does not."""
-    return model.pin_path is not None or model.collider_grid.active
+    return model.pin_path is not None or model.collider_grid.active or model.grid_force.active
 
 
 def rollout(
