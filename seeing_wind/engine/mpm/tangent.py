@@ -95,6 +95,7 @@ class _Carrier:
         self.count, self.capacity = count, 0
 
     def run(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Frame by frame under coefficients (T, P, 3) [m/s²]: what `tangents` returns, and what it raises."""
         frames, n = len(coefficients), self.model.particles
         x = np.empty((frames + 1, n, 3))
         changed = np.zeros((self.count, frames + 1, n, 3), np.float32)
