@@ -27,6 +27,7 @@ from .tangent_kernels import LANES, RECORD, SOURCE, STATE
 _WORK_PER_CALL = 6_000_000
 """Changes of a particle in a substep between two safe points."""
 _MOST_NODES = 30_000_000
+"""Nodes of one grid (1 GB). A body spread over more has burst."""
 
 
 def applies_to(model: Model) -> bool:
@@ -147,7 +148,10 @@ class _Carrier:
                 m.offset, m.dx, m.frame_dt / substeps, acceleration[None], gradient[None],
                 self.x, self.v, self.C, self.F, self.boxes, self.inverse_mass, grid, status,
             )  # fmt: skip
-            if status[0] != substep.GRID_FULL or status[3] > _MOST_NODES:
+            if status[0] != substep.GRID_FULL:
+                return status
+            if status[3] > _MOST_NODES:
+                status[0] = substep.BURST
                 return status
             self.capacity = int(status[3]) * 4 // 3
 
