@@ -32,6 +32,7 @@ def launch_all(laws: list[str], forward_only: bool) -> None:
     from seeing_wind.engine.conventions import GRAVITY
     from seeing_wind.engine.mpm import State, model_for
     from seeing_wind.engine.mpm.body import Body
+    from seeing_wind.engine.mpm.native import aligned_zeros
     from seeing_wind.engine.progress import NoProgress
     from seeing_wind.engine.records import Material, Particles
 
@@ -47,7 +48,7 @@ def launch_all(laws: list[str], forward_only: bool) -> None:
             assert body.gpu, "Taichi did not start on CUDA"
             _, run = body.frame(body.checked(state), np.tile(GRAVITY, (len(x), 1)), None, 0, NoProgress())
             if not forward_only:
-                body.pull_back(run, np.zeros((len(x), 3, 8), body.real), True, NoProgress())
+                body.pull_back(run, aligned_zeros((6 * len(x), 4), body.real), True, NoProgress())
 
 
 def compiled(laws: list[str], forward_only: bool, folder: Path) -> list[Path]:

@@ -13,6 +13,8 @@ from .body import Body, sparse_stride
 from .boundary import HELD
 from .frame_run import FrameRun
 from .model import Model
+from .native import aligned_copy
+from .pack import from_rows, rows_from
 from .state import State
 
 _HISTORY = 2_000_000_000
@@ -40,6 +42,7 @@ class RolloutFunction(torch.autograd.Function):
         states, ctx.runs = [ctx.body.checked(State(*(_array(tensor) for tensor in (x0, v0, C0, F0))))], []
         left = _HISTORY
         for t in range(len(force)):
+
             def stride(substeps: int, left: int = left) -> int:
                 room = left > substeps * states[0].x.shape[0] * 24 * ctx.body.real.itemsize
                 return 1 if precision == "single" and room else sparse_stride(substeps)
@@ -58,22 +61,25 @@ class RolloutFunction(torch.autograd.Function):
         body: Body = ctx.body
         runs: list[FrameRun] = ctx.runs
         count = body.model.particles
-        pictures = np.concatenate([_array(bar).reshape(len(runs) + 1, count, -1) for bar in bars], axis=2)
+        x_bar, v_bar, C_bar, F_bar = (_array(bar) for bar in bars)
+        pictures = np.concatenate([rows_from(F_bar, x_bar), rows_from(C_bar, v_bar)], axis=2)
         bar = pictures[-1]
         wanted = any(ctx.needs_input_grad[-5:])
         force_bar, material_bar = np.zeros((len(runs), count, 3, 4)), np.zeros((count, 8))
         for t in reversed(range(len(runs))):
             run = runs[t]
-            packed = bar[run.order].astype(body.real).reshape(-1, 3, 8)
+            packed = aligned_copy(bar[run.order].reshape(-1, 4), body.real)
             by_force, by_material = body.pull_back(run, packed, wanted, ctx.progress)
-            bar[run.order] = packed.reshape(-1, 24)
-            force_bar[t, run.order] = by_force
-            material_bar[run.order] += by_material
+            bar[run.order] = packed.reshape(-1, 6, 4)
+            force_bar[t, run.order] = by_force.reshape(-1, 3, 4)
+            material_bar[run.order] += by_material.reshape(-1, 8)
             bar = bar + pictures[t]
-        bar[body.model.role == HELD, 3:15] = 0.0  # these start at rest whatever they are given
-        by_state = bar[:, :3], bar[:, 3:6], bar[:, 6:15].reshape(-1, 3, 3), bar[:, 15:].reshape(-1, 3, 3)
+        bar[body.model.role == HELD, 3:] = 0.0  # these start at rest whatever they are given
+        by_F, by_x = from_rows(bar[:, :3])
+        by_C, by_v = from_rows(bar[:, 3:])
+        by_gradient, by_acceleration = from_rows(force_bar)
         mass, _, mu, lam, yield_stress, viscosity = material_bar.T[:6]
-        found = (*by_state, force_bar[..., 0], force_bar[..., 1:], mass, mu, lam, yield_stress, viscosity)
+        found = (by_x, by_v, by_C, by_F, by_acceleration, by_gradient, mass, mu, lam, yield_stress, viscosity)
         return None, None, None, None, *(torch.from_numpy(np.ascontiguousarray(array)) for array in found)
 
 

@@ -15,9 +15,10 @@ from .frame_run import FrameRun, Piece
 from .kinematics import Conditions, conditions_for
 from .launch import Launcher
 from .model import Model
+from .native import aligned, aligned_copy, aligned_zeros
 from .pack import pack, pack_forces, unpack
 from .packed import MOST_NODES as MOST_INDEXED
-from .packed import MOST_NODES_ACROSS, SCRATCH
+from .packed import MOST_NODES_ACROSS
 from .precision import DTYPES, compiled_in
 from .state import State
 
@@ -43,8 +44,7 @@ class Body:
         columns = (model.mass, model.volume, model.mu, model.lam, model.yield_stress, model.viscosity, model.law, model.role)
         self.particle = np.stack([column[self.active] for column in columns], axis=1).astype(self.real)
         self.capacity = 0
-        self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = np.zeros((0, 4), self.real)
-        self.scratch = np.zeros(((count if self.gpu else self.tasks) * SCRATCH, 4), self.real)
+        self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
         self.window = np.zeros(16, np.int32)
         """lo, dims of the box of nodes in use, `Piece.lo`, the capacity of a task's grid: what the kernels look up, changed in place."""
@@ -116,12 +116,12 @@ class Body:
         by_cell = self._by_cell(state.x if len(self.active) == m.particles else state.x[self.active], conditions[0].offset)
         order = self.active[by_cell]
         first = np.linspace(0, len(order), self.tasks + 1).astype(np.int32)
-        force = np.empty((len(order), 3, 4), self.real)
+        force = aligned((3 * len(order), 4), self.real)
         slopes = np.empty((0, 3, 3)) if gradient is None else _float64(gradient)
         launched_in(self.real, pack_forces)(order, _float64(acceleration), slopes, force)
         pieces = [self._piece(c, order, m.frame_dt / substeps) for c in conditions]
-        run = FrameRun(order, first, self.particle[by_cell], force, pieces, substeps)
-        rows = np.empty((len(order), 3, 8), self.real)
+        run = FrameRun(order, first, self.particle[by_cell].reshape(-1), force, pieces, substeps)
+        rows = aligned((6 * len(order), 4), self.real)
         parts = (_float64(array) for array in (state.x, state.v, state.C, state.F))
         launched_in(self.real, pack)(order, *parts, m.offset, rows)
         run.kept[0] = rows, self.boxes(run, rows, pieces[0].offset)
@@ -162,7 +162,9 @@ class Body:
         """First and last of the first nodes of every task's particles, (tasks, 6) int32."""
         # The kernels' own arithmetic, operation by operation: a particle on a cell's border must fall on the same side.
         inv_dx = np.ones(1, self.real) / np.full(1, self.model.dx, self.real)
-        base = np.floor((packed[:, 0, :3] - offset.astype(self.real)) * inv_dx - np.full(1, 0.5, self.real)).astype(np.int32)
+        base = np.floor((packed.reshape(-1, 6, 4)[:, :3, 3] - offset.astype(self.real)) * inv_dx - np.full(1, 0.5, self.real)).astype(
+            np.int32
+        )
         if not len(base):
             return np.zeros((self.tasks, 6), np.int32)
         # A GPU may fuse a product and a sum, and round otherwise.
@@ -194,13 +196,13 @@ class Body:
         for s in range(begin, end):
             if s == begin or (s * len(run.order)) % _WORK_PER_CHECK < len(run.order):
                 progress.check()
-            after = np.empty_like(state) if s in run.kept else state
+            after = aligned(state.shape, state.dtype) if s in run.kept else state
             code, particle, boxes = self._substep(run, s, state, after, boxes)
             if code != substep.RUNNING:
                 return code, particle, s
             nodes = math.prod(int(n) for n in window(run.kept[s][1])[1]) if s in run.kept else 0
             if stride == 1 and 4 * nodes <= len(run.order):
-                run.grids[s] = self.momentum[:nodes].copy()
+                run.grids[s] = aligned_copy(self.momentum[:nodes])
             state = after
             if s + 1 == end or (s + 1) % stride == 0:
                 run.kept[s + 1] = state, boxes
@@ -230,7 +232,7 @@ class Body:
         self._look(piece, boxes)
         self._substep_kernel(
             self.gpu, self.model.plastic, whole, run.first, run.particle, state, after, run.force, piece.pin_velocity, *piece.boundary,
-            piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity, self.scratch, SCRATCH,
+            piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
         )  # fmt: skip
 
     def _look(self, piece: Piece, boxes: np.ndarray) -> None:
@@ -245,20 +247,22 @@ class Body:
             return False
         if wanted > self.capacity:
             self.capacity = min(wanted + wanted // 3, MOST_INDEXED // self.tasks)
-            self.grid = np.empty((self.tasks * self.capacity, 4), self.real)
-            self.momentum, self.velocity = (np.empty((self.capacity, 4), self.real) for _ in range(2))
+            self.grid = aligned((self.tasks * self.capacity, 4), self.real)
+            self.momentum, self.velocity = (aligned((self.capacity, 4), self.real) for _ in range(2))
         return True
 
     # -- backwards ----------------------------------------------------------------------------------------------------------------
 
     def pull_back(self, run: FrameRun, bar: np.ndarray, material: bool, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
-        """Turns bar (M, 3, 8) by the frame's end into that by its start, in place; returns those by `force` and by `particle`.
+        """Turns bar (6 M, 4) by the frame's end into that by its start, in place; returns those by `force` and by `particle`.
+
+        bar is laid out as `packed.states`, and `aligned`.
 
         `material`: whether the last are wanted; they are zero otherwise.
 
         States that were not kept are simulated again, a stretch at a time.
         """
-        force_bar, particle_bar = np.zeros_like(run.force), np.zeros_like(run.particle)
+        force_bar, particle_bar = aligned_zeros(run.force.shape, self.real), np.zeros_like(run.particle)
         end = run.substeps if len(bar) else 0
         while end:
             begin = max(s for s in run.kept if s < end)
@@ -280,8 +284,8 @@ class Body:
         piece = run.piece(s)
         self._fits(boxes)
         if len(self.grid_bar) < self.tasks * self.capacity:
-            self.grid_bar = np.empty((self.tasks * self.capacity, 4), self.real)
-            self.momentum_bar = np.empty((self.capacity, 4), self.real)
+            self.grid_bar = aligned((self.tasks * self.capacity, 4), self.real)
+            self.momentum_bar = aligned((self.capacity, 4), self.real)
         momentum = run.grids.get(s)
         if momentum is None:
             self._launch(run, piece, state, state, boxes, whole=0)
@@ -290,7 +294,7 @@ class Body:
         self._adjoint_kernel(
             self.gpu, self.model.plastic, int(material), run.first, run.particle, state, run.kept[s + 1][0], run.force,
             bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
-            self.grid_bar, momentum, self.velocity, self.momentum_bar, self.scratch, SCRATCH,
+            self.grid_bar, momentum, self.velocity, self.momentum_bar,
         )  # fmt: skip
 
 

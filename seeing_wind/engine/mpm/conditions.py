@@ -22,13 +22,13 @@ def contact_velocity(v, n, kind, friction, wall):
     if kind == STICKY:
         u = ti.Vector.zero(float, 3)
     elif kind == SLIP or (kind == SEPARATE and along < 0.0):
-        u -= along * n
+        u = u - along * n
         speed = u.norm()
         loss = friction * ti.abs(along)
         if loss > speed:
             u = ti.Vector.zero(float, 3)
         elif loss > 0.0:
-            u *= 1.0 - loss / speed
+            u = (1.0 - loss / speed) * u
     return wall + u
 
 
@@ -41,8 +41,8 @@ def contact_jacobian(v, n, kind, friction, wall):
     if kind == STICKY:
         J = ti.Matrix.zero(float, 3, 3)
     elif kind == SLIP or (kind == SEPARATE and along < 0.0):
-        J -= n.outer_product(n)
-        u -= along * n
+        J = J - n.outer_product(n)
+        u = u - along * n
         speed = u.norm()
         loss = friction * ti.abs(along)
         if loss > speed:
@@ -60,6 +60,12 @@ def in_box(c, box: ti.template()):
 
 
 @ti.func
+def place_of(node, offset, dx):
+    """Position (3,) of the lattice's node (3,) int."""
+    return ti.Vector([offset[a] + dx * node[a] for a in ti.static(range(3))])
+
+
+@ti.func
 def boundary_velocity(
     node, v, offset, dx, clamp_lo, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid_lo,
     solid: ti.template(),
@@ -73,7 +79,7 @@ def boundary_velocity(
         planes: (K, 8), rows of nx ny nz d kind friction 0 0; it holds nodes with n.x < d.
         solid_lo, solid (a, b, c, 8): kind nx ny nz friction vx vy vz at nodes; kind 0 where there is nothing.
     """
-    x = offset + dx * node
+    x = place_of(node, offset, dx)
     out = v
     for k in range(planes.shape[0]):
         n = ti.Vector([planes[k, 0], planes[k, 1], planes[k, 2]])
@@ -99,7 +105,7 @@ def boundary_velocity_adjoint(
     solid: ti.template(),
 ):  # fmt: skip
     """v_bar from the derivative by `boundary_velocity`'s result; v is again momentum / mass. The conditions get no derivatives."""
-    x = offset + dx * node
+    x = place_of(node, offset, dx)
     J = ti.Matrix.identity(float, 3)
     through = v
     still = ti.Vector.zero(float, 3)

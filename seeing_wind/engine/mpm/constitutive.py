@@ -48,10 +48,9 @@ def cofactor(F):
 
 
 @ti.func
-def stretch_invariants(B, J):
-    """tr B, and of V = sqrt(B) the trace i, the second invariant ii and i ii - J, the product of the sums of two stretches."""
-    first = B[0] + B[1] + B[2]
-    second = B[1] * B[2] - B[3] * B[3] + B[0] * B[2] - B[4] * B[4] + B[0] * B[1] - B[5] * B[5]
+def stretch_trace(B, J):
+    """tr V of V = sqrt(B)."""
+    first, second = traces(B)
     # Start: the series of tr sqrt(I + X) in the invariants -p and q of X = 3 B / tr B - I, up to the fifth power of X.
     scale = 3.0 / first
     p = 3.0 - second * scale * scale
@@ -63,41 +62,69 @@ def stretch_invariants(B, J):
         step = (u * u - 4.0 * second - 8.0 * J * i) / (4.0 * i * u - 8.0 * J)
         i -= step
         iteration += 1
+    return i
+
+
+@ti.func
+def traces(B):
+    """tr B and the second invariant of B (6,)."""
+    return B[0] + B[1] + B[2], B[1] * B[2] - B[3] * B[3] + B[0] * B[2] - B[4] * B[4] + B[0] * B[1] - B[5] * B[5]
+
+
+@ti.func
+def stretch_invariants(B, J, i):
+    """tr B, and of V = sqrt(B) with trace i the second invariant ii and i ii - J, the product of the sums of two stretches."""
+    first = B[0] + B[1] + B[2]
     ii = 0.5 * (i * i - first)
-    return first, i, ii, i * ii - J
+    return first, ii, i * ii - J
 
 
 @ti.func
 def polar_rotation(F):
     """R of F = V R; det F > 0."""
     B, J = left_cauchy_green(F), F.determinant()
-    first, i, ii, sums = stretch_invariants(B, J)
-    return (product(full(plus_identity(-B, first + ii)), F) + i * cofactor(F)) / sums
+    i = stretch_trace(B, J)
+    first, ii, sums = stretch_invariants(B, J, i)
+    return (product(full(plus_identity(-1.0 * B, first + ii)), F) + i * cofactor(F)) / sums
 
 
 @ti.func
-def corotated(F, mu, lam):
-    """tau = 2 mu (F - R) F^T + lam J (J - 1) I = 2 mu (B - V) + lam J (J - 1) I."""
+def corotated(F, mu, lam, i):
+    """tau = 2 mu (F - R) F^T + lam J (J - 1) I = 2 mu (B - V) + lam J (J - 1) I; i = tr V."""
     B, J = left_cauchy_green(F), F.determinant()
-    first, i, ii, sums = stretch_invariants(B, J)
+    first, ii, sums = stretch_invariants(B, J, i)
     k = 2.0 * mu / sums
     return full(plus_identity((2.0 * mu - k * (first + ii)) * B + k * squared(B), (lam * (J - 1.0) - k * i) * J))
 
 
 @ti.func
-def neo_hookean(F, mu, lam):
+def neo_hookean(F, mu, lam, log_J):
     """tau = mu (F F^T - I) + lam log J I."""
-    return full(plus_identity(mu * left_cauchy_green(F), lam * ti.log(F.determinant()) - mu))
+    return full(plus_identity(mu * left_cauchy_green(F), lam * log_J - mu))
 
 
 @ti.func
-def kirchhoff(plastic: ti.template(), law, F, mu, lam):
-    """tau of the particle's law; `plastic` is a constant that keeps the plastic laws out of kernels that do not need them."""
+def invariant(law, F):
+    """The number that costs most in an elastic law and that its stress and its adjoint share: tr V if corotated, else log J."""
+    J, found = F.determinant(), 0.0
+    if law == NEO_HOOKEAN:
+        found = ti.log(J)
+    elif law == COROTATED:
+        found = stretch_trace(left_cauchy_green(F), J)
+    return found
+
+
+@ti.func
+def kirchhoff(plastic: ti.template(), law, F, mu, lam, known):
+    """tau of the particle's law; `known` is its `invariant`.
+
+    `plastic` is a constant that keeps the plastic laws out of kernels that do not need them.
+    """
     tau = ti.Matrix.zero(float, 3, 3)
     if law == NEO_HOOKEAN:
-        tau = neo_hookean(F, mu, lam)
+        tau = neo_hookean(F, mu, lam, known)
     elif law == COROTATED:
-        tau = corotated(F, mu, lam)
+        tau = corotated(F, mu, lam, known)
     elif ti.static(plastic):
         tau = hencky(F, mu, lam)
     return tau
@@ -110,54 +137,111 @@ def flow_and_stress(law, F, mu, lam, yield_stress, viscosity, dt):
     if law >= VON_MISES:
         F_next, tau = plastic_flow_stress(law, F, mu, lam, yield_stress, viscosity, dt)
     else:
-        tau = kirchhoff(False, law, F, mu, lam)
+        tau = kirchhoff(False, law, F, mu, lam, invariant(law, F))
     return F_next, tau
 
 
 @ti.func
-def axial(A):
-    """a with A : [w]x = a . w for all w."""
-    return ti.Vector([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+def column(A, j: ti.template()):
+    """Column j of A (3, 3)."""
+    return ti.Vector([A[0, j], A[1, j], A[2, j]])
 
 
 @ti.func
-def cross_matrix(w):
-    """[w]x, with [w]x y = w x y."""
-    return ti.Matrix([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+def times_columns(a, b, c, by):
+    """The product of the matrix of columns a, b, c with `by`, (3,)."""
+    return by[0] * a + by[1] * b + by[2] * c
 
 
 @ti.func
-def corotated_adjoint(F, mu, lam, tau_bar):
-    """F_bar, mu_bar, lam_bar. R turns with dR = [w]x R, (tr(V) I - V) w = axial(dF R^T)."""
+def cross(a, b):
+    """a x b."""
+    ahead = ti.Vector([a[1], a[2], a[0]]) * ti.Vector([b[2], b[0], b[1]])
+    return ahead - ti.Vector([a[2], a[0], a[1]]) * ti.Vector([b[1], b[2], b[0]])
+
+
+@ti.func
+def corotated_adjoint(F, mu, lam, i, tau_bar):
+    """F_bar, mu_bar, lam_bar. R turns with dR = [w]x R, (tr(V) I - V) w = axial(dF R^T), where axial(A) . u = A : [u]x for all u.
+
+    With R = (K F + i cof F) / sums, K = (tr B + ii) I - B, and W = T + [w]x the derivative by F is
+    2 mu (2 T - W K / sums) F + (lam (2 J - 1) tr T - 2 mu i W / sums) cof F. Matrices are built column by column.
+    """
     B, J = left_cauchy_green(F), F.determinant()
-    first, i, ii, sums = stretch_invariants(B, J)
-    cof = cofactor(F)
-    R = (product(full(plus_identity(-B, first + ii)), F) + i * cof) / sums
-    V = plus_identity(((first + ii) * B - squared(B)) / sums, i * J / sums)
-    T = full(symmetric_part(tau_bar))
-    trace = T.trace()
-    w = full(adjugate(plus_identity(-V, i))) @ axial(product(T, full(V))) / sums
-    F_bar = 2.0 * mu * (2.0 * product(T, F) - product(T + cross_matrix(w), R)) + lam * (2.0 * J - 1.0) * trace * cof
-    return F_bar, 2.0 * (T * full(B - V)).sum(), trace * J * (J - 1.0)
+    first, ii, sums = stretch_invariants(B, J, i)
+    per_sums = 1.0 / sums
+    S = symmetric_part(tau_bar)
+    trace = S[0] + S[1] + S[2]
+    V = plus_identity(((first + ii) * B - squared(B)) * per_sums, i * J * per_sums)
+    w = symmetric_times(adjugate(plus_identity(-1.0 * V, i)), axial_of_product(S, V)) * per_sums
+    T0, T1, T2 = ti.Vector([S[0], S[5], S[4]]), ti.Vector([S[5], S[1], S[3]]), ti.Vector([S[4], S[3], S[2]])
+    k = 2.0 * mu * per_sums
+    W0 = k * (T0 + ti.Vector([0.0, w[2], -w[1]]))
+    W1 = k * (T1 + ti.Vector([-w[2], 0.0, w[0]]))
+    W2 = k * (T2 + ti.Vector([w[1], -w[0], 0.0]))
+    K = plus_identity(-1.0 * B, first + ii)
+    M0 = (4.0 * mu) * T0 - times_columns(W0, W1, W2, ti.Vector([K[0], K[5], K[4]]))
+    M1 = (4.0 * mu) * T1 - times_columns(W0, W1, W2, ti.Vector([K[5], K[1], K[3]]))
+    M2 = (4.0 * mu) * T2 - times_columns(W0, W1, W2, ti.Vector([K[4], K[3], K[2]]))
+    swell = lam * (2.0 * J - 1.0) * trace
+    F0, F1, F2 = column(F, 0), column(F, 1), column(F, 2)
+    cof0, cof1, cof2 = cross(F1, F2), cross(F2, F0), cross(F0, F1)
+    a = times_columns(M0, M1, M2, F0) + swell * cof0 - i * times_columns(W0, W1, W2, cof0)
+    b = times_columns(M0, M1, M2, F1) + swell * cof1 - i * times_columns(W0, W1, W2, cof1)
+    c = times_columns(M0, M1, M2, F2) + swell * cof2 - i * times_columns(W0, W1, W2, cof2)
+    mu_bar = 2.0 * contracted(S, B - V)
+    return ti.Matrix([[a[r], b[r], c[r]] for r in ti.static(range(3))]), mu_bar, trace * J * (J - 1.0)
 
 
 @ti.func
-def neo_hookean_adjoint(F, mu, lam, tau_bar):
+def axial_of_product(S, V):
+    """axial(S V) of symmetric S, V (6,), (3,)."""
+    return ti.Vector(
+        [
+            S[4] * V[5] + S[3] * V[1] + S[2] * V[3] - S[5] * V[4] - S[1] * V[3] - S[3] * V[2],
+            S[0] * V[4] + S[5] * V[3] + S[4] * V[2] - S[4] * V[0] - S[3] * V[5] - S[2] * V[4],
+            S[5] * V[0] + S[1] * V[5] + S[3] * V[4] - S[0] * V[5] - S[5] * V[1] - S[4] * V[3],
+        ]
+    )
+
+
+@ti.func
+def symmetric_times(S, b):
+    """S b for symmetric S (6,)."""
+    return ti.Vector(
+        [S[0] * b[0] + S[5] * b[1] + S[4] * b[2], S[5] * b[0] + S[1] * b[1] + S[3] * b[2], S[4] * b[0] + S[3] * b[1] + S[2] * b[2]]
+    )
+
+
+@ti.func
+def contracted(S, E):
+    """S : E of symmetric matrices (6,)."""
+    return S[0] * E[0] + S[1] * E[1] + S[2] * E[2] + 2.0 * (S[3] * E[3] + S[4] * E[4] + S[5] * E[5])
+
+
+@ti.func
+def neo_hookean_adjoint(F, mu, lam, log_J, tau_bar):
     """F_bar, mu_bar, lam_bar, with d log J = F^-T : dF."""
-    J = F.determinant()
-    trace = tau_bar.trace()
-    F_bar = 2.0 * mu * product(full(symmetric_part(tau_bar)), F) + (lam * trace / J) * cofactor(F)
-    return F_bar, (tau_bar * full(left_cauchy_green(F))).sum() - trace, trace * ti.log(J)
+    S = symmetric_part(tau_bar)
+    trace = S[0] + S[1] + S[2]
+    k, swell = 2.0 * mu, lam * trace / F.determinant()
+    T0, T1, T2 = k * ti.Vector([S[0], S[5], S[4]]), k * ti.Vector([S[5], S[1], S[3]]), k * ti.Vector([S[4], S[3], S[2]])
+    F0, F1, F2 = column(F, 0), column(F, 1), column(F, 2)
+    a = times_columns(T0, T1, T2, F0) + swell * cross(F1, F2)
+    b = times_columns(T0, T1, T2, F1) + swell * cross(F2, F0)
+    c = times_columns(T0, T1, T2, F2) + swell * cross(F0, F1)
+    mu_bar = contracted(S, left_cauchy_green(F)) - trace
+    return ti.Matrix([[a[r], b[r], c[r]] for r in ti.static(range(3))]), mu_bar, trace * log_J
 
 
 @ti.func
-def kirchhoff_adjoint(plastic: ti.template(), law, F, mu, lam, tau_bar):
-    """F_bar, mu_bar, lam_bar of the particle's law; `plastic` as in `kirchhoff`."""
+def kirchhoff_adjoint(plastic: ti.template(), law, F, mu, lam, known, tau_bar):
+    """F_bar, mu_bar, lam_bar of the particle's law; `plastic` and `known` as in `kirchhoff`."""
     F_bar, mu_bar, lam_bar = ti.Matrix.zero(float, 3, 3), 0.0, 0.0
     if law == NEO_HOOKEAN:
-        F_bar, mu_bar, lam_bar = neo_hookean_adjoint(F, mu, lam, tau_bar)
+        F_bar, mu_bar, lam_bar = neo_hookean_adjoint(F, mu, lam, known, tau_bar)
     elif law == COROTATED:
-        F_bar, mu_bar, lam_bar = corotated_adjoint(F, mu, lam, tau_bar)
+        F_bar, mu_bar, lam_bar = corotated_adjoint(F, mu, lam, known, tau_bar)
     elif ti.static(plastic):
         F_bar, mu_bar, lam_bar = hencky_adjoint(F, mu, lam, tau_bar)
     return F_bar, mu_bar, lam_bar

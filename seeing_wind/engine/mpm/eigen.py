@@ -165,7 +165,7 @@ def eigenvectors(X, apart):
     best = ti.select(first, ti.Vector([P[0], P[5], P[4]]), ti.Vector([P[5], P[1], P[3]]))
     third = P[2] > ti.max(P[0], P[1])
     u = ti.select(third, ti.Vector([P[4], P[3], P[2]]), best)
-    u /= ti.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
+    u = u / ti.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
     side = ti.select(u[2] < 0.0, -1.0, 1.0)
     a = -1.0 / (side + u[2])
     b = u[0] * u[1] * a

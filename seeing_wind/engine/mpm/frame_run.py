@@ -32,14 +32,14 @@ class FrameRun:
     first: np.ndarray
     """(tasks + 1,) int32, each task's first particle."""
     particle: np.ndarray
-    """(M, 8), see `packed.constants`."""
+    """(8 M,), see `packed.constants`."""
     force: np.ndarray
-    """(M, 3, 4), see `packed.forces`."""
+    """(3 M, 4), see `packed.forces`."""
     pieces: list[Piece]
     """One after the other, of equal length."""
     substeps: int
     kept: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    """Packed state (M, 3, 8) and boxes (tasks, 6) before substep s; the frame's end has the number `substeps`."""
+    """Packed state (6 M, 4) and boxes (tasks, 6) before substep s; the frame's end has the number `substeps`."""
     grids: dict[int, np.ndarray] = field(default_factory=dict)
     """Momentum and mass (nodes, 4) of the nodes in substep s, where they take less than a number per particle."""
 

@@ -14,6 +14,7 @@ from taichi.lang import impl
 from taichi.lang.matrix import MatrixType
 from taichi.types import ndarray_type, template
 
+from .native import native_vectors
 from .precision import compiled_in
 
 
@@ -39,7 +40,7 @@ class Launcher:
         impl.get_runtime().prog.launch_kernel(self.compiled, self.context)
 
     def _prepare(self, args: tuple[Any, ...]) -> None:
-        with compiled_in(self.real):
+        with native_vectors(), compiled_in(self.real):
             traced = self.kernel.compiled_kernels[self.kernel.ensure_compiled(*args)]
             program = impl.get_runtime().prog
             self.compiled = program.compile_kernel(program.config(), program.get_device_caps(), traced)

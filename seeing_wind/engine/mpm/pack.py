@@ -2,14 +2,25 @@
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
+import numpy as np
 import taichi as ti
 
-from .packed import MOST_PARTICLES, bounded, forces, packed, packed_force, states, unpacked
+from .packed import MOST_PARTICLES, bounded, forces, rows_of, states
 
 order_of = ti.types.ndarray(dtype=ti.i32, ndim=1)
 numbers = ti.types.ndarray(dtype=ti.f64, ndim=1)
 vectors = ti.types.ndarray(dtype=ti.f64, ndim=2)
 matrices = ti.types.ndarray(dtype=ti.f64, ndim=3)
+
+
+def rows_from(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Matrices (..., 3, 3) and vectors (..., 3) as rows (..., 3, 4) of `packed`: each column with the vector's number."""
+    return np.concatenate([matrices.swapaxes(-1, -2), vectors[..., None]], axis=-1)
+
+
+def from_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`rows_from` backwards."""
+    return rows[..., :3].swapaxes(-1, -2), rows[..., 3]
 
 
 @ti.func
@@ -24,23 +35,29 @@ def real_matrix(array: ti.template(), p):
 
 @ti.kernel
 def pack(order: order_of, x: vectors, v: vectors, C: matrices, F: matrices, offset: numbers, state: states):
-    """Row p of `state` is particle order[p], its position relative to offset (3,)."""
+    """Rows 6 p on of `state` are particle order[p], its position relative to offset (3,)."""
     for q in range(order.shape[0]):
         p = bounded(order[q], MOST_PARTICLES)
         # The difference in double precision, which is what single precision needs its digits for.
         place = ti.Vector([ti.cast(x[p, i] - offset[i], float) for i in ti.static(range(3))])
-        state[q] = packed(place, real_vector(v, p), real_matrix(C, p), real_matrix(F, p))
+        row = rows_of(q)[0]
+        speed, affine, deformation = real_vector(v, p), real_matrix(C, p), real_matrix(F, p)
+        for j in ti.static(range(3)):
+            state[row + j] = ti.Vector([deformation[0, j], deformation[1, j], deformation[2, j], place[j]])
+            state[row + 3 + j] = ti.Vector([affine[0, j], affine[1, j], affine[2, j], speed[j]])
 
 
 @ti.kernel
 def pack_forces(order: order_of, acceleration: vectors, gradient: matrices, force: forces):
-    """Row p of `force` is particle order[p]; a gradient of no particles is zero."""
+    """Rows 3 p on of `force` are particle order[p]; a gradient of no particles is zero."""
     for q in range(order.shape[0]):
         p = bounded(order[q], MOST_PARTICLES)
         G = ti.Matrix.zero(float, 3, 3)
         if gradient.shape[0] > 0:
             G = real_matrix(gradient, p)
-        force[q] = packed_force(real_vector(acceleration, p), G)
+        row, a = rows_of(q)[1], real_vector(acceleration, p)
+        for j in ti.static(range(3)):
+            force[row + j] = ti.Vector([G[0, j], G[1, j], G[2, j], a[j]])
 
 
 @ti.kernel
@@ -48,10 +65,11 @@ def unpack(order: order_of, state: states, offset: numbers, x: vectors, v: vecto
     """`pack` backwards; particles that `order` does not name are left alone."""
     for q in range(order.shape[0]):
         p = bounded(order[q], MOST_PARTICLES)
-        place, speed, affine, deformation = unpacked(state[q])
-        for i in ti.static(range(3)):
-            x[p, i] = ti.cast(place[i], ti.f64) + offset[i]
-            v[p, i] = speed[i]
-            for j in ti.static(range(3)):
-                C[p, i, j] = affine[i, j]
-                F[p, i, j] = deformation[i, j]
+        row = rows_of(q)[0]
+        for j in ti.static(range(3)):
+            deformation, affine = state[row + j], state[row + 3 + j]
+            x[p, j] = ti.cast(deformation[3], ti.f64) + offset[j]
+            v[p, j] = affine[3]
+            for i in ti.static(range(3)):
+                C[p, i, j] = affine[i]
+                F[p, i, j] = deformation[i]

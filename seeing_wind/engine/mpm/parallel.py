@@ -11,29 +11,28 @@ import taichi as ti
 
 from .boundary import FREE
 from .conditions import boundary_velocity, in_box
-from .constitutive import kirchhoff
-from .eigen import product
+from .constitutive import invariant, kirchhoff
 from .packed import (
     MOST_NODES,
     MOST_PARTICLES,
     bounded,
+    combined,
     constants,
     corner_of,
     forces,
+    fourths,
     gather,
     integers,
     lattice_of,
-    linear,
+    matrix,
     nodes,
     numbers,
-    packed,
+    rows_of,
     scatter,
     states,
-    times,
     triple,
-    unpacked,
-    unpacked_force,
     window_of,
+    with_fourth,
 )
 from .plasticity import VON_MISES, plastic_flow
 from .substep import INVERTED, NOT_FINITE, RUNNING, STRIDE, TOO_FAST
@@ -49,45 +48,60 @@ CLAMP_LO, SOLID_LO, PUSH_LO, CAPACITY = 2, 3, 4, 15
 
 
 @ti.func
-def affine(plastic: ti.template(), c, v, C, F, a, G, dt, dx):
-    """What a particle brings to its nodes: momentum m (v + dt a), B = dx A with A of the MLS-MPM transfer."""
-    tau = kirchhoff(plastic, ti.cast(c[6], ti.i32), F, c[2], c[3])
-    return c[0] * (v + dt * a), (c[0] * dx) * (C + dt * G) - ((4.0 * dt / dx) * c[1]) * tau
+def brought(
+    plastic: ti.template(), row, push, own, f, particle: ti.template(), F, known, state: ti.template(), force: ti.template(), dx, dt
+):
+    """What a particle at f from its first node brings to its nodes, S + i X + j Y + k Z: momentum and mass.
+
+    It is m (v + dt a) + A (x_i - x_p) with A of the MLS-MPM transfer (Hu et al. 2018, and as `transfer.scatter`); B = dx A.
+    """
+    tau = kirchhoff(plastic, ti.cast(particle[own + 6], ti.i32), F, particle[own + 2], particle[own + 3], known)
+    k = (4.0 * dt / dx) * particle[own + 1]
+    scale = particle[own + 0] * dx
+    # Beside a column of C stands v_j: the fourth number of `moving` is dx times the momentum.
+    moving = [scale * (state[row + 3 + j] + dt * force[push + j]) for j in ti.static(range(3))]
+    columns = [moving[j] - k * ti.Vector([tau[0, j], tau[1, j], tau[2, j], 0.0]) for j in ti.static(range(3))]
+    X, Y, Z = [with_fourth(columns[j], 0.0) for j in ti.static(range(3))]
+    S = (1.0 / dx) * fourths(columns[0], columns[1], columns[2], scale) - combined(X, Y, Z, f)
+    return S, X, Y, Z
 
 
 @ti.func
 def particle_to_grid(
-    atomic: ti.template(), plastic: ti.template(), p, task, first_node, particle: ti.template(), state: ti.template(),
-    force: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(), scratch: ti.template(), each,
+    atomic: ti.template(), plastic: ti.template(), p, first_node, particle: ti.template(), state: ti.template(),
+    force: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
-    """p2g of particle p: adds its momentum and mass to the 27 nodes round it (Hu et al. 2018, as `transfer.scatter`)."""
-    x, v, C, F = unpacked(state[p])
-    a, G = unpacked_force(force[p])
-    c = particle[p]
-    momentum, B = affine(plastic, c, v, C, F, a, G, dt, dx)
-    at, f = corner_of(x, offset, 1.0 / dx, lo, dims, first_node)
-    S, X, Y, Z = linear(B, momentum - times(B, f), c[0], scratch, task, each)
+    """p2g of particle p: adds its momentum and mass to the 27 nodes round it."""
+    row, push, own = rows_of(p)
+    F0, F1, F2 = state[row], state[row + 1], state[row + 2]
+    at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
+    F = matrix(F0, F1, F2)
+    known = invariant(ti.cast(particle[own + 6], ti.i32), F)
+    S, X, Y, Z = brought(plastic, row, push, own, f, particle, F, known, state, force, dx, dt)
     scatter(atomic, f, S, X, Y, Z, at, dims, grid)
 
 
 @ti.func
 def grid_to_particle(
-    plastic: ti.template(), p, task, particle: ti.template(), state: ti.template(), state_out: ti.template(), pin_velocity: ti.template(),
-    offset, dx, dt, lo, dims, velocity: ti.template(), scratch: ti.template(), each,
+    plastic: ti.template(), p, particle: ti.template(), state: ti.template(), state_out: ti.template(), pin_velocity: ti.template(),
+    offset, dx, dt, lo, dims, velocity: ti.template(),
 ):  # fmt: skip
-    """g2p of one particle: returns its status and its new place."""
-    x, _v, _C, F = unpacked(state[p])
-    c = particle[p]
-    at, f = corner_of(x, offset, 1.0 / dx, lo, dims, 0)
-    v, moment, _mass = gather(f, at, dims, velocity, scratch, task, each)
-    C = (4.0 / dx) * (moment - v.outer_product(f))
-    F += dt * product(C, F)
-    if ti.cast(c[7], ti.i32) == FREE:
-        x += dt * v
-    else:
+    """g2p of one particle: returns its status and its new place (4,)."""
+    row, _push, own = rows_of(p)
+    F0, F1, F2 = state[row], state[row + 1], state[row + 2]
+    x = fourths(F0, F1, F2, 0.0)
+    free, prescribed = 1.0, 0.0 * F0
+    if ti.cast(particle[own + 7], ti.i32) != FREE:
         pin = ti.min(p, pin_velocity.shape[0] - 1)  # one row for all where they stand still
-        x += dt * ti.Vector([pin_velocity[pin, 0], pin_velocity[pin, 1], pin_velocity[pin, 2]])
-    status, speed_sqr, J = RUNNING, v.norm_sqr(), F.determinant()
+        free, prescribed = 0.0, ti.Vector([pin_velocity[pin, 0], pin_velocity[pin, 1], pin_velocity[pin, 2], 0.0])
+    at, f = corner_of(x, offset, 1.0 / dx, lo, dims, 0)
+    v, Mx, My, Mz = gather(f, at, dims, velocity)
+    k = 4.0 / dx
+    Cx, Cy, Cz = k * (Mx - f[0] * v), k * (My - f[1] * v), k * (Mz - f[2] * v)
+    x = x + dt * (free * v + prescribed)
+    F0, F1, F2 = F0 + dt * combined(Cx, Cy, Cz, F0), F1 + dt * combined(Cx, Cy, Cz, F1), F2 + dt * combined(Cx, Cy, Cz, F2)
+    F = matrix(F0, F1, F2)
+    status, speed_sqr, J = RUNNING, v[0] * v[0] + v[1] * v[1] + v[2] * v[2], F.determinant()
     # Also when one is NaN. What is not finite in C is not in F.
     if not (speed_sqr < 1e30 and ti.abs(J) < 1e30):
         status = NOT_FINITE
@@ -96,10 +110,13 @@ def grid_to_particle(
     elif not (J > 0.0):
         status = INVERTED
     elif ti.static(plastic):
-        law = ti.cast(c[6], ti.i32)
+        law = ti.cast(particle[own + 6], ti.i32)
         if law >= VON_MISES:
-            F = plastic_flow(law, F, c[2], c[4], c[5], dt)
-    state_out[p] = packed(x, v, C, F)
+            F = plastic_flow(law, F, particle[own + 2], particle[own + 4], particle[own + 5], dt)
+            for i in ti.static(range(3)):
+                F0[i], F1[i], F2[i] = F[i, 0], F[i, 1], F[i, 2]
+    state_out[row], state_out[row + 1], state_out[row + 2] = with_fourth(F0, x[0]), with_fourth(F1, x[1]), with_fourth(F2, x[2])
+    state_out[row + 3], state_out[row + 4], state_out[row + 5] = with_fourth(Cx, v[0]), with_fourth(Cy, v[1]), with_fourth(Cz, v[2])
     return status, x
 
 
@@ -109,7 +126,7 @@ def summed(node, tasks, i, boxes: ti.template(), capacity, grid: ti.template()):
     g = ti.Vector.zero(float, 4)
     for task in range(tasks):
         if boxes[task, 0] <= i and i <= boxes[task, 3] + 2:
-            g += grid[bounded(task * capacity + node, MOST_NODES)]
+            g = g + grid[bounded(task * capacity + node, MOST_NODES)]
     return g
 
 
@@ -125,9 +142,10 @@ def place(node, lo, dims):
 def pushed(at, v, dt, push_lo, push: ti.template()):
     """v after the acceleration prescribed at the lattice's node `at`."""
     c = at - push_lo
+    pushed_v = v
     if in_box(c, push):
-        v += dt * ti.Vector([push[c[0], c[1], c[2], a] for a in ti.static(range(3))])
-    return v
+        pushed_v = v + dt * ti.Vector([push[c[0], c[1], c[2], a] for a in ti.static(range(3))])
+    return pushed_v
 
 
 @ti.func
@@ -141,9 +159,7 @@ def node_velocity(
         lo, dims = window_of(window)
         at = place(node, lo, dims)
         v = pushed(at, ti.Vector([g[0], g[1], g[2]]) / g[3], dt, triple(window, PUSH_LO), push)
-        v = boundary_velocity(
-            at, v, offset, dx, triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid
-        )
+        v = boundary_velocity(at, v, offset, dx, triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid)
     return ti.Vector([v[0], v[1], v[2], g[3]])
 
 
@@ -186,32 +202,28 @@ def substep(
     # status (tasks, 2) out: code, particle
     lattice: numbers, window: integers, boxes: box_rows, status: box_rows,
     # grids: the tasks' own, one after the other, then momentum and velocity of all
-    grid: nodes, momentum: nodes, velocity: nodes, scratch: nodes, each: ti.i32,
+    grid: nodes, momentum: nodes, velocity: nodes,
 ):  # fmt: skip
     """p2g, the nodes' velocities, g2p."""
     if ti.static(gpu):
         for node in range(window[3] * window[4] * window[5]):
             grid[node] = ti.Vector.zero(float, 4)
-        for p in range(state.shape[0]):
+        for p in range(state.shape[0] // 6):
             offset, dx, dt = lattice_of(lattice)
             lo, dims = window_of(window)
-            particle_to_grid(True, plastic, p, p, 0, particle, state, force, offset, dx, dt, lo, dims, grid, scratch, each)
+            particle_to_grid(True, plastic, p, 0, particle, state, force, offset, dx, dt, lo, dims, grid)
         for node in range(window[3] * window[4] * window[5]):
             offset, dx, dt = lattice_of(lattice)
-            node_to_velocity(
-                node, 1, window, boxes, grid, momentum, velocity, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
-            )
+            node_to_velocity(node, 1, window, boxes, grid, momentum, velocity, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
         for a in range(6 * whole):
             boxes[0, a] = ti.select(a < 3, 2**30, -(2**30))
-        for p in range(state.shape[0] * whole):
+        for p in range(state.shape[0] // 6 * whole):
             offset, dx, dt = lattice_of(lattice)
             lo, dims = window_of(window)
-            code, x = grid_to_particle(
-                plastic, p, p, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity, scratch, each
-            )
+            code, x = grid_to_particle(plastic, p, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity)
             if code != RUNNING:
                 status[0, 0], status[0, 1] = code, p
-            base = base_of(x, offset, 1.0 / dx)
+            base = base_of(ti.Vector([x[0], x[1], x[2]]), offset, 1.0 / dx)
             for a in ti.static(range(3)):
                 ti.atomic_min(boxes[0, a], base[a])
                 ti.atomic_max(boxes[0, 3 + a], base[a])
@@ -229,9 +241,7 @@ def substep(
                     grid[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
                 for index in range(first[task], first[task + 1]):
                     p = bounded(index, MOST_PARTICLES)
-                    particle_to_grid(
-                        False, plastic, p, task, first_node, particle, state, force, offset, dx, dt, lo, dims, grid, scratch, each
-                    )
+                    particle_to_grid(False, plastic, p, first_node, particle, state, force, offset, dx, dt, lo, dims, grid)
         ti.loop_config(block_dim=STRIDE)
         for turn in range((first.shape[0] - 1) * STRIDE):
             if turn % STRIDE == 0:
@@ -252,9 +262,7 @@ def substep(
                 low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
                 for index in range(first[task], first[task + 1]):
                     p = bounded(index, MOST_PARTICLES)
-                    code, x = grid_to_particle(
-                        plastic, p, task, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity, scratch, each
-                    )
+                    code, x = grid_to_particle(plastic, p, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity)
                     if code != RUNNING:
                         status[task, 0], status[task, 1] = code, p
                     for a in ti.static(range(3)):

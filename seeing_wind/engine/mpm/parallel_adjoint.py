@@ -10,40 +10,37 @@ import taichi as ti
 
 from .boundary import FREE
 from .conditions import boundary_velocity_adjoint
-from .constitutive import kirchhoff_adjoint
-from .eigen import product
+from .constitutive import invariant, kirchhoff_adjoint
 from .packed import (
     MOST_NODES,
     MOST_PARTICLES,
     bounded,
+    combined,
     constants,
     corner_of,
     forces,
+    fourths,
     gather,
     integers,
     lattice_of,
-    linear,
+    matrix,
     nodes,
     numbers,
-    packed,
-    packed_force,
+    rows_of,
     scatter,
     spline_pull,
     states,
-    times,
-    transposed_times,
     triple,
-    unpacked,
-    unpacked_force,
     window_of,
+    with_fourth,
 )
 from .parallel import (
     CAPACITY,
     CLAMP_LO,
     PUSH_LO,
     SOLID_LO,
-    affine,
     box_rows,
+    brought,
     flags,
     lattice_rows,
     node_velocity,
@@ -59,33 +56,65 @@ from .substep import STRIDE
 
 
 @ti.func
+def plastic_flow_back(
+    material, own, particle: ti.template(), C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt, particle_bar: ti.template()
+):
+    """Columns of F_bar before the plastic flow from those after it; C, F: columns of the next affine velocity and of this F."""
+    columns = [F0_bar, F1_bar, F2_bar]
+    law = ti.cast(particle[own + 6], ti.i32)
+    if law >= VON_MISES:
+        trial = matrix(F0 + dt * combined(C0, C1, C2, F0), F1 + dt * combined(C0, C1, C2, F1), F2 + dt * combined(C0, C1, C2, F2))
+        through, mu_bar, yield_bar, viscosity_bar = plastic_flow_adjoint(
+            law, trial, particle[own + 2], particle[own + 4], particle[own + 5], dt, matrix(F0_bar, F1_bar, F2_bar)
+        )
+        for j in ti.static(range(3)):
+            columns[j] = ti.Vector([through[0, j], through[1, j], through[2, j], columns[j][3]])
+        if material != 0:
+            particle_bar[own + 2] = particle_bar[own + 2] + mu_bar
+            particle_bar[own + 4] = particle_bar[own + 4] + yield_bar
+            particle_bar[own + 5] = particle_bar[own + 5] + viscosity_bar
+    return columns[0], columns[1], columns[2]
+
+
+@ti.func
 def grid_to_particle_adjoint(
-    atomic: ti.template(), plastic: ti.template(), material, p, task, first_node, particle: ti.template(),
-    state: ti.template(), state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
-    velocity: ti.template(), grid_bar: ti.template(), scratch: ti.template(), each,
+    atomic: ti.template(), plastic: ti.template(), material, p, first_node, particle: ti.template(), state: ti.template(),
+    state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
+    grid_bar: ti.template(),
 ):  # fmt: skip
     """g2p backwards: adds to the nodes' v_bar; `bar` turns from the next state's into this one's, as far as it goes through g2p."""
-    x, _v, _C, F = unpacked(state[p])
-    _x, v_next, C_next, _F = unpacked(state_next[p])
-    x_bar, v_bar, C_bar, F_bar = unpacked(bar[p])
-    c = particle[p]
+    row, _push, own = rows_of(p)
+    F0, F1, F2 = state[row], state[row + 1], state[row + 2]
+    C0, C1, C2 = state_next[row + 3], state_next[row + 4], state_next[row + 5]
+    F0_bar, F1_bar, F2_bar = bar[row], bar[row + 1], bar[row + 2]
+    C0_bar, C1_bar, C2_bar = bar[row + 3], bar[row + 4], bar[row + 5]
+    x_bar, v_bar = fourths(F0_bar, F1_bar, F2_bar, 0.0), fourths(C0_bar, C1_bar, C2_bar, 0.0)
     if ti.static(plastic):
-        law = ti.cast(c[6], ti.i32)
-        if law >= VON_MISES:
-            trial = F + dt * product(C_next, F)
-            through, mu_bar, yield_bar, viscosity_bar = plastic_flow_adjoint(law, trial, c[2], c[4], c[5], dt, F_bar)
-            F_bar = through
-            if material != 0:
-                particle_bar[p] = particle_bar[p] + ti.Vector([0.0, 0.0, mu_bar, 0.0, yield_bar, viscosity_bar, 0.0, 0.0])
-    if ti.cast(c[7], ti.i32) == FREE:
-        v_bar += dt * x_bar
-    D_bar = (4.0 / dx) * (C_bar + dt * product(F_bar, F.transpose()))
-    at, f = corner_of(x, offset, 1.0 / dx, lo, dims, 0)
-    S, X, Y, Z = linear(D_bar, v_bar - times(D_bar, f), 0.0, scratch, task, each)
+        F0_bar, F1_bar, F2_bar = plastic_flow_back(
+            material, own, particle, C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt, particle_bar
+        )
+    if ti.cast(particle[own + 7], ti.i32) == FREE:
+        v_bar = v_bar + dt * x_bar
+    k = 4.0 / dx
+    X = with_fourth(k * (C0_bar + dt * (F0[0] * F0_bar + F1[0] * F1_bar + F2[0] * F2_bar)), 0.0)
+    Y = with_fourth(k * (C1_bar + dt * (F0[1] * F0_bar + F1[1] * F1_bar + F2[1] * F2_bar)), 0.0)
+    Z = with_fourth(k * (C2_bar + dt * (F0[2] * F0_bar + F1[2] * F1_bar + F2[2] * F2_bar)), 0.0)
+    at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
+    S = v_bar - combined(X, Y, Z, f)
     scatter(atomic, f, S, X, Y, Z, bounded(first_node + at, MOST_NODES), dims, grid_bar)
-    pull = spline_pull(f, S, X, Y, Z, at, dims, velocity, scratch, task, each)
-    x_bar += (1.0 / dx) * (pull - transposed_times(D_bar, v_next))
-    bar[p] = packed(x_bar, ti.Vector.zero(float, 3), ti.Matrix.zero(float, 3, 3), F_bar + dt * product(C_next.transpose(), F_bar))
+    # Rows of C: C^T F_bar is the product with its transpose.
+    R0, R1, R2 = [ti.Vector([C0[i], C1[i], C2[i], 0.0]) for i in ti.static(range(3))]
+    bar[row] = with_fourth(F0_bar + dt * combined(R0, R1, R2, F0_bar), x_bar[0])
+    bar[row + 1] = with_fourth(F1_bar + dt * combined(R0, R1, R2, F1_bar), x_bar[1])
+    bar[row + 2] = with_fourth(F2_bar + dt * combined(R0, R1, R2, F2_bar), x_bar[2])
+    # For the pull of the weights, which `particle_to_grid_adjoint` finds for both grids at once.
+    bar[row + 3], bar[row + 4], bar[row + 5] = with_fourth(X, v_bar[0]), with_fourth(Y, v_bar[1]), with_fourth(Z, v_bar[2])
+
+
+@ti.func
+def sums(a, b, c):
+    """The sums of the numbers of a, b, c, each (4,), in a vector of four."""
+    return ti.Vector([a[0] + a[1] + a[2] + a[3], b[0] + b[1] + b[2] + b[3], c[0] + c[1] + c[2] + c[3], 0.0])
 
 
 @ti.func
@@ -113,29 +142,45 @@ def node_to_velocity_adjoint(
 
 @ti.func
 def particle_to_grid_adjoint(
-    plastic: ti.template(), material, p, task, particle: ti.template(), state: ti.template(), force: ti.template(),
-    bar: ti.template(), force_bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims, momentum_bar: ti.template(),
-    scratch: ti.template(), each,
+    plastic: ti.template(), material, p, particle: ti.template(), state: ti.template(), state_next: ti.template(),
+    force: ti.template(), bar: ti.template(), force_bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
+    velocity: ti.template(), momentum_bar: ti.template(),
 ):  # fmt: skip
-    """p2g backwards: completes `bar`, adds to the derivatives by force and constants."""
-    x, v, C, F = unpacked(state[p])
-    a, G = unpacked_force(force[p])
-    c = particle[p]
-    momentum, B = affine(plastic, c, v, C, F, a, G, dt, dx)
-    at, f = corner_of(x, offset, 1.0 / dx, lo, dims, 0)
-    S, X, Y, Z = linear(B, momentum - times(B, f), c[0], scratch, task, each)
-    q_bar, moment, mass_bar = gather(f, at, dims, momentum_bar, scratch, task, each)
-    A_bar = dx * (moment - q_bar.outer_product(f))
-    pull = spline_pull(f, S, X, Y, Z, at, dims, momentum_bar, scratch, task, each)
-    x_bar, _v_bar, _C_bar, F_bar = unpacked(bar[p])
-    x_bar += (1.0 / dx) * (pull - transposed_times(B, q_bar))
-    tau_bar = ((-4.0 * dt / (dx * dx)) * c[1]) * A_bar
-    through, mu_bar, lam_bar = kirchhoff_adjoint(plastic, ti.cast(c[6], ti.i32), F, c[2], c[3], tau_bar)
-    bar[p] = packed(x_bar, c[0] * q_bar, c[0] * A_bar, F_bar + through)
-    force_bar[p] = force_bar[p] + packed_force((dt * c[0]) * q_bar, (dt * c[0]) * A_bar)
+    """p2g backwards, and what g2p has through the particle's place: completes `bar`, adds to the derivatives by force and constants."""
+    row, push, own = rows_of(p)
+    F0, F1, F2 = state[row], state[row + 1], state[row + 2]
+    F = matrix(F0, F1, F2)
+    at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
+    law = ti.cast(particle[own + 6], ti.i32)
+    known = invariant(law, F)
+    S, X, Y, Z = brought(plastic, row, push, own, f, particle, F, known, state, force, dx, dt)
+    q_bar, Mx, My, Mz = gather(f, at, dims, momentum_bar)
+    # Derivatives by m (C + dt G), beside each column that by m (v_j + dt a_j).
+    A0_bar = with_fourth(dx * (Mx - f[0] * q_bar), q_bar[0])
+    A1_bar = with_fourth(dx * (My - f[1] * q_bar), q_bar[1])
+    A2_bar = with_fourth(dx * (Mz - f[2] * q_bar), q_bar[2])
+    D0, D1, D2 = bar[row + 3], bar[row + 4], bar[row + 5]
+    U, V, W = with_fourth(D0, 0.0), with_fourth(D1, 0.0), with_fourth(D2, 0.0)
+    T = fourths(D0, D1, D2, 0.0) - combined(U, V, W, f)
+    pull_x, pull_y, pull_z = spline_pull(f, S, X, Y, Z, at, dims, momentum_bar, T, U, V, W, velocity)
+    v_next = fourths(state_next[row + 3], state_next[row + 4], state_next[row + 5], 0.0)
+    pull = (1.0 / dx) * sums(pull_x - X * q_bar - U * v_next, pull_y - Y * q_bar - V * v_next, pull_z - Z * q_bar - W * v_next)
+    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + 1]) * matrix(A0_bar, A1_bar, A2_bar)
+    F_bar, mu_bar, lam_bar = kirchhoff_adjoint(plastic, law, F, particle[own + 2], particle[own + 3], known, tau_bar)
+    mass, mass_bar = particle[own + 0], q_bar[3]
+    A_bar = [A0_bar, A1_bar, A2_bar]
+    for j in ti.static(range(3)):
+        bar[row + j] = bar[row + j] + ti.Vector([F_bar[0, j], F_bar[1, j], F_bar[2, j], pull[j]])
+        moving_bar = mass * A_bar[j]
+        bar[row + 3 + j] = moving_bar
+        force_bar[push + j] = force_bar[push + j] + dt * moving_bar
     if material != 0:
-        mass_bar += q_bar.dot(v + dt * a) + (A_bar * (C + dt * G)).sum()
-        particle_bar[p] = particle_bar[p] + ti.Vector([mass_bar, 0.0, mu_bar, lam_bar, 0.0, 0.0, 0.0, 0.0])
+        for j in ti.static(range(3)):
+            along = A_bar[j] * (state[row + 3 + j] + dt * force[push + j])
+            mass_bar += along[0] + along[1] + along[2] + along[3]
+        particle_bar[own + 0] = particle_bar[own + 0] + mass_bar
+        particle_bar[own + 2] = particle_bar[own + 2] + mu_bar
+        particle_bar[own + 3] = particle_bar[own + 3] + lam_bar
 
 
 @ti.kernel
@@ -148,7 +193,7 @@ def substep_adjoint(
     bar: states, force_bar: forces, particle_bar: constants,
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
     lattice: numbers, window: integers, boxes: box_rows,
-    grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes, scratch: nodes, each: ti.i32,
+    grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
 ):  # fmt: skip
     """g2p and p2g backwards."""
     if ti.static(gpu):
@@ -156,24 +201,24 @@ def substep_adjoint(
             offset, dx, dt = lattice_of(lattice)
             grid_bar[node] = ti.Vector.zero(float, 4)
             velocity[node] = node_velocity(node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
-        for p in range(state.shape[0]):
+        for p in range(state.shape[0] // 6):
             offset, dx, dt = lattice_of(lattice)
             lo, dims = window_of(window)
             grid_to_particle_adjoint(
-                True, plastic, material, p, p, 0, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims,
-                velocity, grid_bar, scratch, each,
+                True, plastic, material, p, 0, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims,
+                grid_bar,
             )  # fmt: skip
         for node in range(window[3] * window[4] * window[5]):
             offset, dx, dt = lattice_of(lattice)
             node_to_velocity_adjoint(
                 node, 1, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
             )
-        for p in range(state.shape[0]):
+        for p in range(state.shape[0] // 6):
             offset, dx, dt = lattice_of(lattice)
             lo, dims = window_of(window)
             particle_to_grid_adjoint(
-                plastic, material, p, p, particle, state, force, bar, force_bar, particle_bar, offset, dx, dt, lo, dims,
-                momentum_bar, scratch, each,
+                plastic, material, p, particle, state, state_next, force, bar, force_bar, particle_bar, offset, dx, dt, lo, dims,
+                velocity, momentum_bar,
             )  # fmt: skip
     else:
         ti.loop_config(block_dim=STRIDE)
@@ -183,9 +228,7 @@ def substep_adjoint(
                 begin, end = share(turn // STRIDE, first.shape[0] - 1, window[3] * window[4] * window[5])
                 for index in range(begin, end):
                     node = bounded(index, MOST_NODES)
-                    velocity[node] = node_velocity(
-                        node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
-                    )
+                    velocity[node] = node_velocity(node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
         ti.loop_config(block_dim=STRIDE)
         for turn in range((first.shape[0] - 1) * STRIDE):
             if turn % STRIDE == 0:
@@ -199,8 +242,8 @@ def substep_adjoint(
                 for index in range(first[task], first[task + 1]):
                     p = bounded(index, MOST_PARTICLES)
                     grid_to_particle_adjoint(
-                        False, plastic, material, p, task, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt,
-                        lo, dims, velocity, grid_bar, scratch, each,
+                        False, plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt,
+                        lo, dims, grid_bar,
                     )  # fmt: skip
         ti.loop_config(block_dim=STRIDE)
         for turn in range((first.shape[0] - 1) * STRIDE):
@@ -223,6 +266,6 @@ def substep_adjoint(
                 for index in range(first[task], first[task + 1]):
                     p = bounded(index, MOST_PARTICLES)
                     particle_to_grid_adjoint(
-                        plastic, material, p, task, particle, state, force, bar, force_bar, particle_bar, offset, dx, dt, lo, dims,
-                        momentum_bar, scratch, each,
+                        plastic, material, p, particle, state, state_next, force, bar, force_bar, particle_bar, offset, dx, dt, lo, dims,
+                        velocity, momentum_bar,
                     )  # fmt: skip

@@ -28,7 +28,7 @@ from .eigen import (
     relative_deviator,
     symmetric_part,
 )
-from .strain import RADIUS, exp_slopes, exponential, hencky_strain, log_slopes
+from .strain import RADIUS, exp_slopes, exponential, half_logs, hencky_strain, log_slopes
 
 VON_MISES = 2
 VISCOPLASTIC = 3
@@ -88,7 +88,7 @@ def plastic_flow_stress(law, F, mu, lam, yield_stress, viscosity, dt):
 def principal_strains(X, size):
     """Eigenvectors U of B = m (I + X), |X| = size, eigenvalues x (3,) of X, and log(1 + x) / 2 (3,): Hencky strains less log(m) / 2."""
     U, x = eigenvectors(X, eigenvalues(X, size)[0])
-    return U, x, 0.5 * ti.log(1.0 + x)
+    return U, x, half_logs(x)
 
 
 @ti.func
@@ -123,12 +123,12 @@ def flow_step_adjoint(s, kept, x, e, M_bar):
     `kept` is -d s / d log |dev e|, e (3,) the principal deviator, M_bar (6,) the derivative with respect to exp(s dev e).
     """
     a = s * e
-    M = ti.exp(a)
+    M = ti.Vector([ti.exp(a[0]), ti.exp(a[1]), ti.exp(a[2])])
     slopes, stretched = log_slopes(x, e), exp_slopes(a, M)
     a_bar = ti.Vector([M_bar[0] * M[0], M_bar[1] * M[1], M_bar[2] * M[2]])
     s_bar = a_bar.dot(e)
     e_bar = s * a_bar - (s_bar * kept / e.norm_sqr()) * e
-    e_bar -= (e_bar[0] + e_bar[1] + e_bar[2]) / 3.0
+    e_bar = e_bar - (e_bar[0] + e_bar[1] + e_bar[2]) / 3.0
     B_bar = ti.Vector(
         [
             e_bar[0] / (1.0 + x[0]),
@@ -149,7 +149,7 @@ def plastic_flow_adjoint(law, F, mu, yield_stress, viscosity, dt, F_next_bar):
     m, X, size = relative_deviator(left_cauchy_green(F))
     if law >= VON_MISES and not certainly_elastic(size, mu, yield_stress):
         U, x, e = principal_strains(X, size)
-        e -= (e[0] + e[1] + e[2]) / 3.0
+        e = e - (e[0] + e[1] + e[2]) / 3.0
         trial, limit = 2.0 * mu * e.norm(), RADIUS * yield_stress
         w = ti.select(trial > limit, rate_weight(law, mu, viscosity, dt), 0.0)
         s, kept = w * (limit / trial - 1.0), w * limit / trial

@@ -51,6 +51,12 @@ _EXP_SLOPE_SERIES = {
 
 
 @ti.func
+def half_logs(x):
+    """log(1 + x) / 2 (3,); one by one, as Taichi has no logarithm of vectors of the processor."""
+    return 0.5 * ti.Vector([ti.log(1.0 + x[0]), ti.log(1.0 + x[1]), ti.log(1.0 + x[2])])
+
+
+@ti.func
 def hencky_strain(m, X, size):
     """A third of tr e, and dev e (6,), of the Hencky strain e = log(B) / 2, B = m (I + X), |X| = size."""
     c = ti.Vector.zero(float, 3)
@@ -58,7 +64,7 @@ def hencky_strain(m, X, size):
         c = power_series(X, ti.static(_LOG_SERIES[is_double()]))
     else:
         x = eigenvalues(X, size)
-        c = interpolant(x, 0.5 * ti.log(1.0 + x))
+        c = interpolant(x, half_logs(x))
     e = quadratic(X, c)
     mean = (e[0] + e[1] + e[2]) / 3.0
     return mean + 0.5 * ti.log(m), plus_identity(e, -mean)
@@ -71,7 +77,7 @@ def exponential(A):
     size = ti.sqrt(norm_sqr(A))
     while size > _EXP_REACH and halvings < 10:
         size *= 0.5
-        A *= 0.5
+        A = 0.5 * A
         halvings += 1
     N = quadratic(A, power_series(A, ti.static(_EXP_SERIES[is_double()])))
     while halvings > 0:

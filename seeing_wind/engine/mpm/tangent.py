@@ -6,19 +6,17 @@ One simulation of the body as it is; then every change costs a small part of ano
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from taichi.lang import impl
 
 from ..progress import Progress
 from . import device, substep, tangent_kernels
 from .constitutive import ELASTIC_LAWS
 from .failure import check_start, failure
 from .model import Model
+from .native import aligned, aligned_zeros, native_vectors
 from .precision import compiled_in
 from .rollout import conditioned
 from .state import State
@@ -87,7 +85,7 @@ class _Carrier:
         """First acting frame of each change; later ones lie in later groups."""
         per_frame = torch.from_numpy(changes.coefficients[self.order]).float()
         self.coefficients = torch.cat([per_frame, per_frame.new_zeros(groups * LANES - count, *per_frame.shape[1:])])
-        self.lanes = aligned((groups, n, STATE, LANES))
+        self.lanes = aligned_zeros((groups, n, STATE, LANES), np.float32)
         for rows, values in ((slice(0, 3), changes.v0), (slice(3, 12), changes.C0)):
             if values is not None:
                 padded = np.zeros((groups * LANES, n, rows.stop - rows.start), np.float32)
@@ -158,7 +156,7 @@ class _Carrier:
     def _source(self, groups: int, frame: int, substeps: int, spatial: np.ndarray) -> np.ndarray:
         """What the changed force gives in a substep, (groups, N, SOURCE, LANES); `spatial` (N, 3, 3) is F^-1 at the frame's start."""
         m, n = self.model, self.model.particles
-        source = aligned((groups, n, SOURCE, LANES))
+        source = aligned((groups, n, SOURCE, LANES), np.float32)
         change = self.coefficients[: groups * LANES, frame].reshape(groups, LANES, -1, 3)
         momentum = torch.from_numpy(m.mass * m.frame_dt / substeps).float()
         slope = torch.einsum("npj,njk->npk", self.dphi, torch.from_numpy(spatial)).float() * (m.dx * momentum)[:, None, None]
@@ -172,31 +170,10 @@ class _Carrier:
         at_once = max(1, min(groups, _WORK_PER_CALL // (m.particles * substeps * LANES)))
         at_once += at_once % 2
         for first in range(0, groups, at_once):
-            grid = aligned((min(at_once, groups - first) * nodes, LANES))
+            grid = aligned((min(at_once, groups - first) * nodes, LANES), np.float32)
             self.progress.check()
-            with native_vectors():
+            with native_vectors(), compiled_in(np.float32):
                 tangent_kernels.carry(
                     first, mass, m.role, m.dx, m.frame_dt / substeps, self.boxes, self.corner, self.record, self.inverse_mass,
                     flat(source), flat(self.lanes), grid,
                 )  # fmt: skip
-
-
-@contextlib.contextmanager
-def native_vectors() -> Iterator[None]:
-    """Kernels compiled inside are in single precision, with vectors that stay vectors of the processor instead of loose numbers."""
-    config = impl.get_runtime().prog.config()
-    before = config.real_matrix_scalarize
-    config.real_matrix_scalarize = False
-    try:
-        with compiled_in(np.float32):
-            yield
-    finally:
-        config.real_matrix_scalarize = before
-
-
-def aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros of single precision at an address that vectors of LANES can be loaded from; NumPy's own may lie between."""
-    size, step = int(np.prod(shape)), 4 * LANES
-    raw = np.zeros(size + LANES, np.float32)
-    first = -raw.ctypes.data % step // 4
-    return raw[first : first + size].reshape(shape)

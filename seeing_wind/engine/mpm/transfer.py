@@ -12,7 +12,7 @@ gradient goes into the affine momentum. Without that the torque and the strain t
 
 import taichi as ti
 
-from .constitutive import kirchhoff
+from .constitutive import invariant, kirchhoff
 
 vec3 = ti.types.vector(3, ti.f64)
 vec4 = ti.types.vector(4, ti.f64)
@@ -22,7 +22,8 @@ mat3 = ti.types.matrix(3, 3, ti.f64)
 @ti.func
 def base_of(x, offset, inv_dx):
     """First of the three nodes per axis that a particle at x [m] touches."""
-    return ti.floor((x - offset) * inv_dx - 0.5, ti.i32)
+    local = (x - offset) * inv_dx - 0.5
+    return ti.Vector([ti.floor(local[a], ti.i32) for a in ti.static(range(3))])
 
 
 @ti.func
@@ -47,7 +48,7 @@ def clear(grid: ti.template(), r, dims):
 @ti.func
 def affine_momentum(plastic: ti.template(), law, mass, volume, mu, lam, C, F, G, dt, inv_dx):
     """A of the MLS-MPM transfer: m (C + dt grad a) - dt V 4/dx² tau [kg/s]."""
-    tau = kirchhoff(plastic, law, F, mu, lam)
+    tau = kirchhoff(plastic, law, F, mu, lam, invariant(law, F))
     return mass * (C + dt * G) - (4.0 * dt * volume * inv_dx * inv_dx) * tau
 
 

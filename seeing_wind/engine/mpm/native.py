@@ -1,0 +1,51 @@
+"""Vectors of the processor in kernels for the CPU.
+
+By default Taichi takes its vectors apart into loose numbers, and leaves it to the compiler to find vectors again, which it seldom does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing
+from taichi.lang import impl
+
+_LARGEST = 32
+"""Bytes of the largest vectors used: eight numbers in single precision, four in double."""
+
+
+@contextlib.contextmanager
+def native_vectors() -> Iterator[None]:
+    """Kernels compiled inside have vectors that stay vectors. Arrays of them must be `aligned`."""
+    config = impl.get_runtime().prog.config()
+    before = config.real_matrix_scalarize
+    config.real_matrix_scalarize = False
+    try:
+        yield
+    finally:
+        config.real_matrix_scalarize = before
+
+
+def aligned(shape: tuple[int, ...], real: np.typing.DTypeLike) -> np.ndarray:
+    """An array of dtype `real`, not filled, at an address that vectors can be loaded from; NumPy's own may lie between."""
+    kind = np.dtype(real)
+    size = int(np.prod(shape))
+    raw = np.empty(size + _LARGEST // kind.itemsize, kind)
+    first = -raw.ctypes.data % _LARGEST // kind.itemsize
+    return raw[first : first + size].reshape(shape)
+
+
+def aligned_zeros(shape: tuple[int, ...], real: np.typing.DTypeLike) -> np.ndarray:
+    """`aligned`, filled with zeros."""
+    array = aligned(shape, real)
+    array[...] = 0.0
+    return array
+
+
+def aligned_copy(array: np.ndarray, real: np.typing.DTypeLike = None) -> np.ndarray:
+    """A copy of the array that is `aligned`, of dtype `real` or its own."""
+    copy = aligned(array.shape, real or array.dtype)
+    copy[...] = array
+    return copy
