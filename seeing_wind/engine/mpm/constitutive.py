@@ -17,7 +17,7 @@ Franca 1989, "An algorithm to compute the square root of a 3x3 positive definite
 
 import taichi as ti
 
-from .eigen import adjugate, full, left_cauchy_green, plus_identity, product, squared, symmetric_part
+from .eigen import adjugate, column, from_columns, full, left_cauchy_green, plus_identity, product, squared, symmetric_part, times_columns
 from .plasticity import PLASTIC_LAWS, VON_MISES, hencky, hencky_adjoint, plastic_flow_stress
 from .precision import is_double
 
@@ -142,18 +142,6 @@ def flow_and_stress(law, F, mu, lam, yield_stress, viscosity, dt):
 
 
 @ti.func
-def column(A, j: ti.template()):
-    """Column j of A (3, 3)."""
-    return ti.Vector([A[0, j], A[1, j], A[2, j]])
-
-
-@ti.func
-def times_columns(a, b, c, by):
-    """The product of the matrix of columns a, b, c with `by`, (3,)."""
-    return by[0] * a + by[1] * b + by[2] * c
-
-
-@ti.func
 def cross(a, b):
     """a x b."""
     ahead = ti.Vector([a[1], a[2], a[0]]) * ti.Vector([b[2], b[0], b[1]])
@@ -190,7 +178,7 @@ def corotated_adjoint(F, mu, lam, i, tau_bar):
     b = times_columns(M0, M1, M2, F1) + swell * cof1 - i * times_columns(W0, W1, W2, cof1)
     c = times_columns(M0, M1, M2, F2) + swell * cof2 - i * times_columns(W0, W1, W2, cof2)
     mu_bar = 2.0 * contracted(S, B - V)
-    return ti.Matrix([[a[r], b[r], c[r]] for r in ti.static(range(3))]), mu_bar, trace * J * (J - 1.0)
+    return from_columns(a, b, c), mu_bar, trace * J * (J - 1.0)
 
 
 @ti.func
@@ -231,7 +219,7 @@ def neo_hookean_adjoint(F, mu, lam, log_J, tau_bar):
     b = times_columns(T0, T1, T2, F1) + swell * cross(F2, F0)
     c = times_columns(T0, T1, T2, F2) + swell * cross(F0, F1)
     mu_bar = contracted(S, left_cauchy_green(F)) - trace
-    return ti.Matrix([[a[r], b[r], c[r]] for r in ti.static(range(3))]), mu_bar, trace * log_J
+    return from_columns(a, b, c), mu_bar, trace * log_J
 
 
 @ti.func
