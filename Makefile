@@ -10,6 +10,7 @@ help:
 	@echo "make test       lint, types, all tests"
 	@echo "make setup      only make $(VENV) with everything that the two need"
 	@echo "make extension  build/seeing_wind-*.zip for Blender"
+	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
 	@echo "make tables     the paper's tables, an hour or two; SHORT=1 for two rows, ROW=NAME for one"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
 	@echo "make clean      remove build/"
@@ -22,6 +23,10 @@ $(VENV)/.complete: pyproject.toml seeing_wind/engine/requirements.txt
 
 demo: setup
 	$(PY) sample_scenes/falling_leaf/demo.py --out $(DEMO)
+
+# In BLENDER= if that is set, else in the one on the PATH, else in the bpy wheel.
+scenes: setup
+	$(PY) sample_scenes/whole_jobs.py --out build/$(if $(SHORT),short_scenes --quick,scenes)
 
 lint: setup
 	$(PY) -m ruff check seeing_wind tests sample_scenes scripts benchmarks docs __init__.py
@@ -47,4 +52,4 @@ benchmark-mpm: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup demo lint test extension tables benchmark-mpm clean
+.PHONY: help setup demo scenes lint test extension tables benchmark-mpm clean

@@ -105,7 +105,7 @@ class Layout:
 
     def __getattr__(self, name):
         def call(*arguments, **options):
-            return Layout()
+            return (Layout(), Layout()) if name == "panel" else Layout()
 
         return call
 

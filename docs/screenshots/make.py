@@ -1,4 +1,8 @@
-"""Brings the panel into one state (SEEING_WIND_SHOT) in a Blender with a window; make.sh takes the picture."""
+"""Brings the panel into one state (SEEING_WIND_SHOT) in a Blender with a window; make.sh takes the picture.
+
+`idle`, `running`, `cancelled`, `resumed` and `failed` use a stand-in for the engine; `done` and `field` open the file of a
+whole job (SEEING_WIND_JOB).
+"""
 
 from __future__ import annotations
 
@@ -7,15 +11,16 @@ import sys
 from pathlib import Path
 
 import bpy
+from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind import ui  # noqa: E402
-from seeing_wind.ui import panel_field, panels, status  # noqa: E402
+from seeing_wind.ui import freshness, panel_field, panels, status  # noqa: E402
 
 SHOT = os.environ["SEEING_WIND_SHOT"]
 FOLDER = Path(os.environ["SEEING_WIND_CLIP"]).parent
-BEHAVIOUR = {"running": "hang", "failed": "error"}.get(SHOT, "done")
+BEHAVIOUR = {"running": "hang", "cancelled": "hang", "resumed": "hang", "failed": "error"}.get(SHOT, "done")
 steps = iter(())
 
 
@@ -40,12 +45,18 @@ def show_tab() -> float:
 
 def script():
     """What the user does, one action per turn; a yielded number is a pause in seconds."""
+    if SHOT in ("done", "field"):
+        bpy.ops.wm.open_mainfile(filepath=os.environ["SEEING_WIND_JOB"], load_ui=False)
+        yield 1.0
     with bpy.context.temp_override(**window()):
         bpy.ops.screen.screen_full_area()
     yield 0.5
     while show_tab():
         yield 0.3
     yield 0.5
+    if SHOT in ("done", "field"):
+        yield from show_results()
+        return
     if SHOT == "idle":
         return
     settings = bpy.context.scene.seeing_wind
@@ -53,57 +64,52 @@ def script():
     settings.clip = "//leaf.mp4"
     settings.box = (20, 20, 44, 44)
     os.environ["SEEING_WIND_FAKE"] = BEHAVIOUR
-    os.environ["SEEING_WIND_FAKE_SECONDS"] = "14" if SHOT == "running" else "0.2"
-    if SHOT in ("done", "field"):
-        for name in ("Cube", "Light", "Camera"):
-            bpy.data.objects.remove(bpy.data.objects[name])
+    os.environ["SEEING_WIND_FAKE_SECONDS"] = "40"
+    start()
+    yield from some_progress()
+    if SHOT in ("cancelled", "resumed"):
+        with bpy.context.temp_override(**window()):
+            bpy.ops.seeing_wind.cancel()
+        while status.of(bpy.context.scene.session_uid).running:
+            yield 0.2
+    if SHOT == "resumed":
+        start()
+        yield from some_progress()
+
+
+def some_progress():
+    """Until the job is well under way, or has failed."""
+    now = status.of(bpy.context.scene.session_uid)
+    while now.running and now.steps["recover"].fraction < 0.2:
+        yield 0.2
+
+
+def start() -> None:
+    """Press Recover."""
     with bpy.context.temp_override(**window()):
         bpy.ops.seeing_wind.recover("INVOKE_DEFAULT")
-    yield 1.5
-    if SHOT not in ("done", "field"):
-        return
-    while status.of(bpy.context.scene.session_uid).running:
-        yield 0.2
-    if SHOT == "field":
-        yield from show_field()
-        return
-    with bpy.context.temp_override(**window()):
-        bpy.ops.mesh.primitive_plane_add(size=0.3, location=(0.25, 0.0, 0.1), rotation=(1.2, 0.0, 0.3))
-        bpy.context.object.name = "Flag"
-        bpy.context.object.vertex_groups.new(name="Pole").add([0, 2], 1.0, "REPLACE")
-        bpy.ops.seeing_wind.insert_mesh(mass_scale=2.0)
-        bpy.ops.seeing_wind.pin_vertices()
-        bpy.ops.seeing_wind.resimulate("INVOKE_DEFAULT")
+
+
+def show_results():
+    """The recovered leaf, its arrows and the ribbon, a little from the side."""
+    scene = bpy.context.scene
+    settings, space = scene.seeing_wind, window()["area"].spaces.active
+    # paths that mean the same wherever the pictures are taken
+    settings.clip, settings.take, settings.mask, settings.camera = "//clip.mp4", "//wind.take", "//mask_0000.png", "//camera.json"
+    freshness.refresh(scene)
+    scene.frame_set(18)
+    leaf, ribbon = settings.recovered_object.evaluated_get(bpy.context.evaluated_depsgraph_get()), bpy.data.objects["Ribbon"]
+    middle = sum((leaf.matrix_world @ vertex.co for vertex in leaf.data.vertices), Vector()) / len(leaf.data.vertices)
+    for obj in scene.objects:
+        obj.select_set(False)
+    view = space.region_3d
+    view.view_perspective, view.view_distance = "PERSP", 1.3
+    view.view_location = 0.7 * middle + 0.3 * ribbon.matrix_world.translation + Vector((0.0, 0.0, -0.1))
+    view.view_rotation = Euler((1.45, 0.0, 0.3)).to_quaternion()
+    space.overlay.show_extras, space.overlay.show_relationship_lines = False, False
+    space.shading.color_type = "VERTEX" if SHOT == "field" else "TEXTURE"
     yield 1.0
-    while status.of(bpy.context.scene.session_uid).running:
-        yield 0.2
-    with bpy.context.temp_override(**window()):
-        bpy.ops.seeing_wind.bake()
-        bpy.context.scene.frame_set(6)
-        bpy.ops.object.select_all(action="DESELECT")
-        bpy.context.scene.seeing_wind.recovered_object.select_set(True)
-        bpy.ops.view3d.view_selected()
-        space = window()["area"].spaces.active
-        space.region_3d.view_distance *= 2.2
-        space.overlay.show_extras = False
-        bpy.context.scene.seeing_wind.field_object.hide_set(True)
-
-
-def show_field():
-    """The panel Field beside coloured arrows in Solid view, with a cloth that is to be calibrated."""
-    with bpy.context.temp_override(**window()):
-        bpy.ops.mesh.primitive_grid_add(x_subdivisions=20, y_subdivisions=20, size=0.3, location=(0.25, 0.0, -0.3))
-        bpy.context.object.modifiers.new("Cloth", "CLOTH")
-        bpy.ops.seeing_wind.calibrate()
-        space = window()["area"].spaces.active
-        space.shading.color_type = "VERTEX"
-        bpy.context.scene.frame_set(6)
-        bpy.ops.object.select_all(action="DESELECT")
-        bpy.context.scene.seeing_wind.arrows_object.select_set(True)
-        bpy.ops.view3d.view_selected()
-        bpy.ops.object.select_all(action="DESELECT")
-        space.overlay.show_extras = False
-        bpy.context.scene.seeing_wind.field_object.hide_set(True)
+    settings.field_object.hide_set(True)
     yield 0.5
 
 
@@ -126,7 +132,7 @@ def main() -> None:
     ui.register()
     bpy.context.window_manager.windows[0].screen.show_statusbar = False
     steps = script()
-    bpy.app.timers.register(turn, first_interval=1.0)
+    bpy.app.timers.register(turn, first_interval=1.0, persistent=True)
 
 
 main()

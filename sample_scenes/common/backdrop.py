@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from painting import dot, mix
 from scipy.ndimage import gaussian_filter
 
 
@@ -26,12 +27,5 @@ def make_backdrop(seed: int, width: int = 1280, height: int = 720) -> np.ndarray
     picture *= 1.0 + (0.10 * grass / grass.std() * meadow)[..., None]
     for _ in range(46):
         cx, cy, radius = rng.uniform(0, width), rng.uniform(0.52, 0.72) * height, rng.uniform(9, 24)
-        away = np.hypot(np.arange(width)[None] - cx, np.arange(height)[:, None] - cy)
-        glow = list(rng.choice([[0.98, 0.90, 0.66], [0.80, 0.86, 0.62], [0.99, 0.80, 0.55]]))
-        picture = mix(picture, glow, 0.22 * np.clip(1.0 - (away - radius) / 3.0, 0.0, 1.0))
+        dot(picture, cx, cy, radius, rng.choice([[0.98, 0.90, 0.66], [0.80, 0.86, 0.62], [0.99, 0.80, 0.55]]), edge=3.0, amount=0.22)
     return (np.clip(picture + rng.normal(0.0, 0.006, (height, width, 1)), 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
-
-
-def mix(picture: np.ndarray, colour: list[float], amount: np.ndarray) -> np.ndarray:
-    """`picture` (..., 3) towards `colour` by `amount` (...) in 0..1."""
-    return picture + (np.array(colour) - picture) * amount[..., None]

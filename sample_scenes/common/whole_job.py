@@ -1,9 +1,10 @@
-"""The whole job on the clip of a sample scene with nothing but the panel's operators: recover, insert, pin, re-simulate, bake, composite.
+"""The whole job on the clip of a sample scene with nothing but operators: recover, insert, pin, re-simulate, bake, composite, save.
 
-    blender -b --factory-startup --python-exit-code 9 --python whole_job.py -- DIR [--iterations N] [--video]
-    or, in any Python that has the `bpy` wheel,    python whole_job.py DIR [--iterations N] [--video]
+    blender -b --factory-startup --python-exit-code 9 --python whole_job.py -- DIR [--iterations N] [--particles N] [--video] [--no-render]
+    or, in any Python that has the `bpy` wheel,    python whole_job.py DIR ...
 
-DIR holds a clip as a scene's make.py writes it. Results go into it: wind.take, wind.edit.take, job.blend, job.png, with --video job.mp4.
+DIR holds a clip as a scene's make.py writes it. Results go into it: wind.take, wind.edit.take, job.blend, job.png, with --video job.mp4,
+and shown.npz: where the file's moving meshes are in every frame, which replay.py compares with what a Blender without the extension shows.
 """
 
 import json
@@ -15,12 +16,16 @@ import bpy
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parents[1]))  # the source tree
+sys.path[:0] = [str(HERE), str(HERE.parents[1])]  # the source tree
+
+from replay import shown  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
 
 RIBBON = (0.05, 0.2)
 """Width and length of the inserted ribbon [m]."""
+CELLS = (6, 25)
+"""Its vertices across and along."""
 
 
 def main(words: list[str]) -> None:
@@ -32,23 +37,24 @@ def main(words: list[str]) -> None:
         ui.register()
     known = json.loads((folder / "box.json").read_text())
     options = {name: known[name] for name in ("distance", "material", "density", "youngs_modulus", "thickness")}
+    options |= {name: int(words[words.index(f"--{name}") + 1]) for name in ("iterations", "particles") if f"--{name}" in words}
     if (folder / "held_0000.png").is_file():
         options["pin"] = str(folder / "held_0000.png")
-    if "--iterations" in words:
-        options["iterations"] = int(words[words.index("--iterations") + 1])
+    done(bpy.ops.seeing_wind.choose_clip(filepath=str(folder / "clip.mp4")))
     done(bpy.ops.seeing_wind.recover(
-        clip=str(folder / "clip.mp4"), mask=str(folder / "mask_0000.png"), camera=str(folder / "camera.json"),
-        take=str(folder / "wind.take"), **options,
+        mask=str(folder / "mask_0000.png"), camera=str(folder / "camera.json"), take=str(folder / "wind.take"), **options,
     ))  # fmt: skip
-    insert_beside(bpy.context.scene, known)
+    scene = bpy.context.scene
+    insert_beside(scene, known)
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
     done(bpy.ops.seeing_wind.set_up_composite(samples=8))
-    scene = bpy.context.scene
-    scene.frame_set((scene.frame_start + scene.frame_end) // 2)
-    done(bpy.ops.seeing_wind.render_composite(filepath=str(folder / "job.png"), still=True))
+    if "--no-render" not in words:
+        scene.frame_set((scene.frame_start + scene.frame_end) // 2)
+        done(bpy.ops.seeing_wind.render_composite(filepath=str(folder / "job.png"), still=True))
     if "--video" in words:
         done(bpy.ops.seeing_wind.render_composite(filepath=str(folder / "job.mp4")))
+    np.savez_compressed(folder / "shown.npz", **shown(("Ribbon", scene.seeing_wind.recovered_object.name)))
     scene.frame_set(scene.frame_start)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "job.blend"), compress=True)
     print(f"job: {folder / 'job.blend'}", flush=True)
@@ -64,20 +70,18 @@ def insert_beside(scene, known: dict) -> None:
     """A ribbon to the right of the clip's object, as heavy as it, held at its upper end."""
     vertices = np.array([vertex.co[:] for vertex in scene.seeing_wind.recovered_object.data.vertices])
     low, high = vertices.min(0), vertices.max(0)
-    across, along = np.meshgrid(np.linspace(-0.5, 0.5, 6), np.linspace(0.5, -0.5, 25))
-    rest = np.stack([across * RIBBON[0], np.zeros_like(across), along * RIBBON[1]], -1).reshape(-1, 3)
-    rest += [high[0] + 0.06, 0.5 * (low[1] + high[1]), high[2] - 0.5 * RIBBON[1]]
-    index = np.arange(len(rest)).reshape(across.shape)
-    faces = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], -1).reshape(-1, 4)
-    mesh = bpy.data.meshes.new("Ribbon")
-    mesh.from_pydata(rest.tolist(), [], faces.tolist())
+    place = (high[0] + 0.06, 0.5 * (low[1] + high[1]), high[2] - 0.5 * RIBBON[1])
+    bpy.ops.mesh.primitive_grid_add(
+        x_subdivisions=CELLS[0] - 1, y_subdivisions=CELLS[1] - 1, size=1.0, location=place, rotation=(0.5 * np.pi, 0.0, 0.0)
+    )
+    ribbon = bpy.context.object
+    ribbon.name, ribbon.scale = "Ribbon", (*RIBBON, 1.0)
     material = bpy.data.materials.new("Ribbon")
     material.use_nodes = True
     material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.6, 0.04, 0.15, 1.0)
-    mesh.materials.append(material)
-    ribbon = bpy.data.objects.new("Ribbon", mesh)
-    scene.collection.objects.link(ribbon)
-    ribbon.vertex_groups.new(name="Held").add(index[0].tolist(), 1.0, "REPLACE")
+    ribbon.data.materials.append(material)
+    upper = [vertex.index for vertex in ribbon.data.vertices if vertex.co.y > 0.499]
+    ribbon.vertex_groups.new(name="Held").add(upper, 1.0, "REPLACE")
     done(bpy.ops.seeing_wind.insert_mesh(object="Ribbon", material=known["material"], density=known["density"], youngs_modulus=1.0e5))
     done(bpy.ops.seeing_wind.pin_vertices(object="Ribbon", vertex_group="Held"))
 

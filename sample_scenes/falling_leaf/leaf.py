@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from backdrop import mix
 from outlines import flat_mesh
+from painting import mix
 from scipy.ndimage import map_coordinates
 from scipy.spatial import cKDTree
 

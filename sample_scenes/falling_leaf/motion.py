@@ -90,10 +90,10 @@ def fly(leaf: Leaf, seed: int, fps: float, frames: int, spacing: float = 0.006) 
     return Flight(particles, material, wind.field, np.stack(x), np.stack(v), np.stack(acceleration), surface)
 
 
-def tilt(flight: Flight) -> np.ndarray:
-    """(T+1,) angle [degrees] between the leaf's mean normal and the camera's view axis, from the best plane through its particles."""
+def tilt(x: np.ndarray) -> np.ndarray:
+    """(T+1,) angle [degrees] between the leaf's normal and the camera's view axis, from its particles' best plane (x is (T+1, N, 3))."""
     angles = []
-    for x in flight.x:
-        normal = np.linalg.svd(x - x.mean(0), full_matrices=False)[2][2]
+    for picture in x:
+        normal = np.linalg.svd(picture - picture.mean(0), full_matrices=False)[2][2]
         angles.append(np.degrees(np.arccos(min(abs(normal[1]), 1.0))))
     return np.array(angles)

@@ -18,6 +18,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "common"), str(HERE.parents[1])]  # a script of the source tree
 
 import plate_scene  # noqa: E402
+from painting import dot  # noqa: E402
 from plate_scene import Plate  # noqa: E402
 
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic  # noqa: E402
@@ -54,11 +55,9 @@ def picture(seed: int, size: int = 1024) -> np.ndarray:
     image = colours[np.broadcast_to(stripe, (size, size))]
     weave = gaussian_filter(rng.standard_normal((size, size)), 3)
     image = image * (1.0 + 0.16 * weave / weave.std())[..., None]
-    y, x = np.mgrid[0:size, 0:size]
     for _ in range(170):
         cx, cy, radius = rng.uniform(0.48, 1.0) * size, rng.uniform(0.34, 0.66) * size, rng.uniform(5, 13)
-        inside = np.clip(radius + 1.0 - np.hypot(x - cx, y - cy), 0.0, 1.0)[..., None]
-        image = image * (1.0 - inside) + rng.uniform(0.05, 1.0, 3) * inside
+        dot(image, cx, cy, radius, rng.uniform(0.05, 1.0, 3))
     return (np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 

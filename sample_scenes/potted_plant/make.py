@@ -19,6 +19,7 @@ sys.path[:0] = [str(HERE.parent / "common"), str(HERE.parents[1])]  # a script o
 
 import plate_scene  # noqa: E402
 from outlines import inside  # noqa: E402
+from painting import dot  # noqa: E402
 from plate_scene import Plate  # noqa: E402
 
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic  # noqa: E402
@@ -53,7 +54,7 @@ def plant(seed: int) -> Plate:
     return Plate(
         name="potted_plant", outlines=outlines, held=lambda flat: flat[:, 1] < 0.0, picture=picture(seed, outlines), picture_side=1.4,
         material="leaf", density=DENSITY, youngs_modulus=6.0e5, thickness=0.012, place=PLACE, view_height=0.95,
-        view_centre=(0.05, 0.22), stand=pot(), spacing=0.012,
+        view_centre=(0.05, 0.22), stand=pot(),
     )  # fmt: skip
 
 
@@ -76,14 +77,11 @@ def picture(seed: int, outlines: list[np.ndarray], size: int = 1400) -> np.ndarr
     image = image.reshape(size, size, 3)
     shade = gaussian_filter(rng.standard_normal((size, size)), 4)
     image = image * (1.0 + 0.18 * shade / shade.std())[..., None]
-    y, x = np.mgrid[0:size, 0:size]
     for outline in outlines:
         for _ in range(14):
             centre = outline[rng.integers(len(outline))] * rng.uniform(0.3, 1.0) + outline.mean(0) * rng.uniform(0.0, 0.7)
             cx, cy, radius = (centre[0] / 1.4 + 0.5) * size, (0.5 - centre[1] / 1.4) * size, rng.uniform(3, 6)
-            inside_spot = np.clip(radius + 1.0 - np.hypot(x - cx, y - cy), 0.0, 1.0)[..., None]
-            colour = rng.choice([[0.9, 0.85, 0.3], [0.12, 0.07, 0.04], [0.85, 0.35, 0.2]])
-            image = image * (1.0 - inside_spot) + colour * inside_spot
+            dot(image, cx, cy, radius, rng.choice([[0.9, 0.85, 0.3], [0.12, 0.07, 0.04], [0.85, 0.35, 0.2]]))
     return (np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 

@@ -131,6 +131,7 @@ def _recover(p: Parser) -> None:
     which.add_argument("--mask", metavar="PNG", help="non-zero = the object, in the first picture")
     which.add_argument("--box", type=finite, nargs=4, metavar=("X0", "Y0", "X1", "Y1"), help="pixels round the object, first picture")
     which.add_argument("--points", type=pixel, nargs="+", metavar="X,Y", help="points on the object, in pixels of the first picture")
+    which.add_argument("--objects", metavar="JSON", help="objects.json of `identify`: each object by its mask and material, each in a take")
     seen.add_argument("--tracks", metavar="NPZ", help="xy (T+1,K,2) px and visible (T+1,K), instead of tracking")
     scale = seen.add_mutually_exclusive_group()
     scale.add_argument("--depth", metavar="NPY", help="(H,W) metres along the view axis, first picture")

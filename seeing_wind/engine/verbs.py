@@ -29,6 +29,7 @@ from .stages import (
     recover_stage,
     require_take,
     track_targets,
+    write_gaussians,
 )
 from .take import Take, stamp_of
 
@@ -43,7 +44,52 @@ PAINTED_DEPTH = 0.5
 
 def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover CLIP --take DIR`."""
-    from .object.views import view_targets
+    if arguments.objects is not None:
+        return _recover_objects(arguments, progress)
+    return _recover_one(arguments, progress)
+
+
+def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover CLIP --take DIR --objects OBJECTS.json`: every object in a take of its own, DIR/NAME.take, with its own material.
+
+    Raises:
+        UsageError: a file that `identify` did not write, or options that belong to one object.
+    """
+    from .models.language import RANGES
+    from .models.objects import read_objects
+
+    if arguments.view or arguments.tracks:
+        raise UsageError("--view and --tracks belong to one object.", "Leave them out, or recover the objects one by one with --mask.")
+    home, found = Path(arguments.take), read_objects(arguments.objects)
+    results: list[Result] = []
+    for number, one in enumerate(found, start=1):
+        progress.begin("observe", f"{one['name']}, object {number} of {len(found)}")
+        own = argparse.Namespace(**vars(arguments))
+        vars(own).update({key: one[key] for key in ("mask", "law", *RANGES)})
+        own.objects, own.take = None, str(home / f"{one['name']}.take")
+        own.estimated_material, own.estimated_by = one["material"], f"{one['object']} of {Path(arguments.objects).name}"
+        own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
+        results.append({"name": one["name"], **_recover_one(own, progress)})
+    Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
+    worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
+    return {"outcome": (worst[0] if worst else Outcome.CONVERGED).value, "take": str(home), "objects": results}
+
+
+def _on(mask: str, pin: str) -> bool:
+    """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
+    import cv2
+
+    pictures = [cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
+    if pictures[0] is None or pictures[1] is None or pictures[0].shape != pictures[1].shape:
+        return True  # told by the stage that reads them
+    return bool(((pictures[0] > 0) & (pictures[1] > 0)).any())
+
+
+def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """One object of a clip into one take."""
+    from .object import write_ply
+    from .object.multiview import with_views
+    from .object.views import lifted_together, view_targets
     from .observe import observe
     from .report import write_report
 
@@ -61,13 +107,18 @@ def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
 
         building = _timed(seconds, "material", lambda: estimated(take, endpoint, observation, building, progress))
     body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
-    targets = [track_targets(observation, body)]
+    targets, sights = [track_targets(observation, body)], []
     for clip, camera, mask in arguments.view:
         # Depth and pins of a further view are not used: its points are found on the first view's body.
         further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
         further = dataclasses.replace(further, distance=1.0, depth_model=None, prompt=None, detector_model=None)
         progress.begin("observe", f"further view {Path(clip).name}")
-        targets.append(view_targets(body, observe(clip, further, progress)))
+        sights.append(observe(clip, further, progress))
+        targets.append(view_targets(body, sights[-1]))
+    if arguments.view:
+        body = lifted_together(observation, body, targets, progress)
+        body, _ = with_views(body, observation, sights, progress)
+        write_gaussians(take, body.gaussians, write_ply)
     upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
     loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
     recovery, field, solve_seconds = recover_stage(

@@ -166,6 +166,9 @@ def bake_bodies(scene: bpy.types.Scene, name: str = "", force: bool = False) -> 
     if not settings.simulated_take or not bodies:
         raise TakeError("Nothing is simulated yet.", "Run Re-simulate first.")
     chosen = _named(bodies, name)
+    missing = [body.name for body in chosen if not (Path(settings.simulated_take) / "bodies" / f"{body.result}.npz").is_file()]
+    if missing:
+        raise TakeError(f"{settings.simulated_take} holds no motion of {', '.join(missing)}.", "Run Re-simulate again.")
     done = [bake_body(scene, body, Path(settings.simulated_take), plan_of(scene), force) for body in chosen]
     if len(chosen) == len(bodies):
         settings.baked_digest = settings.simulated_digest + stamp_of_bakes(scene)

@@ -16,9 +16,10 @@ from ..engine.errors import SeeingWindError, UsageError
 from . import batch, composite, job, results, worker_calls
 from .console import Console
 from .engine_environment import engine_python
+from .preferences import asked_model
 
 NAME = "seeing_wind"
-VERBS = ("recover", "recover-trajectories", "sample", "resimulate", "export", "doctor")
+VERBS = ("recover", "recover-trajectories", "sample", "resimulate", "export", "identify", "doctor")
 SAVES = ("recover", "recover-trajectories", "resimulate")
 
 USAGE = f"""usage: blender --command {NAME} VERB ...
@@ -106,7 +107,8 @@ def _split(argv: list[str]) -> tuple[str, list[str], str]:
 def _run(python: str, verb: str, options: list[str], console: Console) -> int:
     """Run the worker in the user's own folder, so that relative paths mean what they say."""
     call = worker_calls.command(python, verb, *options)
-    last = job.wait(job.run(call, cwd=os.getcwd(), env=worker_calls.environment() | {"PYTHONSAFEPATH": "1"}), console.show)
+    key = asked_model()[2] if any(option.startswith("--material-endpoint") for option in options) else ""
+    last = job.wait(job.run(call, cwd=os.getcwd(), env=worker_calls.environment(key) | {"PYTHONSAFEPATH": "1"}), console.show)
     return last["code"] if last["code"] in (0, 1, 2) else job.CANCELLED if last["outcome"] == "cancelled" else 1
 
 

@@ -1,4 +1,4 @@
-"""The engine's own Python: where it is, and how it is made.
+"""The engine's own Python: where it is. `engine_install` makes it.
 
 Found in this order: the preference, SEEING_WIND_PYTHON, the environment that Install Engine made in the extension's user folder, and a
 `.venv` beside the source (development).
@@ -16,9 +16,9 @@ from pathlib import Path
 import bpy
 
 from ..engine.errors import MissingPackage, SeeingWindError
-from . import job, status
+from . import status
 from .preferences import EXTENSION, preferred_python
-from .worker_calls import ROOT, command, environment
+from .worker_calls import ROOT, environment
 
 VERSIONS = ((3, 11), (3, 12), (3, 13))
 """Pythons that the engine's packages have wheels for."""
@@ -100,67 +100,6 @@ def base_python() -> str:
     )
 
 
-def install() -> job.Messages:
-    """Make the environment and install the engine's packages, as a job of several programs.
-
-    Raises:
-        NoOnlineAccess: when Blender may not go online.
-        SeeingWindError: when there is no fitting Python or no place for the environment.
-    """
-    if not bpy.app.online_access:
-        raise NoOnlineAccess(
-            "Installing the engine needs the network, and Blender may not use it.", "Allow Online Access in Preferences > System > Network."
-        )
-    folder = user_environment(create=True)
-    if folder is None:
-        raise SeeingWindError("This is not an installed extension.", "From source, run `make setup` instead.")
-    return _install(base_python(), folder)
-
-
-def _install(base: str, folder: Path) -> job.Messages:
-    (folder / MARKER).unlink(missing_ok=True)
-    requirements = str(ROOT / "seeing_wind" / "engine" / "requirements.txt")
-    programs = [
-        ("Making the environment", 0.02, [base, "-m", "venv", "--clear", str(folder)]),
-        (
-            "Downloading packages",
-            0.05,
-            [str(executable(folder)), "-m", "pip", "install", "--no-input", "--progress-bar", "off", "-r", requirements],
-        ),
-        ("Trying the engine", 0.95, command(str(executable(folder)), "doctor")),
-    ]
-    last: job.Message = {}
-    for title, fraction, program in programs:
-        yield [{"type": "progress", "fraction": fraction, "message": title}]
-        last = yield from _told(job.run(program, cwd=str(folder), env=environment()), fraction, title)
-        if last["outcome"] != "done":
-            return last
-    (folder / MARKER).write_text("made by Install Engine\n", encoding="utf-8")
-    return last
-
-
-def _told(messages: job.Messages, fraction: float, title: str) -> job.Messages:
-    """pip's lines as progress: each package brings the bar nearer to the end, which nobody knows beforehand."""
-    cancel: bool | None = None
-    try:
-        batch = next(messages)
-        while True:
-            told = []
-            for message in batch:
-                if message["type"] == "log":
-                    if message["message"].startswith(("Collecting", "Downloading", "Installing")):
-                        fraction += (0.93 - fraction) * 0.04
-                    told.append({"type": "progress", "fraction": max(fraction, 0.0), "message": f"{title}: {message['message'][:80]}"})
-                else:
-                    told.append(message)
-            cancel = yield told
-            batch = messages.send(cancel)
-    except StopIteration as end:
-        return end.value
-    finally:
-        messages.close()
-
-
 def _candidates() -> Iterator[str]:
     yield sys.executable
     for major, minor in reversed(VERSIONS):
@@ -176,14 +115,27 @@ def _candidates() -> Iterator[str]:
 def _probe(candidate: str) -> tuple[int, int] | None:
     """The version of a Python that can make environments, None for anything else."""
     try:
+        major, minor = _said(candidate, "import sys, venv, ensurepip; print(*sys.version_info[:2])").split()
+        return int(major), int(minor)
+    except ValueError:  # no such Python: the next candidate
+        return None
+
+
+def answers(python: str, code: str) -> bool:
+    """Whether `python` runs `code` without an error."""
+    return _said(python, f"{code}; print('yes')").strip() == "yes"
+
+
+def _said(python: str, code: str) -> str:
+    """What `python -c code` prints; "" where it is not there or hangs."""
+    try:
         answer = subprocess.run(
-            [candidate, "-c", "import sys, venv, ensurepip; print(*sys.version_info[:2])"],
+            [python, "-c", code],
             capture_output=True, text=True, timeout=PROBE_SECONDS, env=environment(), stdin=subprocess.DEVNULL, check=False,
         )  # fmt: skip
-        major, minor = answer.stdout.split()
-        return int(major), int(minor)
-    except (OSError, subprocess.TimeoutExpired, ValueError):  # not there, hangs, or is no such Python: the next candidate
-        return None
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return answer.stdout
 
 
 def refresh() -> None:

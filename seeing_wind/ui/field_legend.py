@@ -15,6 +15,11 @@ WIDTH = 0.06
 """Of the bar, relative to its height."""
 
 
+def in_figures(value: float) -> str:
+    """A strength with three figures, without a power of ten where a person would write none."""
+    return f"{float(f'{value:.3g}'):.0f}" if 100.0 <= value < 1e6 else f"{value:.3g}"
+
+
 def create_legend(
     name: str, peak: float, corner: np.ndarray, height: float, collection: bpy.types.Collection, parent: bpy.types.Object | None = None
 ) -> bpy.types.Object:
@@ -45,7 +50,7 @@ def create_legend(
     if parent is not None:
         obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
     group, parts = GroupBuilder(name), []
-    for text, at in ((f"{peak:.3g} N/m\u00b3", height), ("0", 0.0)):
+    for text, at in ((f"{in_figures(peak)} N/m³", height), ("0", 0.0)):
         letters = group.node("GeometryNodeStringToCurves", {"String": text, "Size": 0.09 * height})
         filled = group.node("GeometryNodeFillCurve", {0: group.node("GeometryNodeRealizeInstances", {0: letters.outputs[0]}).outputs[0]})
         place = {"Geometry": filled.outputs[0], "Translation": (0.03 * height, 0.0, at - 0.03 * height), "Rotation": (np.pi / 2, 0.0, 0.0)}

@@ -98,7 +98,8 @@ def _geometry(obj: bpy.types.Object | None) -> tuple:
     else:
         place = obj.matrix_world
     flat = [round(value, 5) for row in place for value in row] if place and not isinstance(place[0], tuple) else place
-    return (obj.session_uid, len(obj.data.vertices), _once(obj, "", lambda: _coordinates(obj.data)), flat)
+    # neither name nor session id: the one changes at a renaming, the other whenever the file is opened
+    return (len(obj.data.vertices), _once(obj, "", lambda: _coordinates(obj.data)), flat)
 
 
 def _weights(obj: bpy.types.Object, group: str) -> str:
@@ -144,6 +145,16 @@ def _after_load(*_: object) -> None:
     status.forget_all()
     _known.clear()
     refresh_all()
+    for scene in bpy.data.scenes:
+        _say_what_was_cut_off(scene)
+
+
+def _say_what_was_cut_off(scene: bpy.types.Scene) -> None:
+    """The file was saved while a job ran: its worker has ended with that Blender, its finished stages lie in the take."""
+    step, now = scene.seeing_wind.unfinished, status.of(scene.session_uid)
+    if step in now.steps:
+        title = step.replace("resimulate", "re-simulate").capitalize()
+        now.steps[step].message = f"{title} was running when this file was saved. Run it again: it goes on from what was finished"
 
 
 @persistent

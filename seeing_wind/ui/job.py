@@ -25,6 +25,8 @@ from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import IO, Any
 
+from ..engine.errors import SeeingWindError
+
 Message = dict[str, Any]
 Messages = Generator[list[Message], bool | None, Message]
 
@@ -48,11 +50,14 @@ def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: floa
     try:
         process = _start(command, cwd, env)
     except OSError as error:
-        reason = error.strerror or str(error)
-        failure = _error(
-            f"{command[0]} cannot be started: {reason}.", "Check the engine's Python in the preferences, or install the engine again."
-        )
-        failure["mend"] = "install_engine"
+        if not os.path.isdir(cwd):
+            failure = _error(f"There is no folder {cwd}.", "It may have been moved or deleted: choose it again, or run Recover again.")
+        else:
+            reason = error.strerror or str(error)
+            failure = _error(
+                f"{command[0]} cannot be started: {reason}.", "Check the engine's Python in the preferences, or install the engine again."
+            )
+            failure["mend"] = "install_engine"
         farewell = {"type": "exit", "code": -1, "outcome": "failed", "log": ""}
         yield [failure, farewell]
         return farewell
@@ -90,6 +95,14 @@ def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: floa
             # Closing waits for a reader that is blocked in it; a grandchild can hold it open, then the reader closes it at its end.
             if stream is not None and not any(reader.is_alive() for reader in readers):
                 stream.close()
+
+
+def told(error: SeeingWindError | OSError) -> tuple[str, str, str]:
+    """What happened, what to do, and the control that mends it, of an error that a user can act on."""
+    if isinstance(error, SeeingWindError):
+        return error.message, error.hint, error.mend
+    where = f"{error.filename}: " if error.filename else ""
+    return f"{where}{error.strerror or error}.", "Check that the folder is there and can be written.", ""
 
 
 def wait(messages: Messages, handle: Callable[[Message], None], *, pause: float = 0.05) -> Message:

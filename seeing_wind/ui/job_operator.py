@@ -84,9 +84,10 @@ class JobOperator:
         # Registered before anything is started, so that a second click finds it.
         try:
             jobs[self.key] = Running(self.start(scene))
-        except SeeingWindError as error:
-            return self._fail(scene, error.message, error.hint, error.mend)
+        except (SeeingWindError, OSError) as error:
+            return self._fail(scene, *job.told(error))
         status.begin(status.of(self.key), self.step, self.bl_label)
+        scene.seeing_wind.unfinished = self.step
         if blocks(context):
             return self._block(scene)
         self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
@@ -109,6 +110,9 @@ class JobOperator:
                 return {"PASS_THROUGH"}
             self._remove_timer(context)
             return self._conclude(scene, running)
+        except (SeeingWindError, OSError) as error:
+            self._stop(context)
+            return self._fail(scene, *job.told(error))
         except Exception as error:  # a defect of ours must not leave the panel running
             traceback.print_exc()
             self._stop(context)
@@ -123,6 +127,8 @@ class JobOperator:
         try:
             running.exit = job.wait(self._relay(running), lambda message: None)
             return self._conclude(scene, running)
+        except (SeeingWindError, OSError) as error:
+            return self._fail(scene, *job.told(error))
         finally:
             jobs.pop(self.key, None)
             status.end(status.of(self.key))
@@ -149,10 +155,11 @@ class JobOperator:
         """The job has ended: take in its results or say what went wrong."""
         entry, now = status.of(self.key).steps[self.step], status.of(self.key)
         jobs.pop(self.key, None)
+        scene.seeing_wind.unfinished = ""
         if running.exit["outcome"] == "cancelled":
             status.end(now)
             freshness.refresh(scene)
-            now.steps[self.step].message = "Cancelled; what was finished is kept"
+            now.steps[self.step].message = f"Cancelled. {self.bl_label} goes on from what was finished"
             redraw()
             self.report({"WARNING"}, f"{self.bl_label} was cancelled.")
             return {"CANCELLED"}
@@ -162,8 +169,8 @@ class JobOperator:
             return self._fail(scene, entry.message, entry.hint, entry.mend, entry.log)
         try:
             said = self.finish(scene, running.result or {})
-        except SeeingWindError as error:
-            return self._fail(scene, error.message, error.hint, error.mend)
+        except (SeeingWindError, OSError) as error:
+            return self._fail(scene, *job.told(error))
         status.end(now)
         freshness.refresh(scene)
         now.steps[self.step].message = said
@@ -175,6 +182,7 @@ class JobOperator:
 
     def _fail(self, scene: bpy.types.Scene, message: str, hint: str = "", mend: str = "", log: str = "") -> set[str]:
         jobs.pop(scene.session_uid, None)
+        scene.seeing_wind.unfinished = ""
         now = status.of(scene.session_uid)
         status.fail(now, self.step, message, hint, mend, digest=self.digest, log=log)
         status.end(now)

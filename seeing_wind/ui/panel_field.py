@@ -3,6 +3,7 @@
 import bpy
 
 from .field_arrows import MATERIAL
+from .field_legend import in_figures
 from .node_groups import modifier_input
 from .panels import CATEGORY
 
@@ -59,7 +60,7 @@ class FieldTab:
             row.label(text="0")
             end = row.row()
             end.alignment = "RIGHT"
-            end.label(text=f"{arrows.get('seeing_wind_peak', 0.0):.3g} N/m³")
+            end.label(text=f"{in_figures(arrows.get('seeing_wind_peak', 0.0))} N/m³")
 
 
 class CompositeTab:

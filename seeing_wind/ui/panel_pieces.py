@@ -32,7 +32,7 @@ def draw_text(layout, context, text: str, icon: str = "NONE") -> None:
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
 
 
-def draw_failure(layout, context, step: status.Step) -> None:
+def draw_failure(layout, context, step: status.Step, button: bool = True) -> None:
     """What went wrong, what to do, and the button that does it."""
     box = layout.box()
     message = box.column()
@@ -40,7 +40,7 @@ def draw_failure(layout, context, step: status.Step) -> None:
     draw_text(message, context, step.message, "ERROR")
     if step.hint:
         draw_text(box, context, step.hint)
-    if step.mend in MENDS:
+    if button and step.mend in MENDS:
         operator, text, icon = MENDS[step.mend]
         box.operator(operator, text=text, icon=icon)
 
@@ -48,10 +48,15 @@ def draw_failure(layout, context, step: status.Step) -> None:
 def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
     """The bar of a running job, what it does, and the way to stop it."""
     column = layout.column(align=True)
-    column.progress(factor=step.fraction, text=f"{100 * step.fraction:.0f} %", type="BAR")
-    row = column.row()
-    row.active = False
-    row.label(text=step.message[:60])
+    left = status.remaining(step)
+    text = f"{100 * step.fraction:.0f} %" + (f", about {status.in_words(left)} left" if left is not None else "")
+    column.progress(factor=step.fraction, text=text, type="BAR")
+    lines = column.column(align=True)
+    lines.active = False
+    lines.scale_y = 0.8
+    lines.label(text=step.message[:60])
+    if step.residual is not None:
+        lines.label(text=f"Residual {step.residual:.3g}")
     row = column.row()
     row.enabled = not cancelling
     row.operator("seeing_wind.cancel", text="Stopping..." if cancelling else "Cancel", icon="CANCEL")
@@ -79,7 +84,7 @@ def draw_job(layout, context, name: str, operator: str, text: str, icon: str, re
             draw_text(layout, context, warning, "INFO")
 
 
-def draw_engine(layout, context) -> None:
+def draw_engine(layout, context, button: bool = True) -> None:
     """Whether there is an engine, and the button that makes one."""
     now = status.of(context.scene.session_uid)
     job = now.steps.get("engine")
@@ -92,7 +97,7 @@ def draw_engine(layout, context) -> None:
     elif job is not None and job.message:
         draw_text(layout, context, job.message)
     if status.engine.problem is not None:
-        draw_failure(layout, context, status.engine.problem)
+        draw_failure(layout, context, status.engine.problem, button)
 
 
 def draw_override(column, settings, name: str) -> None:

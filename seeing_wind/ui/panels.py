@@ -2,8 +2,8 @@
 
 import bpy
 
-from . import status
-from .panel_clip import draw_material, draw_object
+from . import panel_clip, status
+from .panel_clip import draw_guesses, draw_material, draw_more, draw_object
 from .panel_edit import LISTS, draw_bake, draw_bodies, draw_body, draw_edits, draw_surroundings
 from .panel_pieces import ICONS, draw_engine, draw_failure, draw_job, draw_override
 from .status import State
@@ -87,6 +87,8 @@ class ObjectTab(Tab):
         for name in ("density", "youngs_modulus", "thickness"):
             draw_override(column, settings, name)
         column.prop(settings, "pin")
+        draw_guesses(self.layout, context, settings, self.bl_space_type)
+        draw_more(self.layout, settings)
         step = status.of(context.scene.session_uid).steps["object"]
         if step.state == State.FAILED:
             draw_failure(self.layout, context, step)
@@ -191,4 +193,4 @@ def _panel(space: str, tab: type, order: int) -> type:
 
 PANELS = tuple(_panel(space, tab, order) for space in ("VIEW_3D", "CLIP_EDITOR") for order, tab in enumerate(TABS))
 
-CLASSES = (*LISTS, SEEING_WIND_OT_open_preferences, *PANELS)
+CLASSES = (*panel_clip.LISTS, *LISTS, SEEING_WIND_OT_open_preferences, *PANELS)

@@ -17,7 +17,7 @@ from bpy.props import (
 )
 
 from ..engine.conventions import DEFAULT_FOV_DEGREES, GRAVITY
-from ..engine.materials import MATERIALS
+from ..engine.materials import LAWS, MATERIALS
 from ..engine.settings import BuildSettings, RecoverSettings
 from . import edits, freshness
 
@@ -34,6 +34,14 @@ MATERIAL_ITEMS = [
     )
     for name, m in MATERIALS.items()
 ]
+
+LAW_ITEMS = [
+    ("PRESET", "As the Material", "The law of the chosen material"),
+    *((law.upper(), law.replace("_", " ").title(), text) for law, text in zip(LAWS, (
+        "Springs back, also from large strains", "Springs back from small strains: stiff things",
+        "Keeps dents whatever the speed", "Flows slowly under load",
+    ), strict=True)),
+]  # fmt: skip
 
 WAYS = [
     ("AUTO", "Automatic", "Location and rotation for bodies that stay rigid, a point cache for very large ones, else shape keys"),
@@ -60,6 +68,9 @@ IMPLIED = {
     "gravity": ("gravity_mode", "CUSTOM"),
     "density": ("use_density", True),
     "youngs_modulus": ("use_youngs_modulus", True),
+    "poisson_ratio": ("use_poisson_ratio", True),
+    "yield_stress": ("use_yield_stress", True),
+    "viscosity": ("use_viscosity", True),
     "thickness": ("use_thickness", True),
 }
 """A keyword argument that chooses a mode as well, unless the mode is given too."""
@@ -157,6 +168,17 @@ class ClipOptions:
     density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
     use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
     youngs_modulus: _number("Stiffness (Pa)", 1e5, "Young's modulus in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
+    law: _choice("Behaves As", "How the object answers to forces", LAW_ITEMS)
+    use_poisson_ratio: _toggle("Poisson's Ratio", "Replace the preset's Poisson's ratio")
+    poisson_ratio: _number(
+        "Poisson's Ratio", 0.3, "How much it narrows when stretched: 0 cork, 0.3 most things, 0.49 rubber", min=0.0, max=0.495, precision=3
+    )
+    use_yield_stress: _toggle("Yield Stress", "Replace the preset's yield stress (for what keeps dents or flows)")
+    yield_stress: _number(
+        "Yield Stress (Pa)", 1e4, "Stress from which it keeps its new shape", min=1.0, soft_max=1e9, step=100000, precision=0
+    )
+    use_viscosity: _toggle("Viscosity", "Replace the preset's viscosity (for what flows)")
+    viscosity: _number("Viscosity (Pa s)", 100.0, "How slowly it flows under load", min=0.01, soft_max=1e8, step=1000, precision=2)
     use_thickness: _toggle("Thickness", "Give the body's thickness instead of guessing it from the silhouette")
     thickness: _number("Thickness (m)", 0.01, "Metres of body behind the visible surface", min=1e-5, soft_max=1.0, step=0.1, precision=4)
 
@@ -173,7 +195,24 @@ class ClipOptions:
         options=KEPT,
         update=_changed,
     )
+    particles: IntProperty(
+        name="Particles", default=BuildSettings.particles, min=8, max=100_000, soft_min=100, soft_max=5000, step=50, options=KEPT,
+        update=_changed, description="About how many particles stand for the object: more see finer bends and take longer",
+    )  # fmt: skip
     seed: IntProperty(name="Seed", default=0, min=0, description="Of every random choice", options=KEPT, update=_changed)
+
+
+class SEEING_WIND_PG_guess(bpy.types.PropertyGroup):
+    """A thing that a vision-language model saw in the clip's first picture; `name` is what it is called."""
+
+    made_of: StringProperty(name="Made Of", description="Its material, in the model's words")
+    mask: StringProperty(name="Mask", subtype="FILE_PATH", description="Where it is in the first picture")
+    law: _choice("Behaves As", "How it answers to forces", LAW_ITEMS)
+    density: _number("Density (kg/m³)", 0.0, "As the model sees it", min=0.0, precision=1)
+    youngs_modulus: _number("Stiffness (Pa)", 0.0, "As the model sees it", min=0.0, precision=0)
+    poisson_ratio: _number("Poisson's Ratio", 0.0, "As the model sees it", min=0.0, max=0.495, precision=3)
+    yield_stress: _number("Yield Stress (Pa)", 0.0, "As the model sees it; 0 for none", min=0.0, precision=0)
+    viscosity: _number("Viscosity (Pa s)", 0.0, "As the model sees it; 0 for none", min=0.0, precision=2)
 
 
 class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
@@ -246,8 +285,9 @@ class EditOptions:
         ("CUSTOM", "Custom", "An acceleration of your own"),
     ])  # fmt: skip
     edit_gravity: FloatVectorProperty(
-        name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, update=_changed
-    )
+        name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, update=_changed,
+        description="Acceleration along world X, Y, Z in the re-simulation",
+    )  # fmt: skip
     contact: BoolProperty(name="Contact", default=False, description="Bodies push each other; off: each moves alone", update=_changed)
     offset: FloatVectorProperty(
         name="Offset (m)", size=3, soft_min=-10.0, soft_max=10.0, step=10, update=_changed,
@@ -279,6 +319,9 @@ class SEEING_WIND_PG_scene(ClipOptions, EditOptions, bpy.types.PropertyGroup):
         description="A mesh that stands where the object is in the first picture, as the camera sees it",
     )  # fmt: skip
 
+    guesses: CollectionProperty(type=SEEING_WIND_PG_guess)
+    active_guess: IntProperty(name="Active Guess", default=0, min=0)
+
     edits: CollectionProperty(type=SEEING_WIND_PG_edit)
     active_edit: IntProperty(name="Active Edit", default=0, min=0, update=_switch_edit)
     loaded_edit: IntProperty(options={"HIDDEN"}, default=0, min=0, description="The edit whose settings the scene has now")
@@ -299,6 +342,7 @@ class SEEING_WIND_PG_scene(ClipOptions, EditOptions, bpy.types.PropertyGroup):
     )
 
     # What was made, and with which settings: part of the file and of its undo.
+    unfinished: StringProperty(options={"HIDDEN"}, description="The step whose job runs: says after a reopening that it was cut off")
     recovered_digest: StringProperty(options={"HIDDEN"})
     recovered_take: StringProperty(options={"HIDDEN"})
     field_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
@@ -318,4 +362,4 @@ def adopt(settings: SEEING_WIND_PG_scene, arguments: bpy.types.OperatorPropertie
         setattr(settings, name, getattr(arguments, name))
 
 
-CLASSES = (SEEING_WIND_PG_body, SEEING_WIND_PG_collider, SEEING_WIND_PG_edit, SEEING_WIND_PG_scene)
+CLASSES = (SEEING_WIND_PG_guess, SEEING_WIND_PG_body, SEEING_WIND_PG_collider, SEEING_WIND_PG_edit, SEEING_WIND_PG_scene)

@@ -45,9 +45,11 @@ def export_mesh(
         shift: (3,) added to the vertices [m].
 
     Raises:
-        UsageError: when the object has no triangles.
+        UsageError: when the object has no triangles, or vertices that are not finite.
     """
     vertices, triangles = mesh_arrays(obj, depsgraph)
+    if not np.isfinite(vertices).all():
+        raise UsageError(f"{obj.name} has vertices that are nowhere (not a number).", "Delete them, or the modifier that makes them.")
     vertices = vertices * metres_per_unit(depsgraph.scene) + np.asarray(shift)
     path = Path(path)
     Take(path.parent).write_arrays(path.name, {"vertices": vertices, "triangles": triangles})

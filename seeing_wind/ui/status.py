@@ -6,6 +6,7 @@ failed); what is done or stale follows from digests kept in the scene (see `fres
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -43,6 +44,10 @@ class Step:
     log: str = ""
     digest: str = ""
     """While failed: the settings that failed. Others make the failure a thing of the past."""
+    started: float = 0.0
+    """While running: when it began [s of the monotonic clock]."""
+    residual: float | None = None
+    """While running: the recovery's latest."""
 
 
 @dataclass
@@ -91,7 +96,7 @@ def begin(status: SceneStatus, step: str, title: str) -> None:
     status.running, status.cancelling, status.title = step, False, title
     status.warnings, status.warned = [], step
     status.steps.setdefault(step, Step())
-    status.steps[step] = Step(State.RUNNING, message="Starting")
+    status.steps[step] = Step(State.RUNNING, message="Starting", started=time.monotonic())
 
 
 def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
@@ -103,7 +108,7 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
         entry.fraction = first + (last - first) * min(max(float(message.get("fraction", 0.0)), 0.0), 1.0)
         entry.message = str(message.get("message", "")) or str(message.get("stage", ""))
         if "residual" in message:
-            entry.message += f"   residual {float(message['residual']):.3g}"
+            entry.residual = float(message["residual"])
     elif kind == "warning":
         status.warnings.append(str(message.get("message", "")))
     elif kind == "error":
@@ -115,9 +120,28 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
     return True
 
 
+EARLY = 0.03
+"""Share of a job under which nothing is said of the time it still takes."""
+
+
+def remaining(step: Step, now: float | None = None) -> float | None:
+    """Seconds that a running step still takes if it goes on as so far; None while that cannot be said."""
+    if step.state != State.RUNNING or not EARLY <= step.fraction < 1.0:
+        return None
+    passed = (time.monotonic() if now is None else now) - step.started
+    return passed * (1.0 - step.fraction) / step.fraction
+
+
+def in_words(seconds: float) -> str:
+    """A time as people say it, no more exact than an estimate is."""
+    if seconds < 55.0:
+        return f"{max(5, 5 * round(seconds / 5))} s"
+    return f"{round(seconds / 60)} min" if seconds < 5400.0 else f"{seconds / 3600:.1f} h"
+
+
 def fail(status: SceneStatus, step: str, message: str, hint: str = "", mend: str = "", *, digest: str = "", log: str = "") -> None:
     """`step` could not be done."""
-    status.steps[step] = Step(State.FAILED, 0.0, message, hint, mend, log, digest)
+    status.steps[step] = Step(State.FAILED, message=message, hint=hint, mend=mend, log=log, digest=digest)
 
 
 def end(status: SceneStatus) -> None:

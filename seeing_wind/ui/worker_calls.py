@@ -23,10 +23,16 @@ def command(python: str, verb: str, *options: str) -> list[str]:
     return [python, "-m", "seeing_wind.engine", verb, *options]
 
 
-def environment() -> dict[str, str]:
-    """This process's environment without Blender's Python settings, which would break another Python."""
+KEY_VARIABLE = "SEEING_WIND_MATERIAL_KEY"
+"""Where the engine looks for the key of the model that is asked about materials."""
+
+
+def environment(key: str = "") -> dict[str, str]:
+    """This process's environment without Blender's Python settings, which would break another Python. `key` is for one that asks."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     # Bytecode stays out of the extension's folder, which Blender owns and may not be writable.
+    if key:
+        kept[KEY_VARIABLE] = key
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1", "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
 
 
@@ -120,10 +126,13 @@ def recover_options(scene: bpy.types.Scene) -> list[str]:
     """All options of `recover` but the take. Raises as `clip_options` and `object_options` do."""
     settings = scene.seeing_wind
     options = clip_options(settings) + object_options(settings) + gravity_options(scene) + ["--material", settings.material]
-    for name in ("density", "youngs_modulus", "thickness"):
+    for name in ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "thickness"):
         if getattr(settings, f"use_{name}"):
             options += [f"--{name.replace('_', '-')}", _number(getattr(settings, name))]
-    return [*options, "--iterations", str(settings.iterations), "--seed", str(settings.seed)]
+    if settings.law != "PRESET":
+        options += ["--law", settings.law.lower()]
+    effort = ("--particles", str(settings.particles), "--iterations", str(settings.iterations), "--seed", str(settings.seed))
+    return [*options, *effort]
 
 
 def _existing(path: str, what: str) -> str:

@@ -45,4 +45,7 @@ expect 0 recover "$SEEING_WIND_CLIP" --take "$work/out.take" --box 20 20 44 44 -
 [ -s "$work/out.blend" ] || { echo "recover --save wrote no file" >&2; exit 1; }
 expect 2 fly
 SEEING_WIND_FAKE=die expect 1 recover "$SEEING_WIND_CLIP" --take "$work/died.take" --box 20 20 44 44
+
+echo "-- removed"
+"$blender" -b --python-exit-code 9 --python "$root/tests/blender/remove_extension.py"
 echo "-- the extension works in $("$blender" --version | head -1)"

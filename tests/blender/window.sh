@@ -1,6 +1,7 @@
 #!/bin/bash
 # Runs window_check.py in a Blender with a window. Needs a screen: with none, run it under xvfb-run.
 # usage: window.sh BLENDER_EXECUTABLE [Blender's arguments, such as --gpu-backend opengl]
+#        SEEING_WIND_REAL and SEEING_WIND_SCENE let it cancel and resume a real recovery too, see window_check.py
 #        PYTHON names the Python that makes the test's clip (default: .venv/bin/python)
 set -euo pipefail
 blender=${1:?usage: window.sh BLENDER_EXECUTABLE [arguments]}
@@ -18,4 +19,4 @@ tools["make_clip"](Path(sys.argv[1]) / "clip.mp4")
 tools["fake_python"](Path(sys.argv[1]))
 PY
 export SEEING_WIND_PYTHON=$work/fake_python SEEING_WIND_CLIP=$work/clip.mp4 LIBGL_ALWAYS_SOFTWARE=${LIBGL_ALWAYS_SOFTWARE:-1}
-timeout 400 "$blender" --factory-startup --enable-event-simulate -p 0 0 1280 800 "$@" --python "$root/tests/blender/window_check.py"
+timeout 900 "$blender" --factory-startup --enable-event-simulate -p 0 0 1280 800 "$@" --python "$root/tests/blender/window_check.py"

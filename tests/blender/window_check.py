@@ -1,12 +1,14 @@
 """Drives the extension in a Blender with a window, by mouse and keyboard: `blender --enable-event-simulate --python window_check.py`.
 
 window.sh prepares SEEING_WIND_PYTHON (a stand-in for the engine) and SEEING_WIND_CLIP. Draws a box over the camera's background and in the
-Movie Clip Editor, cancels one with Esc, then recovers with the modal operator: progress, cancel, again, done, undo and redo. Ends Blender
-with exit code 0, or 9 at the first thing that is not as it should be.
+Movie Clip Editor, cancels one with Esc, then recovers with the modal operator: progress, cancel, again, done, undo and redo. With
+SEEING_WIND_REAL (a Python with the engine) and SEEING_WIND_SCENE (a folder that a sample scene's make.py wrote) it cancels and resumes a
+real recovery too. Ends Blender with exit code 0, or 9 at the first thing that is not as it should be.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import traceback
@@ -104,6 +106,7 @@ def recover(area: bpy.types.Area) -> Iterator[float]:
         bpy.ops.seeing_wind.cancel()
     yield from until(lambda: not now.running)
     check(now.steps["recover"].state == "idle" and settings.field_object is None, "cancelled, nothing half made")
+    check("goes on from what was finished" in now.steps["recover"].message, "and the panel says how to go on")
     os.environ["SEEING_WIND_FAKE_SECONDS"] = "0.2"
     with bpy.context.temp_override(**override(area)):
         bpy.ops.seeing_wind.recover("INVOKE_DEFAULT")
@@ -116,13 +119,48 @@ def recover(area: bpy.types.Area) -> Iterator[float]:
     check(bpy.context.scene.seeing_wind.field_object is not None, "and redo brings them back")
 
 
-def until(condition) -> Iterator[float]:
+def resume_a_real_one(area: bpy.types.Area) -> Iterator[float]:
+    """The engine itself: cancelled after its first stages, which the second run does not do again."""
+    folder = Path(os.environ["SEEING_WIND_SCENE"])
+    known, take = json.loads((folder / "box.json").read_text()), Path(os.environ["SEEING_WIND_CLIP"]).parent / "real.take"
+    os.environ["SEEING_WIND_PYTHON"] = os.environ["SEEING_WIND_REAL"]
+    options = {name: known[name] for name in ("distance", "material", "density", "youngs_modulus", "thickness")}
+    options |= {"clip": str(folder / "clip.mp4"), "mask": str(folder / "mask_0000.png"), "camera": str(folder / "camera.json")}
+    options |= {"take": str(take), "iterations": 1, "particles": 100}
+    if (folder / "held_0000.png").is_file():
+        options["pin"] = str(folder / "held_0000.png")
+    now = status.of(bpy.context.scene.session_uid)
+    with bpy.context.temp_override(**override(area)):
+        check(bpy.ops.seeing_wind.recover("INVOKE_DEFAULT", **options) == {"RUNNING_MODAL"}, "a real recovery starts")
+    ticks = 0
+
+    def built() -> bool:
+        nonlocal ticks
+        ticks += 1
+        return (take / "particles.npz").is_file() or not now.running
+
+    yield from until(built, 400.0)
+    check(now.running == "recover" and ticks > 5, f"the window lives while the engine works: {now.steps['recover'].message}")
+    left = status.remaining(now.steps["recover"])
+    check(left is not None and left > 0.0, f"the panel knows that about {status.in_words(left or 0.0)} are left")
+    with bpy.context.temp_override(**override(area)):
+        bpy.ops.seeing_wind.cancel()
+    yield from until(lambda: not now.running)
+    seen = (take / "observation.npz").stat().st_mtime_ns
+    with bpy.context.temp_override(**override(area)):
+        bpy.ops.seeing_wind.recover("INVOKE_DEFAULT")
+    yield from until(lambda: not now.running, 400.0)
+    check(now.steps["recover"].state == "done", f"resumed and finished: {now.steps['recover'].message}")
+    check((take / "observation.npz").stat().st_mtime_ns == seen, "what was finished was not done again")
+
+
+def until(condition, patience: float = PATIENCE) -> Iterator[float]:
     """Wait, with the window alive."""
-    for _ in range(int(PATIENCE / 0.2)):
+    for _ in range(int(patience / 0.2)):
         if condition():
             return
         yield 0.2
-    raise AssertionError("nothing happened for a minute")
+    raise AssertionError(f"nothing happened for {patience:g} s")
 
 
 def story() -> Iterator[float]:
@@ -145,6 +183,8 @@ def story() -> Iterator[float]:
     area.type = "VIEW_3D"
     yield 1.0
     yield from recover(area)
+    if "SEEING_WIND_SCENE" in os.environ:
+        yield from resume_a_real_one(area)
 
 
 steps = story()

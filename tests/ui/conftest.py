@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import importlib.util
 import runpy
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import extension  # noqa: E402
 
 if importlib.util.find_spec("bpy") is None:
     collect_ignore_glob = ["test_*.py"]
@@ -33,3 +38,20 @@ def scene():
 def checks() -> dict[str, Any]:
     """The functions of tests/blender/field_object_check.py, which runs in a real Blender too."""
     return runpy.run_path(str(Path(__file__).resolve().parents[1] / "blender" / "field_object_check.py"), run_name="checks")
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory) -> Path:
+    """A folder that a careless program stumbles over, with a clip and a stand-in for the engine's Python."""
+    folder = tmp_path_factory.mktemp("work") / "ein Wind è 风"
+    folder.mkdir()
+    extension.make_clip(folder / "clip.mp4")
+    extension.fake_python(folder)
+    return folder
+
+
+@pytest.fixture
+def stand_in(clean_file, workplace, monkeypatch):
+    """The add-on switched on, the stand-in in the engine's place."""
+    with extension.switched_on(monkeypatch, workplace):
+        yield

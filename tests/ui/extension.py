@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -31,3 +33,18 @@ def make_clip(path: Path, pictures: int = 13, size: tuple[int, int] = (96, 64)) 
     writer.release()
     assert os.path.getsize(path) > 0
     return path
+
+
+@contextlib.contextmanager
+def switched_on(patch, folder: Path, seconds: float = 0.05) -> Iterator[None]:
+    """The add-on, with the stand-in of `folder` in the engine's place; its jobs take `seconds`."""
+    import seeing_wind.ui as ui
+
+    patch.setenv("SEEING_WIND_PYTHON", str(fake_python(folder)))
+    patch.setenv("SEEING_WIND_FAKE_SECONDS", str(seconds))
+    ui.register()
+    ui._look_round()
+    try:
+        yield
+    finally:
+        ui.unregister()

@@ -6,6 +6,7 @@ caller puts on PYTHONPATH as it does for the real engine. The field is a swirl a
 
 from __future__ import annotations
 
+import json
 import os
 import runpy
 import sys
@@ -90,6 +91,11 @@ def main() -> None:
     behaviour = os.environ.get("SEEING_WIND_FAKE", "done") if verb in ("recover", "resimulate") else "done"
     if behaviour == "done":
         {"recover": recover, "sample": sample, "resimulate": resimulate}.get(verb, lambda options: None)(options)
+    if verb == "doctor":
+        missing = {"name": "gsplat", "ok": False, "detail": "not installed", "advice": "pip install gsplat"}
+        checks = [{"name": "torch", "ok": True, "detail": "CPU"}, missing]
+        print(json.dumps({"type": "result", "outcome": "converged", "checks": checks}))
+        return
     if verb == "sample":
         print('{"type": "result", "outcome": "converged"}')
         return

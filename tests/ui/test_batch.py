@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from pathlib import Path
 
 import bpy
+import extension
 import pytest
 
-import seeing_wind.ui as ui
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui import batch, commands
-
-_spec = importlib.util.spec_from_file_location("extension", Path(__file__).with_name("extension.py"))
-extension = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(extension)
 
 JOBS = """
 [[job]]
@@ -32,13 +27,10 @@ save = "out/leaf.blend"
 def workplace(clean_file, tmp_path, monkeypatch) -> Path:
     """A clip, an edit and a file of jobs; the stand-in in the engine's place."""
     extension.make_clip(tmp_path / "clip.mp4")
-    monkeypatch.setenv("SEEING_WIND_PYTHON", str(extension.fake_python(tmp_path)))
-    monkeypatch.setenv("SEEING_WIND_FAKE_SECONDS", "0.1")
     (tmp_path / "edit.toml").write_text('gravity = [0, 0, -9.81]\n[[body]]\nname = "leaf"\nmesh = "recovered"\nmass_scale = 1.0\n')
     (tmp_path / "jobs.toml").write_text(JOBS)
-    ui.register()
-    yield tmp_path
-    ui.unregister()
+    with extension.switched_on(monkeypatch, tmp_path):
+        yield tmp_path
 
 
 def rows(folder: Path) -> list[dict]:

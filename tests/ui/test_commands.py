@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import bpy
+import extension
 import pytest
 
-import seeing_wind.ui as ui
 from seeing_wind.ui import commands
-
-_spec = importlib.util.spec_from_file_location("extension", Path(__file__).with_name("extension.py"))
-extension = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(extension)
 
 
 @pytest.fixture(autouse=True)
 def workplace(clean_file, tmp_path, monkeypatch) -> Path:
     """The user's folder, with a clip; the stand-in in the engine's place."""
     extension.make_clip(tmp_path / "clip.mp4")
-    monkeypatch.setenv("SEEING_WIND_PYTHON", str(extension.fake_python(tmp_path)))
-    monkeypatch.setenv("SEEING_WIND_FAKE_SECONDS", "0.1")
     monkeypatch.chdir(tmp_path)
-    ui.register()
-    yield tmp_path
-    ui.unregister()
+    with extension.switched_on(monkeypatch, tmp_path):
+        yield tmp_path
 
 
 def test_recover_with_relative_paths_saves_a_file(workplace, capsys) -> None:

@@ -2,42 +2,22 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 import bpy
 import numpy as np
 import pytest
 
-import seeing_wind.ui as ui
 from seeing_wind.ui import composite, field_vdb
+from seeing_wind.ui.field_legend import in_figures
 from seeing_wind.ui.field_samples import samples_of
-
-_spec = importlib.util.spec_from_file_location("extension", Path(__file__).with_name("extension.py"))
-extension = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(extension)
-
-
-@pytest.fixture(scope="module")
-def workplace(tmp_path_factory) -> Path:
-    """A clip and the stand-in."""
-    folder = tmp_path_factory.mktemp("work")
-    extension.make_clip(folder / "clip.mp4")
-    extension.fake_python(folder)
-    return folder
 
 
 @pytest.fixture(autouse=True)
-def recovered(clean_file, workplace, monkeypatch):
-    """The add-on switched on, and a field recovered."""
-    monkeypatch.setenv("SEEING_WIND_PYTHON", str(workplace / "fake_python"))
-    monkeypatch.setenv("SEEING_WIND_FAKE_SECONDS", "0.1")
-    ui.register()
-    ui._look_round()
+def recovered(stand_in, workplace) -> None:
+    """A field recovered."""
     options = {"clip": str(workplace / "clip.mp4"), "box": (20, 20, 44, 44), "distance": 2.0, "take": str(workplace / "out.take")}
     assert bpy.ops.seeing_wind.recover(**options) == {"FINISHED"}
-    yield
-    ui.unregister()
 
 
 def render(path: Path) -> np.ndarray:
@@ -144,7 +124,7 @@ def test_other_formats_are_the_engines(scene, tmp_path, capfd):
 def test_the_legend_names_the_peak_and_shows_its_colours_in_solid_view(scene):
     legend = scene.objects["Recovered Wind Legend"]
     texts = [node.inputs["String"].default_value for node in legend.modifiers[0].node_group.nodes if node.type == "STRING_TO_CURVES"]
-    assert f"{scene.seeing_wind.arrows_object['seeing_wind_peak']:.3g} N/m³" in texts and "0" in texts
+    assert f"{in_figures(scene.seeing_wind.arrows_object['seeing_wind_peak'])} N/m³" in texts and "0" in texts
     mesh = legend.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert mesh.color_attributes.active_color_name == "wind_colour" and len(mesh.polygons) > 48
 

@@ -2,59 +2,33 @@
 
 from __future__ import annotations
 
-import importlib.util
 import tomllib
 from pathlib import Path
 
 import bpy
+import extension
 import numpy as np
 import pytest
 
-import seeing_wind.ui as ui
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit
 from seeing_wind.ui import bake, bodies, freshness, status
 from seeing_wind.ui.animation import curves_of
-
-_spec = importlib.util.spec_from_file_location("extension", Path(__file__).with_name("extension.py"))
-extension = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(extension)
-
-
-@pytest.fixture(scope="module")
-def workplace(tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("work")
-    extension.make_clip(folder / "clip.mp4")
-    extension.fake_python(folder)
-    return folder
 
 
 @pytest.fixture(scope="module")
 def recovered_file(workplace) -> Path:
     """A .blend file with a recovered field."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    with pytest.MonkeyPatch.context() as patch:
-        prepare(patch, workplace)
+    with pytest.MonkeyPatch.context() as patch, extension.switched_on(patch, workplace):
         bpy.ops.seeing_wind.recover(clip=str(workplace / "clip.mp4"), box=(20, 20, 44, 44), distance=2.0, take=str(workplace / "out.take"))
         bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "recovered.blend"))
-        ui.unregister()
     return workplace / "recovered.blend"
 
 
-def prepare(patch, workplace: Path) -> None:
-    """The add-on switched on, the stand-in in the engine's place."""
-    patch.setenv("SEEING_WIND_PYTHON", str(workplace / "fake_python"))
-    patch.setenv("SEEING_WIND_FAKE_SECONDS", "0.01")
-    ui.register()
-    ui._look_round()
-
-
 @pytest.fixture(autouse=True)
-def addon(clean_file, workplace, recovered_file, monkeypatch):
+def addon(recovered_file, stand_in) -> None:
     """Each test starts from the recovered field."""
-    prepare(monkeypatch, workplace)
     bpy.ops.wm.open_mainfile(filepath=str(recovered_file))
-    yield
-    ui.unregister()
 
 
 @pytest.fixture

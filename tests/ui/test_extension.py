@@ -9,12 +9,9 @@ import sys
 from pathlib import Path
 
 import bpy
+import extension
 
 ROOT = Path(__file__).resolve().parents[2]
-
-_spec = importlib.util.spec_from_file_location("extension", Path(__file__).with_name("extension.py"))
-extension = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(extension)
 
 INSTALL = """
 import runpy, sys, bpy
@@ -30,7 +27,7 @@ def tool(*words: str) -> None:
     subprocess.run([sys.executable, str(script), *words], check=True, capture_output=True, timeout=60)
 
 
-def test_the_archive_installs_and_runs(tmp_path) -> None:
+def test_the_archive_installs_runs_and_leaves_nothing(tmp_path) -> None:
     archive = tmp_path / "seeing_wind.zip"
     tool("build", "--source-dir", str(ROOT), "--output-filepath", str(archive))
     tool("validate", str(archive))
@@ -46,7 +43,8 @@ def test_the_archive_installs_and_runs(tmp_path) -> None:
         "SEEING_WIND_FAKE_SECONDS": "0.1",
         "TMPDIR": str(tmp_path),
     }
-    call = [sys.executable, "-c", INSTALL, str(archive), str(ROOT / "tests" / "blender" / "drive_extension.py")]
-    done = subprocess.run(call, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
-    assert "driven to the end" in done.stdout, done.stdout[-3000:] + done.stderr[-3000:]
-    assert done.returncode == 0
+    for script in ("drive_extension.py", "remove_extension.py"):
+        call = [sys.executable, "-c", INSTALL, str(archive), str(ROOT / "tests" / "blender" / script)]
+        done = subprocess.run(call, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=180)
+        assert "driven to the end" in done.stdout, script + done.stdout[-3000:] + done.stderr[-3000:]
+        assert done.returncode == 0, script

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import time
 from pathlib import Path
 
@@ -10,32 +9,9 @@ import bpy
 import numpy as np
 import pytest
 
-import seeing_wind.ui as ui
 from seeing_wind.ui import bake, freshness, job_operator, results, status, worker_calls
 
-_spec = importlib.util.spec_from_file_location("extension", Path(__file__).with_name("extension.py"))
-extension = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(extension)
-
-
-@pytest.fixture(scope="module")
-def workplace(tmp_path_factory) -> Path:
-    """A clip and the stand-in."""
-    folder = tmp_path_factory.mktemp("work")
-    extension.make_clip(folder / "clip.mp4")
-    extension.fake_python(folder)
-    return folder
-
-
-@pytest.fixture(autouse=True)
-def addon(clean_file, workplace, monkeypatch):
-    """The add-on switched on, the stand-in in the engine's place."""
-    monkeypatch.setenv("SEEING_WIND_PYTHON", str(workplace / "fake_python"))
-    monkeypatch.setenv("SEEING_WIND_FAKE_SECONDS", "0.1")
-    ui.register()
-    ui._look_round()
-    yield
-    ui.unregister()
+pytestmark = pytest.mark.usefixtures("stand_in")
 
 
 def recover(workplace: Path, **more):
@@ -238,6 +214,59 @@ def test_loading_a_file_kills_the_worker_of_the_one_before(workplace, scene, mon
     process = running.messages.gi_frame.f_locals["process"]
     bpy.ops.wm.read_factory_settings(use_empty=True)
     assert process.poll() is not None and not job_operator.jobs
+
+
+def test_a_file_saved_during_a_run_says_after_reopening_that_the_run_goes_on(workplace, scene, windowed, monkeypatch, tmp_path) -> None:
+    monkeypatch.setenv("SEEING_WIND_FAKE", "hang")
+    window, operator = Window(scene), Modal(worker_job(workplace))
+    operator.execute(window)
+    assert now(scene)["recover"].state == "running"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "während.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "während.blend"))
+    scene = bpy.context.scene
+    assert not job_operator.jobs and now(scene)["recover"].state == "idle"
+    assert "was running when this file was saved" in now(scene)["recover"].message
+    monkeypatch.setenv("SEEING_WIND_FAKE", "done")
+    monkeypatch.setattr(job_operator, "blocks", lambda context: True)
+    assert recover(workplace) == {"FINISHED"} and "Recovered" in now(scene)["recover"].message
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "während.blend"))
+    assert now(bpy.context.scene)["recover"].state == "done" and now(bpy.context.scene)["recover"].message == ""
+
+
+def test_a_cancelled_job_says_that_it_goes_on(workplace, scene, windowed, monkeypatch) -> None:
+    monkeypatch.setenv("SEEING_WIND_FAKE", "hang")
+    window, operator = Window(scene), Modal(worker_job(workplace))
+    operator.execute(window)
+    while now(scene)["recover"].fraction == 0.0:
+        operator.modal(window, Event)
+    assert now(scene)["recover"].residual > 0.0 and scene.seeing_wind.unfinished == "recover"
+    bpy.ops.seeing_wind.cancel()
+    assert step_until_over(operator, window) == {"CANCELLED"}
+    assert "goes on from what was finished" in now(scene)["recover"].message and scene.seeing_wind.unfinished == ""
+
+
+def test_the_time_that_is_left_is_said_once_it_can_be() -> None:
+    step = status.Step(status.State.RUNNING, fraction=0.25, started=100.0)
+    assert status.remaining(step, 130.0) == pytest.approx(90.0)
+    step.fraction = 0.01
+    assert status.remaining(step, 130.0) is None and status.remaining(status.Step(), 130.0) is None
+    assert [status.in_words(seconds) for seconds in (2.0, 42.0, 89.0, 600.0, 9000.0)] == ["5 s", "40 s", "1 min", "10 min", "2.5 h"]
+
+
+def test_doctor_leaves_its_findings_as_a_text(workplace, scene) -> None:
+    assert bpy.ops.seeing_wind.doctor() == {"FINISHED"}
+    text = bpy.data.texts["Seeing Wind Doctor"].as_string()
+    assert str(workplace / "fake_python") in text and "missing  gsplat: not installed  pip install gsplat" in text
+    assert "1 of 2 checks" in now(scene)["engine"].message
+
+
+def test_a_take_that_cannot_be_written_is_told(workplace, scene, tmp_path) -> None:
+    blocked = tmp_path / "a file"
+    blocked.write_text("no folder")
+    with pytest.raises(RuntimeError, match="a file"):
+        recover(workplace, take=str(blocked / "out.take"))
+    assert now(scene)["recover"].state == "failed" and now(scene)["recover"].hint and not job_operator.jobs
 
 
 def worker_job(workplace: Path):

@@ -8,7 +8,7 @@ import bpy
 import pytest
 
 import seeing_wind.ui as ui
-from seeing_wind.ui import freshness, panel_pieces, panels, properties, status
+from seeing_wind.ui import freshness, panel_pieces, panels, status
 
 
 def test_register_and_unregister_twice_leaves_nothing_behind() -> None:
@@ -47,15 +47,22 @@ def test_names_follow_blender_s_rules(addon) -> None:
 
 
 def test_every_number_says_its_unit_and_every_property_what_it_is(addon) -> None:
-    unitless = {"field_strength", "mass_scale", "stiffness_scale", "friction", "floor_friction"}
-    for cls in (properties.SEEING_WIND_PG_scene, properties.SEEING_WIND_PG_body, properties.SEEING_WIND_PG_collider):
-        for prop in cls.bl_rna.properties:
-            if prop.identifier in ("rna_type", "name") or prop.is_hidden:
+    unitless = {"field_strength", "mass_scale", "stiffness_scale", "friction", "floor_friction", "poisson_ratio", "factor"}
+    operators = [getattr(bpy.ops.seeing_wind, name).get_rna_type() for name in dir(bpy.ops.seeing_wind)]
+    groups = [cls.bl_rna for cls in ui.CLASSES if issubclass(cls, (bpy.types.PropertyGroup, bpy.types.AddonPreferences))]
+    assert len(operators) > 20 and all(each.description for each in operators)
+    for group in (*operators, *groups):
+        ours = {name for cls in ui.CLASSES for base in cls.__mro__ for name in getattr(base, "__annotations__", {})}
+        for prop in group.properties:
+            # lists and the index of their active line are drawn by Blender without a tooltip
+            if prop.identifier not in ours or prop.is_hidden or prop.type == "COLLECTION" or prop.identifier.startswith("active_"):
                 continue
+            where = f"{group.identifier}.{prop.identifier}"
+            assert prop.description, where
             if prop.type == "FLOAT" and prop.identifier not in unitless:
-                assert re.search(r"\(.+\)$", prop.name), prop.identifier
-            if prop.identifier in properties.ClipOptions.__annotations__:
-                assert prop.description, prop.identifier
+                assert re.search(r"\(.+\)$", prop.name), where
+            if prop.type in ("FLOAT", "INT") and not prop.is_array:
+                assert prop.soft_min <= prop.default <= prop.soft_max and prop.step > 0, where
 
 
 def test_each_mend_is_an_operator(addon) -> None:

@@ -3,15 +3,17 @@ masks by type, assignment of pixels to one object each."""
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
-from ..errors import ObjectError
+from ..errors import ObjectError, UsageError
 from ..observe.mask import mask_in_box
 from ..progress import Progress
 from ..take import Take
@@ -136,4 +138,29 @@ def write_objects(take: Take, found: list[Found]) -> list[dict[str, Any]]:
         numbers = {**asdict(one.estimate), "law": one.estimate.law}
         listed.append({"name": name, "mask": place, "pixels": int(one.mask.sum()), **numbers, "options": one.options(place)})
     take.write_json("objects.json", {"objects": listed})
+    return listed
+
+
+def read_objects(path: str) -> list[dict[str, Any]]:
+    """What `write_objects` listed, checked.
+
+    Raises:
+        UsageError: no such file, or one of another kind.
+    """
+    advice = "Give the objects.json that `identify` writes."
+    try:
+        listed = json.loads(Path(path).read_text(encoding="utf-8"))["objects"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UsageError(f"{path} lists no objects: {error}.", advice) from error
+    if not isinstance(listed, list) or not listed or not all(isinstance(one, dict) for one in listed):
+        raise UsageError(f"{path} lists no objects.", advice)
+    texts, numbers = ("name", "object", "material", "mask", "law"), tuple(RANGES)
+    for one in listed:
+        wrong = [key for key in texts if not isinstance(one.get(key), str) or not one[key]]
+        wrong += [key for key in numbers if one.get(key, "") is not None and not isinstance(one.get(key), (int, float))]
+        if wrong or not re.fullmatch(r"[A-Za-z0-9_-]+", one["name"]):
+            raise UsageError(f"{path}: an object has no usable {', '.join(wrong) or 'name'}.", advice)
+    names = [one["name"] for one in listed]
+    if len(set(names)) < len(names):
+        raise UsageError(f"{path}: two objects have one name.", advice)
     return listed

@@ -6,6 +6,7 @@
     gaussians.py  3D Gaussians G^0                               splatting.py  their rasteriser and fit (torch)
     ply.py        their file                                     views.py      further cameras
     pose.py       the whole body in every picture                late.py       tracks that begin later
+    multiview.py  the Gaussians of several views
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from .control import attach
 from .particles import columns_of
 from .relief import MAX_SLANT, Relief, sample
 
-COUNT = 3500
+COUNT = 12000
 """Gaussians of an object with more pixels than this; smaller objects have one per pixel."""
 
 SH0 = 0.28209479177387814

@@ -10,6 +10,8 @@ The result is for display and for a start; forces are fitted to the pixels thems
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -36,6 +38,19 @@ TOLERANCE = 1e-4
 """Iterations end when no point moves by more than this part of the median edge."""
 
 
+@dataclass(frozen=True)
+class Sight:
+    """What one camera saw of all K points; a point that is tracked in another view only is not visible here."""
+
+    camera: Camera
+    xy: np.ndarray
+    """(T+1, K, 2) [px]."""
+    visible: np.ndarray
+    """(T+1, K) bool."""
+    sigma: np.ndarray
+    """(T+1, K) [px]."""
+
+
 def lift(
     camera: Camera,
     xy: np.ndarray,
@@ -59,27 +74,48 @@ def lift(
     Raises:
         ObjectError: shapes that do not fit, or a start that is not finite.
     """
-    if xy.shape[:2] != visible.shape or sigma.shape != visible.shape or start.shape != (xy.shape[1], 3):
-        raise ObjectError(
-            f"Tracks {xy.shape}, visibility {visible.shape} and start {start.shape} do not belong together.", "Check the tracks file."
-        )
+    return lift_views([Sight(camera, xy, visible, sigma)], start, pinned, arap, progress)
+
+
+def lift_views(
+    sights: Sequence[Sight],
+    start: np.ndarray,
+    pinned: np.ndarray | None = None,
+    arap: Arap = "rest",
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Lift the tracks of several cameras together: what one does not see, its neighbours' pixels in another hold, through rigidity.
+
+    Arguments, result and errors as `lift`, with one `Sight` per camera over the same pictures and points.
+    """
+    frames = len(sights[0].xy)
+    for one in sights:
+        xy, visible, sigma = one.xy, one.visible, one.sigma
+        if xy.shape[:2] != visible.shape or sigma.shape != visible.shape or start.shape != (xy.shape[1], 3) or len(xy) != frames:
+            raise ObjectError(
+                f"Tracks {xy.shape}, visibility {visible.shape} and start {start.shape} do not belong together.", "Check the tracks file."
+            )
+    visible = np.any([one.visible for one in sights], axis=0)
     progress = progress or NoProgress()
-    lifted = np.full((*xy.shape[:2], 3), np.nan)
+    lifted = np.full((*visible.shape, 3), np.nan)
     use = np.flatnonzero(visible.any(axis=0))
     if use.size == 0:
         return lifted
     if not np.isfinite(start[use]).all():
         raise ObjectError("A tracked point has no depth in the first picture.", "Check the depth map.")
     held = np.zeros(use.size, dtype=bool) if pinned is None else pinned[use]
-    points = np.empty((len(xy), use.size, 3))
+    points = np.empty((frames, use.size, 3))
     points[0] = start[use]
     edges = neighbour_edges(points[0])
     rotation = np.broadcast_to(np.eye(3), (use.size, 3, 3)).copy()
-    for t in range(1, len(xy)):
+    for t in range(1, frames):
         progress.check()
         ahead = points[t - 1] if t == 1 else 2.0 * points[t - 1] - points[t - 2]
-        seen = visible[t, use] & np.isfinite(xy[t, use]).all(axis=1)
-        problem = _Picture(camera, t, xy[t, use], seen, np.maximum(sigma[t, use], 1e-3), edges, points[0], held, arap)
+        looks = []
+        for one in sights:
+            seen = np.flatnonzero(one.visible[t, use] & np.isfinite(one.xy[t, use]).all(axis=1))
+            looks.append(_Look(one.camera, seen, one.xy[t, use[seen]], np.maximum(one.sigma[t, use[seen]], 1e-3)))
+        problem = _Picture(looks, t, edges, points[0], held, arap)
         points[t], rotation = problem.solve(ahead, points[t - 1], rotation)
     lifted[:, use] = points
     return lifted
@@ -93,28 +129,29 @@ def neighbour_edges(points: np.ndarray) -> np.ndarray:
     return cKDTree(points).query(points, k=count + 1)[1][:, 1:]
 
 
+@dataclass(frozen=True)
+class _Look:
+    """One camera's pixels in one picture: points `seen` (M,), where (M, 2) and how well (M,) [px]."""
+
+    camera: Camera
+    seen: np.ndarray
+    xy: np.ndarray
+    sigma: np.ndarray
+
+
 class _Picture:
     """The least-squares problem of one picture: Gauss-Newton, the neighbourhoods' rotations eliminated point by point."""
 
     def __init__(
-        self,
-        camera: Camera,
-        frame: int,
-        xy: np.ndarray,
-        seen: np.ndarray,
-        sigma: np.ndarray,
-        edges: np.ndarray,
-        rest: np.ndarray,
-        held: np.ndarray,
-        arap: Arap,
+        self, looks: Sequence[_Look], frame: int, edges: np.ndarray, rest: np.ndarray, held: np.ndarray, arap: Arap
     ) -> None:
-        self.camera, self.frame, self.xy, self.seen, self.sigma = camera, frame, xy, seen, sigma
+        self.looks, self.frame = looks, frame
         self.edges, self.rest, self.held, self.arap = edges, rest, held, arap
         lengths = np.linalg.norm(rest[edges] - rest[:, None], axis=-1)
         self.radius = max(float(np.sqrt(((rest - rest.mean(axis=0)) ** 2).sum(axis=1).mean())), 1e-9)
         self.edge = float(np.median(lengths)) if lengths.size and np.median(lengths) > 0.0 else self.radius
         if len(rest) == 1:
-            self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - camera.pose(0)[:3, 3]))
+            self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - looks[0].camera.pose(0)[:3, 3]))
 
     def solve(self, ahead: np.ndarray, previous: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (K, 3) and rotations (K, 3, 3) of this picture from a start `ahead` and those of the picture before."""
@@ -142,8 +179,9 @@ class _Picture:
         if self.edges.shape[1]:
             self._rigidity(points, reference, rotation, hessian, gradient)
         # Across the view pixels and neighbours know better; what is left of the trust there only keeps the system regular.
-        axes = self.camera.pose(self.frame)[:3, :3]
-        trust = axes @ np.diag([ACROSS_TRUST, ACROSS_TRUST, 1.0]) @ axes.T / (PREDICTION_SIGMA * self.radius) ** 2
+        axes = self.looks[0].camera.pose(self.frame)[:3, :3]
+        along = 1.0 if len(self.looks) == 1 else ACROSS_TRUST  # further cameras see along the first one's view
+        trust = axes @ np.diag([ACROSS_TRUST, ACROSS_TRUST, along]) @ axes.T / (PREDICTION_SIGMA * self.radius) ** 2
         hessian[everyone, :, everyone, :] += trust
         gradient += (points - ahead) @ trust
         free = np.repeat(~self.held, 3)
@@ -155,15 +193,16 @@ class _Picture:
 
     def _reprojection(self, points: np.ndarray, hessian: np.ndarray, gradient: np.ndarray) -> None:
         """Add the pixel residuals, Huber by reweighting."""
-        seen = np.flatnonzero(self.seen)
-        projected, _ = self.camera.project(points[seen], self.frame)
-        jacobian = self.camera.projection_jacobian(points[seen], self.frame) / self.sigma[seen, None, None]
-        residual = (projected - self.xy[seen]) / self.sigma[seen, None]
-        size = np.linalg.norm(residual, axis=1)
-        weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
-        weighted = jacobian * weight[:, None, None]
-        hessian[seen, :, seen, :] += np.matmul(weighted.transpose(0, 2, 1), jacobian)
-        gradient[seen] += np.matmul(weighted.transpose(0, 2, 1), residual[..., None])[..., 0]
+        for look in self.looks:
+            seen = look.seen
+            projected, _ = look.camera.project(points[seen], self.frame)
+            jacobian = look.camera.projection_jacobian(points[seen], self.frame) / look.sigma[:, None, None]
+            residual = (projected - look.xy) / look.sigma[:, None]
+            size = np.linalg.norm(residual, axis=1)
+            weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
+            weighted = jacobian * weight[:, None, None]
+            hessian[seen, :, seen, :] += np.matmul(weighted.transpose(0, 2, 1), jacobian)
+            gradient[seen] += np.matmul(weighted.transpose(0, 2, 1), residual[..., None])[..., 0]
 
     def _rigidity(
         self, points: np.ndarray, reference: np.ndarray, rotation: np.ndarray, hessian: np.ndarray, gradient: np.ndarray

@@ -1,4 +1,8 @@
-"""Material points between the visible surface and the back: columns on a lattice in the picture, layers along the line of sight."""
+"""Material points between the visible surface and the back.
+
+Plates and posts: columns on a lattice in the picture, layers along the line of sight. Balls and other solids, whose far side would have
+much wider columns than the near one: cells of a cubic lattice.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +23,12 @@ THINNEST_LAYER = 0.25
 
 COVERAGE = 0.3
 """A lattice cell becomes a column if the object covers this part of it; smaller pieces join the nearest column."""
+
+SOLID = ("ball", "solid")
+"""Kinds of bodies that are filled by cells instead of columns."""
+
+DOTS = 4
+"""At least so many dots along each side of a cell say how much of it the body covers."""
 
 COUNT_TOLERANCE = 0.08
 """How near to the wanted number of particles the search for a spacing stops, relative."""
@@ -57,6 +67,8 @@ def fill(relief: Relief, count: int, pin: np.ndarray | None = None) -> Particles
     held = np.zeros_like(relief.mask) if pin is None else np.asarray(pin, dtype=bool)
     if held.any() and not (held & relief.mask).any():
         raise ObjectError("The pinned region lies off the object.", "Paint the part of the object that is held in the first picture.")
+    if relief.kind in SOLID:
+        return cells_of(relief, count, held)
     metric = surface_metric(relief)
     spacing = _spacing(relief, metric, count)
     columns = columns_of(relief, metric, spacing, held)
@@ -66,6 +78,38 @@ def fill(relief: Relief, count: int, pin: np.ndarray | None = None) -> Particles
     across = (np.arange(len(column)) - first[column] + 0.5) / layers[column]
     x = relief.points(columns.xy[column], across)
     return Particles(x=x, volume=columns.volume[column] / layers[column], pinned=columns.pinned[column], spacing=float(spacing))
+
+
+def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
+    """Fill a solid with about `count` cells of a cubic lattice along the camera's axes, cut by the body's surface."""
+    volume_of_pixel = relief.pixel_volume()
+    rows, columns = np.nonzero(relief.mask)
+    near, far = relief.front[rows, columns], relief.back[rows, columns]
+    pixel = float(np.median(0.5 * (near + far))) / np.sqrt(relief.camera.fx * relief.camera.fy)
+    spacing = max(float(np.cbrt(volume_of_pixel.sum() / count)), MIN_SPACING_PIXELS * pixel)
+    # Dots along the pixels' rays, closely enough for several in a cell each way; each stands for its part of the pixel's frustum.
+    thick = max(1, int(np.ceil(DOTS * (far - near).max() / spacing)))
+    skip = max(1, int(spacing / (DOTS * pixel)))
+    chosen = (rows % skip == 0) & (columns % skip == 0)
+    rows, columns, near, far = rows[chosen], columns[chosen], near[chosen], far[chosen]
+    depth = near[:, None] + (far - near)[:, None] * (np.arange(thick) + 0.5) / thick
+    pixels = np.stack(np.broadcast_arrays(columns[:, None].astype(float), rows[:, None].astype(float)), axis=-1)
+    dots = relief.camera.unproject(np.broadcast_to(pixels, (*depth.shape, 2)).reshape(-1, 2), depth.ravel())
+    weight = ((far - near)[:, None] * depth**2).ravel()
+    weight *= volume_of_pixel.sum() / weight.sum()
+    flat = (dots - np.average(dots, axis=0, weights=weight)) @ relief.camera.pose(0)[:3, :3] / spacing
+    sites, inverse = np.unique(np.round(flat).astype(int), axis=0, return_inverse=True)
+    covered = np.bincount(inverse.ravel(), weight)
+    kept = covered >= min(COVERAGE * spacing**3, covered.max())
+    nearest = cKDTree(sites[kept]).query(sites)[1][inverse.ravel()]
+    number = int(kept.sum())
+    volume = np.bincount(nearest, weight, number)
+    centre = np.stack([np.bincount(nearest, weight * dots[:, i], number) for i in range(3)], axis=1) / volume[:, None]
+    pinned = np.zeros(number, dtype=bool)
+    if held.any():
+        share = np.bincount(nearest, weight * np.repeat(held[rows, columns], thick), number) / volume
+        pinned = share > min(0.5, 0.99 * share.max())  # a pin smaller than a cell holds the cells it lies in
+    return Particles(x=centre, volume=volume, pinned=pinned, spacing=spacing)
 
 
 def layers_of(thickness: np.ndarray, spacing: float) -> np.ndarray:

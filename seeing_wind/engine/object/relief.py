@@ -2,7 +2,7 @@
 
 One picture shows a front only. The back is a guess by rules that a user can check and override with a thickness:
 
-- a silhouette that fills its inscribed circle is a ball (where no depth relief says otherwise),
+- a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere,
 - a measured front that bulges towards the camera is inflated by as much behind,
 - a silhouette much longer than broad is a post, as thick as it is broad,
 - everything else is a plate, a few percent of its size thick.
@@ -35,6 +35,9 @@ BULGE = 0.35
 
 PLATE_THICKNESS = 0.05
 """Thickness of a plate in units of the square root of its area: thick enough for the solver's grid, thin to the eye."""
+
+THINNEST = 0.5
+"""Least thickness of a ball's rim in pixels' widths: its outline on whole pixels reaches a little beyond the sphere's."""
 
 MAX_SLANT = 3.0
 """Cap on 1 / cos(slant) where a surface turns edge-on."""
@@ -92,19 +95,44 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         raise ObjectError(
             f"A body {thickness:g} m thick, {distance:.3g} m from the camera, is no body.", "Give metres behind the visible surface."
         )
-    if kind in ("ball", "solid"):
-        largest = np.sqrt(area / np.pi) if kind == "ball" else radius
-        depth_of_rim = np.minimum(rim * metre_per_pixel, largest)
-        profile = 2.0 * np.sqrt(np.maximum(largest**2 - (largest - depth_of_rim) ** 2, 0.0))
-        if thickness is not None:
-            profile *= thickness / (2.0 * largest)
+    if kind == "ball":
+        near, far = sphere_depths(mask, camera)
+        # A single distance is that of the body's middle; a measured front says where the middle is, best where it faces the camera.
+        middle = distance if flat else float(np.median((front / near)[mask & (rim > 0.5 * rim.max())]))
+        front = middle * near if flat else front
+        largest = float((far - near)[mask].max()) * middle
+        profile = np.maximum(middle * far - front, THINNEST * metre_per_pixel) * (1.0 if thickness is None else thickness / largest)
+    elif kind == "solid":
+        depth_of_rim = np.minimum(rim * metre_per_pixel, radius)
+        profile = 2.0 * np.sqrt(np.maximum(radius**2 - (radius - depth_of_rim) ** 2, 0.0))
+        profile *= 1.0 if thickness is None else thickness / (2.0 * radius)
     else:
         guess = 2.0 * radius if kind == "post" else PLATE_THICKNESS * np.sqrt(area)
         profile = (guess if thickness is None else thickness) * slant(front, camera)
-    if kind == "ball" and flat:
-        front = front - 0.5 * profile  # a single distance is the distance of the body's middle
     front, back = _fill(front, mask), _fill(front + profile, mask)
     return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if kind in ("post", "plate") else profile[mask].max()))
+
+
+def sphere_depths(mask: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Where the pixels' rays enter and leave the sphere with the silhouette `mask` (H, W) whose middle is at depth 1.
+
+    A sphere is seen as a circular cone of half angle alpha about the ray to its middle: the solid angle of the mask, 2 pi (1 - cos alpha),
+    and the mean direction in it give the cone, and the radius is sin(alpha) of the distance. Rays that miss take the point nearest to it.
+
+    Returns:
+        depths along the view axis (H, W) of the near and the far side.
+    """
+    rows, columns = np.mgrid[: mask.shape[0], : mask.shape[1]].astype(float)
+    ray = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(mask.shape)], axis=-1)
+    length = np.linalg.norm(ray, axis=-1)
+    solid_angle = np.where(mask, length**-3 / (camera.fx * camera.fy), 0.0)
+    axis = (solid_angle[..., None] * ray / length[..., None]).sum(axis=(0, 1))
+    middle = axis / axis[2]
+    cosine = 1.0 - solid_angle.sum() / (2.0 * np.pi)
+    square = middle @ middle * (1.0 - cosine**2)  # the radius, squared
+    along = ray @ middle / length**2
+    half = np.sqrt(np.maximum(along**2 - (middle @ middle - square) / length**2, 0.0))
+    return along - half, along + half
 
 
 def clean_mask(mask: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,11 +36,13 @@ FIT_PIXELS = 60_000
 """A mask's box of more pixels is reduced by an integer factor for the fit."""
 MARGIN = 4
 """Pixels round the mask's box that the fit sees, so that Gaussians do not bleed over the outline."""
-ITERATIONS = 60
+ITERATIONS = 40
 RENEW = 15
 """The tiles' lists are made anew after this many iterations, as scales have changed."""
 LEARNING_RATES = {"scale": 0.06, "opacity": 0.1, "sh": 0.08}
 """Adam's, for the logarithm of the scale, the logit of the opacity and the degree-0 harmonics."""
+FIRST = 4.0
+"""Weight of the first of several pictures: its camera's clip is what the object is put back into."""
 ALPHA_WEIGHT = 0.2
 """Weight of the silhouette's squared error against the colours'."""
 
@@ -168,9 +170,27 @@ def fit(
     Raises:
         Cancelled: between iterations.
     """
+    return fit_views(gaussians, [Look(relief.camera, relief.mask, image)], iterations, progress)
+
+
+@dataclass(frozen=True)
+class Look:
+    """The object in picture 0 of one camera."""
+
+    camera: Camera
+    mask: np.ndarray
+    """(H, W) bool."""
+    image: np.ndarray
+    """(H, W, 3) uint8 RGB."""
+
+
+def fit_views(
+    gaussians: Gaussians, looks: Sequence[Look], iterations: int = ITERATIONS, progress: Progress | None = None
+) -> tuple[Gaussians, float]:
+    """As `fit`, on the pictures of several posed cameras at one moment. The PSNR is that of the first."""
     progress = progress or NoProgress()
     with one_thread():
-        return _fit(gaussians, relief, image, iterations, progress)
+        return _fit(gaussians, looks, iterations, progress)
 
 
 @contextlib.contextmanager
@@ -184,8 +204,8 @@ def one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-def _fit(gaussians: Gaussians, relief: Relief, image: np.ndarray, iterations: int, progress: Progress) -> tuple[Gaussians, float]:
-    camera, target, cover = _target(relief, image)
+def _fit(gaussians: Gaussians, looks: Sequence[Look], iterations: int, progress: Progress) -> tuple[Gaussians, float]:
+    targets = [_target(look) for look in looks]
     axes = torch.from_numpy(_axes(gaussians)).float()
     x = torch.from_numpy(gaussians.x).float()
     limit = torch.log(torch.from_numpy(gaussians.scale).float()) + float(np.log(4.0))
@@ -202,7 +222,7 @@ def _fit(gaussians: Gaussians, relief: Relief, image: np.ndarray, iterations: in
     )
     decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max(iterations, 1), eta_min=0.0)
 
-    def render(renew: Tiles | None) -> tuple[torch.Tensor, torch.Tensor, Tiles | None]:
+    def render(camera: Camera, renew: Tiles | None) -> tuple[torch.Tensor, torch.Tensor, Tiles | None]:
         stretched = axes * torch.exp(scale)[:, None, :]
         if gsplat_backend.usable():
             spread = stretched @ stretched.transpose(1, 2)
@@ -211,23 +231,25 @@ def _fit(gaussians: Gaussians, relief: Relief, image: np.ndarray, iterations: in
         tiles = renew or tiles_of(mean, flat, depth, camera.width, camera.height)
         return *blend(mean, flat, torch.sigmoid(opacity), 0.5 + SH0 * sh, tiles, camera.width, camera.height), tiles
 
-    tiles: Tiles | None = None
+    tiles: list[Tiles | None] = [None] * len(targets)
     quality = 0.0
     for iteration in range(iterations):
-        colour, alpha, tiles = render(None if iteration % RENEW == 0 else tiles)
-        error = ((colour - target) ** 2).mean(dim=-1)
-        loss = error.mean() + ALPHA_WEIGHT * ((alpha - cover) ** 2).mean()
         optimiser.zero_grad()
-        loss.backward()
+        for number, (camera, target, cover) in enumerate(targets):
+            colour, alpha, tiles[number] = render(camera, None if iteration % RENEW == 0 else tiles[number])
+            error = ((colour - target) ** 2).mean(dim=-1)
+            weight = FIRST if number == 0 else 1.0
+            loss = weight * (error.mean() + ALPHA_WEIGHT * ((alpha - cover) ** 2).mean()) / (FIRST + len(targets) - 1)
+            loss.backward()
+            quality = _psnr(error.detach(), cover) if number == 0 else quality
         optimiser.step()
         decay.step()
         with torch.no_grad():
             scale.copy_(torch.minimum(scale, limit))
-        quality = _psnr(error.detach(), cover)
         progress.update(iteration / iterations, f"fitting the look, {quality:.1f} dB", psnr=round(quality, 2))
     with torch.no_grad():
-        colour, _, _ = render(None)
-        quality = _psnr(((colour - target) ** 2).mean(dim=-1), cover)
+        camera, target, cover = targets[0]
+        quality = _psnr(((render(camera, None)[0] - target) ** 2).mean(dim=-1), cover)
     fitted = dataclasses.replace(
         gaussians,
         scale=np.exp(scale.detach().double().numpy()),
@@ -249,16 +271,16 @@ def _psnr(error: torch.Tensor, cover: torch.Tensor) -> float:
     return float(-10.0 * np.log10(max(mean, 1e-10)))
 
 
-def _target(relief: Relief, image: np.ndarray) -> tuple[Camera, torch.Tensor, torch.Tensor]:
+def _target(look: Look) -> tuple[Camera, torch.Tensor, torch.Tensor]:
     """Camera, colour (h, w, 3) over black and cover (h, w) of the mask's box in picture 0, reduced by block means."""
-    rows, columns = np.nonzero(relief.mask)
+    rows, columns = np.nonzero(look.mask)
     x0, y0 = max(int(columns.min()) - MARGIN, 0), max(int(rows.min()) - MARGIN, 0)
-    x1, y1 = min(int(columns.max()) + 1 + MARGIN, relief.mask.shape[1]), min(int(rows.max()) + 1 + MARGIN, relief.mask.shape[0])
+    x1, y1 = min(int(columns.max()) + 1 + MARGIN, look.mask.shape[1]), min(int(rows.max()) + 1 + MARGIN, look.mask.shape[0])
     reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / FIT_PIXELS))))
-    camera = view_camera(relief.camera, (x0, y0, x1, y1), reduce)
+    camera = view_camera(look.camera, (x0, y0, x1, y1), reduce)
     height, width = camera.height, camera.width
     crop = (slice(y0, y0 + height * reduce), slice(x0, x0 + width * reduce))
-    cover = relief.mask[crop].astype(np.float32)
-    colour = image[crop].astype(np.float32) / 255.0 * cover[..., None]
+    cover = look.mask[crop].astype(np.float32)
+    colour = look.image[crop].astype(np.float32) / 255.0 * cover[..., None]
     blocks = (height, reduce, width, reduce)
     return camera, torch.from_numpy(colour.reshape(*blocks, 3).mean(axis=(1, 3))), torch.from_numpy(cover.reshape(blocks).mean(axis=(1, 3)))

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import ObjectError
+from ..materials import PLASTIC_LAWS
+from ..progress import Progress
 from ..records import Body, Camera, Observation, TrackTargets
 from .control import attach
+from .keypoints import held
+from .lifting import Arap, Sight, lift_views
 
 
 def view_targets(body: Body, observation: Observation) -> TrackTargets:
@@ -30,6 +37,33 @@ def view_targets(body: Body, observation: Observation) -> TrackTargets:
         camera=observation.camera,
         attachment=attach(points[use], body.particles.x),
     )
+
+
+def lifted_together(observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress | None = None) -> Body:
+    """The body with its key points P^t lifted by all views at once: one camera's depth is the other one's picture.
+
+    Args:
+        observation: the first view, which has the body's key points; targets: of the first view, then of further ones (`view_targets`).
+
+    Returns:
+        The body with `lifted` (T+1, K, 3) of the first view's key points only, for the others are no part of the observation.
+    """
+    counts = [one.xy.shape[1] for one in targets]
+    begin = np.cumsum([0, *counts])
+    sights = []
+    for number, one in enumerate(targets):
+        xy = np.zeros((len(one.xy), begin[-1], 2))
+        visible, sigma = np.zeros(xy.shape[:2], bool), np.ones(xy.shape[:2])
+        own = slice(begin[number], begin[number + 1])
+        xy[:, own], visible[:, own], sigma[:, own] = one.xy, one.visible, one.sigma
+        sights.append(Sight(one.camera, xy, visible, sigma))
+    further = [one.attachment.follow(body.particles.x) for one in targets[1:]]
+    # Key points without a place stay out: NaN where they are not visible in `targets`.
+    own_start = np.where(targets[0].visible.any(axis=0)[:, None], body.lifted[0], body.particles.x.mean(axis=0))
+    pinned = np.concatenate([held(observation, own_start), *(np.zeros(len(points), bool) for points in further)])
+    arap: Arap = "previous" if body.material.law in PLASTIC_LAWS else "rest"
+    lifted = lift_views(sights, np.concatenate([own_start, *further]), pinned, arap, progress)
+    return replace(body, lifted=lifted[:, : counts[0]])
 
 
 def surface_points(

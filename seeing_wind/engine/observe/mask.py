@@ -19,6 +19,12 @@ LEAST_PIXELS = 12
 GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
 
+FEW = 900
+"""Pixels below which colours say little of an object, and what differs from a clean background more."""
+
+CUT_OFF = (0.08, 1.0)
+"""Parts of what a box holds of a small object that may lie outside it: less is its rim, more is something else beside it."""
+
 SEED = 0.012
 """Radius of the disc round a point that is surely the object, in units of the picture's shorter side."""
 
@@ -108,11 +114,27 @@ def mask_in_box(picture: np.ndarray, box: tuple[float, float, float, float], pla
     found = _cut_box(crop, trimap, changed, progress)
     mask = np.zeros((height, width), bool)
     mask[rows, columns] = tidy(found & inside[rows, columns])
+    if plate is not None and LEAST_PIXELS <= mask.sum() < FEW:
+        mask = _beyond_box(mask, inside, picture, plate, progress)
     if mask.sum() < LEAST_PIXELS:
         raise ObjectError(
             f"Nothing in the box {_numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
         )
     return mask
+
+
+def _beyond_box(mask: np.ndarray, inside: np.ndarray, picture: np.ndarray, plate: Plate, progress: Progress) -> np.ndarray:
+    """The small object `mask` (H, W) with what a box drawn through it cut off: changed pixels outside that adjoin it, shadows aside."""
+    height, width = mask.shape
+    changed = plate.difference(picture) > 6.0 * plate.noise
+    outside = changed & ~inside & ~plate.relit(picture, (0, 0, width, height))
+    _, labels = cv2.connectedComponents((mask | outside).astype(np.uint8), connectivity=4)
+    own = np.unique(labels[mask])
+    grown = outside & np.isin(labels, own)
+    if not CUT_OFF[0] * mask.sum() < grown.sum() < CUT_OFF[1] * mask.sum():
+        return mask
+    progress.warn("The box cuts through the object; what adjoins it outside the box is taken as well.")
+    return tidy(mask | grown, mask)
 
 
 def point_list(points: tuple[float, ...], height: int, width: int) -> np.ndarray:
@@ -193,7 +215,7 @@ def _coloured_as(picture: np.ndarray, seeds: np.ndarray, points: np.ndarray, pro
 
 def _cut_box(crop: np.ndarray, trimap: np.ndarray, changed: np.ndarray | None, progress: Progress) -> np.ndarray:
     inside = trimap == cv2.GC_PR_FGD
-    small = inside.sum() < 900
+    small = inside.sum() < FEW
     if small and changed is not None and LEAST_PIXELS <= (changed & inside).sum() < 0.9 * inside.sum():
         # A few dozen pixels are no colour model; what differs from the clean background is better evidence.
         return changed & inside

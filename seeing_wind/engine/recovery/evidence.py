@@ -28,6 +28,10 @@ ROUNDNESS = 1.0
 """Standard deviation of the logarithm of each component's size about what is believed of it, and of the correlations."""
 FLOOR = 0.02
 """Share of the variance that keeps the shape believed: no direction is ruled out for good."""
+ROUNDING = 1e-11
+"""What is added to the diagonal of a covariance, relative to its mean, so that it stays positive definite in double precision."""
+LARGEST = 30.0
+"""Logarithms of sizes that a line search may try are no further from zero than this."""
 SMALLEST = 1e-12
 """Directions of the unknowns that the data see less than this, relative to the best seen, are not seen."""
 
@@ -88,9 +92,10 @@ def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
 
 def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
     """A, and L, tau, u."""
-    length, duration, uniform = torch.exp(parameters[:3]).unbind()
+    sizes = torch.exp(parameters[:6].clamp(-LARGEST, LARGEST))
+    length, duration, uniform = sizes[:3].unbind()
     below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[6:])
-    factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(torch.exp(parameters[3:6]))
+    factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(sizes[3:])
     return factor, (length, duration, uniform)
 
 
@@ -104,7 +109,9 @@ def _disbelief(parameters: torch.Tensor) -> torch.Tensor:
 
 
 def _log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
-    factor = torch.linalg.cholesky(covariance + torch.eye(len(z), dtype=z.dtype))
+    # A line search may try sizes so large that the unit matrix is lost in rounding.
+    floor = 1.0 + ROUNDING * torch.diagonal(covariance).mean()
+    factor = torch.linalg.cholesky(covariance + floor * torch.eye(len(z), dtype=z.dtype))
     white = torch.linalg.solve_triangular(factor, z[:, None], upper=False)
     return -torch.log(torch.diagonal(factor)).sum() - 0.5 * (white**2).sum()
 

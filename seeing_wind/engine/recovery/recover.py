@@ -36,7 +36,10 @@ SLOWEST = 0.03
 AXIAL_SHRINK = 0.2
 """Prior size of the force along a held body, relative to across it: hardly seen, and it soaks up the error of the clamp."""
 RAY_SHRINK = 0.03
-"""The same along the ray of a body that one camera sees as a point."""
+"""The same along the view, of a body that one camera sees as a point."""
+UNSEEN_SPIN = 1e-3
+"""Prior size of the initial spin of a body that is seen as a point, relative to the one that its speed suggests: nothing tells of it, and
+a track a little off the centre of mass would set it turning."""
 STILL = 0.02
 """A body whose observed points move less than this share of its radius hardly moves [m/m]."""
 WINDOW, OVERLAP = 32, 8
@@ -147,9 +150,10 @@ class _Clip:
         cuts = windows(self.objective.frames)
         for part, (begin, end) in enumerate(cuts):
 
-            def tell(fraction: float, what: str, cost: float | None, part: int = part) -> None:
+            def tell(fraction: float, what: str, residual: float | None, part: int = part) -> None:
                 where = f" (part {part + 1} of {len(cuts)})" if len(cuts) > 1 else ""
-                self.progress.update((part + fraction) / len(cuts), what + where, **({} if cost is None else {"cost": cost}))
+                figures = {} if residual is None or not np.isfinite(residual) else {"residual": round(residual, 3)}
+                self.progress.update((part + fraction) / len(cuts), what + where, **figures)
 
             start = kept[-1].trajectory.state(-1) if kept else None
             solver = WindowSolver(
@@ -185,18 +189,22 @@ class _Clip:
         component = self._first_component(modes)
         speed = max([SLOWEST, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
         axes = np.sqrt(np.diag(component))  # uniform x y z, then the spins round x y z
-        return Expected(size, speed * np.resize(axes, 3 if self.particles.pinned.any() else 6), component)
+        first = speed * np.resize(axes, 3 if self.particles.pinned.any() else 6)
+        if modes == 1:
+            first[3:] *= UNSEEN_SPIN
+        return Expected(size, first, component)
 
     def _first_component(self, modes: int) -> np.ndarray:
         """(3, 3) covariance of the force's components before anything is learnt: round, but flat along what the data cannot show.
 
-        That is a held body's axis, and the ray on which one camera sees a body as a mere point: no change of size tells its depth.
+        That is a held body's axis, and the view of one camera that sees a body as a mere point: no change of size tells its depth. The
+        camera's axis, not the ray to the body, which turns as the body crosses the picture: the scale is that of a plane of the picture.
         """
         pinned, channels = self.particles.pinned, self.objective.channels
         if pinned.any():
             axis, shrink = self.particles.x[~pinned].mean(axis=0) - self.particles.x[pinned].mean(axis=0), AXIAL_SHRINK
         elif modes == 1 and len(channels) == 1 and isinstance(channels[0], TrackChannels):
-            axis, shrink = self.particles.x.mean(axis=0) - channels[0].camera.pose(0)[:3, 3], RAY_SHRINK
+            axis, shrink = channels[0].camera.pose(0)[:3, 2], RAY_SHRINK
         else:
             return np.eye(3)
         axis = axis / max(float(np.linalg.norm(axis)), 1e-12)

@@ -8,13 +8,16 @@ import numpy as np
 
 from ..errors import UsageError
 from ..records import Camera, Particles, TrackTargets
-from .channels import PLASTIC_FACTOR, attachment_matrix, check, first_speed, mismatch_covariance, second_derivative
+from .channels import attachment_matrix, check, first_speed, mismatch_covariance, second_derivative
 
 MISMATCH_PIXELS, MISMATCH_PIXELS_TAU = (0.02, 0.33), 24.0
 """What no force should explain, for the solver is not the real body: standard deviation [px] of its white and of its slow part, and the
 slow part's correlation time [frames]. It is an error of the whole body's motion (a stretch of a thousandth, a plate that bends too easily),
 which more tracks see better but do not average out: its variance per track grows with their number. Chosen between two scenes: a plate
 from another solver does best with a third of it, a plate whose layers and stiffness are guessed with three times as much."""
+PLASTIC_MISMATCH_PIXELS = (0.042, 0.085)
+"""The same for bodies that flow, 0.6 and 1.2 px with 200 tracks: looser in each picture, as flow differs between solvers, but not in the
+long run, or a force that is wrong for good could hide in it, as nothing springs back."""
 LATE_OFFSET = 0.5
 """Standard deviation [px] of the attachment of a track that was not there in picture 0."""
 HUBER = 2.0
@@ -38,6 +41,8 @@ class TrackChannels:
     """(T+1, channels) factor >= 1 on the variance."""
     mismatch_scale: float = 1.0
     """Factor on the mismatch's standard deviation."""
+    mismatch: tuple[float, float] = MISMATCH_PIXELS
+    """White and slow part [px], see `MISMATCH_PIXELS`."""
 
     @property
     def count(self) -> int:
@@ -59,7 +64,7 @@ class TrackChannels:
         frames, track = len(self.used), channel // 2
         sigma = np.where(self.targets.visible[:, track], self.targets.sigma[:, track], 1.0)
         total = np.diag(sigma**2) + mismatch_covariance(
-            frames, *MISMATCH_PIXELS, MISMATCH_PIXELS_TAU, self.variance_factor * self.mismatch_scale**2
+            frames, *self.mismatch, MISMATCH_PIXELS_TAU, self.variance_factor * self.mismatch_scale**2
         )
         marginal = np.sqrt(self.inflation[:, channel])
         offset = LATE_OFFSET if self.targets.offset is None else self.targets.offset[track]
@@ -68,7 +73,7 @@ class TrackChannels:
 
     def reweighted(self, residual: np.ndarray) -> TrackChannels:
         """The same tracks, those that the raw residual (T+1, channels) [px] shows to spike or drift given more variance (Huber)."""
-        white, slow = MISMATCH_PIXELS
+        white, slow = self.mismatch
         used = self.used.reshape(len(self.used), -1, 2)
         series = np.where(used, residual.reshape(used.shape), np.nan)
         sigma = np.where(self.targets.visible, self.targets.sigma, 1.0)
@@ -132,8 +137,9 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
     visible = targets.visible & ~edge_on(targets.xy, targets.visible)
     used = np.repeat(visible, 2, axis=1)
     used[0] = False
-    factor = (PLASTIC_FACTOR if plastic else 1.0) * max(1.0, visible.sum(axis=1).mean())
-    return TrackChannels(targets, attachment_matrix(targets.attachment, len(particles.x)), used, factor, np.ones(used.shape))
+    points, factor = attachment_matrix(targets.attachment, len(particles.x)), max(1.0, float(visible.sum(axis=1).mean()))
+    mismatch = PLASTIC_MISMATCH_PIXELS if plastic else MISMATCH_PIXELS
+    return TrackChannels(targets, points, used, factor, np.ones(used.shape), mismatch=mismatch)
 
 
 def edge_on(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:

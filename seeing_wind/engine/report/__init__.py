@@ -1,4 +1,4 @@
-"""What the user looks at after a recovery: report.json, report.png and overlay.mp4."""
+"""What the user looks at after a recovery: report.json, report.png, overlay.mp4 and resimulated.mp4."""
 
 from .accuracy import field_errors, uniform_errors
 from .overlay import write_overlay

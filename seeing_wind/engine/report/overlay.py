@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from ..errors import ClipError, MissingPackage, TakeError
+from ..errors import ClipError
 from ..field import ForceField
 from ..field.confidence import farthest_points
 from ..field.sampling import sample_points
@@ -19,9 +18,7 @@ from ..take import Take
 from .arrows import draw_arrow
 from .colours import force_colours, scale_top
 from .dials import Dials
-
-CODECS = ("avc1", "vp09", "mp4v")
-"""H.264 where OpenCV's FFmpeg has an encoder for it, else VP9 (browsers and Blender play it), else MPEG-4 part 2 (Blender does)."""
+from .video import video_writer
 
 WIDTH = 960
 """Narrower clips are enlarged to at least this many pixels, or arrows and numbers would be coarse."""
@@ -56,7 +53,7 @@ def write_overlay(
     progress = progress or NoProgress()
     drawing = _Drawing(observation, recovery, field)
     pictures = iter(frames)
-    with take.writing("overlay.mp4") as path, _writer(path, field.fps, drawing.size) as writer:
+    with take.writing("overlay.mp4") as path, video_writer(path, field.fps, drawing.size) as writer:
         for picture in range(recovery.x.shape[0]):
             image = next(pictures, None)
             if image is None:
@@ -117,32 +114,3 @@ def _carriers(observation: Observation, x: np.ndarray) -> np.ndarray:
 
 def _depth(camera: Camera, x: np.ndarray, picture: int) -> float:
     return float(np.abs(camera.project(x.mean(axis=0), picture)[1]))
-
-
-@contextlib.contextmanager
-def _writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.VideoWriter]:
-    """A video writer with the first codec that this OpenCV has.
-
-    Raises:
-        MissingPackage: when it has none.
-        TakeError: when nothing was written.
-    """
-    level = cv2.getLogLevel()
-    # OpenCV reports every codec it lacks as an error of its own
-    cv2.setLogLevel(0)
-    try:
-        for codec in CODECS:
-            writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), fps, size)  # type: ignore[attr-defined]
-            if writer.isOpened():
-                break
-        else:
-            message = f"This OpenCV can write none of the video codecs {', '.join(CODECS)}."
-            raise MissingPackage(message, "Install opencv-python-headless from PyPI.")
-    finally:
-        cv2.setLogLevel(level)
-    try:
-        yield writer
-    finally:
-        writer.release()
-    if not path.is_file() or path.stat().st_size == 0:
-        raise TakeError(f"Cannot write {path.name}: the encoder left nothing.", "Free some space or choose another folder.")

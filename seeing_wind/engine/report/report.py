@@ -16,6 +16,7 @@ from ..take import Take
 from .accuracy import field_errors, uniform_errors
 from .figure import draw_report
 from .overlay import write_overlay
+from .resimulated import write_resimulated
 
 
 def write_report(
@@ -29,7 +30,7 @@ def write_report(
     progress: Progress | None = None,
     truth: ForceField | None = None,
 ) -> dict[str, Any]:
-    """Write report.json, report.png and overlay.mp4 of a recovery from a clip.
+    """Write report.json, report.png, overlay.mp4 and resimulated.mp4 of a recovery from a clip.
 
     Args:
         seconds: wall-clock seconds per stage.
@@ -47,10 +48,12 @@ def write_report(
     confidence = sample_points(field, recovery.x[:-1])[1]
     figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, settings, truth)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
-    _write(take, figures, recovery, body.particles, field.fps, confidence, observation)
-    progress.update(0.3, "report.png")
     last = observation.first_frame + observation.frames
     clip = read_clip(observation.clip, (observation.first_frame, last), observation.fps, progress)
+    # How well force, body and look together explain the pictures themselves.
+    figures["resimulated"] = write_resimulated(take, clip.frames, observation, body, recovery, progress)
+    _write(take, figures, recovery, body.particles, field.fps, confidence, observation)
+    progress.update(0.7, "report.png")
     write_overlay(take, clip.frames, observation, recovery, field, progress)
     return figures
 

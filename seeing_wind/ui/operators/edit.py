@@ -6,7 +6,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
-from .. import freshness, worker_calls
+from .. import freshness, job, worker_calls
 from ..properties import MATERIAL_ITEMS
 from ..scene_export import FIRM, pinned_vertices
 
@@ -28,8 +28,8 @@ class EditOperator:
         """Run `edit`, then bring the panel up to date."""
         try:
             said = self.edit(context)
-        except SeeingWindError as error:
-            self.report({"ERROR"}, str(error))
+        except (SeeingWindError, OSError) as error:
+            self.report({"ERROR"}, " ".join(job.told(error)[:2]).strip())
             return {"CANCELLED"}
         freshness.refresh(context.scene)
         self.report({"INFO"}, said)
@@ -46,7 +46,9 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"}, description="OBJ, PLY or STL to import and insert")
     recovered: BoolProperty(name="Recovered Object", options={"SKIP_SAVE"}, description="Insert the clip's own object")
     material: EnumProperty(name="Material", items=SAME, options={"SKIP_SAVE"}, description="What it is made of")
-    mass_scale: FloatProperty(name="Mass Factor", default=1.0, min=0.001, options={"SKIP_SAVE"})
+    mass_scale: FloatProperty(
+        name="Mass Factor", default=1.0, min=0.001, soft_max=100.0, step=10, options={"SKIP_SAVE"}, description="2 doubles the mass"
+    )
     pin_group: StringProperty(name="Pinned", options={"SKIP_SAVE"}, description="Vertex group whose vertices are held in place")
     start_frame: IntProperty(name="Start Picture", default=0, min=0, options={"SKIP_SAVE"}, description="The body stands still before it")
     density: FloatProperty(name="Density (kg/m³)", default=1000.0, min=0.01, options={"SKIP_SAVE"}, description="Instead of the material's")
@@ -90,9 +92,11 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
                 raise UsageError(f"There is no mesh object {self.object!r} in the scene.", "Name one, or select it.")
             found = [obj]
         else:
-            found = [obj for obj in context.selected_objects if obj.type == "MESH" and obj not in ours]
+            found = list(context.selected_objects)
+        found = [obj for obj in found if obj.type == "MESH" and obj not in ours]
         if not found:
-            raise UsageError("No mesh is selected.", "Select the meshes that the wind should move.")
+            given = self.filepath or self.object
+            raise UsageError(f"{given} is no mesh that could move." if given else "No mesh is selected.", "Choose the meshes to move.")
         return found
 
 
@@ -144,7 +148,9 @@ class SEEING_WIND_OT_scale_mass(EditOperator, bpy.types.Operator):
     bl_idname = "seeing_wind.scale_mass"
     bl_label = "Scale Mass"
 
-    factor: FloatProperty(name="Mass Factor", default=2.0, min=0.001, soft_max=100.0)
+    factor: FloatProperty(
+        name="Mass Factor", default=2.0, min=0.001, soft_max=100.0, step=10, description="2 doubles the mass: half the acceleration"
+    )
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
 
     def edit(self, context):
@@ -161,7 +167,9 @@ class SEEING_WIND_OT_scale_stiffness(EditOperator, bpy.types.Operator):
     bl_idname = "seeing_wind.scale_stiffness"
     bl_label = "Scale Stiffness"
 
-    factor: FloatProperty(name="Stiffness Factor", default=2.0, min=0.001, soft_max=100.0)
+    factor: FloatProperty(
+        name="Stiffness Factor", default=2.0, min=0.001, soft_max=100.0, step=10, description="Of Young's modulus: 2 is twice as stiff"
+    )
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
 
     def edit(self, context):

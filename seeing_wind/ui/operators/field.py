@@ -61,7 +61,7 @@ class SEEING_WIND_OT_export_field(EditOperator, bpy.types.Operator):
     bl_label = "Export Field"
     bl_options = {"REGISTER"}
 
-    format: EnumProperty(name="Format", items=FORMATS, options={"SKIP_SAVE"})
+    format: EnumProperty(name="Format", items=FORMATS, options={"SKIP_SAVE"}, description="Which kind of file")
     filepath: StringProperty(
         name="To", subtype="FILE_PATH", options={"SKIP_SAVE"},
         description="Folder of the files (NPZ: the file); empty: a folder beside the take",

@@ -99,7 +99,7 @@ class SEEING_WIND_OT_open_report(bpy.types.Operator):
     bl_idname = "seeing_wind.open_report"
     bl_label = "Open Report"
 
-    which: EnumProperty(name="Which", items=[
+    which: EnumProperty(name="Which", description="What to open", items=[
         ("report.png", "Report", "Force strength, residuals and confidence over time"),
         ("overlay.mp4", "Overlay", "The clip with the recovered forces drawn on it"),
         (".", "Folder", "The folder of the take"),

@@ -11,13 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from seeing_wind.engine.arguments import parser
-from seeing_wind.engine.errors import ModelError, ObjectError
+from seeing_wind.engine.arguments import parser, settings_of
+from seeing_wind.engine.errors import ModelError, ObjectError, UsageError
 from seeing_wind.engine.models.endpoint import endpoint_of
 from seeing_wind.engine.models.objects import find_objects
 from seeing_wind.engine.observe.mask import read_mask
 from seeing_wind.engine.progress import NoProgress, Progress
-from seeing_wind.engine.verbs import identify
+from seeing_wind.engine.settings import BuildSettings
+from seeing_wind.engine.verbs import identify, recover
 
 BALL = {"object": "Rubber ball", "material": "rubber", "type": "elastic", "box": [16, 26, 64, 74]}
 CLAY = {"object": "brick", "material": "clay", "type": "elastoplastic", "box": [96, 40, 144, 90]}
@@ -116,3 +117,43 @@ def test_the_verb_writes_masks_and_options_that_recover_takes(server, tmp_path: 
     assert iou(read_mask(listed[1]["mask"], 120, 160), brick) > 0.95
     again = parser().parse_args(["recover", "clip.mp4", "--take", "b", *shlex.split(listed[1]["options"])])
     assert (again.mask, again.law, again.density, again.yield_stress) == (listed[1]["mask"], "von_mises", 1900.0, 3e4)
+
+
+def test_all_objects_of_a_clip_get_their_mask_material_and_pin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed = []
+    for number, (name, law, numbers) in enumerate([("ball", "neo_hookean", RUBBER_NUMBERS), ("brick", "von_mises", CLAY_NUMBERS)]):
+        mask = np.zeros((120, 160), np.uint8)
+        mask[24:60, 16 + 72 * number : 56 + 72 * number] = 255
+        cv2.imwrite(str(tmp_path / f"{name}.png"), mask)
+        listed.append({"name": name, "object": name, "material": name, "mask": str(tmp_path / f"{name}.png"), "law": law, **numbers})
+    pin = np.zeros((120, 160), np.uint8)
+    pin[24:30, 16:56] = 255
+    cv2.imwrite(str(tmp_path / "pin.png"), pin)
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": listed}))
+    done: list[argparse.Namespace] = []
+
+    def one(arguments: argparse.Namespace, _: Progress) -> dict:
+        done.append(arguments)
+        return {"outcome": "converged" if len(done) == 1 else "max_iterations", "take": arguments.take}
+
+    monkeypatch.setattr("seeing_wind.engine.verbs._recover_one", one)
+    words = ["recover", "clip.mp4", "--take", str(tmp_path / "takes"), "--objects", str(tmp_path / "objects.json"), "--fps", "30"]
+    result = recover(parser().parse_args([*words, "--distance", "1", "--pin", str(tmp_path / "pin.png")]), NoProgress())
+    assert [(own.mask, own.law, own.density) for own in done] == [(a["mask"], a["law"], a["density"]) for a in listed]
+    assert [own.pin for own in done] == [str(tmp_path / "pin.png"), None], "only the object under the pin is held"
+    built = [settings_of(BuildSettings, own) for own in done]
+    assert [one.estimated_material for one in built] == ["ball", "brick"] and built[1].yield_stress == 3e4
+    assert [own.take for own in done] == [str(tmp_path / "takes" / f"{name}.take") for name in ("ball", "brick")]
+    assert result["outcome"] == "max_iterations" and [one["name"] for one in result["objects"]] == ["ball", "brick"]
+    assert json.loads((tmp_path / "takes" / "objects_recovered.json").read_text())["objects"] == result["objects"]
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", '{"objects": []}', '{"objects": [{"name": "a"}]}', '{"objects": [{"name": "../a", "mask": "m.png"}]}', None]
+)
+def test_lists_of_objects_that_are_none(tmp_path: Path, text: str | None) -> None:
+    path = tmp_path / "objects.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(UsageError):
+        recover(parser().parse_args(["recover", "clip", "--take", str(tmp_path / "t"), "--objects", str(path)]), NoProgress())

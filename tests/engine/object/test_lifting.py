@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.object.lifting import best_rotations, lift, neighbour_edges
+from seeing_wind.engine.object.lifting import Sight, best_rotations, lift, lift_views, neighbour_edges
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Camera
 
@@ -42,6 +42,30 @@ def test_rotation_aware_lift_follows_the_turn(scene) -> None:
     along, across = errors(run(scene), scene[0])
     assert along < 3e-3
     assert across < 3e-4
+
+
+def test_two_views_hold_a_stretching_plate(scene) -> None:
+    truth, _, camera = scene
+    # One view takes a growing plate for one that comes nearer; the other one, of other points of it, sees that it does not.
+    middle = truth.mean(axis=1, keepdims=True)
+    truth = middle + (truth - middle) * np.linspace(1.0, 1.25, 13)[:, None, None]
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("y", -40, degrees=True).as_matrix()
+    pose[:3, 3] = np.array([0.0, 0.0, 2.0]) - 2.0 * pose[:3, 2]
+    aside = Camera(640, 480, 1500.0, 1500.0, 319.5, 239.5, pose)
+    rng, sights = np.random.default_rng(1), []
+    for number, eye in enumerate((camera, aside)):
+        xy = np.stack([eye.project(x)[0] for x in truth]) + 0.1 * rng.normal(size=(13, 40, 2))
+        visible = np.tile(np.arange(40) % 2 == number, (13, 1))
+        sights.append(Sight(eye, xy, visible, np.full(visible.shape, 0.1)))
+    together = errors(lift_views(sights, truth[0], arap="previous"), truth)
+    alone = errors(
+        lift_views([Sight(camera, sights[0].xy, sights[0].visible, sights[0].sigma)], truth[0], arap="previous")[:, ::2], truth[:, ::2]
+    )
+    assert together[0] < 3e-3 and together[1] < 1e-3
+    assert alone[0] > 5.0 * together[0]
+    with pytest.raises(ObjectError):
+        lift_views([sights[0], Sight(aside, sights[1].xy[:5], sights[1].visible[:5], sights[1].sigma[:5])], truth[0])
 
 
 def test_previous_frame_reference_follows_too(scene) -> None:

@@ -11,7 +11,7 @@ from seeing_wind.engine.errors import ObjectError
 from seeing_wind.engine.object.particles import fill
 from seeing_wind.engine.object.relief import relief_of
 
-from .conftest import FOCAL, observed
+from .conftest import FOCAL, camera, observed
 
 
 def test_unprojection_goes_back_to_the_pixels(plate) -> None:
@@ -75,6 +75,28 @@ def test_small_ball_is_round(ball) -> None:
     centre = np.average(particles.x, axis=0, weights=particles.volume)
     # Front view from (0, -1, 0): the ball's middle is at distance 1, at the picture's centre plus half a pixel.
     assert centre == pytest.approx([0.5 / FOCAL, 0.0, -0.5 / FOCAL], abs=0.02 * radius)
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_near_ball_off_the_axis(measured: bool) -> None:
+    eye, middle, radius = camera(0.0), np.array([0.12, -0.05, 0.6]), 0.15
+    rows, columns = np.mgrid[:72, :96]
+    ray = np.stack([(columns - eye.cx) / FOCAL, (rows - eye.cy) / FOCAL, np.ones((72, 96))], axis=-1)
+    along = ray @ middle / (ray**2).sum(-1)
+    root = along**2 - (middle @ middle - radius**2) / (ray**2).sum(-1)
+    near = along - np.sqrt(np.maximum(root, 0.0))
+    seen = observed(root > 0.0, near if measured else middle[2], camera=eye)
+    relief = relief_of(seen)
+    assert relief.kind == "ball" and relief.thickness == pytest.approx(2.0 * radius, rel=0.05)
+    particles = fill(relief, 500)
+    assert abs(len(particles.x) - 500) < 125
+    assert particles.volume.sum() == pytest.approx(4.0 / 3.0 * np.pi * radius**3, rel=0.02)
+    # The far half of a near ball fills more pixels' rays than the near one: its mass counts as much all the same.
+    centre = eye.camera_to_world[:3, :3] @ middle + eye.camera_to_world[:3, 3]
+    assert np.average(particles.x, axis=0, weights=particles.volume) == pytest.approx(centre, abs=0.01 * radius)
+    spread = np.sqrt(np.average(((particles.x - centre) ** 2).sum(axis=1), weights=particles.volume))
+    assert spread == pytest.approx(np.sqrt(0.6) * radius, rel=0.03)
+    assert np.median(particles.volume) == pytest.approx(particles.spacing**3, rel=0.1)
 
 
 def test_thickness_overrides_the_guess(plate, ball) -> None:

@@ -76,3 +76,25 @@ def test_motion_blur_is_told(tmp_path: Path) -> None:
         blurred[k] = cv2.filter2D(blurred[k], -1, kernel)
     warned = told(blurred, scene.masks)
     assert len(warned) == 1 and "6 of 13 pictures, first in picture 5" in warned[0]
+
+
+def test_a_camera_that_moves_through_the_room_is_told(tmp_path: Path) -> None:
+    behind = noise(np.random.default_rng(4), (200, 280), (20, 30, 40), (230, 220, 210), 2.5).astype(np.uint8)
+    skin = noise(np.random.default_rng(7), (90, 90), (120, 40, 20), (255, 200, 110), 1.6).astype(np.uint8)
+    frames = []
+    for t in range(8):
+        # It comes nearer: what is seen grows by 4 % a picture, which no turn of a hand does.
+        grown = cv2.warpAffine(behind, np.array([[1.04**t, 0.0, -30.0], [0.0, 1.04**t, -20.0]]), (220, 160))
+        grown[60:100, 60 + 3 * t : 100 + 3 * t] = skin[20:60, 20:60]
+        frames.append(grown)
+    write_video(tmp_path / "dolly.avi", frames, 30.0)
+    messages: list[dict] = []
+    observe(tmp_path / "dolly.avi", ObserveSettings(box=(58.0, 58.0, 102.0, 102.0), distance=1.0), Progress(messages.append))
+    assert any("The camera moves" in one["message"] for one in messages if one["type"] == "warning")
+
+
+def test_a_plain_object_is_followed_by_its_silhouette_and_that_is_told(ball: Scene) -> None:
+    messages: list[dict] = []
+    seen = observe(ball.path, ObserveSettings(box=ball.box, distance=1.0), Progress(messages.append))
+    assert seen.on_centroid.all() and np.abs(seen.xy[:, 0] - ball.centers).max() < 0.3
+    assert any("too plain" in one["message"] for one in messages if one["type"] == "warning")

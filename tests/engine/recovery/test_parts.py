@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.basis import hats, spatial_basis, velocity_basis
 from seeing_wind.engine.recovery.channels import noise_of
-from seeing_wind.engine.recovery.evidence import learn
+from seeing_wind.engine.recovery.evidence import _log_evidence, learn
 from seeing_wind.engine.recovery.gauss_newton import Linearisation, solve
 from seeing_wind.engine.recovery.objective import Objective
 from seeing_wind.engine.recovery.point_channels import point_channels, wild
@@ -279,3 +280,10 @@ def test_wild_points_are_left_out_and_no_others():
     targets = PointTargets(moved, np.ones(lost.shape, bool), every(body))
     modes = spatial_basis(body.x, np.ones(96), 12).phi
     np.testing.assert_array_equal(wild(targets, body.x, modes, body.spacing), lost)
+
+
+def test_evidence_of_sizes_beyond_all_measure_is_finite_and_small():
+    rows = torch.from_numpy(np.random.default_rng(0).normal(size=(60, 20)))
+    data = rows @ torch.ones(20, dtype=torch.float64)
+    evidence = [float(_log_evidence(size * rows @ rows.T, data)) for size in (1.0, 1e8, 1e18, 1e24)]
+    assert np.isfinite(evidence).all() and (np.diff(evidence) < 0.0).all()

@@ -62,7 +62,7 @@ def pictures(tmp_path) -> str:
     return str(folder)
 
 
-def test_all_three_files(tmp_path, pictures):
+def test_all_files(tmp_path, pictures):
     found, particles = recovery()
     take, field = Take(tmp_path / "a.take"), UniformField(BOX, FPS, FRAMES, FORCE)
     truth = UniformField(BOX, FPS, FRAMES, FORCE / 1.25)
@@ -78,7 +78,7 @@ def test_all_three_files(tmp_path, pictures):
     assert figures["truth"]["direction_degrees"] == pytest.approx(0, abs=1e-4)
     page = cv2.imread(str(take.file("report.png")))
     assert page.shape[1] > 1000 and page.std() > 20
-    assert sorted(path.name for path in take.path.iterdir()) == ["overlay.mp4", "report.json", "report.png"]
+    assert sorted(path.name for path in take.path.iterdir()) == ["overlay.mp4", "report.json", "report.png", "resimulated.mp4"]
 
 
 def test_a_report_without_a_clip_or_anything_seen(tmp_path):

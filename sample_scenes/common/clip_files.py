@@ -1,0 +1,159 @@
+"""What building any sample clip shares: the options, a level camera, the mask of picture 0, and the files of the folder."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import cv2
+import numpy as np
+from backdrop import make_backdrop
+from in_blender import BlenderFailed, run
+
+from seeing_wind.engine.conventions import GRAVITY, front_view
+from seeing_wind.engine.errors import SeeingWindError
+from seeing_wind.engine.field.analytic import ForceFieldAnalytic
+from seeing_wind.engine.records import Camera, Material, Particles
+
+RENDER = Path(__file__).with_name("render.py")
+
+
+@dataclass(frozen=True)
+class Filmed:
+    """A simulated body and how it is filmed: everything that goes into the folder."""
+
+    name: str
+    particles: Particles
+    material: Material
+    wind: ForceFieldAnalytic
+    x: np.ndarray
+    """(T+1, N, 3) [m]."""
+    v: np.ndarray
+    """(T+1, N, 3) [m/s]."""
+    acceleration: np.ndarray
+    """(T, N, 3) of the wind, f / rho at x[t] [m/s²]."""
+    surface: np.ndarray
+    """(T+1, V, 3) the side that faces the camera [m]."""
+    triangles: np.ndarray
+    uv: np.ndarray
+    """(V, 2) in `picture`, origin bottom left."""
+    picture: np.ndarray
+    """(S, S, 3) uint8 sRGB, row 0 at the top."""
+    camera: Camera
+    distance: float
+    """From the camera in picture 0 [m]."""
+    thickness: float
+    """[m]."""
+    held: np.ndarray | None = None
+    """(M,) bool, the triangles that never move."""
+    more: dict[str, np.ndarray] = field(default_factory=dict)
+    """Further arrays for render.py."""
+
+
+def options(about: str, argv: list[str] | None, *, seed: int, frames: int, fps: float, size: str, samples: int, spacing: float):
+    """The options, checked; the defaults are the scene's."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", required=True, metavar="DIR")
+    parser.add_argument("--seed", type=int, default=seed)
+    parser.add_argument("--frames", type=int, default=frames, metavar="T", help="frame intervals: the clip has one picture more")
+    parser.add_argument("--fps", type=float, default=fps)
+    parser.add_argument("--size", default=size, metavar="WxH")
+    parser.add_argument("--spacing", type=float, default=spacing, metavar="M", help="of the particles [m]")
+    parser.add_argument("--samples", type=int, default=samples, help="of Cycles, per pixel")
+    parser.add_argument("--blender", metavar="PATH", help="instead of BLENDER=, the one on the PATH, or the bpy wheel")
+    parser.add_argument("--no-render", action="store_true", help="all but clip.mp4")
+    chosen = parser.parse_args(argv)
+    try:
+        chosen.size = tuple(int(part) for part in chosen.size.lower().split("x"))
+    except ValueError:
+        parser.error(f"--size {chosen.size} is not of the form {size}")
+    if len(chosen.size) != 2 or min(chosen.size) < 64 or any(side % 2 for side in chosen.size):
+        parser.error("--size needs two even numbers of at least 64")
+    if chosen.seed < 0 or chosen.frames < 3 or chosen.fps <= 0 or chosen.samples < 1:
+        parser.error("--seed must not be negative, --frames at least 3, --fps and --samples above zero")
+    if not 0.002 <= chosen.spacing <= 0.05:
+        parser.error("--spacing must be between 0.002 and 0.05")
+    return chosen
+
+
+def build(chosen: argparse.Namespace, film: Callable[[], Filmed], summary: Callable[[Filmed], str]) -> int:
+    """Simulate, write, render, and print `summary`; returns the exit code."""
+    out = Path(chosen.out)
+    out.mkdir(parents=True, exist_ok=True)
+    started = time.perf_counter()
+    try:
+        filmed = film()
+        write(out, filmed, chosen.seed, chosen.samples)
+        simulated = time.perf_counter()
+        if not chosen.no_render:
+            run(RENDER, [str(out.resolve())], chosen.blender)
+    except (SeeingWindError, BlenderFailed) as error:
+        print(error, file=sys.stderr)
+        return 1
+    camera = filmed.camera
+    print(
+        f"{len(filmed.x)} pictures at {camera.width}x{camera.height}, {len(filmed.particles.x)} particles.\n{summary(filmed)}\n"
+        f"Simulated in {simulated - started:.0f} s, rendered in {time.perf_counter() - simulated:.0f} s: {out}"
+    )
+    return 0
+
+
+def level_camera(size: tuple[int, int], distance: float, view_height: float, centre: tuple[float, float], depth: float) -> Camera:
+    """A level camera that looks at `centre` (world x, z); what lies at world y `depth` is `distance` away, in a view that high [m]."""
+    width, height = size
+    pose = front_view(distance)
+    pose[0, 3], pose[2, 3] = centre
+    pose[1, 3] += depth
+    focal = height / view_height * distance
+    return Camera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, pose)
+
+
+def first_mask(filmed: Filmed, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """(H, W) uint8, 255 where the `chosen` triangles are seen in picture 0."""
+    pixels, _ = filmed.camera.project(filmed.surface[0])
+    mask = np.zeros((filmed.camera.height, filmed.camera.width), np.uint8)
+    for triangle in np.round(pixels[filmed.triangles[chosen]] * 16).astype(np.int32):  # fixed point with four bits behind the point
+        cv2.fillConvexPoly(mask, triangle, 255, shift=4)
+    return mask
+
+
+def write(out: Path, filmed: Filmed, seed: int, samples: int) -> None:
+    """All files but the clip.
+
+    Raises:
+        SeeingWindError: what is held is not in the picture, or a file cannot be written.
+    """
+    camera, material, mask = filmed.camera, filmed.material, first_mask(filmed)
+    pictures = {"mask_0000": mask, "texture": filmed.picture[:, :, ::-1], "backdrop": make_backdrop(seed)[:, :, ::-1]}
+    if filmed.held is not None:
+        pictures["held_0000"] = first_mask(filmed, filmed.held)
+        if not pictures["held_0000"].any():
+            raise SeeingWindError("What is held is not in the picture.", "Choose a larger --size.")
+    rows, columns = np.nonzero(mask)
+    box = [int(columns.min()) - 2, int(rows.min()) - 2, int(columns.max()) + 2, int(rows.max()) + 2]
+    values = {key: getattr(camera, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}
+    write_json(out / "camera.json", values | {"camera_to_world": camera.camera_to_world.tolist()})
+    known = {"material": material.name, "density": material.density, "youngs_modulus": material.youngs_modulus}
+    write_json(out / "box.json", {"box": box, "distance": filmed.distance, **known, "thickness": filmed.thickness})
+    for name, picture in pictures.items():
+        if not cv2.imwrite(str(out / f"{name}.png"), picture):
+            raise SeeingWindError(f"Cannot write {out / name}.png.", "Choose another folder.")
+    shape = {"vertices": filmed.surface.astype(np.float32), "triangles": filmed.triangles, "uv": filmed.uv}
+    np.savez_compressed(out / "scene.npz", **shape, **filmed.more, fps=filmed.wind.fps, samples=samples)
+    filmed.wind.save(out / "known_wind.safetensors")
+    np.savez_compressed(
+        out / "truth.npz",
+        x=filmed.x, v=filmed.v, acc=filmed.acceleration, rho=material.density, E=material.youngs_modulus, nu=material.poisson_ratio,
+        yield_stress=0.0, fixed=filmed.particles.pinned, fps=filmed.wind.fps, gravity=np.array(GRAVITY), material="elastic",
+        name=filmed.name,
+    )  # fmt: skip
+
+
+def write_json(path: Path, values: dict) -> None:
+    """With a newline at its end."""
+    path.write_text(json.dumps(values, indent=2) + "\n", encoding="utf-8")

@@ -1,0 +1,96 @@
+"""What a newcomer does wrong: every operator answers with a sentence and what to do, nothing is lost, nothing stays running."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import bpy
+import pytest
+
+from seeing_wind.ui import job_operator, status
+
+pytestmark = pytest.mark.usefixtures("stand_in")
+
+
+def refused(call, says: str | None = None) -> None:
+    """It is refused with a sentence, not by a defect."""
+    with pytest.raises(RuntimeError, match=says) as raised:
+        call()
+    assert "Traceback" not in str(raised.value), str(raised.value)
+    assert not job_operator.jobs and status.of(bpy.context.scene.session_uid).running == ""
+
+
+def mesh(name: str, vertices: list, faces: list) -> str:
+    data = bpy.data.meshes.new(name)
+    data.from_pydata(vertices, [], faces)
+    bpy.context.scene.collection.objects.link(bpy.data.objects.new(name, data))
+    return name
+
+
+def test_in_an_empty_file_every_operator_says_what_comes_first(scene) -> None:
+    harmless = {"clear_bake", "doctor", "open_preferences"}
+    names = [name for name in dir(bpy.ops.seeing_wind) if name not in harmless]
+    assert len(names) > 20
+    for name in names:
+        refused(getattr(bpy.ops.seeing_wind, name))
+
+
+def test_what_is_no_clip_is_refused_and_the_former_one_stays(scene, workplace, tmp_path) -> None:
+    ops = bpy.ops.seeing_wind
+    ops.choose_clip(filepath=str(workplace / "clip.mp4"))
+    (tmp_path / "text.mp4").write_text("no video")
+    (tmp_path / "empty.mp4").write_bytes(b"")
+    for path in (tmp_path / "text.mp4", tmp_path / "empty.mp4", tmp_path):
+        refused(lambda path=path: ops.choose_clip(filepath=str(path)), "no pictures")
+    assert scene.seeing_wind.clip == str(workplace / "clip.mp4")
+    refused(lambda: ops.draw_box(box=(40, 40, 20, 20)), "too small")
+
+
+def test_meshes_that_cannot_move_are_refused(scene, recovered) -> None:
+    ops, nan = bpy.ops.seeing_wind, float("nan")
+    mesh("Empty", [], [])
+    mesh("Edge", [(0, 0, 0), (1, 0, 0)], [])
+    mesh("Nowhere", [(0, 0, 0), (nan, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    for name, says in (("Empty", "no faces"), ("Edge", "no faces"), ("Nowhere", "nowhere")):
+        ops.insert_mesh(object=name)
+        refused(ops.resimulate, says)
+        refused(ops.bake)
+        ops.remove_body()
+    refused(lambda: ops.insert_mesh(object=scene.seeing_wind.field_object.name), "no mesh that could move")
+    (recovered.parent / "bad.obj").write_text("garbage")
+    refused(lambda: ops.insert_mesh(filepath=str(recovered.parent / "bad.obj")), "no mesh that could move")
+    mesh("Held", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
+    ops.insert_mesh(object="Held", pin_group="nothing")
+    refused(ops.resimulate, "no vertex group")
+
+
+def test_places_that_cannot_be_written_are_named(scene, recovered) -> None:
+    ops, blocked = bpy.ops.seeing_wind, recovered.parent / "a file"
+    blocked.write_text("no folder")
+    refused(lambda: ops.export_field(format="FGA", filepath=str(blocked / "in it" / "x")), "a file")
+    refused(lambda: ops.render_composite(filepath=str(blocked / "x.png"), still=True), "a file")
+
+
+def test_results_that_were_deleted_or_damaged_are_told_and_what_is_shown_stays(scene, recovered) -> None:
+    ops = bpy.ops.seeing_wind
+    mesh("Leaf", [(0, 0, 0), (0.1, 0, 0), (0, 0, 0.1)], [(0, 1, 2)])
+    ops.insert_mesh(object="Leaf")
+    ops.resimulate()
+    shutil.rmtree(Path(scene.seeing_wind.simulated_take))
+    refused(ops.bake, "Re-simulate again")
+    (recovered / "trajectory.npz").write_bytes(b"broken")
+    refused(ops.build_scene, "trajectory.npz")
+    shutil.rmtree(recovered)
+    for call in (ops.build_scene, ops.resimulate, ops.open_report, lambda: ops.export_field(format="NPZ")):
+        refused(call)
+    assert scene.seeing_wind.field_object.name in scene.objects and scene.seeing_wind.recovered_object.data.shape_keys
+
+
+@pytest.fixture
+def recovered(scene, workplace, tmp_path) -> Path:
+    """The take of a field."""
+    take = tmp_path / "out.take"
+    options = {"clip": str(workplace / "clip.mp4"), "box": (20, 20, 44, 44), "distance": 2.0, "take": str(take)}
+    assert bpy.ops.seeing_wind.recover(**options) == {"FINISHED"}
+    return take
