@@ -28,7 +28,9 @@ CELL_SPACINGS = 1.6
 simulator 6.0 mm off at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm of travel."""
 MIN_SUBSTEPS = 8
 MAX_SUBSTEPS = 200
-"""Per frame. More is slower than a recovery can afford; a stiffer body hardly moves differently."""
+"""Per frame, of free bodies. More is slower than a recovery can afford; a stiffer free body hardly moves differently."""
+MAX_SUBSTEPS_HELD = 500
+"""The same of bodies that are held somewhere: how far a force bends them is given by their stiffness, so softer means less force."""
 DEFAULT_SPEED = 5.0
 """Speed [m/s] that a body is expected to reach when nothing better is known."""
 
@@ -105,7 +107,7 @@ def model_for(
     mass_scale: float | Sequence[float] = 1.0,
     speed: float = DEFAULT_SPEED,
     dx: float | None = None,
-    max_substeps: int = MAX_SUBSTEPS,
+    max_substeps: int | None = None,
     device: str = "auto",
     colliders: Sequence[Collider] = (),
     pin_path: np.ndarray | None = None,
@@ -121,7 +123,8 @@ def model_for(
         mass_scale: factor on the density, one for all or one per body.
         speed: fastest motion expected [m/s]; more substeps above about one cell per substep.
         dx: grid spacing [m]; None takes 1.6 spacings of the finest body.
-        max_substeps: per frame. A stiffer material is softened until it gets by with that many.
+        max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `MAX_SUBSTEPS`, or
+            `MAX_SUBSTEPS_HELD` where something is pinned.
         device: auto, cpu or cuda.
         colliders: planes, rooms and closed meshes that stand still, see `colliders`.
         pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every picture; None leaves them where they are.
@@ -141,6 +144,8 @@ def model_for(
     scales = [float(mass_scale)] * len(bodies) if isinstance(mass_scale, (int, float)) else [float(s) for s in mass_scale]
     if not bodies or min(len(body.x) for body in bodies) == 0:
         raise SimulationError("There are no particles to simulate.", "Choose a larger object or more particles.")
+    if max_substeps is None:
+        max_substeps = MAX_SUBSTEPS_HELD if any(np.any(body.pinned) for body in bodies) else MAX_SUBSTEPS
     spacing = min(body.spacing for body in bodies)
     dx = CELL_SPACINGS * spacing if dx is None else dx
     frame_dt = 1.0 / fps
@@ -154,6 +159,9 @@ def model_for(
     substeps, columns = max(MIN_SUBSTEPS, needed_by_speed), []
     for body, stuff, scale in zip(bodies, materials, scales):
         youngs_modulus, needed = _affordable_modulus(stuff, scale, dx, frame_dt, max_substeps, notes)
+        if youngs_modulus < stuff.youngs_modulus and np.any(body.pinned):
+            share = youngs_modulus / stuff.youngs_modulus
+            notes.append(f"{stuff.name}: it is held, so the forces that bend it are in proportion, about {share:.2g} of the real ones.")
         substeps = max(substeps, needed)
         columns.append(_body_columns(body, stuff, scale, youngs_modulus))
     mass, volume, mu, lam, yield_stress, viscosity, law, pinned = (np.concatenate(column) for column in zip(*columns))

@@ -24,10 +24,9 @@ from .mesh import load_mesh
 from .obstacles import colliders_of
 from .pins import Rider, hold_of, pull_back, read_pins, read_weights, ride
 
-MIN_SUBSTEPS, MAX_SUBSTEPS = 100, 400
-"""Per frame. At least so many that a fall's first frame is right to a hundredth, whatever the stiffness; at most twice what a recovery
-affords itself, for here every body is simulated once."""
-
+MIN_SUBSTEPS, MAX_SUBSTEPS = 100, 500
+"""Per frame. At least so many that a fall's first frame is right to a hundredth, whatever the stiffness; at most what a recovery
+affords itself for a held body, for what was recovered must be as stiff here."""
 
 TORN = 2.0
 """Stretch of an edge beyond which particles have parted: the solver has no model of fracture, but its particles lose touch."""

@@ -10,6 +10,7 @@ import pytest
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
+from seeing_wind.engine.mpm.model import MAX_SUBSTEPS
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment, Particles
 from tests.engine.mpm.bodies import RUBBER, block
@@ -136,6 +137,20 @@ def test_stiff_material_is_capped_with_both_numbers():
     assert len(notes) == 1 and "oak" in notes[0] and "1e+10" in notes[0]
     youngs_modulus = model.mu[0] * 2 * 1.3
     assert f"{youngs_modulus:.3g}" in notes[0] and youngs_modulus < 1e7
+
+
+def test_a_held_body_keeps_a_stiffness_that_a_free_one_loses():
+    # Twice the substeps that a free body may take: the force that bends a held one is in proportion to its stiffness.
+    free = block()
+    pinned = free.x[:, 2] < free.x[:, 2].min() + 1.5 * free.spacing
+    modulus = RUBBER.youngs_modulus * (1.9 * MAX_SUBSTEPS / model_for(free, RUBBER, 30.0)[0].substeps) ** 2
+    stiff = replace(RUBBER, youngs_modulus=modulus)
+    softened, _ = model_for(free, stiff, 30.0)
+    held, notes = model_for(replace(free, pinned=pinned), stiff, 30.0)
+    assert softened.mu[0] < 0.3 * held.mu[0]
+    assert held.mu[0] == pytest.approx(modulus / 2.6) and not notes
+    _, notes = model_for(replace(free, pinned=pinned), replace(stiff, youngs_modulus=100.0 * modulus), 30.0)
+    assert any("in proportion" in note for note in notes)
 
 
 def test_unknown_law_names_the_others():
