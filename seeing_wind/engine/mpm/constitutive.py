@@ -89,45 +89,36 @@ def polar_rotation(F):
 
 
 @ti.func
-def corotated(F, mu, lam, i):
-    """tau = 2 mu (F - R) F^T + lam J (J - 1) I = 2 mu (B - V) + lam J (J - 1) I; i = tr V."""
+def corotated(F, mu, lam):
+    """tau = 2 mu (F - R) F^T + lam J (J - 1) I = 2 mu (B - V) + lam J (J - 1) I; and tr V."""
     B, J = left_cauchy_green(F), F.determinant()
+    i = stretch_trace(B, J)
     first, ii, sums = stretch_invariants(B, J, i)
     k = 2.0 * mu / sums
-    return full(plus_identity((2.0 * mu - k * (first + ii)) * B + k * squared(B), (lam * (J - 1.0) - k * i) * J))
+    return full(plus_identity((2.0 * mu - k * (first + ii)) * B + k * squared(B), (lam * (J - 1.0) - k * i) * J)), i
 
 
 @ti.func
-def neo_hookean(F, mu, lam, log_J):
-    """tau = mu (F F^T - I) + lam log J I."""
-    return full(plus_identity(mu * left_cauchy_green(F), lam * log_J - mu))
+def neo_hookean(F, mu, lam):
+    """tau = mu (F F^T - I) + lam log J I; and log J."""
+    log_J = ti.log(F.determinant())
+    return full(plus_identity(mu * left_cauchy_green(F), lam * log_J - mu)), log_J
 
 
 @ti.func
-def invariant(law, F):
-    """The number that costs most in an elastic law and that its stress and its adjoint share: tr V if corotated, else log J."""
-    J, found = F.determinant(), 0.0
-    if law == NEO_HOOKEAN:
-        found = ti.log(J)
-    elif law == COROTATED:
-        found = stretch_trace(left_cauchy_green(F), J)
-    return found
-
-
-@ti.func
-def kirchhoff(plastic: ti.template(), law, F, mu, lam, known):
-    """tau of the particle's law; `known` is its `invariant`.
+def kirchhoff(plastic: ti.template(), law, F, mu, lam):
+    """tau of the particle's law, and the number that cost most on the way, which `kirchhoff_adjoint` wants: tr V or log J.
 
     `plastic` is a constant that keeps the plastic laws out of kernels that do not need them.
     """
-    tau = ti.Matrix.zero(float, 3, 3)
+    tau, known = ti.Matrix.zero(float, 3, 3), 0.0
     if law == NEO_HOOKEAN:
-        tau = neo_hookean(F, mu, lam, known)
+        tau, known = neo_hookean(F, mu, lam)
     elif law == COROTATED:
-        tau = corotated(F, mu, lam, known)
+        tau, known = corotated(F, mu, lam)
     elif ti.static(plastic):
         tau = hencky(F, mu, lam)
-    return tau
+    return tau, known
 
 
 @ti.func
@@ -137,7 +128,7 @@ def flow_and_stress(law, F, mu, lam, yield_stress, viscosity, dt):
     if law >= VON_MISES:
         F_next, tau = plastic_flow_stress(law, F, mu, lam, yield_stress, viscosity, dt)
     else:
-        tau = kirchhoff(False, law, F, mu, lam, invariant(law, F))
+        tau, _known = kirchhoff(False, law, F, mu, lam)
     return F_next, tau
 
 
@@ -224,7 +215,7 @@ def neo_hookean_adjoint(F, mu, lam, log_J, tau_bar):
 
 @ti.func
 def kirchhoff_adjoint(plastic: ti.template(), law, F, mu, lam, known, tau_bar):
-    """F_bar, mu_bar, lam_bar of the particle's law; `plastic` and `known` as in `kirchhoff`."""
+    """F_bar, mu_bar, lam_bar of the particle's law; `plastic` as in `kirchhoff`, `known` from there."""
     F_bar, mu_bar, lam_bar = ti.Matrix.zero(float, 3, 3), 0.0, 0.0
     if law == NEO_HOOKEAN:
         F_bar, mu_bar, lam_bar = neo_hookean_adjoint(F, mu, lam, known, tau_bar)

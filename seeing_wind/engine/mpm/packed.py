@@ -153,15 +153,15 @@ def gather(f, at, dims, grid: ti.template()):
     total, moment_x, moment_y, moment_z = zero, zero, zero, zero
     for i in ti.static(range(3)):
         plane, plane_y, plane_z = zero, zero, zero
-        for j in ti.static(range(3)):
-            row = at + (i * dims[1] + j) * dims[2]
-            middle, last = w[1][2] * grid[row + 1], w[2][2] * grid[row + 2]
+        row = at + i * dims[1] * dims[2]
+        for k in ti.static(range(3)):
+            middle, last = w[1][1] * grid[row + dims[2] + k], w[2][1] * grid[row + 2 * dims[2] + k]
             ends = middle + last
-            line = w[0][2] * grid[row] + ends
-            plane = plane + w[j][1] * line
-            plane_z = plane_z + w[j][1] * (ends + last)
-            if ti.static(j > 0):
-                plane_y = plane_y + (j * w[j][1]) * line
+            part = w[k][2] * (w[0][1] * grid[row + k] + ends)
+            plane = plane + part
+            plane_y = plane_y + w[k][2] * (ends + last)
+            if ti.static(k > 0):
+                plane_z = plane_z + k * part
         total = total + w[i][0] * plane
         moment_y = moment_y + w[i][0] * plane_y
         moment_z = moment_z + w[i][0] * plane_z

@@ -11,7 +11,7 @@ import taichi as ti
 
 from .boundary import FREE
 from .conditions import boundary_velocity, in_box
-from .constitutive import invariant, kirchhoff
+from .constitutive import kirchhoff
 from .packed import (
     MOST_NODES,
     MOST_PARTICLES,
@@ -49,13 +49,13 @@ CLAMP_LO, SOLID_LO, PUSH_LO, CAPACITY = 2, 3, 4, 15
 
 @ti.func
 def brought(
-    plastic: ti.template(), row, push, own, f, particle: ti.template(), F, known, state: ti.template(), force: ti.template(), dx, dt
+    plastic: ti.template(), row, push, own, f, particle: ti.template(), F, state: ti.template(), force: ti.template(), dx, dt
 ):
-    """What a particle at f from its first node brings to its nodes, S + i X + j Y + k Z: momentum and mass.
+    """What a particle at f from its first node brings to its nodes, S + i X + j Y + k Z: momentum and mass. Then `known` of `kirchhoff`.
 
     It is m (v + dt a) + A (x_i - x_p) with A of the MLS-MPM transfer (Hu et al. 2018, and as `transfer.scatter`); B = dx A.
     """
-    tau = kirchhoff(plastic, ti.cast(particle[own + 6], ti.i32), F, particle[own + 2], particle[own + 3], known)
+    tau, known = kirchhoff(plastic, ti.cast(particle[own + 6], ti.i32), F, particle[own + 2], particle[own + 3])
     k = (4.0 * dt / dx) * particle[own + 1]
     scale = particle[own + 0] * dx
     # Beside a column of C stands v_j: the fourth number of `moving` is dx times the momentum.
@@ -63,7 +63,7 @@ def brought(
     columns = [moving[j] - k * ti.Vector([tau[0, j], tau[1, j], tau[2, j], 0.0]) for j in ti.static(range(3))]
     X, Y, Z = [with_fourth(columns[j], 0.0) for j in ti.static(range(3))]
     S = (1.0 / dx) * fourths(columns[0], columns[1], columns[2], scale) - combined(X, Y, Z, f)
-    return S, X, Y, Z
+    return S, X, Y, Z, known
 
 
 @ti.func
@@ -76,8 +76,7 @@ def particle_to_grid(
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
     F = matrix(F0, F1, F2)
-    known = invariant(ti.cast(particle[own + 6], ti.i32), F)
-    S, X, Y, Z = brought(plastic, row, push, own, f, particle, F, known, state, force, dx, dt)
+    S, X, Y, Z, _known = brought(plastic, row, push, own, f, particle, F, state, force, dx, dt)
     scatter(atomic, f, S, X, Y, Z, at, dims, grid)
 
 

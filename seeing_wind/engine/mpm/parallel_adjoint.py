@@ -10,7 +10,7 @@ import taichi as ti
 
 from .boundary import FREE
 from .conditions import boundary_velocity_adjoint
-from .constitutive import invariant, kirchhoff_adjoint
+from .constitutive import kirchhoff_adjoint
 from .packed import (
     MOST_NODES,
     MOST_PARTICLES,
@@ -152,8 +152,7 @@ def particle_to_grid_adjoint(
     F = matrix(F0, F1, F2)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
     law = ti.cast(particle[own + 6], ti.i32)
-    known = invariant(law, F)
-    S, X, Y, Z = brought(plastic, row, push, own, f, particle, F, known, state, force, dx, dt)
+    S, X, Y, Z, known = brought(plastic, row, push, own, f, particle, F, state, force, dx, dt)
     q_bar, Mx, My, Mz = gather(f, at, dims, momentum_bar)
     # Derivatives by m (C + dt G), beside each column that by m (v_j + dt a_j).
     A0_bar = with_fourth(dx * (Mx - f[0] * q_bar), q_bar[0])

@@ -17,7 +17,7 @@ LANES changes share weights and stress derivative; they are the lanes of a vecto
 import taichi as ti
 
 from .boundary import FREE, HELD
-from .constitutive import invariant, kirchhoff, kirchhoff_adjoint
+from .constitutive import kirchhoff, kirchhoff_adjoint
 from .eigen import product
 from .substep import GRID_FULL, RUNNING, STRIDE, grid_to_particles, grids, matrices, nodes, particles_to_grid, scalars, vectors, window
 from .substep import flags as integers
@@ -105,8 +105,8 @@ def linearise(
         for a in ti.static(range(3)):
             record[at + 9 + a] = ti.cast(f[a], ti.f32)
         scale = -4.0 * dt / dx * volume[p]
-        known = invariant(law[p], F_p)
-        turn = scale * product(kirchhoff(False, law[p], F_p, mu[p], lam[p], known), F_p.inverse().transpose())
+        tau, known = kirchhoff(False, law[p], F_p, mu[p], lam[p])
+        turn = scale * product(tau, F_p.inverse().transpose())
         for a in range(3):
             for b in range(a, 3):
                 bar = ti.Matrix.zero(ti.f64, 3, 3)

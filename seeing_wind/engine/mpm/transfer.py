@@ -12,7 +12,7 @@ gradient goes into the affine momentum. Without that the torque and the strain t
 
 import taichi as ti
 
-from .constitutive import invariant, kirchhoff
+from .constitutive import kirchhoff
 
 vec3 = ti.types.vector(3, ti.f64)
 vec4 = ti.types.vector(4, ti.f64)
@@ -48,7 +48,7 @@ def clear(grid: ti.template(), r, dims):
 @ti.func
 def affine_momentum(plastic: ti.template(), law, mass, volume, mu, lam, C, F, G, dt, inv_dx):
     """A of the MLS-MPM transfer: m (C + dt grad a) - dt V 4/dx² tau [kg/s]."""
-    tau = kirchhoff(plastic, law, F, mu, lam, invariant(law, F))
+    tau, _known = kirchhoff(plastic, law, F, mu, lam)
     return mass * (C + dt * G) - (4.0 * dt * volume * inv_dx * inv_dx) * tau
 
 

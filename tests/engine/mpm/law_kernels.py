@@ -26,15 +26,15 @@ def put(value, out: ti.template(), p):
 @ti.kernel
 def _stress(law: ti.i32, material: array, F: array, tau_out: array):
     for p in range(F.shape[0]):
-        known = constitutive.invariant(law, matrix(F, p))
-        put(constitutive.kirchhoff(True, law, matrix(F, p), material[p, 0], material[p, 1], known), tau_out, p)
+        tau, _known = constitutive.kirchhoff(True, law, matrix(F, p), material[p, 0], material[p, 1])
+        put(tau, tau_out, p)
 
 
 @ti.kernel
 def _stress_adjoint(law: ti.i32, material: array, F: array, tau_bar: array, F_bar_out: array, material_bar_out: array):
     for p in range(F.shape[0]):
         F_p = matrix(F, p)
-        known = constitutive.invariant(law, F_p)
+        _tau, known = constitutive.kirchhoff(True, law, F_p, material[p, 0], material[p, 1])
         F_bar, mu_bar, lam_bar = constitutive.kirchhoff_adjoint(True, law, F_p, material[p, 0], material[p, 1], known, matrix(tau_bar, p))
         put(F_bar, F_bar_out, p)
         material_bar_out[p, 0], material_bar_out[p, 1] = mu_bar, lam_bar
