@@ -52,6 +52,7 @@ class PointChannels:
         return difference.reshape(len(x), -1) * self.used[frame]
 
     def covariance(self, channel: int) -> np.ndarray:
+        """(T+1, T+1) [m²] of a channel's errors over the pictures: noise, that of picture 0 included, and the solver's mismatch."""
         noise = self.sigma[channel // 3] ** 2
         marginal = np.sqrt(self.inflation[:, channel])
         # Picture 0 is where the body was built from: its noise is in every displacement, hence + 1 1'.

@@ -61,6 +61,7 @@ class TrackChannels:
         return np.where((depth > 1e-6)[..., None] | ~used, difference, 1e4).reshape(len(x), -1)
 
     def covariance(self, channel: int) -> np.ndarray:
+        """(T+1, T+1) [px²] of a channel's errors over the pictures: noise, the solver's mismatch, where a late track sits."""
         frames, track = len(self.used), channel // 2
         sigma = np.where(self.targets.visible[:, track], self.targets.sigma[:, track], 1.0)
         total = np.diag(sigma**2) + mismatch_covariance(
