@@ -26,7 +26,7 @@ def problem(law, substeps, start, frames=2, pinned_below=0.012):
     """Model, inputs of `simulate` by name, and weights of the four outputs in a loss that sees all of them."""
     rng = np.random.default_rng(0)
     body = block(pinned_below=pinned_below)
-    model, _ = model_for(body, replace(RUBBER, law=law, yield_stress=400.0, viscosity=3.0), 30.0)
+    model, _ = model_for(body, replace(RUBBER, law=law, yield_stress=400.0, viscosity=3.0), 30.0, max_substeps=200)
     model = replace(model, substeps=substeps, frame_dt=model.frame_dt / model.substeps * substeps)
     n = model.particles
     F0 = np.tile(np.eye(3), (n, 1, 1))
@@ -73,9 +73,8 @@ def directional(model, inputs, weights, name, direction, step):
 
 
 def agree(law, model, inputs, weights, name, direction, step, found):
-    """To 1e-6. A particle that crosses the yield surface within a step spoils that difference, so plastic laws may take shorter ones; a
-    derivative near zero drowns in the rounding of a difference, less in that of a longer one."""
-    steps = (step, 10.0 * step, 0.1 * step, 0.01 * step) if law in PLASTIC else (step,)
+    """To 1e-6. A particle that crosses the yield surface within a step spoils that difference, so plastic laws may take shorter ones."""
+    steps = (step, 0.1 * step, 0.01 * step) if law in PLASTIC else (step,)
     numeric = []
     for each in steps:
         numeric.append(directional(model, inputs, weights, name, direction, each))
