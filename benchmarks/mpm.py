@@ -1,7 +1,8 @@
 """The solver against others, in one run: `make benchmark-mpm`, or benchmarks/mpm.py [--particles N] [--repeats N] [--skip NAME ...]
 
 The same body, particles, grid, substep and law for: this solver, forwards and backwards; a straightforward Taichi MLS-MPM; NVIDIA Warp on
-the CPU; torch. All in single precision. First all must reach the same state; then they take turns, and each one's best turn counts.
+the CPU; torch. All in single precision. First all must reach the same state; then they take turns. A ratio is the median over the turns
+of the ratio within each, so that a machine that is slower for a while is so for both sides.
 Writes benchmarks/results/mpm.json and mpm.png, and docs/mpm_cost.png (cost against particles).
 """
 
@@ -139,37 +140,43 @@ def measure(law: str, particles: int, repeats: int, skip: list[str]) -> dict:
     ours = Ours(problem)
     ours.forward()
     ours.both_ways()
-    best = {other.name: np.inf for other in others} | {"forward": np.inf, "kept": np.inf, "backward": np.inf}
+    spent: dict[str, list[float]] = {name: [] for name in ("forward", "kept", "backward", *(other.name for other in others))}
     size = 0.0
     for _ in range(repeats):
-        best["forward"] = min(best["forward"], seconds(ours.forward) / FRAME)
-        there, back, size = ours.both_ways()
-        best["kept"], best["backward"] = min(best["kept"], there / FRAME), min(best["backward"], back / FRAME)
+        spent["forward"].append(seconds(ours.forward) / FRAME)
         for other in others:
             turn = TURN[other.name]
-            best[other.name] = min(best[other.name], seconds(lambda: other.run(turn)) / turn)  # noqa: B023
+            spent[other.name].append(seconds(lambda: other.run(turn)) / turn)  # noqa: B023
             other.reset()
-    speeds = {name: particles / value for name, value in best.items()}
+        there, back, size = ours.both_ways()
+        spent["kept"].append(there / FRAME)
+        spent["backward"].append(back / FRAME)
+    turns = {name: np.array(times) for name, times in spent.items()}
+    speeds = {name: float(particles / np.median(times)) for name, times in turns.items()}
     case = {
         "law": law, "particles": particles, "grid": GRID, "forward_per_s": speeds["forward"],
-        "backward_over_forward": best["backward"] / best["kept"], "bytes_per_particle_substep": size, "backward_per_s": speeds["backward"],
+        "backward_over_forward": float(np.median(turns["backward"] / turns["kept"])), "bytes_per_particle_substep": size,
+        "backward_per_s": speeds["backward"],
     }  # fmt: skip
     for other, key in (("naive Taichi", "naive_taichi"), ("Warp", "warp"), ("torch", "torch")):
         if other in speeds:
-            case |= {f"ratio_{key}": speeds["forward"] / speeds[other], f"{key}_per_s": speeds[other], f"difference_{key}": errors[other]}
+            ratio = float(np.median(turns[other] / turns["forward"]))
+            case |= {f"ratio_{key}": ratio, f"{key}_per_s": speeds[other], f"difference_{key}": errors[other]}
     return case
 
 
 def thread_scaling(particles: int, repeats: int) -> float:
     """How much faster two threads are than one: corotated, one frame, no packing."""
     problem = cube("corotated", particles, GRID)
-    model, best = model_of(problem, FRAME), {1: np.inf, 2: np.inf}
-    for _ in range(repeats + 1):
-        for tasks in best:
+    model, spent = model_of(problem, FRAME), {1: [], 2: []}
+    for turn in range(repeats + 1):  # the first compiles
+        for tasks, times in spent.items():
             body = Body(model, "single", tasks=tasks)
             run = body.start(state_of(problem), np.zeros((particles, 3)) + model.gravity, None, 0, FRAME)
-            best[tasks] = min(best[tasks], seconds(lambda: body.advance(run, 0, FRAME, FRAME, NoProgress())))  # noqa: B023
-    return best[1] / best[2]
+            time_taken = seconds(lambda: body.advance(run, 0, FRAME, FRAME, NoProgress()))  # noqa: B023
+            if turn > 0:
+                times.append(time_taken)
+    return float(np.median(np.array(spent[1]) / np.array(spent[2])))
 
 
 def cost(counts: tuple[int, ...]) -> list[dict]:
@@ -239,7 +246,7 @@ def report(cases: list[dict]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--particles", type=int, default=100_000)
-    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--skip", nargs="*", default=[], choices=["Warp", "torch"], help="peers to leave out")
     parser.add_argument("--laws", nargs="*", default=list(LAWS), choices=LAWS)
     options = parser.parse_args()

@@ -9,12 +9,11 @@ import numpy as np
 import torch
 
 from ..progress import NoProgress, Progress
-from .body import Body, sparse_stride
+from .body import Body, launched_in, sparse_stride
 from .boundary import HELD
 from .frame_run import FrameRun
 from .model import Model
-from .native import aligned_copy
-from .pack import from_rows, rows_from
+from .pack import unpack_forces
 from .state import State
 
 _HISTORY = 2_000_000_000
@@ -60,26 +59,27 @@ class RolloutFunction(torch.autograd.Function):
         """Derivatives of a loss by the inputs from those by x, v, C, F of every picture: the adjoint, swept backwards frame by frame."""
         body: Body = ctx.body
         runs: list[FrameRun] = ctx.runs
-        count = body.model.particles
-        x_bar, v_bar, C_bar, F_bar = (_array(bar) for bar in bars)
-        pictures = np.concatenate([rows_from(F_bar, x_bar), rows_from(C_bar, v_bar)], axis=2)
-        bar = pictures[-1]
+        count, frames = body.model.particles, len(runs)
+        pictures = [State(*parts) for parts in zip(*(_array(bar) for bar in bars))]
+        bar, origin = pictures[-1], np.zeros(3)
         wanted = any(ctx.needs_input_grad[-5:])
-        force_bar, material_bar = np.zeros((len(runs), count, 3, 4)), np.zeros((count, 8))
-        for t in reversed(range(len(runs))):
+        by_acceleration, by_gradient, material_bar = np.zeros((frames, count, 3)), np.zeros((frames, count, 3, 3)), np.zeros((count, 8))
+        for t in reversed(range(frames)):
             run = runs[t]
-            packed = aligned_copy(bar[run.order].reshape(-1, 4), body.real)
+            packed = body.packed(run.order, bar, origin)
             by_force, by_material = body.pull_back(run, packed, wanted, ctx.progress)
-            bar[run.order] = packed.reshape(-1, 6, 4)
-            force_bar[t, run.order] = by_force.reshape(-1, 3, 4)
-            material_bar[run.order] += by_material.reshape(-1, 8)
-            bar = bar + pictures[t]
-        bar[body.model.role == HELD, 3:] = 0.0  # these start at rest whatever they are given
-        by_F, by_x = from_rows(bar[:, :3])
-        by_C, by_v = from_rows(bar[:, 3:])
-        by_gradient, by_acceleration = from_rows(force_bar)
+            launched_in(body.real, unpack_forces)(run.order, by_force, by_acceleration[t], by_gradient[t])
+            if wanted:
+                material_bar[run.order] += by_material.reshape(-1, 8)
+            bar = body.unpack(run, packed, origin, bar)
+            for total, part in zip((bar.x, bar.v, bar.C, bar.F), (pictures[t].x, pictures[t].v, pictures[t].C, pictures[t].F)):
+                total += part
+        held = body.model.role == HELD
+        if held.any():  # these start at rest whatever they are given
+            bar = State(bar.x, bar.v.copy(), bar.C.copy(), bar.F)
+            bar.v[held], bar.C[held] = 0.0, 0.0
         mass, _, mu, lam, yield_stress, viscosity = material_bar.T[:6]
-        found = (by_x, by_v, by_C, by_F, by_acceleration, by_gradient, mass, mu, lam, yield_stress, viscosity)
+        found = (bar.x, bar.v, bar.C, bar.F, by_acceleration, by_gradient, mass, mu, lam, yield_stress, viscosity)
         return None, None, None, None, *(torch.from_numpy(np.ascontiguousarray(array)) for array in found)
 
 
@@ -136,4 +136,4 @@ def simulate(
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:
-    return np.array(tensor.detach().cpu().numpy(), dtype=np.float64)
+    return np.ascontiguousarray(tensor.detach().cpu().numpy(), dtype=np.float64)

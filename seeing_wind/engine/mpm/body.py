@@ -36,13 +36,15 @@ class Body:
     def __init__(self, model: Model, precision: str = "double", tasks: int | None = None) -> None:
         """precision: double or single; tasks: threads to use, None for as many as there are cores and work."""
         device.start(model.device)
-        self.model, self.real = model, np.dtype(DTYPES[precision])
+        self.model, self.real, self.plastic = model, np.dtype(DTYPES[precision]), model.plastic
         self.gpu = device.on_gpu()
         self.active = np.flatnonzero(model.role != HELD).astype(np.int32)
         count = len(self.active)
         self.tasks = 1 if self.gpu else tasks or max(1, min(device.cores(), count // _LEAST_PER_TASK))
         columns = (model.mass, model.volume, model.mu, model.lam, model.yield_stress, model.viscosity, model.law, model.role)
-        self.particle = np.stack([column[self.active] for column in columns], axis=1).astype(self.real)
+        self.particle = np.empty((count, 8), self.real)
+        for k, column in enumerate(columns):
+            self.particle[:, k] = column if count == model.particles else column[self.active]
         self.capacity = 0
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
@@ -58,10 +60,12 @@ class Body:
 
     def checked(self, state: State) -> State:
         """The state in float64, held particles at rest. SimulationError when it is not finite."""
-        x, v, C, F = (np.array(array, dtype=np.float64) for array in (state.x, state.v, state.C, state.F))
+        x, v, C, F = (_float64(array) for array in (state.x, state.v, state.C, state.F))
         check_start(position=x, velocity=v, affine_velocity=C, deformation=F)
         held = self.model.role == HELD
-        v[held], C[held] = 0.0, 0.0
+        if held.any():
+            v, C = v.copy(), C.copy()
+            v[held], C[held] = 0.0, 0.0
         return State(x, v, C, F)
 
     def frame(
@@ -104,7 +108,7 @@ class Body:
             run = self.start(state, acceleration, gradient, frame, substeps)
             status = self.advance(run, 0, substeps, stride(substeps), progress)
             if status[0] == substep.RUNNING:
-                return self.unpack(run, run.kept[substeps][0], state, into), run, status
+                return self.unpack(run, run.kept[substeps][0], self.model.offset, state, into), run, status
         return None, run, status
 
     # -- packing ------------------------------------------------------------------------------------------------------------------
@@ -120,12 +124,17 @@ class Body:
         slopes = np.empty((0, 3, 3)) if gradient is None else _float64(gradient)
         launched_in(self.real, pack_forces)(order, _float64(acceleration), slopes, force)
         pieces = [self._piece(c, order, m.frame_dt / substeps) for c in conditions]
-        run = FrameRun(order, first, self.particle[by_cell].reshape(-1), force, pieces, substeps)
-        rows = aligned((6 * len(order), 4), self.real)
-        parts = (_float64(array) for array in (state.x, state.v, state.C, state.F))
-        launched_in(self.real, pack)(order, *parts, m.offset, rows)
+        run = FrameRun(order, first, self.particle.take(by_cell, axis=0).reshape(-1), force, pieces, substeps)
+        rows = self.packed(order, state, m.offset)
         run.kept[0] = rows, self.boxes(run, rows, pieces[0].offset)
         return run
+
+    def packed(self, order: np.ndarray, state: State, offset: np.ndarray) -> np.ndarray:
+        """The particles `order` (M,) of the state as rows (6 M, 4) of `packed.states`, positions relative to offset (3,)."""
+        rows = aligned((6 * len(order), 4), self.real)
+        parts = (_float64(array) for array in (state.x, state.v, state.C, state.F))
+        launched_in(self.real, pack)(order, *parts, offset, rows)
+        return rows
 
     def _by_cell(self, x: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """The order that sorts positions x (M, 3) by cell, along z fastest."""
@@ -160,25 +169,25 @@ class Body:
 
     def boxes(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray) -> np.ndarray:
         """First and last of the first nodes of every task's particles, (tasks, 6) int32."""
+        if not len(packed):
+            return np.zeros((self.tasks, 6), np.int32)
+        x = np.ascontiguousarray(packed.reshape(-1, 6, 4)[:, :3, 3].T)
+        rows = [x[:, a:b] for a, b in zip(run.first, run.first[1:])]
+        reach = np.array([[row.min(axis=1), row.max(axis=1)] for row in rows])  # rounding keeps order: the particle at the end comes last
         # The kernels' own arithmetic, operation by operation: a particle on a cell's border must fall on the same side.
         inv_dx = np.ones(1, self.real) / np.full(1, self.model.dx, self.real)
-        base = np.floor((packed.reshape(-1, 6, 4)[:, :3, 3] - offset.astype(self.real)) * inv_dx - np.full(1, 0.5, self.real)).astype(
-            np.int32
-        )
-        if not len(base):
-            return np.zeros((self.tasks, 6), np.int32)
+        base = np.floor((reach - offset.astype(self.real)) * inv_dx - np.full(1, 0.5, self.real)).astype(np.int32)
         # A GPU may fuse a product and a sum, and round otherwise.
         margin = int(self.gpu)
-        rows = [base[a:b] for a, b in zip(run.first, run.first[1:])]
-        return np.array([np.concatenate([row.min(axis=0) - margin, row.max(axis=0) + margin]) for row in rows], np.int32)
+        return np.concatenate([base[:, 0] - margin, base[:, 1] + margin], axis=1)
 
-    def unpack(self, run: FrameRun, packed: np.ndarray, before: State, into: State | None = None) -> State:
-        """Particles of the model, in its order and in float64; held ones as they were."""
+    def unpack(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray, before: State, into: State | None = None) -> State:
+        """`packed` backwards: particles of the model, in its order and in float64; held ones as they were."""
         into = into or State(*(np.empty_like(array) for array in (before.x, before.v, before.C, before.F)))
         if len(run.order) < self.model.particles:
             for array, start in ((into.x, before.x), (into.v, before.v), (into.C, before.C), (into.F, before.F)):
                 array[:] = start
-        launched_in(self.real, unpack)(run.order, packed, self.model.offset, into.x, into.v, into.C, into.F)
+        launched_in(self.real, unpack)(run.order, packed, offset, into.x, into.v, into.C, into.F)
         return into
 
     # -- forwards -----------------------------------------------------------------------------------------------------------------
@@ -200,8 +209,8 @@ class Body:
             code, particle, boxes = self._substep(run, s, state, after, boxes)
             if code != substep.RUNNING:
                 return code, particle, s
-            nodes = math.prod(int(n) for n in window(run.kept[s][1])[1]) if s in run.kept else 0
-            if stride == 1 and 4 * nodes <= len(run.order):
+            nodes = math.prod(self.window[3:6].tolist())
+            if s in run.kept and stride == 1 and 4 * nodes <= len(run.order):
                 run.grids[s] = aligned_copy(self.momentum[:nodes])
             state = after
             if s + 1 == end or (s + 1) % stride == 0:
@@ -214,7 +223,7 @@ class Body:
         `boxes` becomes those of `after` unless they are kept.
         """
         piece = run.piece(s)
-        if not self._fits(boxes):
+        if not self._look(piece, boxes):
             return substep.BURST, -1, boxes
         if s in run.kept:
             boxes = boxes.copy()
@@ -228,20 +237,15 @@ class Body:
         return substep.RUNNING, -1, boxes
 
     def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, *, whole: int) -> None:
-        """One substep in the window of `boxes`; without `whole` only as far as the nodes."""
-        self._look(piece, boxes)
+        """One substep in the window of `boxes`, which `_look` has set; without `whole` only as far as the nodes."""
         self._substep_kernel(
-            self.gpu, self.model.plastic, whole, run.first, run.particle, state, after, run.force, piece.pin_velocity, *piece.boundary,
+            self.gpu, self.plastic, whole, run.first, run.particle, state, after, run.force, piece.pin_velocity, *piece.boundary,
             piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
         )  # fmt: skip
 
-    def _look(self, piece: Piece, boxes: np.ndarray) -> None:
+    def _look(self, piece: Piece, boxes: np.ndarray) -> bool:
+        """Sets the window to that of `boxes`, and makes the grids large enough, with room to grow; False where it has burst."""
         lo, dims = window(boxes)
-        self.window[:3], self.window[3:6], self.window[6:15], self.window[15] = lo, dims, piece.lo, self.capacity
-
-    def _fits(self, boxes: np.ndarray) -> bool:
-        """Makes the grids large enough for the window, with room to grow; False where it has burst."""
-        dims = [int(n) for n in window(boxes)[1]]
         wanted = math.prod(dims)
         if wanted > min(MOST_NODES, MOST_INDEXED // self.tasks) or max(dims[1:]) > MOST_NODES_ACROSS:
             return False
@@ -249,6 +253,7 @@ class Body:
             self.capacity = min(wanted + wanted // 3, MOST_INDEXED // self.tasks)
             self.grid = aligned((self.tasks * self.capacity, 4), self.real)
             self.momentum, self.velocity = (aligned((self.capacity, 4), self.real) for _ in range(2))
+        self.window[:3], self.window[3:6], self.window[6:15], self.window[15] = lo, dims, piece.lo, self.capacity
         return True
 
     # -- backwards ----------------------------------------------------------------------------------------------------------------
@@ -282,7 +287,7 @@ class Body:
     ) -> None:
         state, boxes = run.kept[s]
         piece = run.piece(s)
-        self._fits(boxes)
+        self._look(piece, boxes)
         if len(self.grid_bar) < self.tasks * self.capacity:
             self.grid_bar = aligned((self.tasks * self.capacity, 4), self.real)
             self.momentum_bar = aligned((self.capacity, 4), self.real)
@@ -290,19 +295,19 @@ class Body:
         if momentum is None:
             self._launch(run, piece, state, state, boxes, whole=0)
             momentum = self.momentum
-        self._look(piece, boxes)
         self._adjoint_kernel(
-            self.gpu, self.model.plastic, int(material), run.first, run.particle, state, run.kept[s + 1][0], run.force,
+            self.gpu, self.plastic, int(material), run.first, run.particle, state, run.kept[s + 1][0], run.force,
             bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
             self.grid_bar, momentum, self.velocity, self.momentum_bar,
         )  # fmt: skip
 
 
-def window(boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First node (3,) and node counts (3,) of the box that all tasks' particles touch."""
-    lo = boxes[:, :3].min(axis=0)
-    # In 64 bits: the box of an exploding body overflows 32.
-    return lo, boxes[:, 3:].max(axis=0).astype(np.int64) - lo + 3
+def window(boxes: np.ndarray) -> tuple[list[int], list[int]]:
+    """First node and node counts, three each, of the box that all tasks' particles touch."""
+    # In Python's integers: the box of an exploding body overflows 32 bits.
+    first_and_last = list(zip(*boxes.tolist()))
+    lo = [min(nodes) for nodes in first_and_last[:3]]
+    return lo, [max(nodes) - low + 3 for nodes, low in zip(first_and_last[3:], lo)]
 
 
 def launched_in(real: np.dtype, kernel: Callable[..., None]) -> Callable[..., None]:

@@ -2,7 +2,6 @@
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import numpy as np
 import taichi as ti
 
 from .packed import MOST_PARTICLES, bounded, forces, rows_of, states
@@ -11,16 +10,6 @@ order_of = ti.types.ndarray(dtype=ti.i32, ndim=1)
 numbers = ti.types.ndarray(dtype=ti.f64, ndim=1)
 vectors = ti.types.ndarray(dtype=ti.f64, ndim=2)
 matrices = ti.types.ndarray(dtype=ti.f64, ndim=3)
-
-
-def rows_from(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Matrices (..., 3, 3) and vectors (..., 3) as rows (..., 3, 4) of `packed`: each column with the vector's number."""
-    return np.concatenate([matrices.swapaxes(-1, -2), vectors[..., None]], axis=-1)
-
-
-def from_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """`rows_from` backwards."""
-    return rows[..., :3].swapaxes(-1, -2), rows[..., 3]
 
 
 @ti.func
@@ -73,3 +62,16 @@ def unpack(order: order_of, state: states, offset: numbers, x: vectors, v: vecto
             for i in ti.static(range(3)):
                 C[p, i, j] = affine[i]
                 F[p, i, j] = deformation[i]
+
+
+@ti.kernel
+def unpack_forces(order: order_of, force: forces, acceleration: vectors, gradient: matrices):
+    """`pack_forces` backwards; particles that `order` does not name are left alone."""
+    for q in range(order.shape[0]):
+        p = bounded(order[q], MOST_PARTICLES)
+        row = rows_of(q)[1]
+        for j in ti.static(range(3)):
+            column = force[row + j]
+            acceleration[p, j] = column[3]
+            for i in ti.static(range(3)):
+                gradient[p, i, j] = column[i]
