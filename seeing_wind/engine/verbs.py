@@ -179,7 +179,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
             raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
     progress.begin("resimulate", "simulating")
-    bodies = simulate_bodies(edit, field, recovered, Path(arguments.edit).resolve().parent, progress)
+    bodies = simulate_bodies(edit, field, recovered, Path(arguments.edit).resolve().parent, progress, device=arguments.device)
     for name, body in bodies.items():
         out.write_arrays(f"bodies/{name}.npz", {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps)})
     figures = {

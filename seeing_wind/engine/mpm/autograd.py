@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..errors import UsageError
 from ..progress import NoProgress, Progress
 from .body import Body, launched_in, sparse_stride
 from .boundary import HELD
+from .checks import check_force, check_numbers
 from .frame_run import FrameRun
 from .model import Model
 from .pack import unpack_forces
@@ -36,8 +38,11 @@ class RolloutFunction(torch.autograd.Function):
         model = replace(
             model, mass=_array(mass), mu=_array(mu), lam=_array(lam), yield_stress=_array(yield_stress), viscosity=_array(viscosity)
         )
+        check_numbers(model.mass, model.mu, model.lam, model.yield_stress, model.viscosity)
+        force, gradients = _array(acceleration), _array(gradient)
+        check_force(model.particles, force, gradients, first_frame)
+        force = force + model.gravity
         ctx.body, ctx.progress = Body(model, precision), progress
-        force, gradients = _array(acceleration) + model.gravity, _array(gradient)
         states, ctx.runs = [ctx.body.checked(State(*(_array(tensor) for tensor in (x0, v0, C0, F0))))], []
         left = _HISTORY
         for t in range(len(force)):
@@ -117,9 +122,14 @@ def simulate(
         x, v (T+1, N, 3) and C, F (T+1, N, 3, 3).
 
     Raises:
-        SimulationError, Cancelled: as `rollout`, in the forward sweep; Cancelled also in the backward sweep.
+        SimulationError, UsageError, Cancelled: as `rollout`, in the forward sweep; Cancelled also in the backward sweep.
+        MaterialError: for particles without mass or stiffness.
     """
-    count, frames = len(x0), len(acceleration)
+    count, frames = model.particles, len(acceleration)
+    materials = {"youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio, "density": density}
+    for name, tensor in (materials | {"yield_stress": yield_stress, "viscosity": viscosity}).items():
+        if tensor is not None and tensor.shape not in ((), (1,), (count,)):
+            raise UsageError(f"{name} has shape {tuple(tensor.shape)}.", f"Give one number, or one for each of the {count} particles.")
     C0 = torch.zeros(count, 3, 3, dtype=torch.float64) if C0 is None else C0
     F0 = torch.eye(3, dtype=torch.float64).repeat(count, 1, 1) if F0 is None else F0
     gradient = torch.zeros(frames, count, 3, 3, dtype=torch.float64) if gradient is None else gradient
@@ -131,8 +141,18 @@ def simulate(
     mass = torch.from_numpy(model.mass) if density is None else density * torch.from_numpy(model.volume)
     yield_stress = torch.from_numpy(model.yield_stress) if yield_stress is None else yield_stress
     viscosity = torch.from_numpy(model.viscosity) if viscosity is None else viscosity
+    if model.axes is not None:
+        A = torch.from_numpy(model.axes)
+        x0, v0, acceleration = x0.double() @ A, v0.double() @ A, acceleration.double() @ A
+        C0, F0, gradient = A.T @ C0.double() @ A, A.T @ F0.double(), A.T @ gradient.double() @ A
     material = (tensor.expand(count) for tensor in (mass, mu, lam, yield_stress, viscosity))
-    return RolloutFunction.apply(model, precision, progress or NoProgress(), first_frame, x0, v0, C0, F0, acceleration, gradient, *material)
+    states = RolloutFunction.apply(
+        model.upright(), precision, progress or NoProgress(), first_frame, x0, v0, C0, F0, acceleration, gradient, *material
+    )
+    if model.axes is None:
+        return states
+    x, v, C, F = states
+    return x @ A.T, v @ A.T, A @ C @ A.T, A @ F
 
 
 def _array(tensor: torch.Tensor) -> np.ndarray:

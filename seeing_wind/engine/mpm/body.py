@@ -10,20 +10,19 @@ import numpy as np
 from ..progress import Progress
 from . import device, parallel, parallel_adjoint, substep
 from .boundary import HELD
-from .failure import check_start, failure
+from .checks import check_state
+from .failure import diagnosis, failure
 from .frame_run import FrameRun, Piece
 from .kinematics import Conditions, conditions_for
 from .launch import Launcher
-from .model import Model
+from .model import MOST_NODES, Model
 from .native import aligned, aligned_copy, aligned_zeros
 from .pack import pack, pack_forces, unpack
 from .packed import MOST_NODES as MOST_INDEXED
 from .packed import MOST_NODES_ACROSS
-from .precision import DTYPES, compiled_in
+from .precision import compiled_in, dtype_of
 from .state import State
 
-MOST_NODES = 30_000_000
-"""Nodes of one grid (1 GB). A body spread over more has burst."""
 _LEAST_PER_TASK = 2000
 """Particles below which another task costs more than it saves."""
 _WORK_PER_CHECK = 2_000_000
@@ -35,8 +34,9 @@ class Body:
 
     def __init__(self, model: Model, precision: str = "double", tasks: int | None = None) -> None:
         """precision: double or single; tasks: threads to use, None for as many as there are cores and work."""
+        assert model.axes is None, "give Model.upright"
         device.start(model.device)
-        self.model, self.real, self.plastic = model, np.dtype(DTYPES[precision]), model.plastic
+        self.model, self.real, self.plastic = model, dtype_of(precision), model.plastic
         self.gpu = device.on_gpu()
         self.active = np.flatnonzero(model.role != HELD).astype(np.int32)
         count = len(self.active)
@@ -59,9 +59,9 @@ class Body:
     # -- frames ------------------------------------------------------------------------------------------------------------------
 
     def checked(self, state: State) -> State:
-        """The state in float64, held particles at rest. SimulationError when it is not finite."""
+        """The state in float64, held particles at rest; errors as of `checks.check_state`."""
         x, v, C, F = (_float64(array) for array in (state.x, state.v, state.C, state.F))
-        check_start(position=x, velocity=v, affine_velocity=C, deformation=F)
+        check_state(self.model.particles, self.model.offset, self.model.dx, x, v, C, F)
         held = self.model.role == HELD
         if held.any():
             v, C = v.copy(), C.copy()
@@ -224,17 +224,24 @@ class Body:
         """
         piece = run.piece(s)
         if not self._look(piece, boxes):
-            return substep.BURST, -1, boxes
+            return *self._diagnosis(substep.BURST, run, piece, state), boxes
         if s in run.kept:
             boxes = boxes.copy()
         self.status[:] = 0
         self._launch(run, piece, state, after, boxes, whole=1)
         if self.status.any():
-            code, particle = self.status[np.flatnonzero(self.status[:, 0])[0]]
-            return int(code), int(run.order[particle]), boxes
+            code = int(self.status[np.flatnonzero(self.status[:, 0])[0], 0])
+            return *self._diagnosis(code, run, piece, after), boxes
         if s + 1 < run.substeps and run.piece(s + 1) is not piece:
             boxes = self.boxes(run, after, run.piece(s + 1).offset)
         return substep.RUNNING, -1, boxes
+
+    def _diagnosis(self, code: int, run: FrameRun, piece: Piece, packed: np.ndarray) -> tuple[int, int]:
+        """`failure.diagnosis` of a packed state: code and particle of the model."""
+        columns = _float64(packed).reshape(-1, 2, 3, 4)  # of F with x, of C with v
+        F, (x, v) = columns[:, 0, :, :3].swapaxes(1, 2), (columns[:, k, :, 3] for k in (0, 1))
+        code, worst = diagnosis(code, float(piece.lattice[4] / piece.lattice[3]), x, v, F)
+        return code, int(run.order[worst])
 
     def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, *, whole: int) -> None:
         """One substep in the window of `boxes`, which `_look` has set; without `whole` only as far as the nodes."""

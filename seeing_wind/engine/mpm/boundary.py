@@ -1,8 +1,10 @@
 """Which grid nodes hold a pinned body, and how the grid lies so that the answer does not depend on where the body stands.
 
 Clamping every node that a pinned particle touches holds the body up to one and a half cells beyond the particles, by an amount that
-changes as the grid is moved. Four choices take the grid out of it:
+changes as the grid is moved. Five choices take the grid out of it:
 
+- The lattice's axes are those of the border between pinned and free material, where it lies askew (`border_axes`): steps of held nodes
+  across an oblique border would let a bar bend a quarter too far.
 - The lattice is laid relative to the pinned particles: along the axis in which pinned and free material face each other, a plane of
   nodes lies on the border, in the middle between the two. Velocity is zero there and grows from there on, as at a built-in end.
 - A node is held when enough of the rest mass around it is pinned, counted with a Gaussian of one cell, which is wide enough not to
@@ -31,8 +33,43 @@ _HOLD = 0.25
 """Weight that a pinned particle must have on clamped nodes; at a flat boundary those at its brim have one half."""
 _REACH = 3.0
 """Cells at which the Gaussian (standard deviation one cell) is cut."""
+_ROUND = 2.6
+"""Spacings round a free particle within which pinned ones tell where the border is; between two shells of a cubic lattice."""
+_ONE_WAY = 0.8
+"""Share of the border that must face along one line for the lattice to follow: 0.82 to 0.95 for flat ones, less for those too ragged to
+say which way they face (a half for two at right angles)."""
+_ASKEW = np.radians(4.0)
+"""Below this a turned lattice is hardly better: half a cell over seven."""
 _FACING = 1.8
 """Particles closer than this many spacings are neighbours (a cube's face diagonal is 1.41)."""
+
+
+def border_axes(x: np.ndarray, pinned: np.ndarray, spacing: float) -> np.ndarray | None:
+    """Axes (3, 3), as columns, one of which is normal to the border between pinned (N,) bool and free particles x (N, 3) [m].
+
+    None where the world's own axes do: one of them is the normal, or there is no border, or none that faces one way.
+    """
+    if not pinned.any() or pinned.all():
+        return None
+    x = np.asarray(x, dtype=np.float64)
+    free, held = x[~pinned], x[pinned]
+    pairs = cKDTree(free).sparse_distance_matrix(cKDTree(held), _ROUND * spacing, output_type="coo_matrix")
+    across = np.zeros_like(free)
+    np.add.at(across, pairs.row, held[pairs.col] - free[pairs.row])
+    length = np.linalg.norm(across, axis=1)
+    across = across[length > 0.0] / length[length > 0.0, None]
+    if not len(across):
+        return None
+    share, normals = np.linalg.eigh(across.T @ across / len(across))
+    normal = normals[:, -1]
+    axis = int(np.argmax(np.abs(normal)))
+    normal = normal * np.sign(normal[axis])
+    if share[-1] < _ONE_WAY or normal[axis] > np.cos(_ASKEW):
+        return None
+    # The least turn that takes the axis to the normal (Rodrigues).
+    turn = np.cross(np.eye(3)[axis], normal)
+    K = np.array([[0.0, -turn[2], turn[1]], [turn[2], 0.0, -turn[0]], [-turn[1], turn[0], 0.0]])
+    return np.eye(3) + K + K @ K / (1.0 + normal[axis])
 
 
 def lattice_offset(

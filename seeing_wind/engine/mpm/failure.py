@@ -29,13 +29,21 @@ def failure(status: Sequence[int] | np.ndarray, frame: int, substeps: int) -> Si
     )  # fmt: skip
 
 
-def check_start(**arrays: np.ndarray) -> None:
-    """SimulationError when a start value (..., N, 3) or (..., N, 3, 3) is not finite; the arrays by what they are."""
-    for name, array in arrays.items():
-        # The sum is quick, but finite numbers may have one that is not.
-        if not np.isfinite(array.sum()) and not np.isfinite(array).all():
-            matrix = name in ("affine_velocity", "deformation")
-            particle = int(np.argwhere(~np.isfinite(array))[0, array.ndim - (3 if matrix else 2)])
-            name = name.replace("_", " ")
-            message = f"The {name} of particle {particle} at the start is not finite."
-            raise SimulationError(message, "Check the body and its initial velocity.", particle=particle, quantity=name)
+def diagnosis(code: int, dt_over_dx: float, x: np.ndarray, v: np.ndarray, F: np.ndarray) -> tuple[int, int]:
+    """What went wrong and the particle that is worst, from particles (N, 3), (N, 3), (N, 3, 3) after the substep that failed.
+
+    What breaks one particle breaks its neighbours in the same substep; kernels report whichever came last.
+
+    Args:
+        code: what the kernel reported, of `substep`.
+        dt_over_dx: the substep over the grid spacing [s/m].
+    """
+    if code == substep.BURST:
+        return code, int(((x - np.median(x, axis=0)) ** 2).sum(axis=1).argmax())
+    finite = np.isfinite(v).all(axis=1) & np.isfinite(F).all(axis=(1, 2))
+    if not finite.all():
+        return substep.NOT_FINITE, int(np.flatnonzero(~finite)[0])
+    speed = np.abs(v).max(axis=1)  # its square may overflow
+    if code in (substep.TOO_FAST, substep.INVERTED) and np.sqrt(3.0) * speed.max() * dt_over_dx > 1.0:
+        return substep.TOO_FAST, int(speed.argmax())
+    return code, int(np.linalg.det(F).argmin() if code == substep.INVERTED else speed.argmax())

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..conventions import GRAVITY, lame
-from ..errors import MaterialError, SimulationError
+from ..errors import SimulationError
 from ..records import Material, Particles
-from .boundary import FREE, clamped_nodes, lattice_offset, particle_roles
+from .boundary import FREE, border_axes, clamped_nodes, lattice_offset, particle_roles
+from .checks import check_choices, checked_bodies
 from .colliders import NO_COLLIDERS, Collider, ColliderGrid, collider_grid, collider_notes
 from .constitutive import LAWS
 from .grid_force import NO_FORCE, GridForce
@@ -33,6 +34,8 @@ MAX_SUBSTEPS_HELD = 500
 """The same of bodies that are held somewhere: how far a force bends them is given by their stiffness, so softer means less force."""
 DEFAULT_SPEED = 5.0
 """Speed [m/s] that a body is expected to reach when nothing better is known."""
+MOST_NODES = 30_000_000
+"""Nodes of one grid (1 GB). A body spread over more has burst."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +84,13 @@ class Model:
     """Cells below the border of the pinned material at which it begins to be held."""
     grid_force: GridForce = NO_FORCE
     """Acceleration prescribed at nodes of the lattice, see `grid_force.with_grid_force`."""
+    axes: np.ndarray | None = None
+    """(3, 3) the lattice's axes as columns, None for the world's. What says where nodes are (offset, clamp, pin_path, pin_rest,
+    collider_grid, grid_force) is in coordinates along them; `rollout` and its kin turn what they get and what they give back."""
+
+    def upright(self) -> Model:
+        """The same in the lattice's own coordinates."""
+        return self if self.axes is None else replace(self, axes=None, gravity=self.gravity @ self.axes)
 
     @property
     def particles(self) -> int:
@@ -121,7 +131,7 @@ def model_for(
         fps: frames per second.
         gravity: (3,) [m/s²].
         mass_scale: factor on the density, one for all or one per body.
-        speed: fastest motion expected [m/s]; more substeps above about one cell per substep.
+        speed: fastest motion expected [m/s], besides that of `pin_path`; more substeps above about one cell per substep.
         dx: grid spacing [m]; None takes 1.6 spacings of the finest body.
         max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `MAX_SUBSTEPS`, or
             `MAX_SUBSTEPS_HELD` where something is pinned.
@@ -135,28 +145,25 @@ def model_for(
         The model, and notes that the user should read.
 
     Raises:
-        MaterialError: for a law that the solver does not have.
-        SimulationError: for no particles, or a speed that needs more than `max_substeps`.
-        UsageError: for a path of the pins that does not fit the particles.
+        MaterialError: for a law that the solver does not have, or a number that is not physical.
+        SimulationError: for no particles, one that is not finite, bodies too far apart for one grid, or a speed that needs more than
+            `max_substeps`.
+        UsageError: for a path of the pins that does not fit the particles, and any other argument out of its range.
     """
-    bodies = [particles] if isinstance(particles, Particles) else list(particles)
-    materials = [material] * len(bodies) if isinstance(material, Material) else list(material)
-    scales = [float(mass_scale)] * len(bodies) if isinstance(mass_scale, (int, float)) else [float(s) for s in mass_scale]
-    if not bodies or min(len(body.x) for body in bodies) == 0:
-        raise SimulationError("There are no particles to simulate.", "Choose a larger object or more particles.")
+    bodies, materials, scales = checked_bodies(particles, material, mass_scale)
+    gravity = np.asarray(gravity, dtype=np.float64)
+    check_choices(fps, gravity, speed, dx, max_substeps, clamp_depth)
     if max_substeps is None:
         max_substeps = MAX_SUBSTEPS_HELD if any(np.any(body.pinned) for body in bodies) else MAX_SUBSTEPS
     spacing = min(body.spacing for body in bodies)
     dx = CELL_SPACINGS * spacing if dx is None else dx
     frame_dt = 1.0 / fps
-    needed_by_speed = math.ceil(speed * frame_dt / dx)
-    if needed_by_speed > max_substeps:
-        raise SimulationError(
-            f"A body at {speed:.3g} m/s crosses {needed_by_speed} cells of {dx:.2g} m in a frame, more than {max_substeps} substeps.",
-            "Use fewer particles, or allow more substeps.",
-        )
+    x = np.concatenate([np.asarray(body.x, dtype=np.float64) for body in bodies])
+    pinned = np.concatenate([np.asarray(body.pinned, dtype=bool) for body in bodies])
+    _check_reach(x, dx)
+    path = None if pin_path is None else checked_pin_path(pin_path, x, pinned, dx)
     notes: list[str] = []
-    substeps, columns = max(MIN_SUBSTEPS, needed_by_speed), []
+    substeps, columns = max(MIN_SUBSTEPS, _substeps_for(speed, path, dx, frame_dt, max_substeps)), []
     for body, stuff, scale in zip(bodies, materials, scales):
         youngs_modulus, needed = _affordable_modulus(stuff, scale, dx, frame_dt, max_substeps, notes)
         if youngs_modulus < stuff.youngs_modulus and np.any(body.pinned):
@@ -164,19 +171,47 @@ def model_for(
             notes.append(f"{stuff.name}: it is held, so the forces that bend it are in proportion, about {share:.2g} of the real ones.")
         substeps = max(substeps, needed)
         columns.append(_body_columns(body, stuff, scale, youngs_modulus))
-    mass, volume, mu, lam, yield_stress, viscosity, law, pinned = (np.concatenate(column) for column in zip(*columns))
-    x = np.concatenate([np.asarray(body.x, dtype=np.float64) for body in bodies])
+    mass, volume, mu, lam, yield_stress, viscosity, law = (np.concatenate(column) for column in zip(*columns))
+    # Of two walls, the lattice follows the collider's.
+    axes = None if colliders else border_axes(x, pinned, spacing)
+    if axes is not None:
+        x, path = x @ axes, None if path is None else path @ axes
     offset = lattice_offset(x, pinned, spacing, dx, colliders, depth=clamp_depth)
     clamp_lo, clamp = clamped_nodes(x, mass, pinned, offset, dx, depth=clamp_depth)
     role = particle_roles(x, pinned, offset, dx, clamp_lo, clamp, kinematic=pin_path is not None)
-    path = None if pin_path is None else checked_pin_path(pin_path, x, pinned, dx)
     obstacles = collider_grid(colliders, offset, dx)
     notes += collider_notes(x, colliders, obstacles, offset, dx)
     model = Model(
         mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
-        np.asarray(gravity, dtype=np.float64), device, obstacles, path, None if path is None else x, clamp_depth,
+        gravity, device, obstacles, path, None if path is None else x, clamp_depth, axes=axes,
     )  # fmt: skip
     return model, notes
+
+
+def _check_reach(x: np.ndarray, dx: float) -> None:
+    """SimulationError when a grid of spacing dx [m] around particles x (N, 3) [m] has too many nodes."""
+    cells = np.floor(np.ptp(x, axis=0) / dx) + 4.0
+    if np.prod(cells) > MOST_NODES:
+        raise SimulationError(
+            f"The bodies reach over {' x '.join(f'{size:.3g}' for size in np.ptp(x, axis=0))} m, {np.prod(cells):.2g} nodes of a grid "
+            f"{dx:.2g} m wide, more than {MOST_NODES:.1g}.",
+            "Bring them closer together, simulate those that cannot touch apart from each other, or use fewer particles.",
+        )
+
+
+def _substeps_for(speed: float, path: np.ndarray | None, dx: float, frame_dt: float, max_substeps: int) -> int:
+    """Substeps a frame in which neither a body at `speed` [m/s] nor the pins on their path (T+1, M, 3) [m] cross more than a cell."""
+    who = "A body"
+    if path is not None:
+        pins = float(np.linalg.norm(np.diff(path, axis=0), axis=2).max()) / frame_dt
+        speed, who = (pins, "A pinned particle") if pins > speed else (speed, who)
+    needed = math.ceil(speed * frame_dt / dx)
+    if needed > max_substeps:
+        raise SimulationError(
+            f"{who} at {speed:.3g} m/s crosses {needed} cells of {dx:.2g} m in a frame, more than {max_substeps} substeps.",
+            "Use fewer particles, allow more substeps, or move more slowly.", quantity="velocity",
+        )  # fmt: skip
+    return needed
 
 
 def _affordable_modulus(
@@ -199,11 +234,7 @@ def _affordable_modulus(
 
 
 def _body_columns(body: Particles, material: Material, mass_scale: float, youngs_modulus: float) -> tuple[np.ndarray, ...]:
-    """mass, volume, mu, lam, yield_stress, viscosity, law, pinned of one body's particles."""
-    if material.law not in LAWS:
-        raise MaterialError(f"The solver has no law {material.law!r} (material {material.name}).", f"Choose one of {', '.join(LAWS)}.")
-    if material.law in PLASTIC_LAWS and not material.yield_stress > 0.0:
-        raise MaterialError(f"{material.name} flows but has no yield stress.", "Give a yield stress in Pa, or choose an elastic law.")
+    """mass, volume, mu, lam, yield_stress, viscosity, law of one body's particles."""
     count = len(body.x)
     mu, lam = lame(youngs_modulus, material.poisson_ratio)
     volume = np.array(np.broadcast_to(body.volume, (count,)), dtype=np.float64)
@@ -215,5 +246,4 @@ def _body_columns(body: Particles, material: Material, mass_scale: float, youngs
         np.full(count, float(material.yield_stress)),
         np.full(count, float(material.viscosity)),
         np.full(count, LAWS[material.law], np.int32),
-        np.asarray(body.pinned, dtype=bool),
     )

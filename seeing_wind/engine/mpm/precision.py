@@ -13,8 +13,17 @@ import numpy as np
 import taichi as ti
 from taichi.lang import impl
 
+from ..errors import UsageError
+
 DTYPES = {"single": np.float32, "double": np.float64}
 """NumPy's names of the two precisions."""
+
+
+def dtype_of(precision: str) -> np.dtype:
+    """NumPy's dtype of a precision. UsageError for an unknown one."""
+    if precision not in DTYPES:
+        raise UsageError(f"There is no precision {precision!r}.", f"Choose {' or '.join(DTYPES)}.")
+    return np.dtype(DTYPES[precision])
 
 
 @contextlib.contextmanager

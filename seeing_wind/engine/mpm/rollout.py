@@ -6,13 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import SimulationError, UsageError
 from ..progress import NoProgress, Progress
 from ..records import Attachment
 from . import device, substep
 from .body import Body
 from .boundary import HELD
-from .failure import check_start, failure
-from .model import Model
+from .checks import check_force, check_state
+from .failure import diagnosis, failure
+from .model import MOST_NODES, Model
+from .precision import dtype_of
 from .state import State, Trajectory
 
 _WORK_PER_CALL = 2_000_000
@@ -21,16 +24,16 @@ _GRID_NODES_AT_ONCE = 8_000_000
 """Nodes of all private grids together: 256 MB."""
 _LARGE = 8000
 """Particles from which one body is worth all cores; below, its grid fits in one core's cache and barriers would cost more."""
-_MOST_NODES = 30_000_000
-"""Nodes of one grid (1 GB). A body spread over more has burst."""
+
 
 class Copies:
     """States of B copies of one body, advanced in place frame by frame."""
 
     def __init__(self, model: Model, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> None:
         """x, v (B, N, 3); C, F (B, N, 3, 3). The arrays are changed: now and by `advance`. Held particles start at rest."""
+        assert model.axes is None, "give Model.upright"
         device.start(model.device)
-        check_start(position=x, velocity=v, affine_velocity=C, deformation=F)
+        check_state(model.particles, model.offset, model.dx, x, v, C, F)
         v[:, model.role == HELD] = 0.0
         C[:, model.role == HELD] = 0.0
         self.model = model
@@ -58,6 +61,12 @@ class Copies:
             status[failed] = self._run(copies[failed], 2 * self.model.substeps, progress)
         return substeps, status[:, 0], status
 
+    def failure(self, copy: int, status: np.ndarray, frame: int, substeps: int) -> SimulationError:
+        """The error for a copy that `advance` could not bring through a frame, from its status (4,) and what the frame left of it."""
+        dt_over_dx = self.model.frame_dt / substeps / self.model.dx
+        found = diagnosis(int(status[0]), dt_over_dx, self.x[copy], self.v[copy], self.F[copy])
+        return failure((*found, int(status[2])), frame, substeps)
+
     def _run(self, copies: np.ndarray, substeps: int, progress: Progress) -> np.ndarray:
         """All substeps of a frame in calls short enough to be cancelled between; returns status (A, 4)."""
         status = np.zeros((len(self.x), 4), np.int32)
@@ -70,7 +79,7 @@ class Copies:
                 progress.check()
                 self._launch(some, substeps, min(substeps, int(status[some, 2].min()) + stride), status)
             full = todo[status[todo, 0] == substep.GRID_FULL]
-            burst = status[full, 3] > _MOST_NODES
+            burst = status[full, 3] > MOST_NODES
             status[full[burst], 0] = substep.BURST
             full = full[~burst]
             if len(full):
@@ -88,7 +97,7 @@ class Copies:
         m = self.model
         if not self.capacity:
             extent = np.ceil(np.ptp(self.x, axis=1).max(axis=0) / m.dx) + 4
-            self.capacity = int(min(np.prod(extent) * 1.5, _MOST_NODES))
+            self.capacity = int(min(np.prod(extent) * 1.5, MOST_NODES))
         grid = np.empty((len(copies), self.capacity, 4))
         substep.run_substeps(
             m.plastic, m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role,
@@ -99,6 +108,10 @@ class Copies:
 
 class CopiesInTurn(Copies):
     """The same for models with colliders or moving pins: one copy after the other, each on as many cores as it is worth."""
+
+    def failure(self, copy: int, status: np.ndarray, frame: int, substeps: int) -> SimulationError:
+        """As `Copies.failure`; here a copy that failed is left as it was."""
+        return failure(status, frame, substeps)
 
     def advance(self, copies: np.ndarray, frame: int, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """As `Copies.advance`."""
@@ -138,10 +151,22 @@ def rollout(
         precision: double, or single, which is faster and within 1e-3 over a frame; a small body is simulated in double all the same.
 
     Raises:
-        SimulationError: when a frame breaks even with half the dt; it names frame, substep, particle and quantity.
+        SimulationError: when a frame breaks even with half the dt, or a value is not finite; it names frame, substep, particle and
+            quantity.
+        UsageError: for arrays that do not fit the model, and an unknown precision or device.
         Cancelled: when the user asked to stop.
     """
     progress = progress or NoProgress()
+    dtype_of(precision)
+    acceleration, gradient = np.asarray(acceleration), None if gradient is None else np.asarray(gradient)
+    check_force(model.particles, acceleration, gradient, first_frame)
+    if model.axes is not None:
+        A = model.axes
+        slope = None if gradient is None else A.T @ gradient @ A
+        path = rollout(
+            model.upright(), state.turned(A), acceleration @ A, slope, progress=progress, first_frame=first_frame, precision=precision
+        )
+        return path.turned(A.T)
     if model.particles >= _LARGE or conditioned(model):
         return _body_rollout(Body(model, precision), state, acceleration, gradient, progress, first_frame)
     one = Copies(model, *(np.array(array, dtype=np.float64)[None] for array in (state.x, state.v, state.C, state.F)))
@@ -153,7 +178,7 @@ def rollout(
             one.gradient[0] = gradient[t]
         substeps, code, status = one.advance(only, first_frame + t, progress)
         if code[0] != substep.RUNNING:
-            raise failure(status[0], first_frame + t, int(substeps[0]))
+            raise one.failure(0, status[0], first_frame + t, int(substeps[0]))
         taken.append(int(substeps[0]))
         for rows, array in zip(history, (one.x, one.v, one.C, one.F)):
             rows.append(array[0].copy())
@@ -228,10 +253,25 @@ def rollout_batch(
 
     Raises:
         SimulationError: with `strict`, as `rollout`.
+        UsageError: for arrays that do not fit the model.
         Cancelled: when the user asked to stop.
     """
     progress = progress or NoProgress()
     path = nominal if isinstance(nominal, Trajectory) else Trajectory.of(nominal)
+    count = model.particles
+    if phi.ndim != 2 or phi.shape[0] != count or dphi.shape != (*phi.shape, 3) or coefficients.shape[2:] != (phi.shape[1], 3):
+        raise UsageError(
+            f"The basis has shapes {phi.shape} and {dphi.shape}, its coefficients {coefficients.shape}.",
+            f"Give ({count}, P), ({count}, P, 3) and (B, T, P, 3).",
+        )
+    if model.axes is not None:
+        A = model.axes
+        v0, C0 = None if v0 is None else v0 @ A, None if C0 is None else A.T @ C0 @ A
+        found = rollout_batch(
+            model.upright(), path.turned(A), phi, dphi, coefficients @ A, start_frame=start_frame, v0=v0, C0=C0, attachment=attachment,
+            strict=strict, progress=progress,
+        )  # fmt: skip
+        return BatchRollout(found.points @ A.T, found.failed_frame)
     copies, frames = coefficients.shape[:2]
     start = np.zeros(copies, int) if start_frame is None else np.asarray(start_frame, dtype=int)
     if start.max(initial=0) > path.frames:
@@ -257,7 +297,7 @@ def rollout_batch(
         broken = code != substep.RUNNING
         if strict and broken.any():
             first = int(np.flatnonzero(broken)[0])
-            raise failure(status[first], t, int(substeps[first]))
+            raise body.failure(int(going[first]), status[first], t, int(substeps[first]))
         failed_frame[going[broken]] = t
         points[going[~broken], t + 1] = follow(body.x[going[~broken]])
     return BatchRollout(points, failed_frame)

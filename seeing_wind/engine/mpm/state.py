@@ -33,6 +33,11 @@ class State:
         return State(x, velocity, C, np.tile(np.eye(3), (len(x), 1, 1)))
 
 
+    def turned(self, axes: np.ndarray) -> State:
+        """The same in coordinates along `axes` (3, 3), three orthonormal columns; the rest shape keeps its coordinates."""
+        return State(self.x @ axes, self.v @ axes, axes.T @ self.C @ axes, axes.T @ self.F)
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """States at T + 1 pictures."""
@@ -52,6 +57,10 @@ class Trajectory:
     def of(state: State) -> Trajectory:
         """The trajectory of no frames."""
         return Trajectory(state.x[None], state.v[None], state.C[None], state.F[None], np.zeros(0, np.int64))
+
+    def turned(self, axes: np.ndarray) -> Trajectory:
+        """As `State.turned`."""
+        return Trajectory(self.x @ axes, self.v @ axes, axes.T @ self.C @ axes, axes.T @ self.F, self.substeps)
 
     @property
     def frames(self) -> int:

@@ -13,9 +13,10 @@ import torch
 
 from ..progress import Progress
 from . import device, substep, tangent_kernels
+from .checks import check_state
 from .constitutive import ELASTIC_LAWS
-from .failure import check_start, failure
-from .model import Model
+from .failure import diagnosis, failure
+from .model import MOST_NODES, Model
 from .native import aligned, aligned_zeros, native_vectors
 from .precision import compiled_in
 from .rollout import conditioned
@@ -24,8 +25,6 @@ from .tangent_kernels import LANES, RECORD, SOURCE, STATE
 
 _WORK_PER_CALL = 6_000_000
 """Changes of a particle in a substep between two safe points."""
-_MOST_NODES = 30_000_000
-"""Nodes of one grid (1 GB). A body spread over more has burst."""
 
 
 def applies_to(model: Model) -> bool:
@@ -63,6 +62,12 @@ def tangents(
         SimulationError: when the simulation breaks even with half the dt.
         Cancelled: when the user asked to stop.
     """
+    if model.axes is not None:
+        A = model.axes
+        v0, C0 = (None if given is None else given @ A for given in (changes.v0, changes.C0))
+        turned = Changes(changes.coefficients @ A, v0, None if C0 is None else A.T @ C0)
+        x, changed = tangents(model.upright(), start.turned(A), phi, dphi, coefficients @ A, turned, progress)
+        return x @ A.T, changed @ A.T.astype(np.float32)
     device.start(model.device)
     return _Carrier(model, start, phi, dphi, changes, progress).run(coefficients)
 
@@ -71,7 +76,7 @@ class _Carrier:
     """One body, its changes in groups of LANES, a frame at a time."""
 
     def __init__(self, model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, changes: Changes, progress: Progress) -> None:
-        check_start(position=start.x, velocity=start.v, affine_velocity=start.C, deformation=start.F)
+        check_state(model.particles, model.offset, model.dx, start.x, start.v, start.C, start.F)
         self.model, self.state, self.progress = model, start, progress
         self.phi, self.dphi = torch.from_numpy(np.ascontiguousarray(phi)), torch.from_numpy(np.ascontiguousarray(dphi))
         count, n = len(changes.coefficients), model.particles
@@ -121,7 +126,9 @@ class _Carrier:
             if status[0] == substep.RUNNING:
                 break
         else:
-            raise failure(tuple(int(code) for code in status[:3]), frame, substeps)
+            at = int(status[2]) + (status[0] != substep.BURST)
+            found = diagnosis(int(status[0]), m.frame_dt / substeps / m.dx, self.x[at], self.v[at], self.F[at])
+            raise failure((*found, int(status[2])), frame, substeps)
         tangent_kernels.linearise(
             m.volume, m.mu, m.lam, m.law, m.offset, m.dx, m.frame_dt / substeps,
             self.x, self.F, self.boxes, self.corner, self.record,
@@ -132,7 +139,7 @@ class _Carrier:
     def _attempt(self, acceleration: np.ndarray, gradient: np.ndarray, substeps: int) -> np.ndarray:
         m, n = self.model, self.model.particles
         if not self.capacity:
-            self.capacity = int(min(np.prod(np.ceil(np.ptp(self.state.x, axis=0) / m.dx) + 4) * 1.5, _MOST_NODES))
+            self.capacity = int(min(np.prod(np.ceil(np.ptp(self.state.x, axis=0) / m.dx) + 4) * 1.5, MOST_NODES))
         self.x, self.v = np.empty((substeps + 1, n, 3)), np.empty((substeps + 1, n, 3))
         self.C, self.F = np.empty((substeps + 1, n, 3, 3)), np.empty((substeps + 1, n, 3, 3))
         self.boxes, self.corner = np.zeros((substeps, 6), np.int32), np.zeros((substeps, n), np.int32)
@@ -148,7 +155,7 @@ class _Carrier:
             )  # fmt: skip
             if status[0] != substep.GRID_FULL:
                 return status
-            if status[3] > _MOST_NODES:
+            if status[3] > MOST_NODES:
                 status[0] = substep.BURST
                 return status
             self.capacity = int(status[3]) * 4 // 3

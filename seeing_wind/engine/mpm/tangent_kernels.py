@@ -52,8 +52,10 @@ def record_frame(
         lo, dims = window(0, x, role, offset, dx)
         code, s = RUNNING, 0
         while s < boxes.shape[0] and code == RUNNING:
-            count = dims[0] * dims[1] * dims[2]
-            if count > grid.shape[1]:
+            # In 64 bits: the box of an exploding body overflows 32.
+            wanted = ti.cast(dims[0], ti.i64) * dims[1] * dims[2]
+            count = ti.cast(ti.min(wanted, 2**31 - 1), ti.i32)
+            if wanted > grid.shape[1]:
                 code, status[3] = GRID_FULL, count
             else:
                 for a in ti.static(range(3)):

@@ -63,7 +63,13 @@ class _Actor:
 
 
 def simulate_bodies(
-    edit: Edit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path, progress: Progress | None = None
+    edit: Edit,
+    field: ForceField,
+    recovered: tuple[Body, Recovery] | None,
+    base_dir: Path,
+    progress: Progress | None = None,
+    *,
+    device: str = "auto",
 ) -> dict[str, Simulated]:
     """Move every body of `edit` through `field` for all the frames that it knows.
 
@@ -73,6 +79,7 @@ def simulate_bodies(
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
         base_dir: folder against which the edit's paths are understood.
+        device: auto, cpu or cuda.
 
     Raises:
         UsageError: a mesh, a list of pins, a start frame or a strength that does not fit; MaterialError: an unknown material.
@@ -90,7 +97,7 @@ def simulate_bodies(
     for number, group in enumerate(groups):
         try:
             share = (number / len(groups), 1.0 / len(groups))
-            paths, notes = _move(group, field, edit.gravity, strength, colliders, progress, *share)
+            paths, notes = _move(group, field, edit.gravity, strength, colliders, device, progress, *share)
         except SimulationError as error:
             names = ", ".join(actor.edit.name for actor in group)
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
@@ -208,6 +215,7 @@ def _move(
     gravity: Sequence[float],
     strength: np.ndarray,
     colliders: Sequence[Collider],
+    device: str,
     progress: Progress,
     begun: float,
     share: float,
@@ -219,12 +227,12 @@ def _move(
     starts = {actor.edit.start_frame for actor in actors}
     state = State.at_rest(np.concatenate([actor.particles.x for actor in actors]))
     places, soft = state.x, np.concatenate([actor.soft for actor in actors])
-    model, notes = _model(actors, 0, field.fps, gravity, colliders)
+    model, notes = _model(actors, 0, field.fps, gravity, colliders, device)
     history = [state.x]
     for t in range(field.frames):
         progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {', '.join(a.edit.name for a in actors)}")
         if t in starts:
-            model = _model(actors, t, field.fps, gravity, colliders)[0]
+            model = _model(actors, t, field.fps, gravity, colliders, device)[0]
             state = _released(state, actors, slices, t)
         if t >= min(starts):
             force, gradient = continued(field, state.x, t)
@@ -238,14 +246,14 @@ def _move(
 
 
 def _model(
-    actors: Sequence[_Actor], frame: int, fps: float, gravity: Sequence[float], colliders: Sequence[Collider]
+    actors: Sequence[_Actor], frame: int, fps: float, gravity: Sequence[float], colliders: Sequence[Collider], device: str
 ) -> tuple[Model, list[str]]:
     """The solver's model while all bodies that start after `frame` are held."""
     particles = [dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors]
     speed = max(5.0, 1.5 * max(float(np.linalg.norm(actor.velocity, axis=1).max()) for actor in actors))
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
-        max_substeps=MAX_SUBSTEPS, colliders=colliders,
+        max_substeps=MAX_SUBSTEPS, colliders=colliders, device=device,
     )  # fmt: skip
     return dataclasses.replace(model, substeps=max(model.substeps, MIN_SUBSTEPS)), notes
 

@@ -11,6 +11,7 @@ import torch
 from seeing_wind.engine.conventions import lame
 from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.autograd import simulate
+from seeing_wind.engine.records import Particles
 from tests.engine.mpm.bodies import RUBBER, block
 
 LAWS = ("corotated", "neo_hookean", "von_mises", "viscoplastic")
@@ -164,3 +165,69 @@ def test_a_uniform_wind_is_found_by_descent():
 
     optimiser.step(closure)
     assert torch.allclose(guess.detach(), wind, atol=1e-4)
+
+
+# -- exactly at yield -------------------------------------------------------------------------------------------------------------
+
+SHIFT = {"x0": 1e-6, "v0": 1e-4, "C0": 1e-2, "F0": 1e-7, "acceleration": 1e-1, "gradient": 1e2} | dict.fromkeys(MATERIAL, 1e-5)
+"""Steps of the one-sided differences, those of the material relative: what flows must not go on flowing in the second substep."""
+
+
+def at_yield(law, substeps):
+    """Particles each alone on the grid, so strained, moved and pulled that the first substep ends on the yield surface."""
+    rng = np.random.default_rng(5)
+    count = 6
+    body = Particles(0.2 * np.arange(count)[:, None] * [1.0, 0.0, 0.0], np.full(count, 1e-6), np.zeros(count, bool), 0.01)
+    model, _ = model_for(body, replace(RUBBER, law=law, yield_stress=400.0, viscosity=3.0), 30.0, gravity=(0, 0, 0), max_substeps=1000)
+    # A fifth of the substep: a hundred of them are less than half a period, or the particle would yield again the other way.
+    model = replace(model, substeps=substeps, frame_dt=0.2 * model.frame_dt / model.substeps * substeps)
+    stretches = np.exp(np.array([[0.06, 0.01, -0.05], [0.05, 0.05, -0.04]])).repeat(3, axis=0)[:, None, :] * np.eye(3)
+    inputs = {"x0": body.x, "v0": rng.normal(size=(count, 3)), "F0": rotations(rng, count) @ stretches @ rotations(rng, count)}
+    inputs |= {"acceleration": rng.normal(size=(1, count, 3)), "gradient": 100.0 * rng.normal(size=(1, count, 3, 3))}
+    values = {"youngs_modulus": 2e4, "poisson_ratio": 0.3, "density": 300.0, "yield_stress": 400.0, "viscosity": 3.0}
+    inputs |= {name: value * rng.uniform(0.8, 1.2, size=count) for name, value in values.items()}
+    inputs["C0"] = np.zeros((count, 3, 3))
+    inputs["C0"] = -after_a_substep(model, inputs)[0]
+    inputs["yield_stress"] = (after_a_substep(model, inputs)[1] + inputs["yield_stress"] * np.sqrt(2 / 3)) * np.sqrt(1.5)
+    return (
+        model,
+        inputs,
+        [scale * rng.normal(size=(2, *inputs[name].shape)) for scale, name in zip((1, 1, 0.01, 1), ("x0", "v0", "C0", "F0"))],
+    )
+
+
+def after_a_substep(model, inputs):
+    """C (N, 3, 3) after one substep, and how far |dev tau| (N,) then lies above the yield surface before it flows, in closed form.
+
+    A particle alone keeps its affine velocity but for its stress and the force's gradient: splines sum w x x^T to dx²/4 I.
+    """
+    dt = model.frame_dt / model.substeps
+    mu, lam = lame(inputs["youngs_modulus"], inputs["poisson_ratio"])
+    U, s, _ = np.linalg.svd(inputs["F0"])
+    tau = U @ ((2 * mu[:, None] * np.log(s) + lam[:, None] * np.log(s).sum(1, keepdims=True))[:, :, None] * U.swapaxes(1, 2))
+    C = inputs["C0"] + dt * inputs["gradient"][0] - 4 * dt / (model.dx**2 * inputs["density"])[:, None, None] * tau
+    strain = np.log(np.linalg.svd(inputs["F0"] + dt * C @ inputs["F0"], compute_uv=False))
+    return C, 2 * mu * np.linalg.norm(strain - strain.mean(1, keepdims=True), axis=1) - np.sqrt(2 / 3) * inputs["yield_stress"]
+
+
+@pytest.mark.parametrize("law", PLASTIC)
+@pytest.mark.parametrize("substeps", [1, 10, 100])
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["flowing", "elastic"])
+def test_exactly_at_yield_from_both_sides(law, substeps, side):
+    model, inputs, weights = at_yield(law, substeps)
+    assert np.abs(after_a_substep(model, inputs)[1]).max() < 1e-12 * 400.0
+    inputs["yield_stress"] = inputs["yield_stress"] * (1.0 - side * 1e-12)
+    found, here = gradients(model, inputs, weights), path_of(model, inputs)
+    for name, direction, _ in directions(np.random.default_rng(6), inputs, law):
+        step = SHIFT[name]
+        # Each particle goes to its own side: outwards if it flows already, inwards if it does not.
+        ahead, behind = (after_a_substep(model, inputs | {name: inputs[name] + sign * step * direction})[1] for sign in (1.0, -1.0))
+        turn = np.where(ahead - behind == 0.0, 1.0, side * np.sign(ahead - behind))
+        axis = 1 if name in ("acceleration", "gradient") else 0
+        direction = direction * turn.reshape([-1 if k == axis else 1 for k in range(direction.ndim)])
+        numeric = 0.0
+        for k, share in zip((1, 2, 3, 4), (48, -36, 16, -3)):  # f'(0) from values at 0, h, ... 4 h, of fourth order
+            there = path_of(model, inputs | {name: inputs[name] + k * step * direction})
+            numeric += share * sum((w * (getattr(there, part) - getattr(here, part))).sum() for w, part in zip(weights, "xvCF"))
+        exact = (found[name] * direction).sum()
+        assert exact == pytest.approx(numeric / (12 * step), rel=1e-6), name

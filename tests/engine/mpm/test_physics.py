@@ -93,7 +93,7 @@ def test_a_collision_keeps_momentum_and_angular_momentum():
     momentum = (mass * path.v).sum(axis=1)
     assert np.abs(momentum - momentum[0]).max() < 1e-5 * np.abs(momentum[0]).max()
     about = (mass * (path.x[0] - path.x[0].mean(0)) ** 2).sum() ** 0.5 * (mass * v**2).sum() ** 0.5
-    assert np.abs(angular(-1) - angular(0)).max() < 5e-3 * about
+    assert np.abs(angular(-1) - angular(0)).max() < 1e-12 * about
     assert path.v[-1][64:, 0].mean() > 0.2 and path.v[-1][:64, 0].mean() < 0.8
     assert (mass * path.v[-1] ** 2).sum() < (mass * v**2).sum()
 

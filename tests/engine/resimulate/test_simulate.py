@@ -305,3 +305,8 @@ def test_cancel_stops_between_frames(folder):
 
     with pytest.raises(Cancelled):
         simulate_bodies(Edit((BodyEdit("box", "box.obj", **SOFT),)), uniform(), None, folder, Progress(cancelled=cancelled))
+
+
+def test_the_device_reaches_the_solver(folder):
+    with pytest.raises(UsageError, match="device 'abacus'"):
+        simulate_bodies(Edit((BodyEdit("box", "box.obj", **SOFT),)), uniform(), None, folder, device="abacus")
