@@ -5,9 +5,6 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-import threading
-from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import cv2
@@ -62,34 +59,16 @@ def test_f1_counts_misses_and_false_claims() -> None:
     assert rows["elastoplastic"]["answered"] == 5 and rows["viscoplastic"]["f1"] == 1.0
 
 
-@pytest.fixture
-def model() -> Iterator[str]:
-    """A server that calls everything steel."""
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            asked = json.loads(self.rfile.read(int(self.headers["Content-Length"])))["messages"][0]["content"][0]["text"]
-            numbers = {"density": 7850.0, "youngs_modulus": 2e11, "poisson_ratio": 0.3, "yield_stress": 2.5e8, "viscosity": None}
-            what = {"object": "thing", "material": "steel", "type": "elastoplastic"}
-            text = json.dumps(numbers if "youngs_modulus" in asked else what)
-            data = json.dumps({"choices": [{"message": {"content": text}}]}).encode()
-            self.send_response(200)
-            self.send_header("Content-Length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data)
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    server = HTTPServer(("127.0.0.1", 0), Handler)
-    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_address[1]}/v1"
-    server.shutdown()
-    server.server_close()
+def steel(question: str) -> dict:
+    """What a model answers that calls everything steel."""
+    if "youngs_modulus" in question:
+        return {"density": 7850.0, "youngs_modulus": 2e11, "poisson_ratio": 0.3, "yield_stress": 2.5e8, "viscosity": None}
+    return {"object": "thing", "material": "steel", "type": "elastoplastic"}
 
 
-def test_an_endpoint_is_asked_about_every_picture(model: str, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert benchmark.main(["--endpoint", model, "--model", "any", "--out", str(tmp_path / "a.json")]) == 0
+def test_an_endpoint_is_asked_about_every_picture(server, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    server.answers = [steel]
+    assert benchmark.main(["--endpoint", server.url, "--model", "any", "--out", str(tmp_path / "a.json")]) == 0
     asked = capsys.readouterr().out
     assert len(json.loads((tmp_path / "a.json").read_text())) == 17
     assert benchmark.main(["--answers", str(tmp_path / "a.json")]) == 0

@@ -28,8 +28,8 @@ MATERIAL = {"material": "leaf", "density": 400.0, "youngs_modulus": 1.0e5}
 """As heavy as the leaf, so that the same wind carries it; stiff enough not to tear where it is held."""
 BESIDE = 0.27
 """The ribbons hang that far apart [m]."""
-SEEDS = 140
-"""Native particles."""
+SEEDS = 60
+"""Native particles: few and bright enough to be seen as what they are, not as noise of the picture."""
 
 
 def main(folder: Path) -> None:
@@ -144,8 +144,8 @@ def add_seeds(scene) -> None:
     bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=2, radius=1.0, location=(0.0, 0.0, -50.0))
     seed = bpy.context.object
     seed.name = "Seed"
-    seed.data.materials.append(cloth("Seed", (0.95, 0.93, 0.85)))
-    settings.render_type, settings.instance_object, settings.particle_size = "OBJECT", seed, 0.0035
+    seed.data.materials.append(cloth("Seed", (0.9, 0.45, 0.02)))
+    settings.render_type, settings.instance_object, settings.particle_size = "OBJECT", seed, 0.0065
     for frame in range(scene.frame_start, scene.frame_end + 1):  # fills the point cache
         scene.frame_set(frame)
     bpy.ops.ptcache.bake_all(bake=True)

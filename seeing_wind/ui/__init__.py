@@ -16,6 +16,7 @@ from . import (
     preferences,
     properties,
     status,
+    takes,
 )
 
 CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *job_operator.CLASSES, *panels.CLASSES, *panel_field.CLASSES)
@@ -28,6 +29,7 @@ def register() -> None:
     bpy.types.Scene.seeing_wind = bpy.props.PointerProperty(type=properties.SEEING_WIND_PG_scene)
     freshness.register()
     job_operator.register()
+    takes.register()
     commands.register()
     bpy.app.timers.register(_look_round, first_interval=0.0)
 
@@ -37,6 +39,7 @@ def unregister() -> None:
     if bpy.app.timers.is_registered(_look_round):
         bpy.app.timers.unregister(_look_round)
     commands.unregister()
+    takes.unregister()
     job_operator.unregister()
     freshness.unregister()
     status.forget_all()

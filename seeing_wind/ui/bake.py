@@ -89,19 +89,26 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
     if way != TRANSFORM:
         _check_mesh(obj, vertices.shape[1])
     on_top = awake_on_top(obj)
-    clear_bake(obj)
     record: dict[str, Any] = {"way": way, "stamp": plan.stamp, "slept": []}
     if way == TRANSFORM:
+        clear_bake(obj)
         record["former"] = bake_rigid.bake(obj, fit, chosen, frames, metres_per_unit(scene))
     else:
-        record["slept"] = _put_to_sleep(obj, on_top)
         local = _in_object_space(obj, vertices[chosen] / metres_per_unit(scene), frames, scene)
-        if way == SHAPE_KEYS:
-            bake_shapes.bake(obj, local, chosen, frames)
-        elif way == POINT_CACHE:
-            bake_cache.bake_pc2(obj, local, frames, plan.cache)
-        else:
-            bake_cache.bake_alembic(obj, local, frames, plan.cache, scene)
+        # a full disk shows here, while the object still has its former bake
+        written = bake_cache.write_cache(local, plan.cache) if way == POINT_CACHE else None
+        clear_bake(obj)
+        record["slept"] = _put_to_sleep(obj, on_top)
+        try:
+            if way == SHAPE_KEYS:
+                bake_shapes.bake(obj, local, chosen, frames)
+            elif way == POINT_CACHE:
+                bake_cache.show_pc2(obj, written, frames)
+            else:
+                bake_cache.bake_alembic(obj, local, frames, plan.cache, scene)
+        except Exception:
+            _wake(obj, record["slept"])
+            raise
     obj[MARK] = json.dumps(record)
     return Baked(way, len(chosen), fit.residual)
 
@@ -133,10 +140,7 @@ def clear_bake(obj: bpy.types.Object) -> bool:
         bake_rigid.clear(obj, record["former"])
     else:
         bake_cache.clear(obj)
-    for name, viewport, render in record["slept"]:
-        modifier = obj.modifiers.get(name)
-        if modifier is not None:
-            modifier.show_viewport, modifier.show_render = viewport, render
+    _wake(obj, record["slept"])
     del obj[MARK]
     return True
 
@@ -279,12 +283,21 @@ def _put_to_sleep(obj: bpy.types.Object, on_top: list[str]) -> list[list[Any]]:
     return asleep
 
 
+def _wake(obj: bpy.types.Object, asleep: list[list[Any]]) -> None:
+    for name, viewport, render in asleep:
+        modifier = obj.modifiers.get(name)
+        if modifier is not None:
+            modifier.show_viewport, modifier.show_render = viewport, render
+
+
 def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
-    """World coordinates (T+1, V, 3) in scene units -> the object's own, at each picture's frame where the object moves."""
-    lineage = [obj]
+    """World coordinates (T+1, V, 3) in scene units -> the object's own without any bake, at each picture's frame where the object moves."""
+    mark, lineage = mark_of(obj), [obj]
     while lineage[-1].parent is not None:
         lineage.append(lineage[-1].parent)
-    if any(each.animation_data or each.constraints or each.rigid_body for each in lineage):
+    if mark is not None and mark["way"] == TRANSFORM:
+        matrices = [Matrix(mark["former"]["world"])] * len(vertices)
+    elif any(each.animation_data or each.constraints or each.rigid_body for each in lineage):
         matrices = _matrices_over_time(obj, frames, scene)
     else:
         bpy.context.view_layer.update()

@@ -24,16 +24,23 @@ def write_pc2(path: Path, vertices: np.ndarray) -> None:
         handle.write(np.ascontiguousarray(vertices, dtype="<f4").tobytes())
 
 
-def bake_pc2(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, cache: Path) -> None:
-    """Give a mesh the motion of a PC2 file, with two keyframes of the picture that is shown.
+def write_cache(local: np.ndarray, cache: Path) -> Path:
+    """Write vertices (T+1, V, 3) in the object's own coordinates as a PC2 file. Returns its path.
 
     Args:
-        local: (T+1, V, 3) in the object's own coordinates, shown at `frames`.
         cache: path of the file without suffix. Its content becomes part of the name, so that an undo finds the former file as it was.
+
+    Raises:
+        TakeError: when it cannot be written.
     """
     digest = hashlib.sha256(np.ascontiguousarray(local, dtype="<f4").tobytes()).hexdigest()[:8]
     path = cache.with_name(f"{cache.name}-{digest}.pc2")
     write_pc2(path, local)
+    return path
+
+
+def show_pc2(obj: bpy.types.Object, path: Path, frames: np.ndarray) -> None:
+    """Give a mesh the motion of a PC2 file, with two keyframes of the picture that is shown: its pictures stand at `frames` (T+1,)."""
     modifier = obj.modifiers.new(MODIFIER, "MESH_CACHE")
     modifier.name = MODIFIER
     modifier.cache_format, modifier.filepath = "PC2", shown_path(path)
@@ -41,14 +48,18 @@ def bake_pc2(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, cache
     modifier.time_mode, modifier.play_mode, modifier.interpolation = "FRAME", "CUSTOM", "LINEAR"
     obj.modifiers.move(len(obj.modifiers) - 1, 0)
     data_path = modifier.path_from_id("eval_frame")
-    for frame, picture in ((frames[0], 0.0), (frames[-1], len(local) - 1.0)):
+    for frame, picture in ((frames[0], 0.0), (frames[-1], len(frames) - 1.0)):
         modifier.eval_frame = picture
         obj.keyframe_insert(data_path, frame=float(frame))
     make_linear(obj, [data_path])
 
 
 def bake_alembic(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, cache: Path, scene: bpy.types.Scene) -> None:
-    """Give a mesh the motion of an Alembic file, which other programs read too. Arguments as `bake_pc2`; frames must be whole.
+    """Give a mesh the motion of an Alembic file, which other programs read too.
+
+    Args:
+        local: (T+1, V, 3) in the object's own coordinates, shown at `frames`, which must be whole.
+        cache: path of the file without suffix.
 
     Raises:
         UsageError: when Blender could not write the file.

@@ -12,9 +12,10 @@ import numpy as np
 
 from ..engine.errors import TakeError
 from ..engine.take import Take
-from . import bake_rigid
+from . import bake_rigid, takes
 from .bake import AUTO, TRANSFORM, Baked, Plan, awake_on_top, bake_motion, baked_copy, clear_bake, mark_of
 from .scene_export import at_rest
+from .take_reading import simulated_motion
 from .units import metres_per_unit
 
 HIDDEN = "seeing_wind_replaced"
@@ -46,7 +47,7 @@ def bake_body(
         UsageError: as `bake_motion`.
     """
     take, settings = Take(folder), scene.seeing_wind
-    arrays = take.read_arrays(f"bodies/{body.result}.npz")
+    arrays = simulated_motion(take, body.result)
     vertices, fps = arrays["vertices"] + np.asarray(settings.offset), float(arrays["fps"])
     source = settings.recovered_object if body.is_recovered else body.object
     if source is None:
@@ -163,13 +164,14 @@ def bake_bodies(scene: bpy.types.Scene, name: str = "", force: bool = False) -> 
     """
     settings = scene.seeing_wind
     bodies = [body for body in settings.bodies if body.result]
-    if not settings.simulated_take or not bodies:
+    if not bodies:
         raise TakeError("Nothing is simulated yet.", "Run Re-simulate first.")
+    folder = takes.simulated(settings)
     chosen = _named(bodies, name)
-    missing = [body.name for body in chosen if not (Path(settings.simulated_take) / "bodies" / f"{body.result}.npz").is_file()]
+    missing = [body.name for body in chosen if not (folder / "bodies" / f"{body.result}.npz").is_file()]
     if missing:
-        raise TakeError(f"{settings.simulated_take} holds no motion of {', '.join(missing)}.", "Run Re-simulate again.")
-    done = [bake_body(scene, body, Path(settings.simulated_take), plan_of(scene), force) for body in chosen]
+        raise TakeError(f"{folder} holds no motion of {', '.join(missing)}.", "Run Re-simulate again.")
+    done = [bake_body(scene, body, folder, plan_of(scene), force) for body in chosen]
     if len(chosen) == len(bodies):
         settings.baked_digest = settings.simulated_digest + stamp_of_bakes(scene)
     return done

@@ -54,6 +54,10 @@ def setup_clip_scene(
     _check_camera(camera, frames)
     clip = _load_clip(clip_path, first_frame, frame_start)
     scene.frame_start, scene.frame_end = frame_start, frame_start + frames
+    # a scene's own range cannot begin before 0; the preview range, which playback follows, can
+    scene.use_preview_range = frame_start < 0
+    if scene.use_preview_range:
+        scene.frame_preview_start, scene.frame_preview_end = frame_start, frame_start + frames
     scene.render.fps = max(1, round(fps))
     scene.render.fps_base = scene.render.fps / fps
     scene.render.resolution_x, scene.render.resolution_y = int(camera["width"]), int(camera["height"])

@@ -9,14 +9,18 @@ from __future__ import annotations
 import os
 import subprocess
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ..engine.errors import SeeingWindError, UsageError
-from . import batch, composite, job, results, worker_calls
+from . import job, takes, worker_calls
 from .console import Console
 from .engine_environment import engine_python
 from .preferences import asked_model
+
+if TYPE_CHECKING:
+    from . import batch
 
 NAME = "seeing_wind"
 VERBS = ("recover", "recover-trajectories", "sample", "resimulate", "export", "identify", "doctor")
@@ -58,6 +62,8 @@ def _batch(options: list[str], console: Console) -> int:
     Raises:
         UsageError: for wrong options, or a file that is none.
     """
+    from . import batch
+
     words = [word for word in options if word != "--again"]
     if len(words) != 1 or words[0].startswith("-"):
         raise UsageError("batch takes one file of jobs.", f"blender --command {NAME} batch JOBS.toml [--again]")
@@ -77,6 +83,8 @@ def _job(python: str, each: batch.Job, console: Console) -> int:
     if each.save is not None:
         _save_file(str(each.save))
     if each.render is not None:
+        from . import composite
+
         composite.set_up(bpy.context.scene)
         composite.render(bpy.context.scene, each.render)
     return 0
@@ -90,7 +98,7 @@ def _split(argv: list[str]) -> tuple[str, list[str], str]:
     """
     verb, options, save = argv[0], [], ""
     if verb not in VERBS:
-        raise UsageError(f"There is no verb '{verb}'.", f"Verbs: {', '.join(VERBS)}.")
+        raise UsageError(f"There is no verb '{verb}'.", f"Verbs: {', '.join(VERBS)}, batch.")
     rest = iter(argv[1:])
     for word in rest:
         if word == "--save" or word.startswith("--save="):
@@ -126,6 +134,8 @@ def _save(python: str, verb: str, options: list[str], save: str, console: Consol
 
 def _build(python: str, source: Path, clip: str, edit: Path | None, console: Console) -> int:
     """An empty file with the results of a take, and of a re-simulation; returns the exit code."""
+    from . import results
+
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     if not hasattr(scene, "seeing_wind"):  # factory settings switch extensions off
@@ -137,7 +147,7 @@ def _build(python: str, source: Path, clip: str, edit: Path | None, console: Con
     if last["outcome"] != "done":
         return job.CANCELLED if last["outcome"] == "cancelled" else 1
     results.build(scene, source, clip)
-    settings.recovered_take, settings.recovered_digest = str(source), "loaded"
+    takes.show(settings, source, "loaded")
     if edit is not None:
         settings.simulated_take, settings.simulated_digest = str(edit), "loaded"
         results.import_bodies(scene, edit, settings.frame_start)

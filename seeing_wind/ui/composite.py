@@ -17,6 +17,7 @@ import numpy as np
 
 from ..engine.errors import UsageError
 from ..engine.take import Take
+from . import takes
 from .clip_scene import picture_image
 from .field_legend import MARK as LEGEND
 
@@ -85,7 +86,16 @@ def is_set_up(scene: bpy.types.Scene) -> bool:
 
 
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
-    """Render the whole range into a video (H.264 in MP4), or the current frame into a PNG. Without a window it waits."""
+    """Render the whole range into a video (H.264 in MP4), or the current frame into a PNG. Without a window it waits.
+
+    Raises:
+        UsageError: when the clip begins before frame 0, where Blender renders nothing.
+    """
+    first = scene.seeing_wind.frame_start
+    if first < 0 and not still:
+        raise UsageError(
+            f"The clip begins at frame {first}, and Blender renders videos from frame 0 on.", "Set First Frame to 1 and press Reload."
+        )
     path.parent.mkdir(parents=True, exist_ok=True)
     image, ffmpeg = scene.render.image_settings, scene.render.ffmpeg
     if hasattr(image, "media_type"):  # from Blender 5.0
@@ -104,13 +114,16 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
 
 
 def _plate(settings: bpy.types.PropertyGroup) -> bpy.types.Image:
-    take = Take(settings.recovered_take) if settings.recovered_take else None
+    take = Take(takes.shown(settings)) if settings.recovered_take else None
     if take is None or not take.file("observation.npz").is_file():
         raise UsageError("There is no clean plate.", "It comes from recovering a clip; use the clip itself as background.")
+    plate = take.read_arrays("observation.npz").get("background")
+    if plate is None or plate.ndim != 3:
+        raise UsageError(f"{take.path} holds no clean plate.", "Run Recover again, or use the clip itself as background.")
     former = bpy.data.images.get(PLATE)
     if former is not None:
         bpy.data.images.remove(former)
-    return picture_image(PLATE, np.asarray(take.read_arrays("observation.npz")["background"]))
+    return picture_image(PLATE, plate)
 
 
 def _legends(scene: bpy.types.Scene) -> list[bpy.types.Object]:

@@ -15,6 +15,7 @@ from ..engine.records import Attachment
 from ..engine.take import Take, from_arrays
 from .animation import values_over
 from .scene_export import at_rest, export_mesh, export_pins, pinned_vertices, write_array, write_edit, write_pins
+from .take_reading import field_summary
 
 
 def export_edit(scene: bpy.types.Scene, source: Path, folder: Path) -> Path:
@@ -40,7 +41,7 @@ def export_edit(scene: bpy.types.Scene, source: Path, folder: Path) -> Path:
         colliders = _colliders(scene, folder)
     finally:
         scene.frame_set(at)
-    strength = field_strengths(scene, int(Take(source).read_json("report.json")["frames"]))
+    strength = field_strengths(scene, field_summary(Take(source)).frames)
     return write_edit(folder, bodies, _gravity(settings, source), colliders, field_strength=strength, contact=settings.contact)
 
 

@@ -22,7 +22,9 @@ def recover_digest(scene: bpy.types.Scene) -> str:
     # files that are made from the scene count by what they are made of
     given = [option for option in options if os.path.isabs(option) and native.INPUTS not in option and os.path.isfile(option)]
     files = [os.stat(option) for option in given]
-    return _digest(options, [(entry.st_size, entry.st_mtime_ns) for entry in files], native.stamp(scene))
+    # by name only, so that a project can be moved
+    named = [os.path.basename(option) if os.path.isabs(option) else option for option in options]
+    return _digest(named, [(entry.st_size, entry.st_mtime_ns) for entry in files], native.stamp(scene))
 
 
 def edit_digest(scene: bpy.types.Scene) -> str:
@@ -37,7 +39,7 @@ def edit_digest(scene: bpy.types.Scene) -> str:
     colliders = [(each.kind, each.friction, _geometry(each.object)) for each in settings.colliders if each.object is not None]
     floor = (settings.floor_height, settings.floor_friction) if settings.use_floor else None
     scene_wide = (strength, gravity, settings.contact, colliders, floor, tuple(settings.offset), metres_per_unit(scene))
-    return _digest(settings.recovered_digest, settings.recovered_take, moved, *scene_wide)
+    return _digest(settings.recovered_digest, settings.recovered_stamp or settings.recovered_take, moved, *scene_wide)
 
 
 def refresh(scene: bpy.types.Scene) -> None:
@@ -90,16 +92,30 @@ def _geometry(obj: bpy.types.Object | None) -> tuple:
     """Shape and place of a mesh object before any bake: neither playing a bake nor scrubbing changes it."""
     if obj is None or obj.type != "MESH":
         return ()
+    # neither name nor session id: the one changes at a renaming, the other whenever the file is opened
+    return (len(obj.data.vertices), _once(obj, "", lambda: _coordinates(obj.data)), _place(obj))
+
+
+def _place(obj: bpy.types.Object) -> list:
+    """Where an object stands, the same at every frame; its keyframes where it moves by itself. Those of a bake do not count."""
     mark = mark_of(obj)
     if mark is not None and mark["way"] == "TRANSFORM":
-        place = mark["former"]["world"]
-    elif obj.animation_data is not None and obj.animation_data.action is not None:
-        place = keyframes(obj)
-    else:
-        place = obj.matrix_world
-    flat = [round(value, 5) for row in place for value in row] if place and not isinstance(place[0], tuple) else place
-    # neither name nor session id: the one changes at a renaming, the other whenever the file is opened
-    return (len(obj.data.vertices), _once(obj, "", lambda: _coordinates(obj.data)), flat)
+        return _rounded(mark["former"]["world"])
+    lineage, moves = [obj], [_keys_of_place(obj)]
+    while lineage[-1].parent is not None:
+        lineage.append(lineage[-1].parent)
+        moves.append(_keys_of_place(lineage[-1]))
+    if not any(moves) and not any(each.constraints or each.rigid_body for each in lineage):
+        return _rounded(obj.matrix_world)
+    return [(keys or _rounded(each.matrix_basis), _rounded(each.matrix_parent_inverse)) for each, keys in zip(lineage, moves)]
+
+
+def _keys_of_place(obj: bpy.types.Object) -> list:
+    return [curve for curve in keyframes(obj) if curve[0].startswith(("location", "rotation", "scale", "delta_"))]
+
+
+def _rounded(matrix) -> list[float]:
+    return [round(value, 5) for row in matrix for value in row]
 
 
 def _weights(obj: bpy.types.Object, group: str) -> str:

@@ -77,6 +77,9 @@ class JobOperator:
         """Start the job: with a window return at once, without one wait for it."""
         scene, self.digest = context.scene, ""
         self.key = scene.session_uid
+        if scene.library is not None:
+            self.report({"ERROR"}, " ".join(status.LINKED))
+            return {"CANCELLED"}
         if self.key in jobs:
             self.report({"ERROR"}, "A job of this scene is running. Cancel it first.")
             return {"CANCELLED"}
@@ -104,6 +107,8 @@ class JobOperator:
         if running is None or scene is None:  # ended from outside, or its scene was deleted
             self._stop(context)
             return {"CANCELLED"}
+        if scene.seeing_wind.unfinished != self.step:  # an undo has taken it back
+            scene.seeing_wind.unfinished = self.step
         try:
             self._take_in(running)
             if running.exit is None:

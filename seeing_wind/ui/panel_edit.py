@@ -100,7 +100,8 @@ def draw_bake(column, settings) -> None:
 
 def is_gone(obj, scene) -> bool:
     """Whether the user has deleted an object: one that a list still names lives on outside all scenes."""
-    return obj is None or scene.objects.get(obj.name) != obj
+    # by identity: a linked object and one of this file may have the same name
+    return obj is None or scene not in obj.users_scene
 
 
 class SEEING_WIND_UL_bodies(bpy.types.UIList):

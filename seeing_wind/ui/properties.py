@@ -336,15 +336,19 @@ class SEEING_WIND_PG_scene(ClipOptions, EditOptions, bpy.types.PropertyGroup):
         precision=2,
     )  # fmt: skip
 
-    frame_start: IntProperty(name="First Frame", default=1, description="Scene frame of the clip's first picture")
+    frame_start: IntProperty(
+        name="First Frame", default=1, description="Scene frame of the clip's first picture; takes effect at the next Recover or Reload"
+    )
     field_resolution: IntProperty(
-        name="Field Nodes", default=6, min=2, max=12, description="Wind sources along each side of the field object"
+        name="Field Nodes", default=7, min=2, max=12, description="Wind sources along each side of the field object"
     )
 
     # What was made, and with which settings: part of the file and of its undo.
     unfinished: StringProperty(options={"HIDDEN"}, description="The step whose job runs: says after a reopening that it was cut off")
     recovered_digest: StringProperty(options={"HIDDEN"})
-    recovered_take: StringProperty(options={"HIDDEN"})
+    recovered_take: StringProperty(options={"HIDDEN"}, description="The take that the scene shows")
+    recovered_stamp: StringProperty(options={"HIDDEN"}, description="Of its field: tells when another one has taken its place")
+    started_take: StringProperty(options={"HIDDEN"}, description="Where the last Recover of this scene went")
     field_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
     arrows_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
     recovered_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})

@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 
 from ..engine.errors import TakeError
-from ..engine.records import Camera, Surface
-from ..engine.take import Take, from_arrays
+from ..engine.take import Take
 from . import field_legend, field_samples, job, physics_nodes, worker_calls
 from .bake import bake_shape_keys
 from .clip_scene import create_recovered_object, setup_clip_scene
@@ -18,29 +17,14 @@ from .field_arrows import create_arrows
 from .field_kernels import lattice
 from .field_legend import create_legend
 from .field_object import create_field_object
+from .native.clips import absolute
+from .take_reading import FieldSummary, Seen, field_summary, read_seen, simulated_motion, trajectory
 from .units import metres_per_unit
 
 COLLECTION = "Seeing Wind"
 POINTS, SAMPLES = "blender_points.npy", "blender_samples.npz"
 RIDING = 64
 """Arrows that ride on the recovered object, at most: more of them hide it."""
-
-
-@dataclass(frozen=True)
-class FieldSummary:
-    """What the scene needs to know of a recovered field."""
-
-    box: np.ndarray
-    """(2, 3) lower and upper corner [m]."""
-    fps: float
-    frames: int
-    """T."""
-    density: float
-    """Of the recovered material [kg/m³]."""
-    clip: str
-    """Path of the video; "" for a field from trajectories."""
-    first_frame: int
-    """Index in the video of picture 0."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +58,7 @@ def places(take: Take, resolution: int) -> Places:
     box = field.box
     nodes = lattice(box, resolution)
     inset = 0.5 * (box[1] - box[0]) / max(resolution - 1, 1)
-    x = take.read_arrays("trajectory.npz")["x"][: field.frames]
+    x = trajectory(take, field)[: field.frames]
     return Places(nodes, lattice(np.stack([box[0] + inset, box[1] - inset]), resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
 
 
@@ -94,28 +78,31 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     Args:
         scene: changed; see `clip_scene.setup_clip_scene` for what of it.
         folder: of the take, sampled before (`sampling`).
-        clip: path of the video; by default the one that the take names.
+        clip: path of the video; by default the one that the take names, or the one of that name in the settings or beside the .blend file.
 
     Raises:
         TakeError: when the take lacks something; the scene is then as before.
+        ClipError: when Blender cannot read the clip; likewise.
     """
     settings, take = scene.seeing_wind, Take(folder)
     field, where, samples = field_summary(take), places(take, settings.field_resolution), take.read_arrays(SAMPLES)
-    if samples["force_density"].shape != (field.frames, where.rows().shape[1], 3):
+    shape = (field.frames, where.rows().shape[1])
+    if [np.shape(samples.get(name)) for name in ("force_density", "confidence")] != [(*shape, 3), shape]:
         raise TakeError(f"The samples in {folder} do not fit its field.", "Load the results again.")
+    if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence")):
+        raise TakeError(f"The field in {folder} is not finite everywhere.", "Run Recover again.")
     at_nodes, at_probes, at_riding = where.split(samples["force_density"])
     sure_nodes, _, sure_riding = where.split(samples["confidence"])
-    body = take.read_arrays("particles.npz") if take.file("particles.npz").is_file() else {}
-    seen = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
+    seen = read_seen(take, field)
+    if seen is not None:
+        path = clip or _clip(settings, field)
+        settings.camera_object = setup_clip_scene(
+            scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start
+        )
 
-    followers = physics_nodes.companions(settings.field_object)
+    followers, groups = physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
     remove(settings)
     collection = _collection(scene)
-    if seen:
-        camera = vars(from_arrays(Camera, seen, "camera."))
-        settings.camera_object = setup_clip_scene(
-            scene, clip or field.clip, camera, field.fps, field.first_frame, field.frames, settings.frame_start
-        )
     settings.field_object = create_field_object(
         scene, "Recovered Wind", where.nodes, at_nodes, fps=field.fps, density=field.density, frame_start=settings.frame_start,
         probes=where.probes, probe_vectors=at_probes, confidence=sure_nodes, take=folder, collection=collection,
@@ -132,12 +119,17 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         "Recovered Wind Legend", settings.arrows_object["seeing_wind_peak"], aside, 0.6 * float((high - low).max()), collection,
         settings.field_object,
     )  # fmt: skip
-    if body and seen:
-        settings.recovered_object = _recovered(scene, take, body, seen["image"], field.fps, collection)
+    if seen is not None and seen.surface is not None:
+        settings.recovered_object = _recovered(scene, seen, field.fps, collection)
+        _restore_groups(settings.recovered_object, groups)
 
 
 def remove(settings: bpy.types.PropertyGroup) -> None:
-    """Take former results out of the file; what the user has deleted already is no error. Edits and the camera stay."""
+    """Take former results out of the file; what the user has deleted already is no error. Edits and the camera stay.
+
+    A scene that was copied from another one shares its objects: these stay with the other.
+    """
+    _leave_to_others(settings)
     for name in ("field_object", "arrows_object", "recovered_object"):
         obj = getattr(settings, name)
         if obj is not None:
@@ -154,34 +146,56 @@ def remove(settings: bpy.types.PropertyGroup) -> None:
                 bpy.data.meshes.remove(data)
 
 
-def field_summary(take: Take) -> FieldSummary:
-    """Read it from the report.
-
-    Raises:
-        TakeError: when the report is missing, or from another version.
-    """
-    report = take.read_json("report.json")
-    try:
-        box, clip = np.asarray(report["box"], dtype=np.float64), report.get("clip", {})
-        return FieldSummary(
-            box,
-            float(report["fps"]),
-            int(report["frames"]),
-            float(report["material"]["density"]),
-            clip.get("path", ""),
-            int(clip.get("first_frame", 0)),
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise TakeError(f"The report of {take.path} does not describe its field ({error}).", "Run Recover again.") from error
+def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
+    scene, names = settings.id_data, ("field_object", "arrows_object", "recovered_object")
+    others = [other for other in bpy.data.scenes if other != scene]
+    theirs = {getattr(other.seeing_wind, name) for other in others for name in names}
+    shared = [name for name in names if getattr(settings, name) is not None and getattr(settings, name) in theirs]
+    for name in shared:
+        setattr(settings, name, None)
+    if shared:
+        held = {collection for other in others for collection in other.collection.children_recursive}
+        for collection in [each for each in scene.collection.children if each.get("seeing_wind") and each in held]:
+            scene.collection.children.unlink(collection)
 
 
-def _recovered(
-    scene: bpy.types.Scene, take: Take, body: dict[str, np.ndarray], picture: np.ndarray, fps: float, collection: bpy.types.Collection
-) -> bpy.types.Object:
-    surface = from_arrays(Surface, body, "surface.")
-    obj = create_recovered_object(scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, picture, collection)
-    bake_shape_keys(obj, surface.attachment.follow(take.read_arrays("trajectory.npz")["x"]), scene.seeing_wind.frame_start, fps, scene)
+def _clip(settings: bpy.types.PropertyGroup, field: FieldSummary) -> str:
+    """The clip of a take, which may have been moved with the .blend file since."""
+    named = Path(field.clip)
+    candidates = [Path(absolute(settings.clip))] if settings.clip else []
+    if bpy.data.filepath:
+        candidates.append(Path(bpy.data.filepath).with_name(named.name))
+    if named.is_file():
+        return field.clip
+    return str(next((each for each in candidates if each.name == named.name and each.is_file()), named))
+
+
+def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.types.Collection) -> bpy.types.Object:
+    surface = seen.surface
+    obj = create_recovered_object(scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.picture, collection)
+    bake_shape_keys(obj, seen.motion, scene.seeing_wind.frame_start, fps, scene)
     return obj
+
+
+def _groups(obj: bpy.types.Object | None) -> tuple[int, dict[str, list[tuple[int, float]]]]:
+    """Vertex groups that the user has made on the clip's object: vertices of the mesh, and per group indices with their weights."""
+    if obj is None:
+        return 0, {}
+    members: dict[str, list[tuple[int, float]]] = {group.name: [] for group in obj.vertex_groups}
+    names = [group.name for group in obj.vertex_groups]
+    for vertex in obj.data.vertices:
+        for element in vertex.groups:
+            members[names[element.group]].append((vertex.index, element.weight))
+    return len(obj.data.vertices), members
+
+
+def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tuple[int, float]]]]) -> None:
+    """On a mesh of other vertices they would mean something else."""
+    count, members = former
+    for name, weighted in members.items() if count == len(obj.data.vertices) else ():
+        group = obj.vertex_groups.new(name=name)
+        for index, weight in weighted:
+            group.add([index], weight, "REPLACE")
 
 
 def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
@@ -200,7 +214,7 @@ def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> lis
     """All bodies of a re-simulation as new objects with their motion, for files that are made without a session before."""
     take, made = Take(folder), []
     for path in sorted(take.file("bodies").glob("*.npz")):
-        arrays = take.read_arrays(f"bodies/{path.name}")
+        arrays = simulated_motion(take, path.stem)
         mesh = bpy.data.meshes.new(path.stem)
         mesh.from_pydata(arrays["vertices"][0].tolist(), [], arrays["triangles"].tolist())
         mesh.update()

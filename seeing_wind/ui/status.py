@@ -25,6 +25,8 @@ class State(StrEnum):
 STEPS = ("clip", "object", "recover", "edit", "resimulate", "bake")
 """In the order of the work."""
 
+LINKED = ("This scene is linked from another file and cannot be changed here.", "Work in a scene of this file.")
+
 SPANS = {"observe": (0.0, 0.15), "build": (0.15, 0.25), "recover": (0.25, 0.85), "distill": (0.85, 0.95), "report": (0.95, 1.0)}
 """Which part of the whole bar a stage of `recover` fills; other stages fill it all."""
 
@@ -45,7 +47,9 @@ class Step:
     digest: str = ""
     """While failed: the settings that failed. Others make the failure a thing of the past."""
     started: float = 0.0
-    """While running: when it began [s of the monotonic clock]."""
+    """While running: when it began, or when it was through with what an earlier run had finished [s of the monotonic clock]."""
+    inherited: float = 0.0
+    """While running: the part of `fraction` that an earlier run had finished."""
     residual: float | None = None
     """While running: the recovery's latest."""
 
@@ -107,6 +111,9 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
         first, last = SPANS.get(message.get("stage", ""), (0.0, 1.0))
         entry.fraction = first + (last - first) * min(max(float(message.get("fraction", 0.0)), 0.0), 1.0)
         entry.message = str(message.get("message", "")) or str(message.get("stage", ""))
+        if entry.message == KEPT:
+            entry.fraction = entry.inherited = last
+            entry.started = time.monotonic()
         if "residual" in message:
             entry.residual = float(message["residual"])
     elif kind == "warning":
@@ -120,16 +127,20 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
     return True
 
 
+KEPT = "already done"
+"""What the engine says of a stage that an earlier run has finished."""
+
 EARLY = 0.03
 """Share of a job under which nothing is said of the time it still takes."""
 
 
 def remaining(step: Step, now: float | None = None) -> float | None:
-    """Seconds that a running step still takes if it goes on as so far; None while that cannot be said."""
-    if step.state != State.RUNNING or not EARLY <= step.fraction < 1.0:
+    """Seconds that a running step still takes if it goes on as so far in this run; None while that cannot be said."""
+    done = step.fraction - step.inherited
+    if step.state != State.RUNNING or done < EARLY or step.fraction >= 1.0:
         return None
     passed = (time.monotonic() if now is None else now) - step.started
-    return passed * (1.0 - step.fraction) / step.fraction
+    return passed * (1.0 - step.fraction) / done
 
 
 def in_words(seconds: float) -> str:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-import tempfile
 from pathlib import Path
 
 import bpy
@@ -12,6 +10,7 @@ import bpy
 from ..engine.errors import ClipError, ObjectError, UsageError
 from . import native
 from .native.clips import absolute, as_pattern
+from .takes import take_folder
 from .units import metres_per_unit
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,20 +33,6 @@ def environment(key: str = "") -> dict[str, str]:
     if key:
         kept[KEY_VARIABLE] = key
     return kept | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1", "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-
-
-def take_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """Where the results go: the user's choice, else CLIP.take beside the .blend, or in the temporary folder while it is unsaved."""
-    if settings.take:
-        return Path(absolute(settings.take))
-    stem = re.sub(r"[^\w.-]+", "_", Path(bpy.path.abspath(settings.clip)).stem) or "clip"
-    home = Path(bpy.data.filepath).parent if bpy.data.filepath else Path(tempfile.gettempdir()) / "seeing_wind"
-    return home / f"{stem}.take"
-
-
-def edit_folder(take: Path, edit: str = "") -> Path:
-    """Where the re-simulation of a take goes: beside it. `edit` names one of several."""
-    return take.with_name(f"{take.name.removesuffix('.take')}.{edit or 'edit'}.take")
 
 
 def clip_options(settings: bpy.types.PropertyGroup) -> list[str]:

@@ -3,7 +3,8 @@
 window.sh prepares SEEING_WIND_PYTHON (a stand-in for the engine) and SEEING_WIND_CLIP. Draws a box over the camera's background and in the
 Movie Clip Editor, cancels one with Esc, then recovers with the modal operator: progress, cancel, again, done, undo and redo. With
 SEEING_WIND_REAL (a Python with the engine) and SEEING_WIND_SCENE (a folder that a sample scene's make.py wrote) it cancels and resumes a
-real recovery too. Ends Blender with exit code 0, or 9 at the first thing that is not as it should be.
+real recovery too. At the end it prints what the panels' `draw` has cost. Ends Blender with exit code 0, or 9 at the first thing that is not
+as it should be.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,6 +30,25 @@ BOX = (20.0, 16.0, 52.0, 48.0)
 PATIENCE = 60.0
 """Seconds for any one thing to happen: a software screen on a busy machine is slow."""
 
+drawn: dict[str, list[float]] = {}
+"""Processor time of each panel's draws [s]."""
+
+
+def watched(cls: type):
+    """The panel's `draw`, with a note of its processor time."""
+    draw = cls.draw
+
+    def timed(self, context):
+        began = time.process_time()
+        draw(self, context)
+        drawn.setdefault(cls.bl_idname, []).append(time.process_time() - began)
+
+    return timed
+
+
+for panel in ui.CLASSES:
+    if issubclass(panel, bpy.types.Panel):
+        panel.draw = watched(panel)
 ui.register()
 window = bpy.context.window_manager.windows[0]
 
@@ -172,6 +193,8 @@ def story() -> Iterator[float]:
     area = largest_area()
     area.spaces.active.show_region_ui = True
     yield 1.0
+    next(region for region in area.regions if region.type == "UI").active_panel_category = "Seeing Wind"
+    yield 1.0
     yield from draw_box(area)
     yield from escape(area)
     bpy.context.scene.seeing_wind.box = (0.0, 0.0, 0.0, 0.0)
@@ -187,6 +210,13 @@ def story() -> Iterator[float]:
         yield from resume_a_real_one(area)
 
 
+def tell_costs() -> None:
+    """With Blender's own layout; the middle one of all draws, since a first draw loads icons and fonts."""
+    middle = {name: sorted(seconds)[len(seconds) // 2] for name, seconds in drawn.items()}
+    for name in sorted(middle, key=middle.get, reverse=True):
+        print(f"    {1e3 * middle[name]:.3f} ms  draw of {name.removeprefix('SEEING_WIND_PT_')}, {len(drawn[name])} times")
+
+
 steps = story()
 
 
@@ -195,6 +225,7 @@ def advance() -> float:
     try:
         return next(steps)
     except StopIteration:
+        tell_costs()
         code = 0
     except Exception:
         traceback.print_exc()

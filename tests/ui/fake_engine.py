@@ -29,7 +29,7 @@ def recover(options: list[str]) -> None:
     """A flat square of particles that drifts to the right."""
     from seeing_wind.engine.conventions import front_view
     from seeing_wind.engine.records import Attachment, Camera, Particles, Surface
-    from seeing_wind.engine.take import Take, to_arrays
+    from seeing_wind.engine.take import Take, stamp_of, to_arrays
 
     take = Take(options[options.index("--take") + 1])
     side = np.linspace(-0.2, 0.2, 4)
@@ -52,7 +52,8 @@ def recover(options: list[str]) -> None:
         path.write_bytes(b"no field")
     report = {"box": [[-0.5, -0.3, -0.5], [0.7, 0.3, 0.6]], "fps": FPS, "frames": FRAMES, "material": {"density": DENSITY}}
     take.write_json("report.json", {**report, "clip": {"path": options[0], "first_frame": 0}})
-    take.finish("recover", "stamp", {"gravity": [0.0, 0.0, -3.0], "options": options})
+    given = options[1 : options.index("--take")]
+    take.finish("recover", stamp_of(*given), {"gravity": [0.0, 0.0, -3.0], "options": options})
 
 
 def sample(options: list[str]) -> None:

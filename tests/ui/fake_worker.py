@@ -84,8 +84,8 @@ def main() -> int:
         print('{"kind": "no type"}', flush=True)
         send(type="result", outcome="converged")
     elif behaviour == "offspring":
-        subprocess.Popen([sys.executable, "-c", "import time; time.sleep(4)"])
-        send(type="result", outcome="converged")
+        child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(300)"])
+        send(type="result", outcome="converged", child=child.pid)
     return 0
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mathutils import Euler, Matrix
 
-from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.errors import TakeError, UsageError
 from seeing_wind.ui.animation import curves_of
 from seeing_wind.ui.bake import MARK, Plan, bake_motion, clear_bake, is_intact, mark_of
 from seeing_wind.ui.bake_rigid import rigid_fit
@@ -217,3 +217,30 @@ def test_a_bake_of_an_older_version_is_cleared(grid) -> None:
     grid[MARK] = "Bend"
     assert mark_of(grid)["way"] == "SHAPE_KEYS" and clear_bake(grid)
     assert bend.show_viewport and bend.show_render and grid.data.shape_keys is None
+
+
+@pytest.mark.parametrize("former", ["SHAPE_KEYS", "POINT_CACHE", "TRANSFORM"])
+def test_a_bake_that_cannot_be_written_leaves_the_former_one(grid, tmp_path, former) -> None:
+    grid.modifiers.new("Bend", "SIMPLE_DEFORM")
+    motion = tumbling(grid, 12) if former == "TRANSFORM" else bending(grid)
+    bake_motion(grid, motion, plan(former, tmp_path))
+    frames = (7, 12, 19)
+    before = [shown(grid, frame) for frame in frames]
+    (tmp_path / "a file").write_text("no folder")
+    with pytest.raises(TakeError, match="Cannot write"):
+        bake_motion(grid, motion, plan("POINT_CACHE", tmp_path / "a file"))
+    assert is_intact(grid) and mark_of(grid)["way"] == former
+    np.testing.assert_allclose([shown(grid, frame) for frame in frames], before, atol=1e-6)
+    assert clear_bake(grid) and grid.modifiers["Bend"].show_viewport and len(grid.modifiers) == 1
+
+
+def test_modifiers_wake_when_alembic_fails(grid, tmp_path, monkeypatch) -> None:
+    def fail(*_: object) -> None:
+        raise UsageError("no Alembic", "none")
+
+    monkeypatch.setattr("seeing_wind.ui.bake_cache.bake_alembic", fail)
+    monkeypatch.setattr("seeing_wind.ui.bake._way", lambda *_: "ALEMBIC")
+    grid.modifiers.new("Bend", "SIMPLE_DEFORM")
+    with pytest.raises(UsageError):
+        bake_motion(grid, bending(grid), plan("ALEMBIC", tmp_path))
+    assert grid.modifiers["Bend"].show_viewport and mark_of(grid) is None

@@ -257,3 +257,93 @@ def test_what_is_baked_plays_in_a_blender_that_knows_nothing_of_us(workplace, tm
 def world(obj: bpy.types.Object) -> np.ndarray:
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     return np.array([(evaluated.matrix_world @ vertex.co)[:] for vertex in evaluated.data.vertices])
+
+
+def test_a_clip_that_begins_before_frame_zero(workplace, tmp_path) -> None:
+    scene = bpy.context.scene
+    scene.render.fps, scene.render.fps_base = 30, 1.001
+    scene.seeing_wind.frame_start = -20
+    recover(workplace, "negativ.take")
+    assert scene.use_preview_range and (scene.frame_preview_start, scene.frame_preview_end) == (-20, -8)
+    falls = cube("Falls")
+    bpy.ops.seeing_wind.insert_mesh(object="Falls", pin_group="Top")
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.seeing_wind.bake(way="SHAPE_KEYS")
+    low = []
+    for frame in (-20, -8, 5):
+        scene.frame_set(frame)
+        low.append(world(falls)[:, 2].min())
+    assert low[0] - low[1] == pytest.approx(0.5 * 3.0 * (12 / 24.0) ** 2, abs=1e-5) and low[2] == low[1]
+    with pytest.raises(RuntimeError, match="begins at frame -20"):
+        bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "x.mp4"))
+    scene.seeing_wind.frame_start = 1
+    bpy.ops.seeing_wind.build_scene()
+    assert not scene.use_preview_range and (scene.frame_start, scene.frame_end) == (1, 13)
+
+
+def test_small_units_and_a_linked_scene_beside(workplace, tmp_path) -> None:
+    """A scene in centimetres; a second one linked from another file is looked at and left alone."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "Bibliothek.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "Bibliothek.blend"), link=True) as (there, here):
+        here.scenes = list(there.scenes)
+    freshness.refresh_all()
+    scene = bpy.context.scene
+    scene.unit_settings.scale_length, scene.gravity = 0.01, (0.0, 0.0, -981.0)
+    recover(workplace, "klein.take")
+    bpy.ops.mesh.primitive_cube_add(size=20.0, location=(30.0, 0.0, 0.0))
+    falls = bpy.context.object
+    bpy.ops.seeing_wind.insert_mesh(object=falls.name)
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.seeing_wind.bake()
+    low = []
+    for frame in (1, 13):
+        scene.frame_set(frame)
+        low.append(world(falls)[:, 2].min())
+    assert low == pytest.approx([-10.0, -10.0 - 100.0 * 0.5 * 3.0 * (12 / 24.0) ** 2], abs=1e-3)
+    assert max(scene.seeing_wind.field_object.dimensions) == pytest.approx(120.0, rel=1e-3)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mit Szene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "mit Szene.blend"))
+    linked = next(scene for scene in bpy.data.scenes if scene.library)
+    bpy.context.window.scene = linked
+    freshness.refresh_all()
+    assert {str(step.state) for step in status.of(linked.session_uid).steps.values()} == {"idle"}
+    clip, ops = str(workplace / "clip.mp4"), bpy.ops.seeing_wind
+    for call in (lambda: ops.recover(clip=clip, box=(20, 20, 44, 44)), lambda: ops.choose_clip(filepath=clip)):
+        with pytest.raises(RuntimeError, match="linked from another file"):
+            call()
+
+
+@pytest.mark.parametrize("kind", ["LINK_COPY", "FULL_COPY"])
+def test_a_copied_scene_recovers_without_taking_from_its_original(workplace, kind) -> None:
+    recover(workplace)
+    bpy.context.scene.seeing_wind.take = ""
+    first = bpy.context.scene
+    shown = [first.seeing_wind.field_object, first.seeing_wind.arrows_object, first.seeing_wind.recovered_object]
+    bpy.ops.scene.new(type=kind)
+    second = bpy.context.scene
+    assert bpy.ops.seeing_wind.recover(distance=3.0) == {"FINISHED"}
+    assert all(obj.name in first.objects and obj.name not in second.objects for obj in shown)
+    assert shown == [first.seeing_wind.field_object, first.seeing_wind.arrows_object, first.seeing_wind.recovered_object]
+    assert second.seeing_wind.field_object.name in second.objects and second.seeing_wind.field_object not in shown
+    assert second.seeing_wind.recovered_take != first.seeing_wind.recovered_take
+
+
+def test_two_scenes_with_one_take_keep_their_simulations_apart(workplace) -> None:
+    recover(workplace)
+    bpy.ops.seeing_wind.insert_mesh(recovered=True)
+    bpy.ops.seeing_wind.resimulate()
+    first = bpy.context.scene
+    bpy.ops.scene.new(type="FULL_COPY")
+    second = bpy.context.scene
+    bpy.ops.seeing_wind.scale_mass(factor=4.0)
+    bpy.ops.seeing_wind.resimulate()
+    fallen = {}
+    for scene in (first, second):
+        bpy.context.window.scene = scene
+        bpy.ops.seeing_wind.bake(way="SHAPE_KEYS")
+        scene.frame_set(1)
+        before = world(scene.seeing_wind.bodies[0].baked_copy)
+        scene.frame_set(13)
+        fallen[scene] = (before - world(scene.seeing_wind.bodies[0].baked_copy))[:, 2].mean()
+    assert fallen[first] == pytest.approx(4.0 * fallen[second], rel=1e-3) and fallen[second] > 0.05

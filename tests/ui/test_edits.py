@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit
-from seeing_wind.ui import bake, bodies, freshness, status
+from seeing_wind.ui import bake, bodies, freshness, panel_edit, status
 from seeing_wind.ui.animation import curves_of
 
 
@@ -235,6 +235,48 @@ def test_a_rigid_body_stays_fresh_while_it_plays(workplace, scene) -> None:
         assert state("resimulate") == "done" and state("bake") == "done"
     bpy.ops.seeing_wind.resimulate()
     np.testing.assert_allclose(np.load(workplace / "out.edit.take" / "meshes" / "Box.npz")["vertices"], rest, atol=1e-6)
+
+
+def test_vertex_groups_of_the_recovered_object_outlive_a_reload(workplace, scene) -> None:
+    obj = scene.seeing_wind.recovered_object
+    group(obj, "Stalk", {0: 1.0, 3: 0.25})
+    bpy.ops.seeing_wind.insert_mesh(recovered=True)
+    bpy.ops.seeing_wind.pin_vertices(vertex_group="Stalk")
+    bpy.ops.seeing_wind.build_scene()
+    obj = scene.seeing_wind.recovered_object
+    weights = {vertex.index: element.weight for vertex in obj.data.vertices for element in vertex.groups}
+    assert weights == pytest.approx({0: 1.0, 3: 0.25}) and bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+
+
+def test_an_object_on_a_moving_parent_stays_fresh_while_it_plays(workplace, scene) -> None:
+    obj, carrier = cube("Box"), bpy.data.objects.new("Carrier", None)
+    scene.collection.objects.link(carrier)
+    obj.parent = carrier
+    for frame, x in ((1, 0.0), (13, 1.0)):
+        carrier.location.x = x
+        carrier.keyframe_insert("location", frame=frame)
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    for frame in (1, 6, 13):
+        scene.frame_set(frame)
+        freshness.refresh(scene)
+        assert state("resimulate") == "done"
+    carrier.keyframe_insert("location", frame=20)
+    freshness.refresh(scene)
+    assert state("resimulate") == "stale"
+
+
+def test_a_linked_object_with_the_name_of_another_is_not_gone(workplace, scene, tmp_path) -> None:
+    cube("Same")
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {bpy.data.objects["Same"]})
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
+        into.objects = ["Same"]
+    linked = into.objects[0]
+    scene.collection.objects.link(linked)
+    both = [obj for obj in scene.objects if obj.name == "Same"]
+    assert len(both) == 2 and not any(panel_edit.is_gone(obj, scene) for obj in both)
+    scene.collection.objects.unlink(linked)
+    assert panel_edit.is_gone(linked, scene)
 
 
 def test_an_object_in_edit_mode_is_simulated_as_it_is_and_baked_later(workplace, scene) -> None:

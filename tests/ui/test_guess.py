@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import sys
-import threading
-from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,29 +19,10 @@ pytestmark = pytest.mark.usefixtures("stand_in")
 
 
 @pytest.fixture
-def server() -> Iterator[SimpleNamespace]:
-    """Answers the two questions; `asked` holds the Authorization headers."""
-    asked: list[str] = []
-    answers = [{"objects": [SQUARE]}, NUMBERS]
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            self.rfile.read(int(self.headers["Content-Length"]))
-            asked.append(self.headers.get("Authorization", ""))
-            content = json.dumps(answers[min(len(asked), len(answers)) - 1])
-            data = json.dumps({"choices": [{"message": {"content": content}}]}).encode()
-            self.send_response(200)
-            self.send_header("Content-Length", str(len(data)))
-            self.end_headers()
-            self.wfile.write(data)
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    http = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    threading.Thread(target=http.serve_forever, args=(0.05,), daemon=True).start()
-    yield SimpleNamespace(url=f"http://127.0.0.1:{http.server_address[1]}/v1", asked=asked)
-    http.shutdown()
+def seen(server):
+    """The model that sees a white card."""
+    server.answers = [{"objects": [SQUARE]}, NUMBERS]
+    return server
 
 
 @pytest.fixture
@@ -57,12 +34,12 @@ def chosen(monkeypatch):
     return values
 
 
-def test_what_is_in_the_clip_is_shown_used_and_can_be_changed(scene, workplace, server, chosen, tmp_path) -> None:
-    chosen.material_endpoint = server.url
+def test_what_is_in_the_clip_is_shown_used_and_can_be_changed(scene, workplace, seen, chosen, tmp_path) -> None:
+    chosen.material_endpoint = seen.url
     settings = scene.seeing_wind
     settings.clip, settings.take = str(workplace / "clip.mp4"), str(tmp_path / "asked é.take")
     assert bpy.ops.seeing_wind.identify() == {"FINISHED"}
-    assert server.asked == [f"Bearer {KEY}"] * 2
+    assert [each["Authorization"] for each in seen.headers] == [f"Bearer {KEY}"] * 2
     guess = settings.guesses[0]
     assert (guess.name, guess.made_of, guess.law) == ("white_card", "paper", "VON_MISES") and Path(guess.mask).is_file()
     assert settings.object_mode == "BOX" and not settings.use_density  # nothing is changed by the answer
@@ -81,11 +58,11 @@ def test_what_is_in_the_clip_is_shown_used_and_can_be_changed(scene, workplace, 
     assert KEY not in str(scene.seeing_wind.items())
 
 
-def test_the_key_is_for_the_server_of_the_preferences_only(scene, workplace, server, chosen, tmp_path) -> None:
+def test_the_key_is_for_the_server_of_the_preferences_only(scene, workplace, seen, chosen, tmp_path) -> None:
     chosen.material_endpoint = "http://127.0.0.1:9/v1"
     scene.seeing_wind.clip, scene.seeing_wind.take = str(workplace / "clip.mp4"), str(tmp_path / "asked.take")
-    assert bpy.ops.seeing_wind.identify(endpoint=server.url) == {"FINISHED"}
-    assert server.asked == ["", ""]
+    assert bpy.ops.seeing_wind.identify(endpoint=seen.url) == {"FINISHED"}
+    assert len(seen.asked) == 2 and not any("Authorization" in each for each in seen.headers)
     assert worker_calls.KEY_VARIABLE not in worker_calls.environment()
 
 

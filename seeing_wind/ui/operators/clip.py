@@ -13,6 +13,7 @@ from ..clip_scene import set_background, setup_clip_scene
 from ..native.camera import camera_source
 from ..native.clips import first_picture, loaded_clip, scene_frame
 from ..picture_frame import box_in_picture, box_on_screen, picture_corners
+from ..properties import PATH
 from .edit import EditOperator
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
@@ -26,7 +27,7 @@ class SEEING_WIND_OT_choose_clip(EditOperator, bpy.types.Operator):
     bl_idname = "seeing_wind.choose_clip"
     bl_label = "Choose Clip"
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"}, description="A video, or one picture of a sequence")
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options=PATH, description="A video, or one picture of a sequence")
     filter_glob: StringProperty(
         default="*" + VIDEOS.replace(";", ";*") + ";*.png;*.jpg;*.jpeg;*.tif;*.tiff;*.bmp;*.webp", options={"HIDDEN"}
     )

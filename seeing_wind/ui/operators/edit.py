@@ -6,8 +6,8 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
-from .. import freshness, job, worker_calls
-from ..properties import MATERIAL_ITEMS
+from .. import freshness, job, status, worker_calls
+from ..properties import MATERIAL_ITEMS, PATH
 from ..scene_export import FIRM, pinned_vertices
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
@@ -27,6 +27,8 @@ class EditOperator:
     def execute(self, context):
         """Run `edit`, then bring the panel up to date."""
         try:
+            if context.scene.library is not None:
+                raise UsageError(*status.LINKED)
             said = self.edit(context)
         except (SeeingWindError, OSError) as error:
             self.report({"ERROR"}, " ".join(job.told(error)[:2]).strip())
@@ -43,7 +45,7 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
     bl_label = "Insert Mesh"
 
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of a mesh object; empty: all selected ones")
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"}, description="OBJ, PLY or STL to import and insert")
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options=PATH, description="OBJ, PLY or STL to import and insert")
     recovered: BoolProperty(name="Recovered Object", options={"SKIP_SAVE"}, description="Insert the clip's own object")
     material: EnumProperty(name="Material", items=SAME, options={"SKIP_SAVE"}, description="What it is made of")
     mass_scale: FloatProperty(

@@ -7,11 +7,10 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
-from .. import job, worker_calls
+from .. import job, takes, worker_calls
 from ..console import Console
 from ..engine_environment import engine_python
-from ..field_calibration import calibrate_object
-from ..field_vdb import write_vdb
+from ..properties import PATH
 from .edit import EditOperator
 
 ONE_FILE = [
@@ -43,6 +42,8 @@ class SEEING_WIND_OT_calibrate(EditOperator, bpy.types.Operator):
 
     def edit(self, context):
         """Every solver of the object; what one cannot do is part of the answer."""
+        from ..field_calibration import calibrate_object
+
         scene = context.scene
         obj = scene.objects.get(self.object) if self.object else context.active_object
         if obj is None:
@@ -63,17 +64,19 @@ class SEEING_WIND_OT_export_field(EditOperator, bpy.types.Operator):
 
     format: EnumProperty(name="Format", items=FORMATS, options={"SKIP_SAVE"}, description="Which kind of file")
     filepath: StringProperty(
-        name="To", subtype="FILE_PATH", options={"SKIP_SAVE"},
+        name="To", subtype="FILE_PATH", options=PATH,
         description="Folder of the files (NPZ: the file); empty: a folder beside the take",
     )  # fmt: skip
 
     def edit(self, context):
         """VDB in Blender, the rest by the engine."""
+        from ..field_vdb import write_vdb
+
         scene = context.scene
         settings = scene.seeing_wind
         if settings.field_object is None or not settings.recovered_take:
             raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
-        take = Path(settings.recovered_take)
+        take = takes.shown(settings) if self.format == "VDB" else takes.recovered(settings)
         name = self.format.lower()
         target = Path(worker_calls.absolute(self.filepath)) if self.filepath else take.with_name(f"{take.stem}_wind")
         if self.format == "VDB":

@@ -7,7 +7,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ...engine.errors import UsageError
-from .. import job, worker_calls
+from .. import job, takes, worker_calls
 from ..engine_environment import NoOnlineAccess, engine_python
 from ..job_operator import JobOperator
 from ..preferences import asked_model
@@ -50,7 +50,7 @@ class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
         clip, rest = options[0], options[1:]
         frames = rest[rest.index("--frames") : rest.index("--frames") + 2] if "--frames" in rest else []
         call = worker_calls.command(
-            engine_python(), "identify", clip, *frames, "--take", str(worker_calls.take_folder(settings)),
+            engine_python(), "identify", clip, *frames, "--take", str(takes.take_folder(settings)),
             "--material-endpoint", address, "--material-model", model,
         )  # fmt: skip
         return job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment(key))

@@ -6,10 +6,10 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...engine.errors import TakeError, UsageError
-from .. import freshness, job, native, results, worker_calls
+from .. import freshness, job, native, takes, worker_calls
 from ..engine_environment import engine_python
 from ..job_operator import JobOperator
-from ..properties import ClipOptions, adopt
+from ..properties import PATH, ClipOptions, adopt
 
 
 class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
@@ -34,11 +34,15 @@ class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
             if self.properties.is_property_set(name):
                 setattr(settings, name, _found(pool, getattr(self, name)))
         options, self.digest = worker_calls.recover_options(scene), freshness.recover_digest(scene)
+        python = engine_python()
+        self.folder, self.clip = takes.take_folder(settings), options[0]
+        takes.bring_along(settings, self.folder)
         native.write(scene, worker_calls.inputs_folder(settings))
-        self.folder, self.clip = worker_calls.take_folder(settings), options[0]
-        return self._messages(engine_python(), options, settings.field_resolution)
+        return self._messages(python, options, settings.field_resolution)
 
     def _messages(self, python: str, options: list[str], resolution: int) -> job.Messages:
+        from .. import results
+
         call = worker_calls.command(python, "recover", *options, "--take", str(self.folder))
         last = yield from job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment())
         if last["outcome"] == "done":
@@ -47,9 +51,10 @@ class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
 
     def finish(self, scene, result):
         """The field object, the arrows, the camera and the object itself."""
+        from .. import results
+
         results.build(scene, self.folder, self.clip)
-        settings = scene.seeing_wind
-        settings.recovered_digest, settings.recovered_take = self.digest, str(self.folder)
+        takes.show(scene.seeing_wind, self.folder, self.digest)
         return f"Recovered into {self.folder.name}"
 
 
@@ -70,26 +75,31 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
     step = "recover"
 
     take: StringProperty(
-        name="Take", subtype="DIR_PATH", options={"SKIP_SAVE"}, description="Folder of the results; empty: that of the settings"
+        name="Take", subtype="DIR_PATH", options=PATH, description="Folder of the results; empty: that of the settings"
     )
-    clip: StringProperty(name="Clip", subtype="FILE_PATH", options={"SKIP_SAVE"}, description="The video, if it has been moved since")
+    clip: StringProperty(name="Clip", subtype="FILE_PATH", options=PATH, description="The video, if it has been moved since")
 
     def start(self, scene):
         """The engine is asked for the field at the places that the scene needs."""
+        from .. import results
+
         settings = scene.seeing_wind
-        self.folder = (
-            Path(worker_calls.absolute(self.take)) if self.take else Path(settings.recovered_take or worker_calls.take_folder(settings))
-        )
+        if self.take:
+            self.folder = Path(worker_calls.absolute(self.take))
+        else:
+            self.folder = takes.shown(settings) if settings.recovered_take else takes.take_folder(settings)
         if not (self.folder / "field.safetensors").is_file():
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
         return results.sampling(engine_python(), self.folder, settings.field_resolution)
 
     def finish(self, scene, result):
         """As Recover does, without claiming that the settings of the scene are those of the take."""
+        from .. import results
+
         results.build(scene, self.folder, worker_calls.absolute(self.clip) if self.clip else "")
         settings = scene.seeing_wind
-        if settings.recovered_take != str(self.folder):
-            settings.recovered_digest, settings.recovered_take = "loaded", str(self.folder)
+        if not takes.is_shown(settings, self.folder):
+            takes.show(settings, self.folder, "loaded")
         return f"Loaded {self.folder.name}"
 
 
@@ -112,7 +122,7 @@ class SEEING_WIND_OT_open_report(bpy.types.Operator):
 
     def execute(self, context):
         """In the system's own viewer; without a window only its path is told."""
-        path = Path(context.scene.seeing_wind.recovered_take) / self.which
+        path = takes.shown(context.scene.seeing_wind) / self.which
         if not path.exists():
             self.report({"ERROR"}, f"There is no {path}. Run Recover again.")
             return {"CANCELLED"}

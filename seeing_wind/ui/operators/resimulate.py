@@ -1,13 +1,9 @@
 """Simulate the edit in the recovered field, and bake its motion to keyframes."""
 
-from pathlib import Path
-
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntVectorProperty, StringProperty
 
-from ...engine.errors import TakeError
-from .. import bodies, freshness, job, worker_calls
-from ..edit_export import export_edit
+from .. import bodies, freshness, job, takes, worker_calls
 from ..engine_environment import engine_python
 from ..job_operator import JobOperator
 from ..properties import WAYS
@@ -28,21 +24,33 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
 
     def start(self, scene):
         """Write the edit, then let the engine simulate it."""
+        from ..edit_export import export_edit
+
         settings, python = scene.seeing_wind, engine_python()
-        if not settings.recovered_take:
-            raise TakeError("There is no recovered field.", "Run Recover first.")
-        source = Path(settings.recovered_take)
-        self.folder = worker_calls.edit_folder(source, settings.edit_folder)
+        source = takes.recovered(settings)
+        self.folder = takes.edit_folder(settings, source)
         edit = export_edit(scene, source, self.folder)
         self.digest = freshness.edit_digest(scene)
+        self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}
         call = worker_calls.command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))
         return job.run(call, cwd=str(self.folder), env=worker_calls.environment())
 
     def finish(self, scene, result):
         """The motion stays in the take until it is baked."""
         settings = scene.seeing_wind
-        settings.simulated_digest, settings.simulated_take = self.digest, str(self.folder)
+        # another edit may be worked on by now
+        for edit in (settings, *settings.edits) if settings.edit_folder == self.of_edit else settings.edits:
+            if edit.edit_folder == self.of_edit:
+                for body in edit.bodies:  # an undo while it ran has taken the names back
+                    body.result = self.names.get(_who(body), "")
+                edit.simulated_digest, edit.simulated_take = self.digest, str(self.folder)
+                break
         return f"Simulated into {self.folder.name}"
+
+
+def _who(body: bpy.types.PropertyGroup) -> int:
+    """What a body moves, however it is called: 0 for the clip's own object."""
+    return body.object.session_uid if body.object is not None and not body.is_recovered else 0
 
 
 class SEEING_WIND_OT_bake(EditOperator, bpy.types.Operator):

@@ -1,0 +1,77 @@
+"""What README.md and docs/ print: links lead somewhere, scripts run as they stand, options exist."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import re
+import shutil
+from pathlib import Path
+
+import bpy
+import pytest
+
+from seeing_wind.engine.arguments import parser
+from seeing_wind.engine.materials import MATERIALS
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/*.md")), *sorted(ROOT.glob("sample_scenes/*/README.md"))]
+HAS_VDB = importlib.util.find_spec("openvdb") is not None or importlib.util.find_spec("pyopenvdb") is not None
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_and_named_files_are_there(page) -> None:
+    text = page.read_text(encoding="utf-8")
+    links = [link for link in re.findall(r"\]\(([^)#]+)[^)]*\)", text) if not link.startswith("http")]
+    assert [link for link in links if not (page.parent / link).exists()] == []
+    named = re.findall(r"(?:sample_scenes|benchmarks|docs|tests|scripts|seeing_wind)/[\w/.-]*\w\.(?:py|sh|md|toml|txt|json|png)\b", text)
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def python_blocks(page: Path) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+
+
+@pytest.fixture
+def place(stand_in, workplace, tmp_path, monkeypatch) -> Path:
+    """Where the user stands: a folder with leaf.mp4."""
+    shutil.copy(workplace / "clip.mp4", tmp_path / "leaf.mp4")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PWD", str(tmp_path))  # where Blender looks for its own relative paths
+    return tmp_path
+
+
+def test_the_readme_s_script_runs_as_printed(place) -> None:
+    (script,) = python_blocks(ROOT / "README.md")
+    bpy.ops.seeing_wind.recover(clip="leaf.mp4", box=(20, 20, 44, 44), distance=2.0, take="leaf.take")
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    exec(compile(script, "README.md", "exec"), {})
+    assert (place / "baked.blend").is_file() and bpy.data.objects["Flag"].data.shape_keys
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_the_page_on_batch_s_script_runs_as_printed(place) -> None:
+    (script,) = python_blocks(ROOT / "docs" / "batch.md")
+    bpy.ops.wm.save_as_mainfile(filepath=str(place / "mine.blend"))
+    bpy.context.scene.render.resolution_percentage = 25
+    for name in ("Ribbon", "Curtain"):
+        bpy.ops.mesh.primitive_grid_add(x_subdivisions=4, y_subdivisions=4, size=0.2)
+        bpy.context.object.name = name
+    bpy.data.objects["Curtain"].modifiers.new("Cloth", "CLOTH")
+    for statement in ast.parse(script).body:
+        line = ast.unparse(statement)
+        if "VDB" in line and not HAS_VDB:
+            with pytest.raises(RuntimeError, match="OpenVDB"):
+                exec(line, {"bpy": bpy})
+            continue
+        exec(line.replace("set_up_composite()", "set_up_composite(samples=1)"), {"bpy": bpy})
+    assert (place / "edited.mp4").stat().st_size > 0
+
+
+def test_every_option_and_verb_is_in_the_readme() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    verbs = next(action for action in parser()._actions if action.dest == "verb").choices
+    assert [verb for verb in verbs if f"`{verb} " not in text and f"`{verb}`" not in text] == []
+    options = {option for action in verbs["recover"]._actions for option in action.option_strings if option.startswith("--")} - {"--help"}
+    assert sorted(option for option in options if option not in text) == []
+    assert f"({len(MATERIALS)}, each number with its source)" in text
