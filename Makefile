@@ -44,7 +44,7 @@ tables: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[benchmarks]"
 	$(PY) benchmarks/tables.py $(if $(SHORT),--short --again,--docs) $(if $(ROW),--row $(ROW))
 
-# The solver's speed beside other simulators'; about eight minutes on two idle cores.
+# The solver's speed beside other simulators'; about ten minutes on two idle cores.
 benchmark-mpm: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[benchmark-mpm]"
 	$(PY) benchmarks/mpm.py

@@ -25,6 +25,8 @@ from .state import State
 
 _LEAST_PER_TASK = 2000
 """Particles below which another task costs more than it saves."""
+_TASKS_PER_CORE, _LEAST_PER_SPARE_TASK = 2, 20_000
+"""Large bodies get more tasks than there are cores, so that nobody waits long for a core that was busy with something else."""
 _WORK_PER_CHECK = 2_000_000
 """Particle-substeps between two looks at whether the user wants to stop."""
 
@@ -33,14 +35,14 @@ class Body:
     """Runs frames of one model in one precision. Positions are kept relative to the lattice, so that single precision has its digits."""
 
     def __init__(self, model: Model, precision: str = "double", tasks: int | None = None) -> None:
-        """precision: double or single; tasks: threads to use, None for as many as there are cores and work."""
+        """precision: double or single; tasks: parts that may run side by side, None for as many as there are cores and work."""
         assert model.axes is None, "give Model.upright"
         device.start(model.device)
         self.model, self.real, self.plastic = model, dtype_of(precision), model.plastic
         self.gpu = device.on_gpu()
         self.active = np.flatnonzero(model.role != HELD).astype(np.int32)
         count = len(self.active)
-        self.tasks = 1 if self.gpu else tasks or max(1, min(device.cores(), count // _LEAST_PER_TASK))
+        self.tasks = 1 if self.gpu else tasks or tasks_for(count)
         columns = (model.mass, model.volume, model.mu, model.lam, model.yield_stress, model.viscosity, model.law, model.role)
         self.particle = np.empty((count, 8), self.real)
         for k, column in enumerate(columns):
@@ -307,6 +309,11 @@ class Body:
             bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
             self.grid_bar, momentum, self.velocity, self.momentum_bar,
         )  # fmt: skip
+
+
+def tasks_for(count: int) -> int:
+    """Tasks for a body of `count` particles."""
+    return max(1, min(device.cores(), count // _LEAST_PER_TASK), min(_TASKS_PER_CORE * device.cores(), count // _LEAST_PER_SPARE_TASK))
 
 
 def window(boxes: np.ndarray) -> tuple[list[int], list[int]]:
