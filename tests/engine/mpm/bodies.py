@@ -16,3 +16,12 @@ def block(shape=(4, 3, 5), jitter=0.1, pinned_below=None, seed=0) -> Particles:
     x = np.stack(np.meshgrid(*[np.arange(n) * SPACING for n in shape], indexing="ij"), -1).reshape(-1, 3)
     pinned = np.zeros(len(x), bool) if pinned_below is None else x[:, 2] < pinned_below
     return Particles(x + jitter * SPACING * rng.uniform(-1, 1, size=x.shape), np.full(len(x), SPACING**3), pinned, SPACING)
+
+
+def affine_basis(x):
+    """Constant and linear modes (N, 4) at x (N, 3) [m] and their gradients (N, 4, 3) [1/m]."""
+    X = (x - x.mean(axis=0)) / 0.03
+    phi = np.concatenate([np.ones((len(x), 1)), X], axis=1)
+    dphi = np.zeros((len(x), 4, 3))
+    dphi[:, 1:] = np.eye(3) / 0.03
+    return phi, dphi

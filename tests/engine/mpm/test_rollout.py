@@ -13,7 +13,7 @@ from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_b
 from seeing_wind.engine.mpm.model import MAX_SUBSTEPS
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment, Particles
-from tests.engine.mpm.bodies import RUBBER, block
+from tests.engine.mpm.bodies import RUBBER, affine_basis, block
 
 G = np.array([0.0, 0.0, -9.81])
 
@@ -223,14 +223,6 @@ def test_inside_out_is_an_error():
 
 
 # -- many copies ------------------------------------------------------------------------------------------------------------------
-
-
-def affine_basis(x):
-    X = (x - x.mean(axis=0)) / 0.03
-    phi = np.concatenate([np.ones((len(x), 1)), X], axis=1)
-    dphi = np.zeros((len(x), 4, 3))
-    dphi[:, 1:] = np.eye(3) / 0.03
-    return phi, dphi
 
 
 def test_copies_equal_single_rollouts():

@@ -17,7 +17,7 @@ from seeing_wind.engine.mpm.grid_force import with_grid_force
 from seeing_wind.engine.mpm.tangent import Changes, tangents
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Material
-from tests.engine.mpm.bodies import SPACING, block
+from tests.engine.mpm.bodies import SPACING, affine_basis, block
 
 POST = Material("post", "corotated", density=500.0, youngs_modulus=1e5, poisson_ratio=0.3)
 ASKEW = Rotation.from_rotvec([0.5, 0.7, 0.2]).as_matrix()
@@ -33,14 +33,6 @@ def askew(**options):
     model, _ = model_for(body, POST, 30.0, **options)
     assert model.axes is not None
     return body, replace(model, substeps=20, frame_dt=model.frame_dt / model.substeps * 20)
-
-
-def basis(x):
-    X = (x - x.mean(axis=0)) / 0.03
-    phi = np.concatenate([np.ones((len(x), 1)), X], axis=1)
-    dphi = np.zeros((len(x), 4, 3))
-    dphi[:, 1:] = np.eye(3) / 0.03
-    return phi, dphi
 
 
 def test_a_post_bends_alike_however_it_stands():
@@ -99,7 +91,7 @@ def test_gravity_and_forces_at_the_nodes_keep_their_direction():
 
 def test_copies_and_changes_are_those_of_single_rollouts():
     body, model = askew()
-    phi, dphi = basis(body.x)
+    phi, dphi = affine_basis(body.x)
     rng = np.random.default_rng(0)
     free = ~body.pinned[:, None]
     coefficients, v0, C0 = 5 * rng.normal(size=(2, 2, 4, 3)), 0.1 * rng.normal(size=(2, *body.x.shape)) * free, np.zeros((2, 54, 3, 3))
