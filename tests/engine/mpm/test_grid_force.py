@@ -88,6 +88,9 @@ def test_gradients_through_a_force_at_the_nodes_and_a_floor():
         (HIGH, HIGH - 0.1, lambda x: x, "No node"),
         (LOW, HIGH, lambda x: x[:, :2], "shape"),
         (LOW, HIGH, lambda x: x * np.nan, "not finite"),
+        (LOW, HIGH, lambda x: np.zeros((0, len(x), 3)), "shape"),
+        (LOW * np.nan, HIGH, lambda x: x, "reaches from"),
+        (LOW - 1e4, HIGH + 1e4, lambda x: x, "more than"),
     ],
 )
 def test_bad_forces_are_refused(low, high, field, message):
