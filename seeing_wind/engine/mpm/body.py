@@ -11,6 +11,7 @@ from ..progress import Progress
 from . import device, parallel, parallel_adjoint, substep
 from .boundary import HELD
 from .checks import check_state
+from .crew import roster
 from .failure import diagnosis, failure
 from .frame_run import FrameRun, Piece
 from .kinematics import Conditions, conditions_for
@@ -50,6 +51,7 @@ class Body:
         self.capacity = 0
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
+        self.workers, self.roster = min(self.tasks, device.cores()), roster(phases=4)
         self.window = np.zeros(16, np.int32)
         """lo, dims of the box of nodes in use, `Piece.lo`, the capacity of a task's grid: what the kernels look up, changed in place."""
         self._substep_kernel = self._launcher(parallel.substep)
@@ -247,9 +249,10 @@ class Body:
 
     def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, *, whole: int) -> None:
         """One substep in the window of `boxes`, which `_look` has set; without `whole` only as far as the nodes."""
+        self.roster[:] = 0
         self._substep_kernel(
-            self.gpu, self.plastic, whole, run.first, run.particle, state, after, run.force, piece.pin_velocity, *piece.boundary,
-            piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
+            self.gpu, self.plastic, whole, self.workers, self.roster, run.first, run.particle, state, after, run.force,
+            piece.pin_velocity, *piece.boundary, piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
         )  # fmt: skip
 
     def _look(self, piece: Piece, boxes: np.ndarray) -> bool:
@@ -304,8 +307,9 @@ class Body:
         if momentum is None:
             self._launch(run, piece, state, state, boxes, whole=0)
             momentum = self.momentum
+        self.roster[:] = 0
         self._adjoint_kernel(
-            self.gpu, self.plastic, int(material), run.first, run.particle, state, run.kept[s + 1][0], run.force,
+            self.gpu, self.plastic, int(material), self.workers, self.roster, run.first, run.particle, state, run.kept[s + 1][0], run.force,
             bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
             self.grid_bar, momentum, self.velocity, self.momentum_bar,
         )  # fmt: skip

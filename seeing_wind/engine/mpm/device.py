@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
+import math
 import os
 import threading
+from pathlib import Path
 
 import taichi as ti
 
@@ -13,6 +15,7 @@ from ..errors import SimulationError, UsageError
 
 _lock = threading.Lock()
 _running: str | None = None
+_QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
 def start(device: str = "auto") -> None:
@@ -47,5 +50,8 @@ def on_gpu() -> bool:
 
 
 def cores() -> int:
-    """Cores that this process may use; some systems cannot say and count the machine's."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Cores that this process may use; some systems cannot say and count the machine's. A container's share is rounded up."""
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    share = _QUOTA.read_text().split() if _QUOTA.is_file() else []
+    # Microseconds of processor time in each period of so many; more threads than that would be stopped while others wait for them.
+    return min(count, math.ceil(int(share[0]) / int(share[1]))) if len(share) == 2 and share[0] != "max" else count

@@ -1,8 +1,9 @@
 """One substep of one large body on all cores.
 
 Particles are sorted by cell and dealt out to `tasks` in runs of equal length, so that a task's particles fill a slab of the grid. Every
-task adds to a grid of its own, with plain adds; only the slabs' overlaps are summed. On a GPU there is one task, whose loops run over
-particles and add atomically. The window of nodes in use is found by the host from `boxes`, which each g2p leaves behind.
+task adds to a grid of its own, with plain adds; only the slabs' overlaps are summed. The cores go through it as a `crew`. On a GPU
+there is one task, whose loops run over particles and add atomically. The window of nodes in use is found by the host from `boxes`,
+which each g2p leaves behind.
 """
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -12,6 +13,7 @@ import taichi as ti
 from .boundary import FREE
 from .conditions import boundary_velocity, in_box
 from .constitutive import kirchhoff
+from .crew import await_all, finish, taken
 from .packed import (
     MOST_NODES,
     MOST_PARTICLES,
@@ -189,10 +191,54 @@ def share(task, tasks, count):
     return ti.min(task * each, count), ti.min((task + 1) * each, count)
 
 
+@ti.func
+def task_to_grid(
+    task, plastic: ti.template(), first: ti.template(), particle: ti.template(), state: ti.template(), force: ti.template(),
+    lattice: ti.template(), window: ti.template(), boxes: ti.template(), grid: ti.template(),
+):  # fmt: skip
+    """p2g of a task's particles into its own grid."""
+    offset, dx, dt = lattice_of(lattice)
+    lo, dims = window_of(window)
+    begin, end = slab(task, lo, dims, boxes)
+    first_node = task * window[CAPACITY]
+    for node in range(begin, end):
+        grid[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
+    for index in range(first[task], first[task + 1]):
+        p = bounded(index, MOST_PARTICLES)
+        particle_to_grid(False, plastic, p, first_node, particle, state, force, offset, dx, dt, lo, dims, grid)
+
+
+@ti.func
+def grid_to_task(
+    task, plastic: ti.template(), first: ti.template(), particle: ti.template(), state: ti.template(), state_out: ti.template(),
+    pin_velocity: ti.template(), lattice: ti.template(), window: ti.template(), boxes: ti.template(), status: ti.template(),
+    velocity: ti.template(),
+):  # fmt: skip
+    """g2p of a task's particles; its row of `boxes` becomes the next substep's."""
+    offset, dx, dt = lattice_of(lattice)
+    lo, dims = window_of(window)
+    low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
+    for index in range(first[task], first[task + 1]):
+        p = bounded(index, MOST_PARTICLES)
+        code, x = grid_to_particle(plastic, p, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity)
+        if code != RUNNING:
+            status[task, 0], status[task, 1] = code, p
+        for a in ti.static(range(3)):
+            low[a] = ti.select(x[a] < low[a], x[a], low[a])  # one instruction, min is three
+            high[a] = ti.select(x[a] > high[a], x[a], high[a])
+    # Rounding keeps order: these are the first and the last of the particles' own.
+    low_base, high_base = base_of(low, offset, 1.0 / dx), base_of(high, offset, 1.0 / dx)
+    some = first[task] < first[task + 1]
+    for a in ti.static(range(3)):
+        boxes[task, a] = ti.select(some, low_base[a], 2**30)
+        boxes[task, 3 + a] = ti.select(some, high_base[a], -(2**30))
+
+
 @ti.kernel
 def substep(
     gpu: ti.template(), plastic: ti.template(),
     whole: ti.i32,  # 1: all of it; 0: p2g and the nodes' velocities only
+    workers: ti.i32, roster: integers,  # on a CPU, see `crew`
     # body: `first` particle of every task
     first: integers, particle: constants, state: states, state_out: states, force: forces, pin_velocity: rows,
     # at the nodes, see `conditions.boundary_velocity` and `pushed`
@@ -227,49 +273,30 @@ def substep(
                 ti.atomic_min(boxes[0, a], base[a])
                 ti.atomic_max(boxes[0, 3 + a], base[a])
     else:
-        # Taichi runs loops of less than about a thousand turns on one thread: a task is STRIDE turns, all but one of them empty.
+        # Taichi runs loops of less than about a thousand turns on one thread: a worker is STRIDE turns, all but one of them empty.
         ti.loop_config(block_dim=STRIDE)
-        for turn in range((first.shape[0] - 1) * STRIDE):
+        for turn in range(workers * STRIDE):
             if turn % STRIDE == 0:
-                task = turn // STRIDE
-                offset, dx, dt = lattice_of(lattice)
-                lo, dims = window_of(window)
-                begin, end = slab(task, lo, dims, boxes)
-                first_node = task * window[CAPACITY]
-                for node in range(begin, end):
-                    grid[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
-                for index in range(first[task], first[task + 1]):
-                    p = bounded(index, MOST_PARTICLES)
-                    particle_to_grid(False, plastic, p, first_node, particle, state, force, offset, dx, dt, lo, dims, grid)
-        ti.loop_config(block_dim=STRIDE)
-        for turn in range((first.shape[0] - 1) * STRIDE):
-            if turn % STRIDE == 0:
-                offset, dx, dt = lattice_of(lattice)
                 tasks = first.shape[0] - 1
-                begin, end = share(turn // STRIDE, tasks, window[3] * window[4] * window[5])
-                for index in range(begin, end):
-                    node = bounded(index, MOST_NODES)
-                    node_to_velocity(
-                        node, tasks, window, boxes, grid, momentum, velocity, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
-                    )
-        ti.loop_config(block_dim=STRIDE)
-        for turn in range((first.shape[0] - 1) * STRIDE * whole):
-            if turn % STRIDE == 0:
-                task = turn // STRIDE
-                offset, dx, dt = lattice_of(lattice)
-                lo, dims = window_of(window)
-                low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
-                for index in range(first[task], first[task + 1]):
-                    p = bounded(index, MOST_PARTICLES)
-                    code, x = grid_to_particle(plastic, p, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity)
-                    if code != RUNNING:
-                        status[task, 0], status[task, 1] = code, p
-                    for a in ti.static(range(3)):
-                        low[a] = ti.select(x[a] < low[a], x[a], low[a])  # one instruction, min is three
-                        high[a] = ti.select(x[a] > high[a], x[a], high[a])
-                # Rounding keeps order: these are the first and the last of the particles' own.
-                low_base, high_base = base_of(low, offset, 1.0 / dx), base_of(high, offset, 1.0 / dx)
-                some = first[task] < first[task + 1]
-                for a in ti.static(range(3)):
-                    boxes[task, a] = ti.select(some, low_base[a], 2**30)
-                    boxes[task, 3 + a] = ti.select(some, high_base[a], -(2**30))
+                task = taken(roster, 0)
+                while task < tasks:
+                    task_to_grid(task, plastic, first, particle, state, force, lattice, window, boxes, grid)
+                    finish(roster, 0)
+                    task = taken(roster, 0)
+                await_all(roster, 0, tasks)
+                task = taken(roster, 1)
+                while task < tasks:
+                    offset, dx, dt = lattice_of(lattice)
+                    begin, end = share(task, tasks, window[3] * window[4] * window[5])
+                    for index in range(begin, end):
+                        node_to_velocity(
+                            bounded(index, MOST_NODES), tasks, window, boxes, grid, momentum, velocity, offset, dx, dt,
+                            clamp, clamp_velocity, planes, solid, push,
+                        )  # fmt: skip
+                    finish(roster, 1)
+                    task = taken(roster, 1)
+                await_all(roster, 1, tasks)
+                task = taken(roster, 2)
+                while task < tasks * whole:
+                    grid_to_task(task, plastic, first, particle, state, state_out, pin_velocity, lattice, window, boxes, status, velocity)
+                    task = taken(roster, 2)

@@ -11,6 +11,7 @@ import taichi as ti
 from .boundary import FREE
 from .conditions import boundary_velocity_adjoint
 from .constitutive import kirchhoff_adjoint
+from .crew import await_all, finish, taken
 from .packed import (
     MOST_NODES,
     MOST_PARTICLES,
@@ -182,10 +183,31 @@ def particle_to_grid_adjoint(
         particle_bar[own + 3] = particle_bar[own + 3] + lam_bar
 
 
+@ti.func
+def grid_to_task_adjoint(
+    task, plastic: ti.template(), material, first: ti.template(), particle: ti.template(), state: ti.template(),
+    state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), lattice: ti.template(), window: ti.template(),
+    boxes: ti.template(), grid_bar: ti.template(),
+):  # fmt: skip
+    """`grid_to_particle_adjoint` of a task's particles, into its own grid."""
+    offset, dx, dt = lattice_of(lattice)
+    lo, dims = window_of(window)
+    begin, end = slab(task, lo, dims, boxes)
+    first_node = task * window[CAPACITY]
+    for node in range(begin, end):
+        grid_bar[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
+    for index in range(first[task], first[task + 1]):
+        p = bounded(index, MOST_PARTICLES)
+        grid_to_particle_adjoint(
+            False, plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims, grid_bar
+        )
+
+
 @ti.kernel
 def substep_adjoint(
     gpu: ti.template(), plastic: ti.template(),
     material: ti.i32,  # whether derivatives by the particles' constants are wanted
+    workers: ti.i32, roster: integers,  # on a CPU, see `crew`
     # body at the substep's start and end; momentum as `substep` leaves it
     first: integers, particle: constants, state: states, state_next: states, force: forces,
     # derivatives, in: by the next state, out: by this one; those by force and constants are added up
@@ -221,50 +243,47 @@ def substep_adjoint(
             )  # fmt: skip
     else:
         ti.loop_config(block_dim=STRIDE)
-        for turn in range((first.shape[0] - 1) * STRIDE):
+        for turn in range(workers * STRIDE):
             if turn % STRIDE == 0:
-                offset, dx, dt = lattice_of(lattice)
-                begin, end = share(turn // STRIDE, first.shape[0] - 1, window[3] * window[4] * window[5])
-                for index in range(begin, end):
-                    node = bounded(index, MOST_NODES)
-                    velocity[node] = node_velocity(node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
-        ti.loop_config(block_dim=STRIDE)
-        for turn in range((first.shape[0] - 1) * STRIDE):
-            if turn % STRIDE == 0:
-                task = turn // STRIDE
                 offset, dx, dt = lattice_of(lattice)
                 lo, dims = window_of(window)
-                begin, end = slab(task, lo, dims, boxes)
-                first_node = task * window[CAPACITY]
-                for node in range(begin, end):
-                    grid_bar[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
-                for index in range(first[task], first[task + 1]):
-                    p = bounded(index, MOST_PARTICLES)
-                    grid_to_particle_adjoint(
-                        False, plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt,
-                        lo, dims, grid_bar,
-                    )  # fmt: skip
-        ti.loop_config(block_dim=STRIDE)
-        for turn in range((first.shape[0] - 1) * STRIDE):
-            if turn % STRIDE == 0:
-                offset, dx, dt = lattice_of(lattice)
                 tasks = first.shape[0] - 1
-                begin, end = share(turn // STRIDE, tasks, window[3] * window[4] * window[5])
-                for index in range(begin, end):
-                    node = bounded(index, MOST_NODES)
-                    node_to_velocity_adjoint(
-                        node, tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
-                        clamp, clamp_velocity, planes, solid, push,
-                    )  # fmt: skip
-        ti.loop_config(block_dim=STRIDE)
-        for turn in range((first.shape[0] - 1) * STRIDE):
-            if turn % STRIDE == 0:
-                task = turn // STRIDE
-                offset, dx, dt = lattice_of(lattice)
-                lo, dims = window_of(window)
-                for index in range(first[task], first[task + 1]):
-                    p = bounded(index, MOST_PARTICLES)
-                    particle_to_grid_adjoint(
-                        plastic, material, p, particle, state, state_next, force, bar, force_bar, particle_bar, offset, dx, dt, lo, dims,
-                        velocity, momentum_bar,
-                    )  # fmt: skip
+                task = taken(roster, 0)
+                while task < tasks:
+                    begin, end = share(task, tasks, window[3] * window[4] * window[5])
+                    for index in range(begin, end):
+                        node = bounded(index, MOST_NODES)
+                        velocity[node] = node_velocity(
+                            node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
+                        )
+                    finish(roster, 0)
+                    task = taken(roster, 0)
+                # Nobody reads these velocities before the last phase.
+                task = taken(roster, 1)
+                while task < tasks:
+                    grid_to_task_adjoint(
+                        task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
+                    )
+                    finish(roster, 1)
+                    task = taken(roster, 1)
+                await_all(roster, 1, tasks)
+                task = taken(roster, 2)
+                while task < tasks:
+                    begin, end = share(task, tasks, window[3] * window[4] * window[5])
+                    for index in range(begin, end):
+                        node_to_velocity_adjoint(
+                            bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
+                            clamp, clamp_velocity, planes, solid, push,
+                        )  # fmt: skip
+                    finish(roster, 2)
+                    task = taken(roster, 2)
+                await_all(roster, 0, tasks)
+                await_all(roster, 2, tasks)
+                task = taken(roster, 3)
+                while task < tasks:
+                    for index in range(first[task], first[task + 1]):
+                        particle_to_grid_adjoint(
+                            plastic, material, bounded(index, MOST_PARTICLES), particle, state, state_next, force, bar, force_bar,
+                            particle_bar, offset, dx, dt, lo, dims, velocity, momentum_bar,
+                        )  # fmt: skip
+                    task = taken(roster, 3)
