@@ -13,6 +13,7 @@ help:
 	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
 	@echo "make tables     the paper's tables, an hour or two; SHORT=1 for two rows, ROW=NAME for one"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
+	@echo "make screenshots SHOOT=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
 	@echo "make clean      remove build/"
 
 setup: $(VENV)/.complete
@@ -49,7 +50,11 @@ benchmark-mpm: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[benchmark-mpm]"
 	$(PY) benchmarks/mpm.py
 
+screenshots: setup
+	@[ -n "$(SHOOT)" ] || { echo "SHOOT= names a program that shows Blender's window and photographs it, see docs/screenshots/make.sh" >&2; exit 2; }
+	bash docs/screenshots/make.sh $(SHOOT) $(STATE)
+
 clean:
 	rm -rf build
 
-.PHONY: help setup demo scenes lint test extension tables benchmark-mpm clean
+.PHONY: help setup demo scenes lint test extension tables benchmark-mpm screenshots clean

@@ -20,7 +20,10 @@ The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature sa
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Standard gravity in Blender's world [m/s²]."""
@@ -31,6 +34,8 @@ DEFAULT_FOV_DEGREES = 50.0
 
 def front_view(distance: float) -> np.ndarray:
     """`camera_to_world` (4, 4) of Blender's front view: at (0, -distance, 0) [m], looking along +Y, image right +X, image up +Z."""
+    import numpy as np  # not above: Blender needs the constants when it switches the extension on, and NumPy takes a tenth of a second
+
     pose = np.eye(4)
     pose[:3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]]
     pose[:3, 3] = [0.0, -distance, 0.0]

@@ -9,10 +9,14 @@ import dataclasses
 import difflib
 import math
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from .errors import MaterialError
-from .records import Material
+
+if TYPE_CHECKING:  # no NumPy here: Blender reads the library when it switches the extension on
+    from .records import Recovery
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
 """Constitutive laws that the simulator knows."""
@@ -22,6 +26,25 @@ PLASTIC_LAWS = ("von_mises", "viscoplastic")
 
 DEFAULT = "leaf"
 """The material of an object of which nothing is said."""
+
+
+@dataclass(frozen=True)
+class Material:
+    """A material and where its numbers are from."""
+
+    name: str
+    law: str
+    """neo_hookean, corotated, von_mises or viscoplastic."""
+    density: float
+    """kg/m³."""
+    youngs_modulus: float
+    """Pa."""
+    poisson_ratio: float
+    yield_stress: float = 0.0
+    """Pa; plastic laws only."""
+    viscosity: float = 0.0
+    """Pa s; viscoplastic only."""
+    source: str = ""
 
 
 def find(name: str) -> Material:
@@ -63,6 +86,14 @@ def adjusted(
     result = dataclasses.replace(material, **changes, source=source)  # type: ignore[arg-type]
     _check(result)
     return result
+
+
+def as_found(material: Material, recovery: Recovery) -> Material:
+    """`material` with the stiffness that the recovery found for the body: its field belongs to that one."""
+    if recovery.youngs_modulus is None:
+        return material
+    source = f"{material.source}; Young's modulus: found from the motion, given {material.youngs_modulus:g} Pa"
+    return dataclasses.replace(material, youngs_modulus=recovery.youngs_modulus, source=source)
 
 
 def _number(key: str, value: object) -> float:

@@ -10,6 +10,8 @@ from enum import StrEnum
 
 import numpy as np
 
+from .materials import Material as Material
+
 
 class Outcome(StrEnum):
     """How a solve ended. Only `diverged` leaves no usable result."""
@@ -115,25 +117,6 @@ class Observation:
     def frames(self) -> int:
         """T, the number of frame intervals."""
         return len(self.xy) - 1
-
-
-@dataclass(frozen=True)
-class Material:
-    """A material and where its numbers are from."""
-
-    name: str
-    law: str
-    """neo_hookean, corotated, von_mises or viscoplastic."""
-    density: float
-    """kg/m³."""
-    youngs_modulus: float
-    """Pa."""
-    poisson_ratio: float
-    yield_stress: float = 0.0
-    """Pa; plastic laws only."""
-    viscosity: float = 0.0
-    """Pa s; viscoplastic only."""
-    source: str = ""
 
 
 @dataclass(frozen=True)
@@ -262,3 +245,11 @@ class Recovery:
     seconds: float
     notes: list[str] = field(default_factory=list)
     """What the user should know: capped stiffness, unseen directions, dropped tracks."""
+    youngs_modulus: float | None = None
+    """What the motion of a held body fits [Pa]; None where it was not free or the clip does not tell it: then the material's holds."""
+    stiffness_deviation: float | None = None
+    """Standard deviation of the logarithm of `youngs_modulus`, by the fit itself."""
+    clamp_depth: float = 0.0
+    """As in the settings: where the held part began to be held."""
+    substeps: int | None = None
+    """Per frame. A solver's damping hangs on them: the same force swings a body differently with others."""

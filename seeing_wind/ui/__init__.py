@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import bpy
 
-from . import (
+from . import later
+
+later.declare(
+    __name__,
+    (
+        "animation", "bake", "batch", "bodies", "clip_scene", "composite", "console", "edit_export", "edits", "engine_environment",
+        "engine_install", "field_calibration", "field_vdb", "job", "native", "picture_frame", "results", "scene_export", "worker_calls",
+    ),
+)  # fmt: skip
+
+from . import (  # noqa: E402
     commands,
     engine_environment,
     freshness,

@@ -9,18 +9,12 @@ from __future__ import annotations
 import os
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import bpy
 
 from ..engine.errors import SeeingWindError, UsageError
-from . import job, takes, worker_calls
-from .console import Console
-from .engine_environment import engine_python
+from . import batch, composite, console, engine_environment, job, results, takes, worker_calls
 from .preferences import asked_model
-
-if TYPE_CHECKING:
-    from . import batch
 
 NAME = "seeing_wind"
 VERBS = ("recover", "recover-trajectories", "sample", "resimulate", "export", "identify", "doctor")
@@ -39,52 +33,48 @@ def main(argv: list[str]) -> int:
     if not argv or argv[0] in ("-h", "--help"):
         print(USAGE)
         return 0 if argv else 2
-    console = Console()
+    out = console.Console()
     try:
         if argv[0] == "batch":
-            return _batch(argv[1:], console)
+            return _batch(argv[1:], out)
         verb, options, save = _split(argv)
-        python = engine_python()
+        python = engine_environment.engine_python()
         if "-h" in options or "--help" in options:
             return subprocess.run(worker_calls.command(python, verb, *options), env=worker_calls.environment(), check=False).returncode
-        code = _run(python, verb, options, console)
+        code = _run(python, verb, options, out)
         if code == 0 and save:
-            code = _save(python, verb, options, save, console)
+            code = _save(python, verb, options, save, out)
         return code
     except SeeingWindError as error:
-        console.show({"type": "error", "message": error.message, "hint": error.hint})
+        out.show({"type": "error", "message": error.message, "hint": error.hint})
         return error.exit_code
 
 
-def _batch(options: list[str], console: Console) -> int:
+def _batch(options: list[str], out: console.Console) -> int:
     """All jobs of a file.
 
     Raises:
         UsageError: for wrong options, or a file that is none.
     """
-    from . import batch
-
     words = [word for word in options if word != "--again"]
     if len(words) != 1 or words[0].startswith("-"):
         raise UsageError("batch takes one file of jobs.", f"blender --command {NAME} batch JOBS.toml [--again]")
-    python = engine_python()
-    return batch.run(Path(words[0]), lambda each: _job(python, each, console), lambda line: print(line, flush=True), "--again" in options)
+    python = engine_environment.engine_python()
+    return batch.run(Path(words[0]), lambda each: _job(python, each, out), lambda line: print(line, flush=True), "--again" in options)
 
 
-def _job(python: str, each: batch.Job, console: Console) -> int:
+def _job(python: str, each: batch.Job, out: console.Console) -> int:
     """One job of a batch; returns its exit code."""
-    code = _run(python, "recover", each.recover_options(), console) if each.clip is not None else 0
+    code = _run(python, "recover", each.recover_options(), out) if each.clip is not None else 0
     if code == 0 and each.edit is not None:
-        code = _run(python, "resimulate", each.resimulate_options(), console)
+        code = _run(python, "resimulate", each.resimulate_options(), out)
     if code == 0 and (each.save is not None or each.render is not None):
-        code = _build(python, each.take, str(each.clip or ""), each.edit_take, console)
+        code = _build(python, each.take, str(each.clip or ""), each.edit_take, out)
     if code:
         return code
     if each.save is not None:
         _save_file(str(each.save))
     if each.render is not None:
-        from . import composite
-
         composite.set_up(bpy.context.scene)
         composite.render(bpy.context.scene, each.render)
     return 0
@@ -112,30 +102,28 @@ def _split(argv: list[str]) -> tuple[str, list[str], str]:
     return verb, options, save
 
 
-def _run(python: str, verb: str, options: list[str], console: Console) -> int:
+def _run(python: str, verb: str, options: list[str], out: console.Console) -> int:
     """Run the worker in the user's own folder, so that relative paths mean what they say."""
     call = worker_calls.command(python, verb, *options)
     key = asked_model()[2] if any(option.startswith("--material-endpoint") for option in options) else ""
-    last = job.wait(job.run(call, cwd=os.getcwd(), env=worker_calls.environment(key) | {"PYTHONSAFEPATH": "1"}), console.show)
+    last = job.wait(job.run(call, cwd=os.getcwd(), env=worker_calls.environment(key) | {"PYTHONSAFEPATH": "1"}), out.show)
     return last["code"] if last["code"] in (0, 1, 2) else job.CANCELLED if last["outcome"] == "cancelled" else 1
 
 
-def _save(python: str, verb: str, options: list[str], save: str, console: Console) -> int:
+def _save(python: str, verb: str, options: list[str], save: str, out: console.Console) -> int:
     """A new file with the results: the field and the recovered object, and for a re-simulation its bodies with their motion."""
     take = Path(_value(options, "--take")).resolve()
     # The folder of the recovered field is the verb's own argument where --take names the re-simulation.
     source = Path(options[0]).resolve() if verb == "resimulate" else take
     clip = str(Path(options[0]).resolve()) if verb == "recover" else ""
-    code = _build(python, source, clip, take if verb == "resimulate" else None, console)
+    code = _build(python, source, clip, take if verb == "resimulate" else None, out)
     if code == 0:
         _save_file(save)
     return code
 
 
-def _build(python: str, source: Path, clip: str, edit: Path | None, console: Console) -> int:
+def _build(python: str, source: Path, clip: str, edit: Path | None, out: console.Console) -> int:
     """An empty file with the results of a take, and of a re-simulation; returns the exit code."""
-    from . import results
-
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     if not hasattr(scene, "seeing_wind"):  # factory settings switch extensions off
@@ -143,7 +131,7 @@ def _build(python: str, source: Path, clip: str, edit: Path | None, console: Con
 
         register()
     settings = scene.seeing_wind
-    last = job.wait(results.sampling(python, source, settings.field_resolution), console.show)
+    last = job.wait(results.sampling(python, source, settings.field_resolution), out.show)
     if last["outcome"] != "done":
         return job.CANCELLED if last["outcome"] == "cancelled" else 1
     results.build(scene, source, clip)

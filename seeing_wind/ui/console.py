@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
-from .job import Message
+if TYPE_CHECKING:
+    from .job import Message
 
 EVERY = 2.0
 """Seconds between two lines of one stage."""

@@ -98,7 +98,8 @@ def programs(base: str, folder: Path, torch: str, wheels: str) -> list[Program]:
         return [*made, Program("Installing packages", 0.04, 0.94, packages), trying]
     fetch = [*pip, "--cache-dir", str(folder / CACHE), *RETRIES]
     index = torch_index(torch)
-    first = [Program("Downloading PyTorch", 0.06, 0.5, [*fetch, *index, wanted_torch(requirements)])] if index else []
+    # what PyTorch itself needs comes from PyPI with the rest: where its own index cannot be reached, one wait is enough
+    first = [Program("Downloading PyTorch", 0.06, 0.5, [*fetch, "--no-deps", *index, wanted_torch(requirements)])] if index else []
     return [
         *made,
         Program("Updating pip", 0.04, 0.06, [*fetch, "--upgrade", "pip"]),

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ..engine.errors import UsageError
+from .names import ARROWS_MATERIAL
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 from .units import metres_per_unit
 
@@ -22,8 +23,6 @@ WEAK_TO_STRONG = (
     (1.00, (1.0, 0.0, 0.0)),
 )
 """Strength in 0..1 and its colour (sRGB): Matplotlib's `rainbow`, whose ends 8000FF and FF0000 the paper's first figure names."""
-
-MATERIAL = "Seeing Wind Arrows"
 
 PEAK_QUANTILE = 0.99
 """Arrows are drawn relative to this quantile of the strength, so that one outlier does not make all others small."""
@@ -204,10 +203,10 @@ def _unit_arrow(group: GroupBuilder) -> bpy.types.NodeSocket:
 
 def arrow_material() -> bpy.types.Material:
     """The arrows' material, shared by all: glows in the colour of its strength, more transparent where the clip says little."""
-    material = bpy.data.materials.get(MATERIAL)
+    material = bpy.data.materials.get(ARROWS_MATERIAL)
     if material is not None:
         return material
-    material = bpy.data.materials.new(MATERIAL)
+    material = bpy.data.materials.new(ARROWS_MATERIAL)
     material.use_nodes = True
     material.surface_render_method = "BLENDED"
     material.diffuse_color = (*_linear((0.5, 0.0, 1.0)), 1.0)

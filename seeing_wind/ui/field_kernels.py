@@ -17,6 +17,14 @@ RIDGE = 1e-8
 keeps the coefficients of nearly equal kernels from growing against each other, which Blender's float32 sums would turn into noise."""
 
 
+BEYOND = 0.3
+"""How far, in cells of the lattice, the outermost sources stand outside it.
+
+A sum of kernels fits worst near its outermost ones: standing on the faces of the box, they left twice the error there (2.2 % of a swirl
+instead of 1.2 %). Farther out a smooth field gains a little more, but one that changes from node to node swings between the outermost ones
+(measured for cubes and slabs from 0.1 to 10 m)."""
+
+
 def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
     """Nodes of a regular lattice that fills a box, its faces included.
 
@@ -34,6 +42,12 @@ def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
+def between(box: np.ndarray, resolution: int) -> np.ndarray:
+    """Places amid the nodes of `lattice(box, resolution)`, where the field is to be known too for a good fit: (P, 3) [m]."""
+    inset = 0.5 * (box[1] - box[0]) / max(resolution - 1, 1)
+    return lattice(np.stack([box[0] + inset, box[1] - inset]), resolution)
+
+
 def lattice_counts(nodes: np.ndarray) -> tuple[int, int, int]:
     """Nodes along x, y, z of a full lattice (M, 3) as `lattice` makes it, z fastest.
 
@@ -45,6 +59,12 @@ def lattice_counts(nodes: np.ndarray) -> tuple[int, int, int]:
     if full.shape != np.shape(nodes) or not np.allclose(full, nodes, atol=1e-6 * max(1e-9, float(np.ptp(nodes, axis=0).max()))):
         raise ValueError("the nodes do not fill a lattice")
     return len(axes[0]), len(axes[1]), len(axes[2])
+
+
+def source_places(nodes: np.ndarray) -> np.ndarray:
+    """Where the sources for a lattice (M, 3) stand, in its order: the same lattice, drawn out to `BEYOND` its faces: (M, 3)."""
+    middle, cells = 0.5 * (nodes.min(axis=0) + nodes.max(axis=0)), np.array(lattice_counts(nodes)) - 1
+    return middle + (nodes - middle) * (1.0 + 2.0 * BEYOND / cells)
 
 
 def halved(counts: tuple[int, int, int], values: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from .field_arrows import COLOUR, arrow_material, ramp_colours
+from .names import in_figures
 from .node_groups import GroupBuilder, set_up_modifier
 
 MARK = "seeing_wind_legend"
@@ -13,11 +14,6 @@ MARK = "seeing_wind_legend"
 CELLS = 48
 WIDTH = 0.06
 """Of the bar, relative to its height."""
-
-
-def in_figures(value: float) -> str:
-    """A strength with three figures, without a power of ten where a person would write none."""
-    return f"{float(f'{value:.3g}'):.0f}" if 100.0 <= value < 1e6 else f"{value:.3g}"
 
 
 def create_legend(

@@ -1,9 +1,9 @@
 """The recovered force field as one native Blender force field object.
 
-A mesh of vertices only with a WIND field of shape *Every Point*: two vertices per lattice node, whose directions (attribute
-`custom_normal`) and falloff together carry the field, see `field_kernels`. A Geometry Nodes modifier picks the current frame's
-directions, so the field changes with time without handlers or keyframes, follows the object when it is moved or turned, and is saved
-with the file.
+A mesh of vertices only with a WIND field of shape *Every Point*: a source near each lattice node, two vertices per source, whose
+directions (attribute `custom_normal`) and falloff together carry the field, see `field_kernels`. A Geometry Nodes modifier picks the
+current frame's directions, so the field changes with time without handlers or keyframes, follows the object when it is moved or turned,
+and is saved with the file.
 
 What a native solver feels of it depends on the solver; `field_calibration` sets each object's weights so that matter of density rho
 accelerates by f / rho. For Geometry Nodes, `field_samples` keeps the field's values in a hidden child.
@@ -17,7 +17,7 @@ import bpy
 import numpy as np
 
 from ..engine.errors import UsageError
-from .field_kernels import choose_power, evaluate, fit_nodes, halved, lattice_counts, paired_directions
+from .field_kernels import choose_power, evaluate, fit_nodes, halved, lattice_counts, paired_directions, source_places
 from .field_samples import create_samples, sample_wind_group
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 from .units import metres_per_unit
@@ -52,7 +52,7 @@ def create_field_object(
 
     Args:
         scene: its length unit is respected.
-        nodes: (M, 3) where the sources stand [m, world], a lattice as `field_kernels.lattice` gives them.
+        nodes: (M, 3) where the field is known [m, world], a lattice as `field_kernels.lattice` gives them; a source stands near each.
         vectors: (T, M, 3) the field there [N/m³]; row t acts from picture t to picture t + 1.
         fps: frames per second of the clip; one scene frame is one picture.
         density: of the recovered material [kg/m³], the default of a calibration.
@@ -77,11 +77,12 @@ def create_field_object(
         points, samples = np.concatenate([points, np.asarray(probes) / unit]), np.concatenate([samples, probe_vectors], axis=1)
     power = choose_power(nodes)
     # forces in scene units too, so that f / rho comes out in scene units per square second
-    sources = fit_nodes(nodes, points, samples / unit, power)
+    standing = source_places(nodes)
+    sources = fit_nodes(standing, points, samples / unit, power)
     strength = 0.5 * float(np.linalg.norm(sources, axis=-1).max()) or 1.0
 
     centre = 0.5 * (nodes.min(axis=0) + nodes.max(axis=0))
-    obj = bpy.data.objects.new(name, _mesh(name, nodes - centre, paired_directions(sources, strength)))
+    obj = bpy.data.objects.new(name, _mesh(name, standing - centre, paired_directions(sources, strength)))
     obj.location = centre
     obj.lock_scale = (True, True, True)
     (collection or scene.collection).objects.link(obj)
@@ -107,7 +108,7 @@ def create_field_object(
     if max(counts) <= DENSE:
         places, sure = halved(counts, places[None])[0], halved(counts, sure)
         counts = (2 * counts[0] - 1, 2 * counts[1] - 1, 2 * counts[2] - 1)
-    values = evaluate(nodes, sources, places + centre, power)
+    values = evaluate(standing, sources, places + centre, power)
     samples = create_samples(scene, obj, counts, places, values, sure[..., 0], frame_start, SOLVER_DELAY)
     sample_wind_group(samples, density)
     return obj

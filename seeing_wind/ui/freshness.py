@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+from array import array
 
 import bpy
-import numpy as np
 from bpy.app.handlers import persistent
 
 from ..engine.errors import SeeingWindError
-from . import bodies, native, status, worker_calls
-from .animation import keyframes
-from .bake import mark_of
+from . import animation, bake, bodies, native, status, worker_calls
 from .units import metres_per_unit
 
 
@@ -35,7 +33,7 @@ def edit_digest(scene: bpy.types.Scene) -> str:
         return ""
     gravity = tuple(settings.edit_gravity) if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode
     path = settings.path_from_id("field_strength")
-    strength = [curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength
+    strength = [curve for curve in animation.keyframes(scene) if curve[0] == path] or settings.field_strength
     colliders = [(each.kind, each.friction, _geometry(each.object)) for each in settings.colliders if each.object is not None]
     floor = (settings.floor_height, settings.floor_friction) if settings.use_floor else None
     scene_wide = (strength, gravity, settings.contact, colliders, floor, tuple(settings.offset), metres_per_unit(scene))
@@ -98,7 +96,7 @@ def _geometry(obj: bpy.types.Object | None) -> tuple:
 
 def _place(obj: bpy.types.Object) -> list:
     """Where an object stands, the same at every frame; its keyframes where it moves by itself. Those of a bake do not count."""
-    mark = mark_of(obj)
+    mark = bake.mark_of(obj)
     if mark is not None and mark["way"] == "TRANSFORM":
         return _rounded(mark["former"]["world"])
     lineage, moves = [obj], [_keys_of_place(obj)]
@@ -111,7 +109,7 @@ def _place(obj: bpy.types.Object) -> list:
 
 
 def _keys_of_place(obj: bpy.types.Object) -> list:
-    return [curve for curve in keyframes(obj) if curve[0].startswith(("location", "rotation", "scale", "delta_"))]
+    return [curve for curve in animation.keyframes(obj) if curve[0].startswith(("location", "rotation", "scale", "delta_"))]
 
 
 def _rounded(matrix) -> list[float]:
@@ -127,7 +125,7 @@ def _weights(obj: bpy.types.Object, group: str) -> str:
 
 
 def _coordinates(mesh: bpy.types.Mesh) -> str:
-    flat = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+    flat = array("f", bytes(12 * len(mesh.vertices)))
     mesh.vertices.foreach_get("co", flat)
     return hashlib.sha256(flat.tobytes()).hexdigest()[:16]
 

@@ -12,8 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..engine.errors import SeeingWindError
-from . import freshness, job, status
-from .console import Console
+from . import console, freshness, job, status
 
 TICK = 0.1
 """Seconds between two looks at the worker: quick enough for a bar to move, rare enough to cost nothing."""
@@ -83,7 +82,7 @@ class JobOperator:
         if self.key in jobs:
             self.report({"ERROR"}, "A job of this scene is running. Cancel it first.")
             return {"CANCELLED"}
-        self.console = Console() if bpy.app.background else None
+        self.console = console.Console() if bpy.app.background else None
         # Registered before anything is started, so that a second click finds it.
         try:
             jobs[self.key] = Running(self.start(scene))

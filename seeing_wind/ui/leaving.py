@@ -10,6 +10,7 @@ import atexit
 import gc
 import sys
 from collections.abc import Callable
+from types import ModuleType
 
 actions: list[Callable[[], None]] = []
 let_go = False
@@ -24,8 +25,11 @@ def _leave() -> None:
     if not let_go:
         return
     for name in [name for name in sys.modules if name == __package__ or name.startswith(f"{__package__}.")]:
-        if name != __name__:
-            vars(sys.modules.pop(name)).clear()
+        if name == __name__:
+            continue
+        module = sys.modules.pop(name)
+        if type(module) is ModuleType:  # not one that was never used (see `later`): a look at it would read it now
+            vars(module).clear()
     gc.collect()
 
 

@@ -2,8 +2,7 @@
 
 import bpy
 
-from .field_arrows import MATERIAL
-from .field_legend import in_figures
+from .names import ARROWS_MATERIAL, in_figures
 from .node_groups import modifier_input
 from .panels import CATEGORY
 
@@ -49,7 +48,7 @@ class FieldTab:
         space = context.space_data
         if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
             column.prop(space.shading, "color_type", text="Solid View Color")
-        material = bpy.data.materials.get(MATERIAL)
+        material = bpy.data.materials.get(ARROWS_MATERIAL)
         ramp = None
         if material is not None:
             ramp = next((node for node in material.node_tree.nodes if node.type == "VALTORGB"), None)

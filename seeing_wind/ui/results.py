@@ -10,11 +10,11 @@ import numpy as np
 
 from ..engine.errors import TakeError
 from ..engine.take import Take
-from . import field_legend, field_samples, job, physics_nodes, worker_calls
+from . import field_legend, field_samples, job, physics_nodes, renewal, worker_calls
 from .bake import bake_shape_keys
 from .clip_scene import create_recovered_object, setup_clip_scene
 from .field_arrows import create_arrows
-from .field_kernels import lattice
+from .field_kernels import between, lattice
 from .field_legend import create_legend
 from .field_object import create_field_object
 from .native.clips import absolute
@@ -23,6 +23,9 @@ from .units import metres_per_unit
 
 COLLECTION = "Seeing Wind"
 POINTS, SAMPLES = "blender_points.npy", "blender_samples.npz"
+POINTERS = ("field_object", "arrows_object", "recovered_object")
+"""Results that the scene's settings name; these two are children of the field object."""
+SAMPLES_OBJECT, LEGEND = "samples", "legend"
 RIDING = 64
 """Arrows that ride on the recovered object, at most: more of them hide it."""
 
@@ -55,11 +58,8 @@ def places(take: Take, resolution: int) -> Places:
         TakeError: when the take has no report.
     """
     field = field_summary(take)
-    box = field.box
-    nodes = lattice(box, resolution)
-    inset = 0.5 * (box[1] - box[0]) / max(resolution - 1, 1)
     x = trajectory(take, field)[: field.frames]
-    return Places(nodes, lattice(np.stack([box[0] + inset, box[1] - inset]), resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
+    return Places(lattice(field.box, resolution), between(field.box, resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
 
 
 def sampling(python: str, folder: Path, resolution: int) -> job.Messages:
@@ -73,7 +73,7 @@ def sampling(python: str, folder: Path, resolution: int) -> job.Messages:
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
-    """Put the results of a take into `scene`, in place of those of a former one. Keeps what was made in the scene's settings.
+    """Put the results of a take into `scene`, those of a former one into the objects that it has made already (see `renewal`).
 
     Args:
         scene: changed; see `clip_scene.setup_clip_scene` for what of it.
@@ -100,54 +100,67 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
             scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start
         )
 
-    followers, groups = physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
-    remove(settings)
+    _leave_to_others(settings)
+    former, followers, groups = _made(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
     collection = _collection(scene)
-    settings.field_object = create_field_object(
+    wind = create_field_object(
         scene, "Recovered Wind", where.nodes, at_nodes, fps=field.fps, density=field.density, frame_start=settings.frame_start,
         probes=where.probes, probe_vectors=at_probes, confidence=sure_nodes, take=folder, collection=collection,
     )  # fmt: skip
-    physics_nodes.follow(followers, settings.field_object)
     nodes = np.broadcast_to(where.nodes, at_nodes.shape)
-    settings.arrows_object = create_arrows(
+    arrows = create_arrows(
         scene, "Recovered Wind Arrows", np.concatenate([nodes, where.riding], axis=1), np.concatenate([at_nodes, at_riding], axis=1),
-        np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, parent=settings.field_object, collection=collection,
+        np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
     )  # fmt: skip
     low, high = field.box / metres_per_unit(scene)
     aside = low - [0.06 * (high - low).max(), 0.0, 0.0]
-    create_legend(
-        "Recovered Wind Legend", settings.arrows_object["seeing_wind_peak"], aside, 0.6 * float((high - low).max()), collection,
-        settings.field_object,
+    legend = create_legend(
+        "Recovered Wind Legend", arrows["seeing_wind_peak"], aside, 0.6 * float((high - low).max()), collection, wind,
     )  # fmt: skip
+    made = {"field_object": wind, SAMPLES_OBJECT: field_samples.samples_of(wind), "arrows_object": arrows, LEGEND: legend}
     if seen is not None and seen.surface is not None:
-        settings.recovered_object = _recovered(scene, seen, field.fps, collection)
+        made["recovered_object"] = _recovered(scene, seen, field.fps, collection)
+    kept = _in_place(scene, former, made)
+    for name in POINTERS:
+        setattr(settings, name, kept.get(name))
+    physics_nodes.follow(followers, settings.field_object)
+    if settings.recovered_object is not None:
         _restore_groups(settings.recovered_object, groups)
 
 
-def remove(settings: bpy.types.PropertyGroup) -> None:
-    """Take former results out of the file; what the user has deleted already is no error. Edits and the camera stay.
+def _made(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object]:
+    """What a former run has made, by what it is; what the user has deleted already is not among it."""
+    found = {name: getattr(settings, name) for name in POINTERS}
+    for child in settings.field_object.children if settings.field_object is not None else ():
+        for name, mark in ((SAMPLES_OBJECT, field_samples.MARK), (LEGEND, field_legend.MARK)):
+            if mark in child:
+                found[name] = child
+    return {name: obj for name, obj in found.items() if obj is not None}
 
-    A scene that was copied from another one shares its objects: these stay with the other.
-    """
-    _leave_to_others(settings)
-    for name in ("field_object", "arrows_object", "recovered_object"):
-        obj = getattr(settings, name)
-        if obj is not None:
-            for child in obj.children:
-                if any(mark in child for mark in (field_samples.MARK, field_legend.MARK)):
-                    hidden = child.data
-                    bpy.data.objects.remove(child)
-                    bpy.data.meshes.remove(hidden)
-                else:
-                    child.parent = None
-            data = obj.data
-            bpy.data.objects.remove(obj)
-            if isinstance(data, bpy.types.Mesh) and data.users == 0:
-                bpy.data.meshes.remove(data)
+
+def _in_place(
+    scene: bpy.types.Scene, former: dict[str, bpy.types.Object], made: dict[str, bpy.types.Object]
+) -> dict[str, bpy.types.Object]:
+    """Put new results into the objects that a former run has made; those that cannot take them, or have no successor, are removed."""
+    kept = {}
+    for name, new in made.items():
+        old = former.pop(name, None)
+        if old is not None and not renewal.can_renew(old, scene):
+            former[name], old = old, None
+        kept[name] = renewal.renew(old, new) if old is not None else new
+    for obj in former.values():
+        for child in obj.children:
+            child.parent = None
+        data = obj.data
+        bpy.data.objects.remove(obj)
+        if isinstance(data, bpy.types.Mesh) and data.users == 0:
+            bpy.data.meshes.remove(data)
+    return kept
 
 
 def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
-    scene, names = settings.id_data, ("field_object", "arrows_object", "recovered_object")
+    """A scene that was copied from another one shares its objects: these stay with the other."""
+    scene, names = settings.id_data, POINTERS
     others = [other for other in bpy.data.scenes if other != scene]
     theirs = {getattr(other.seeing_wind, name) for other in others for name in names}
     shared = [name for name in names if getattr(settings, name) is not None and getattr(settings, name) in theirs]

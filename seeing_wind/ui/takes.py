@@ -19,8 +19,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..engine.errors import TakeError
-from ..engine.take import Take
-from .native.clips import absolute
+from . import native
 
 NO_FIELD = "There is no recovered field."
 
@@ -29,9 +28,10 @@ def take_folder(settings: bpy.types.PropertyGroup) -> Path:
     """Where the results of Recover go: the user's choice, else CLIP.take beside the .blend file, or in the temporary folder while it is
     unsaved. Two scenes of one file never get the same folder by default."""
     if settings.take:
-        return Path(absolute(settings.take))
+        return Path(native.clips.absolute(settings.take))
     stem = re.sub(r"[^\w.-]+", "_", Path(bpy.path.abspath(settings.clip)).stem) or "clip"
-    home = Path(bpy.data.filepath).parent if bpy.data.filepath else _temporary() / _short(str(Path(absolute(settings.clip)).parent))
+    clips = Path(native.clips.absolute(settings.clip)).parent
+    home = Path(bpy.data.filepath).parent if bpy.data.filepath else _temporary() / _short(str(clips))
     scene, own = settings.id_data, Path(settings.started_take).name
     taken = {Path(other.seeing_wind.started_take).name for other in bpy.data.scenes if other != scene}
     if re.fullmatch(rf"{re.escape(stem)}(\.[^.]+)?\.take", own) and own not in taken:
@@ -56,6 +56,8 @@ def stamp_of_field(folder: Path) -> str:
     Raises:
         TakeError: when its description is damaged.
     """
+    from ..engine.take import Take
+
     return str(Take(folder).description().get("stages", {}).get("recover", {}).get("stamp", ""))
 
 

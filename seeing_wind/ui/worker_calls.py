@@ -9,7 +9,6 @@ import bpy
 
 from ..engine.errors import ClipError, ObjectError, UsageError
 from . import native
-from .native.clips import absolute, as_pattern
 from .takes import take_folder
 from .units import metres_per_unit
 
@@ -43,10 +42,10 @@ def clip_options(settings: bpy.types.PropertyGroup) -> list[str]:
     """
     if not settings.clip:
         raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
-    path = absolute(settings.clip)
+    path = native.clips.absolute(settings.clip)
     if not os.path.isfile(path):
         raise ClipError(f"There is no file {path}.", "Choose the clip again; it may have been moved.")
-    options = [as_pattern(path)]
+    options = [native.clips.as_pattern(path)]
     if settings.fps > 0.0:
         options += ["--fps", _number(settings.fps)]
     elif options[0] != path:  # pictures carry no rate: they play at the scene's
@@ -67,16 +66,8 @@ def object_options(settings: bpy.types.PropertyGroup) -> list[str]:
         ObjectError: when nothing says where the object is.
         UsageError: when a file is named that is not there.
     """
-    options = native.options(settings.id_data, inputs_folder(settings))
-    if settings.object_mode == "MASK":
-        if not settings.mask:
-            raise ObjectError("No mask is chosen.", "Choose a PNG of the first picture, non-zero where the object is, or draw a box.")
-        options += ["--mask", _existing(settings.mask, "mask")]
-    elif settings.object_mode == "BOX":
-        x0, y0, x1, y1 = settings.box
-        if x1 <= x0 or y1 <= y0:
-            raise ObjectError("No box is drawn round the object.", "Use Draw Box, or give left, top, right and bottom in pixels.")
-        options += ["--box", *(_number(value) for value in (x0, y0, x1, y1))]
+    marked = _marked(settings)  # first: while nothing is marked, nothing of `native` is needed
+    options = native.options(settings.id_data, inputs_folder(settings)) + marked
     if settings.pin:
         options += ["--pin", _existing(settings.pin, "picture of the held places")]
     if settings.scale_mode == "PIXELS":
@@ -91,6 +82,20 @@ def object_options(settings: bpy.types.PropertyGroup) -> list[str]:
             raise UsageError("No camera file is chosen.", "Choose one, or use a field of view.")
         return [*options, "--camera", _existing(settings.camera, "camera file")]
     return [*options, "--fov", _number(settings.fov)]
+
+
+def _marked(settings: bpy.types.PropertyGroup) -> list[str]:
+    """Where the object is, as a file or numbers of the user's say it; what the scene knows itself is `native`'s."""
+    if settings.object_mode == "MASK":
+        if not settings.mask:
+            raise ObjectError("No mask is chosen.", "Choose a PNG of the first picture, non-zero where the object is, or draw a box.")
+        return ["--mask", _existing(settings.mask, "mask")]
+    if settings.object_mode == "BOX":
+        x0, y0, x1, y1 = settings.box
+        if x1 <= x0 or y1 <= y0:
+            raise ObjectError("No box is drawn round the object.", "Use Draw Box, or give left, top, right and bottom in pixels.")
+        return ["--box", *(_number(value) for value in (x0, y0, x1, y1))]
+    return []
 
 
 def inputs_folder(settings: bpy.types.PropertyGroup) -> Path:
@@ -121,7 +126,7 @@ def recover_options(scene: bpy.types.Scene) -> list[str]:
 
 
 def _existing(path: str, what: str) -> str:
-    found = absolute(path)
+    found = native.clips.absolute(path)
     if not os.path.isfile(found):
         raise UsageError(f"There is no {what} {found}.", "Choose it again; it may have been moved.")
     return found

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.ui import composite, field_vdb
-from seeing_wind.ui.field_legend import in_figures
 from seeing_wind.ui.field_samples import samples_of
+from seeing_wind.ui.names import in_figures
 
 
 @pytest.fixture(autouse=True)

@@ -1,18 +1,15 @@
 """The first two of three clicks: choose a clip, and mark the object in its first picture."""
 
+import math
+
 import bpy
 import gpu
-import numpy as np
 from bpy.props import BoolProperty, FloatVectorProperty, StringProperty
 from gpu_extras.batch import batch_for_shader
 
 from ...engine.conventions import front_view
 from ...engine.errors import ClipError, UsageError
-from .. import freshness
-from ..clip_scene import set_background, setup_clip_scene
-from ..native.camera import camera_source
-from ..native.clips import first_picture, loaded_clip, scene_frame
-from ..picture_frame import box_in_picture, box_on_screen, picture_corners
+from .. import clip_scene, freshness, native, picture_frame
 from ..properties import PATH
 from .edit import EditOperator
 
@@ -54,12 +51,12 @@ class SEEING_WIND_OT_choose_clip(EditOperator, bpy.types.Operator):
             raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
         former, settings.clip = settings.clip, path
         try:
-            clip = loaded_clip(settings)
+            clip = native.clips.loaded_clip(settings)
         except ClipError:
             settings.clip = former
             raise
         if clip.frame_start != 1 or clip.frame_offset:
-            settings.frame_start = scene_frame(clip, first_picture(settings))
+            settings.frame_start = native.clips.scene_frame(clip, native.clips.first_picture(settings))
         scene.active_clip = clip
         _show(scene, clip)
         return f"{clip.name}: {clip.frame_duration} pictures of {clip.size[0]} x {clip.size[1]}"
@@ -68,21 +65,21 @@ class SEEING_WIND_OT_choose_clip(EditOperator, bpy.types.Operator):
 def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip) -> None:
     """Put the clip behind the camera that Recover will use: the scene's own where the settings say so, else one of ours."""
     settings = scene.seeing_wind
-    first = first_picture(settings)
-    if settings.camera_mode in ("SOLVE", "SCENE") or (settings.camera_mode == "AUTO" and camera_source(scene)):
+    first = native.clips.first_picture(settings)
+    if settings.camera_mode in ("SOLVE", "SCENE") or (settings.camera_mode == "AUTO" and native.camera_source(scene)):
         camera = scene.camera
         if camera is not None and camera.type == "CAMERA" and not len(camera.data.background_images):
-            set_background(camera.data, clip)
+            clip_scene.set_background(camera.data, clip)
         return
     width, height = clip.size
-    focal = 0.5 * width / np.tan(0.5 * np.radians(settings.fov))
+    focal = 0.5 * width / math.tan(0.5 * math.radians(settings.fov))
     camera = {
         "width": width, "height": height, "fx": focal, "fy": focal, "cx": 0.5 * (width - 1), "cy": 0.5 * (height - 1),
         "camera_to_world": front_view(settings.distance),
     }  # fmt: skip
     last = settings.frames[1] if settings.use_frames else clip.frame_duration - 1 + clip.frame_offset
     fps = settings.fps or clip.fps or scene.render.fps / scene.render.fps_base
-    setup_clip_scene(scene, bpy.path.abspath(clip.filepath), camera, fps, first, max(last - first, 1), settings.frame_start)
+    clip_scene.setup_clip_scene(scene, bpy.path.abspath(clip.filepath), camera, fps, first, max(last - first, 1), settings.frame_start)
 
 
 class SEEING_WIND_OT_draw_box(bpy.types.Operator):
@@ -113,7 +110,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         scene, space = context.scene, context.space_data
         self.background = None
         try:
-            self.clip = loaded_clip(scene.seeing_wind) if scene.seeing_wind.clip else None
+            self.clip = native.clips.loaded_clip(scene.seeing_wind) if scene.seeing_wind.clip else None
         except (ClipError, UsageError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -128,7 +125,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         else:
             self.report({"ERROR"}, "Draw the box in a 3D viewport with a camera, or in the Movie Clip Editor.")
             return {"CANCELLED"}
-        scene.frame_set(scene_frame(self.clip, first_picture(scene.seeing_wind)))
+        scene.frame_set(native.clips.scene_frame(self.clip, native.clips.first_picture(scene.seeing_wind)))
         # the button may be in the sidebar; the picture is in the area's main region
         self.area = context.area
         self.region = next(region for region in self.area.regions if region.type == "WINDOW")
@@ -145,7 +142,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         if event.type in {"ESC", "RIGHTMOUSE"}:
             self._end(context)
             return {"CANCELLED"}
-        at = np.array([event.mouse_x - self.region.x, event.mouse_y - self.region.y], dtype=np.float64)
+        at = (float(event.mouse_x - self.region.x), float(event.mouse_y - self.region.y))
         if event.type == "MOUSEMOVE" and self.start is not None:
             self.end = at
             self.region.tag_redraw()
@@ -161,7 +158,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             if corners is None:
                 self.report({"ERROR"}, "The picture is not in view. Press Numpad 0 for the camera's view and try again.")
                 return {"CANCELLED"}
-            self.box = box_in_picture(corners, self.start, at, *self.clip.size)
+            self.box = picture_frame.box_in_picture(corners, self.start, at, *self.clip.size)
             return self.execute(context)
         return {"PASS_THROUGH"} if self.start is None else {"RUNNING_MODAL"}
 
@@ -176,9 +173,9 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             self.former = (self.background.display_depth, self.background.alpha, camera.show_background_images)
             self.background.display_depth, self.background.alpha, camera.show_background_images = "FRONT", 1.0, True
 
-    def _corners(self, context) -> np.ndarray | None:
+    def _corners(self, context):
         with context.temp_override(area=self.area, region=self.region, space_data=self.area.spaces.active):
-            return picture_corners(bpy.context, self.region)
+            return picture_frame.picture_corners(bpy.context, self.region)
 
     def _end(self, context) -> None:
         if self.handler is not None:
@@ -196,17 +193,17 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         if bpy.context.area != self.area:
             return
         if self.start is not None:
-            low, high = np.minimum(self.start, self.end), np.maximum(self.start, self.end)
+            low, high = (tuple(map(pick, self.start, self.end)) for pick in (min, max))
             _rectangle(low, high, (1.0, 0.55, 0.1, 1.0))
             return
-        corners, box = picture_corners(bpy.context, self.region), context.scene.seeing_wind.box
+        corners, box = picture_frame.picture_corners(bpy.context, self.region), context.scene.seeing_wind.box
         if corners is not None:
             _rectangle(*corners, (1.0, 1.0, 1.0, 0.35))
             if box[2] > box[0]:
-                _rectangle(*box_on_screen(corners, tuple(box), *self.clip.size), (1.0, 0.55, 0.1, 0.6))
+                _rectangle(*picture_frame.box_on_screen(corners, tuple(box), *self.clip.size), (1.0, 0.55, 0.1, 0.6))
 
 
-def _rectangle(low: np.ndarray, high: np.ndarray, colour: tuple[float, float, float, float]) -> None:
+def _rectangle(low, high, colour: tuple[float, float, float, float]) -> None:
     """An outline, filled with a tenth of its colour."""
     corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")

@@ -5,7 +5,7 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 
-from .. import takes, worker_calls
+from .. import composite, native, takes
 from ..properties import PATH
 from .edit import EditOperator
 
@@ -29,8 +29,6 @@ class SEEING_WIND_OT_set_up_composite(EditOperator, bpy.types.Operator):
 
     def edit(self, context):
         """May be repeated after any change."""
-        from .. import composite
-
         return str(
             composite.set_up(context.scene, plate=self.behind, floor=self.floor, samples=self.samples, show_field=self.show_field)
         )
@@ -51,15 +49,13 @@ class SEEING_WIND_OT_render_composite(EditOperator, bpy.types.Operator):
 
     def edit(self, context):
         """Sets the composite up first when it has not been."""
-        from .. import composite
-
         scene = context.scene
         if not composite.is_set_up(scene):
             composite.set_up(scene)
         if self.filepath:
-            path = Path(worker_calls.absolute(self.filepath))
+            path = Path(native.clips.absolute(self.filepath))
         else:
-            home = takes.shown(scene.seeing_wind).parent if scene.seeing_wind.recovered_take else Path(worker_calls.absolute("//"))
+            home = takes.shown(scene.seeing_wind).parent if scene.seeing_wind.recovered_take else Path(native.clips.absolute("//"))
             path = home / ("composite.png" if self.still else "composite.mp4")
         composite.render(scene, path, still=self.still)
         return f"Rendered {path}" if bpy.app.background else f"Rendering into {path}"

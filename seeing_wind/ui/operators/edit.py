@@ -6,9 +6,8 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
-from .. import freshness, job, status, worker_calls
+from .. import freshness, job, native, scene_export, status
 from ..properties import MATERIAL_ITEMS, PATH
-from ..scene_export import FIRM, pinned_vertices
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
@@ -87,7 +86,7 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
         settings = context.scene.seeing_wind
         ours = (settings.field_object, settings.arrows_object)
         if self.filepath:
-            found = _import(worker_calls.absolute(self.filepath))
+            found = _import(native.clips.absolute(self.filepath))
         elif self.object:
             obj = context.scene.objects.get(self.object)
             if obj is None or obj.type != "MESH":
@@ -138,9 +137,9 @@ class SEEING_WIND_OT_pin_vertices(EditOperator, bpy.types.Operator):
             obj.update_from_editmode()
         active = obj.vertex_groups.active
         group = self.vertex_group or (active.name if active else "")
-        _, weights = pinned_vertices(obj, context.evaluated_depsgraph_get(), group)
+        _, weights = scene_export.pinned_vertices(obj, context.evaluated_depsgraph_get(), group)
         body.pin_group = group
-        soft = int((weights < FIRM).sum())
+        soft = int((weights < scene_export.FIRM).sum())
         return f"{len(weights)} vertices of {body.name} are held" + (f", {soft} of them softly" if soft else "")
 
 
@@ -196,7 +195,7 @@ class SEEING_WIND_OT_free_recovered(EditOperator, bpy.types.Operator):
         if settings.recovered_object is None:
             raise UsageError("There is no recovered object.", "Run Recover first.")
         if self.vertex_group:
-            pinned_vertices(settings.recovered_object, context.evaluated_depsgraph_get(), self.vertex_group)
+            scene_export.pinned_vertices(settings.recovered_object, context.evaluated_depsgraph_get(), self.vertex_group)
         body = next((body for body in settings.bodies if body.is_recovered), None)
         if body is None:
             body = settings.bodies.add()

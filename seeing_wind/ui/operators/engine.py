@@ -2,7 +2,7 @@
 
 import bpy
 
-from .. import engine_environment, job, worker_calls
+from .. import engine_environment, engine_install, job, worker_calls
 from ..job_operator import JobOperator
 
 TEXT = "Seeing Wind Doctor"
@@ -17,8 +17,6 @@ class SEEING_WIND_OT_install_engine(JobOperator, bpy.types.Operator):
 
     def start(self, scene):
         """Only with the user's consent to go online, or from a folder of wheels."""
-        from .. import engine_install
-
         return engine_install.install()
 
     def finish(self, scene, result):

@@ -7,9 +7,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
-from .. import job, takes, worker_calls
-from ..console import Console
-from ..engine_environment import engine_python
+from .. import console, engine_environment, field_calibration, field_vdb, job, native, takes, worker_calls
 from ..properties import PATH
 from .edit import EditOperator
 
@@ -42,8 +40,6 @@ class SEEING_WIND_OT_calibrate(EditOperator, bpy.types.Operator):
 
     def edit(self, context):
         """Every solver of the object; what one cannot do is part of the answer."""
-        from ..field_calibration import calibrate_object
-
         scene = context.scene
         obj = scene.objects.get(self.object) if self.object else context.active_object
         if obj is None:
@@ -51,7 +47,7 @@ class SEEING_WIND_OT_calibrate(EditOperator, bpy.types.Operator):
         field = scene.seeing_wind.field_object
         if field is None:
             raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
-        said = calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
+        said = field_calibration.calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
         return "; ".join(said)
 
 
@@ -70,35 +66,33 @@ class SEEING_WIND_OT_export_field(EditOperator, bpy.types.Operator):
 
     def edit(self, context):
         """VDB in Blender, the rest by the engine."""
-        from ..field_vdb import write_vdb
-
         scene = context.scene
         settings = scene.seeing_wind
         if settings.field_object is None or not settings.recovered_take:
             raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
         take = takes.shown(settings) if self.format == "VDB" else takes.recovered(settings)
         name = self.format.lower()
-        target = Path(worker_calls.absolute(self.filepath)) if self.filepath else take.with_name(f"{take.stem}_wind")
+        target = Path(native.clips.absolute(self.filepath)) if self.filepath else take.with_name(f"{take.stem}_wind")
         if self.format == "VDB":
-            files = write_vdb(scene, settings.field_object, target)
+            files = field_vdb.write_vdb(scene, settings.field_object, target)
             return f"Wrote {len(files)} files into {target}"
         if self.format == "NPZ" and not target.suffix:
             target = target.with_suffix(f".{name}")
         os.makedirs(target.parent, exist_ok=True)
-        call = worker_calls.command(engine_python(), "export", str(take), "--format", name, "--out", str(target))
+        call = worker_calls.command(engine_environment.engine_python(), "export", str(take), "--format", name, "--out", str(target))
         self._run(job.run(call, cwd=str(take), env=worker_calls.environment()))
         return f"Exported {name.upper()} to {target}"
 
-    def _run(self, messages: job.Messages) -> None:
+    def _run(self, messages: "job.Messages") -> None:
         """Some seconds, so it is waited for. Raises SeeingWindError with what the engine said."""
-        errors: list[job.Message] = []
-        console = Console() if bpy.app.background else None
+        errors: list[dict] = []
+        out = console.Console() if bpy.app.background else None
 
-        def handle(message: job.Message) -> None:
+        def handle(message: dict) -> None:
             if message["type"] == "error":
                 errors.append(message)
-            if console is not None:
-                console.show(message)
+            if out is not None:
+                out.show(message)
 
         if job.wait(messages, handle)["outcome"] != "done":
             last = errors[-1] if errors else {"message": "The export failed.", "hint": ""}

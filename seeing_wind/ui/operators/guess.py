@@ -7,8 +7,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ...engine.errors import UsageError
-from .. import job, takes, worker_calls
-from ..engine_environment import NoOnlineAccess, engine_python
+from .. import engine_environment, job, takes, worker_calls
 from ..job_operator import JobOperator
 from ..preferences import asked_model
 from .edit import EditOperator
@@ -42,7 +41,7 @@ class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
         if not address or not model:
             raise NoModel("No model is named that could be asked.", "Give the address of a server and its model in the preferences.")
         if not is_here(address) and not bpy.app.online_access:
-            raise NoOnlineAccess(
+            raise engine_environment.NoOnlineAccess(
                 f"{address} is on the network, and Blender may not use it.", "Allow Online Access in Preferences > System > Network."
             )
         settings = scene.seeing_wind
@@ -50,7 +49,7 @@ class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
         clip, rest = options[0], options[1:]
         frames = rest[rest.index("--frames") : rest.index("--frames") + 2] if "--frames" in rest else []
         call = worker_calls.command(
-            engine_python(), "identify", clip, *frames, "--take", str(takes.take_folder(settings)),
+            engine_environment.engine_python(), "identify", clip, *frames, "--take", str(takes.take_folder(settings)),
             "--material-endpoint", address, "--material-model", model,
         )  # fmt: skip
         return job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment(key))

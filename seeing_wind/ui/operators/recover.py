@@ -6,8 +6,7 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...engine.errors import TakeError, UsageError
-from .. import freshness, job, native, takes, worker_calls
-from ..engine_environment import engine_python
+from .. import engine_environment, freshness, job, native, results, takes, worker_calls
 from ..job_operator import JobOperator
 from ..properties import PATH, ClipOptions, adopt
 
@@ -34,15 +33,13 @@ class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
             if self.properties.is_property_set(name):
                 setattr(settings, name, _found(pool, getattr(self, name)))
         options, self.digest = worker_calls.recover_options(scene), freshness.recover_digest(scene)
-        python = engine_python()
+        python = engine_environment.engine_python()
         self.folder, self.clip = takes.take_folder(settings), options[0]
         takes.bring_along(settings, self.folder)
         native.write(scene, worker_calls.inputs_folder(settings))
         return self._messages(python, options, settings.field_resolution)
 
-    def _messages(self, python: str, options: list[str], resolution: int) -> job.Messages:
-        from .. import results
-
+    def _messages(self, python: str, options: list[str], resolution: int) -> "job.Messages":
         call = worker_calls.command(python, "recover", *options, "--take", str(self.folder))
         last = yield from job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment())
         if last["outcome"] == "done":
@@ -51,8 +48,6 @@ class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
 
     def finish(self, scene, result):
         """The field object, the arrows, the camera and the object itself."""
-        from .. import results
-
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
         return f"Recovered into {self.folder.name}"
@@ -81,22 +76,18 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
 
     def start(self, scene):
         """The engine is asked for the field at the places that the scene needs."""
-        from .. import results
-
         settings = scene.seeing_wind
         if self.take:
-            self.folder = Path(worker_calls.absolute(self.take))
+            self.folder = Path(native.clips.absolute(self.take))
         else:
             self.folder = takes.shown(settings) if settings.recovered_take else takes.take_folder(settings)
         if not (self.folder / "field.safetensors").is_file():
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
-        return results.sampling(engine_python(), self.folder, settings.field_resolution)
+        return results.sampling(engine_environment.engine_python(), self.folder, settings.field_resolution)
 
     def finish(self, scene, result):
         """As Recover does, without claiming that the settings of the scene are those of the take."""
-        from .. import results
-
-        results.build(scene, self.folder, worker_calls.absolute(self.clip) if self.clip else "")
+        results.build(scene, self.folder, native.clips.absolute(self.clip) if self.clip else "")
         settings = scene.seeing_wind
         if not takes.is_shown(settings, self.folder):
             takes.show(settings, self.folder, "loaded")

@@ -3,8 +3,7 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntVectorProperty, StringProperty
 
-from .. import bodies, freshness, job, takes, worker_calls
-from ..engine_environment import engine_python
+from .. import bodies, edit_export, engine_environment, freshness, job, takes, worker_calls
 from ..job_operator import JobOperator
 from ..properties import WAYS
 from .edit import EditOperator
@@ -24,12 +23,10 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
 
     def start(self, scene):
         """Write the edit, then let the engine simulate it."""
-        from ..edit_export import export_edit
-
-        settings, python = scene.seeing_wind, engine_python()
+        settings, python = scene.seeing_wind, engine_environment.engine_python()
         source = takes.recovered(settings)
         self.folder = takes.edit_folder(settings, source)
-        edit = export_edit(scene, source, self.folder)
+        edit = edit_export.export_edit(scene, source, self.folder)
         self.digest = freshness.edit_digest(scene)
         self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}
         call = worker_calls.command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))

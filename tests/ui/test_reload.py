@@ -1,0 +1,112 @@
+"""Reload puts new results into the objects that are there: what the user has tied to them stays tied."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import pytest
+
+from seeing_wind.ui.field_samples import SAMPLE_WIND, samples_of
+from seeing_wind.ui.node_groups import get_input, set_input
+
+pytestmark = pytest.mark.usefixtures("stand_in")
+
+MADE = ("field_object", "arrows_object", "recovered_object")
+
+
+@pytest.fixture
+def recovered(stand_in, workplace) -> bpy.types.Scene:
+    """A scene with results."""
+    bpy.ops.seeing_wind.recover(clip=str(workplace / "clip.mp4"), box=(20, 20, 44, 44), distance=2.0, take=str(workplace / "one.take"))
+    return bpy.context.scene
+
+
+def made(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    return [getattr(scene.seeing_wind, name) for name in MADE] + [samples_of(scene.seeing_wind.field_object)]
+
+
+def arrows_modifier(scene: bpy.types.Scene) -> bpy.types.Modifier:
+    return next(each for each in scene.seeing_wind.arrows_object.modifiers if each.type == "NODES")
+
+
+def shown(obj: bpy.types.Object, frame: int) -> list[tuple]:
+    """Vertices of an object as it plays."""
+    bpy.context.scene.frame_set(frame)
+    return [tuple(vertex.co) for vertex in obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.vertices]
+
+
+def follower(target: bpy.types.Object, kind: str) -> bpy.types.Object:
+    empty = bpy.data.objects.new(kind, None)
+    bpy.context.scene.collection.objects.link(empty)
+    empty.constraints.new(kind).target = target
+    return empty
+
+
+def test_constraints_drivers_and_modifiers_of_the_user_survive(recovered) -> None:
+    settings = recovered.seeing_wind
+    before = [obj.session_uid for obj in made(recovered)]
+    tied = [follower(settings.recovered_object, kind) for kind in ("CHILD_OF", "COPY_LOCATION")]
+    tied.append(follower(settings.field_object, "COPY_ROTATION"))
+    settings.recovered_object.modifiers.new("Smooth", "SUBSURF")
+    settings.recovered_object.vertex_groups.new(name="Held").add([0], 1.0, "REPLACE")
+    driver = tied[0].driver_add("location", 0).driver
+    driver.variables.new().targets[0].id = settings.field_object
+    child = bpy.data.objects.new("Child", None)
+    recovered.collection.objects.link(child)
+    child.parent = settings.field_object
+    shapes, looks = shown(settings.recovered_object, 5), len(shown(settings.arrows_object, 5))
+    bpy.ops.seeing_wind.build_scene()
+    assert [obj.session_uid for obj in made(recovered)] == before
+    targets = [empty.constraints[0].target for empty in tied]
+    assert targets == [settings.recovered_object, settings.recovered_object, settings.field_object]
+    assert driver.variables[0].targets[0].id == settings.field_object == child.parent
+    assert settings.recovered_object.vertex_groups.keys() == ["Held"] and "Smooth" in settings.recovered_object.modifiers
+    assert shown(settings.recovered_object, 5) == shapes and len(shown(settings.arrows_object, 5)) == looks
+
+
+def test_nothing_piles_up(recovered) -> None:
+    pools = ("objects", "meshes", "node_groups", "shape_keys", "collections", "actions")
+    bpy.ops.seeing_wind.build_scene()
+    before = {pool: len([each for each in getattr(bpy.data, pool) if each.users]) for pool in pools}
+    stacks = [[modifier.name for modifier in obj.modifiers] for obj in made(recovered)]
+    bpy.ops.seeing_wind.build_scene()
+    assert {pool: len([each for each in getattr(bpy.data, pool) if each.users]) for pool in pools} == before
+    assert [[modifier.name for modifier in obj.modifiers] for obj in made(recovered)] == stacks
+    assert bpy.data.node_groups[SAMPLE_WIND].interface.items_tree["Wind"].default_value == samples_of(recovered.seeing_wind.field_object)
+
+
+def test_the_look_is_the_users_and_the_first_frame_that_of_the_results(recovered) -> None:
+    set_input(arrows_modifier(recovered), "Density", 0.25)
+    recovered.seeing_wind.frame_start = 11
+    bpy.ops.seeing_wind.build_scene()
+    assert get_input(arrows_modifier(recovered), "Density") == 0.25 and get_input(arrows_modifier(recovered), "First Frame") == 11
+    assert recovered.seeing_wind.field_object["seeing_wind_frame_start"] == 11
+
+
+def test_another_take_comes_into_the_same_objects(recovered, workplace: Path) -> None:
+    before = [obj.session_uid for obj in made(recovered)]
+    recovered.seeing_wind.field_object.location.x += 1.0
+    home = recovered.seeing_wind.field_object["seeing_wind_take"]
+    bpy.ops.seeing_wind.recover(take=str(workplace / "two.take"))
+    assert [obj.session_uid for obj in made(recovered)] == before
+    assert recovered.seeing_wind.field_object["seeing_wind_take"] != home
+
+
+def test_an_object_in_edit_mode_takes_the_results_too(recovered) -> None:
+    obj = recovered.seeing_wind.recovered_object
+    bpy.context.view_layer.objects.active = obj
+    bpy.ops.object.mode_set(mode="EDIT")
+    former = obj.data.session_uid
+    bpy.ops.seeing_wind.build_scene()
+    assert recovered.seeing_wind.recovered_object == obj and obj.mode == "OBJECT" and obj.data.session_uid != former
+    assert obj.data.users == 1 and obj.data.shape_keys is not None
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_what_was_deleted_is_made_anew(recovered, name: str) -> None:
+    bpy.data.objects.remove(getattr(recovered.seeing_wind, name))
+    bpy.ops.seeing_wind.build_scene()
+    assert all(obj is not None and obj.name in recovered.objects for obj in made(recovered))
+    field = recovered.seeing_wind.field_object
+    assert field.field.type == "WIND" and field.field.shape == "POINTS" and recovered.seeing_wind.arrows_object.parent == field
