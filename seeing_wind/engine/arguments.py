@@ -163,6 +163,12 @@ def _recover(p: Parser) -> None:
         metavar="N",
         help="about how many particles stand for the body",
     )
+    p.add_argument(
+        "--stiffness",
+        choices=("free", "given"),
+        default=RecoverSettings.stiffness,
+        help="free: that of a held elastic body is found with the force, where the clip tells it; given: the material's",
+    )
     _solve(p)
 
 

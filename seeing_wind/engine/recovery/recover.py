@@ -25,6 +25,7 @@ from .basis import SpatialBasis, spatial_basis
 from .objective import Channels, Objective
 from .point_channels import point_channels
 from .posterior import posterior_deviation
+from .stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .track_channels import TrackChannels, track_channels
 from .window import FULL_KNOT, Expected, Found, WindowSolver
 
@@ -93,7 +94,8 @@ def recover(
     model, model_notes = model_for(
         particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth
     )
-    clip = _Clip(particles, model, Objective(channels), fps, settings, progress, notes + model_notes)
+    stiffness = Stiffness(free=is_free(particles, model, sources, settings))
+    clip = _Clip(particles, model, Objective(channels), fps, settings, progress, notes + model_notes, stiffness)
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     return clip.result(clip.solved(), material, views, began)
 
@@ -141,6 +143,8 @@ class _Clip:
     settings: RecoverSettings
     progress: Progress
     notes: list[str]
+    stiffness: Stiffness
+    """Free until a window told it."""
 
     def solved(self) -> list[_Kept]:
         """The windows one after the other."""
@@ -148,19 +152,30 @@ class _Clip:
         expected = self._expected(len(basis.degree))
         kept: list[_Kept] = []
         cuts = windows(self.objective.frames)
-        for part, (begin, end) in enumerate(cuts):
+        done = 0.0
+        while len(kept) < len(cuts):
+            part = len(kept)
+            begin, end = cuts[part]
+            # A later window that tells the stiffness sends the solve back to the first.
+            share = (1.0 - done) / (len(cuts) - part + (len(cuts) if part and self.stiffness.free else 0))
 
-            def tell(fraction: float, what: str, residual: float | None, part: int = part) -> None:
+            def tell(fraction: float, what: str, residual: float | None, part: int = part, at: float = done, share: float = share) -> None:
                 where = f" (part {part + 1} of {len(cuts)})" if len(cuts) > 1 else ""
                 figures = {} if residual is None or not np.isfinite(residual) else {"residual": round(residual, 3)}
-                self.progress.update((part + fraction) / len(cuts), what + where, **figures)
+                self.progress.update(at + share * fraction, what + where, **figures)
 
             start = kept[-1].trajectory.state(-1) if kept else None
             solver = WindowSolver(
                 self.particles, self.model, self.objective.between(begin, end), basis, expected, start,
-                self.settings.iterations, self.progress, tell,
+                self.settings.iterations, self.progress, tell, self.stiffness,
             )  # fmt: skip
             found = solver.run()
+            done += share
+            if self.stiffness.free:
+                self.stiffness = found.stiffness.settled() if found.stiffness.known else found.stiffness
+                if part and self.stiffness.known:  # it is one body through the whole clip, and the windows so far were solved for another
+                    kept = []
+                    continue
             if found.forward.knot_spacing > FULL_KNOT and not part:
                 self.notes.append(f"The force has a knot every {found.forward.knot_spacing:.0f} frames: faster gusts are smoothed.")
             kept.append(_keep(found, cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin))
@@ -215,6 +230,7 @@ class _Clip:
         x = np.concatenate([one.trajectory.x[:-1] for one in kept] + [kept[-1].trajectory.x[-1:]])
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
         self._remark(x, views)
+        self.notes += remark(self.stiffness, self.model)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
             force_density=material.density * np.concatenate([one.acceleration for one in kept]),
@@ -227,6 +243,10 @@ class _Clip:
             iterations=sum(one.iterations for one in kept),
             seconds=time.monotonic() - began,
             notes=self.notes,
+            youngs_modulus=youngs_modulus(self.model, self.stiffness.s) if self.stiffness.known else None,
+            stiffness_deviation=self.stiffness.deviation if self.stiffness.known else None,
+            clamp_depth=self.settings.clamp_depth,
+            substeps=scaled(self.model, self.stiffness.s).substeps,
         )
 
     def _remark(self, x: np.ndarray, views: int) -> None:
@@ -244,7 +264,7 @@ class _Clip:
 def _keep(found: Found, frames: int) -> _Kept:
     """The first frames of a window's solution, with the posterior deviation."""
     # What was only assumed of stretch is not known: the deviation leaves that assumption out.
-    covariance = np.linalg.inv(found.last.point.normal + replace(found.prior, stretch=None).precision())
+    covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
     path = found.trajectory
     return _Kept(
         found.forward.acceleration(found.last.theta)[:frames],

@@ -1,7 +1,8 @@
 """The solve over one window of the clip, coarse to fine, because a body that turns makes the problem curved.
 
 Follow the targets with a receding horizon, solve with few modes and sparse knots, learn the prior's sizes, then solve with all modes
-that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle.
+that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle. Where the
+body's stiffness is free (`stiffness`), each solve is followed by steps of both.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solut
 from .objective import Objective
 from .point_channels import PointChannels
 from .prior import Kernel, Places, Prior, modes_worth
+from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, STEP, Joint, Stiffness, scaled, stiffest
 from .track_channels import TrackChannels
 from .warm_start import warm_start
 
@@ -75,6 +77,9 @@ class Found:
     trajectory: Trajectory
     iterations: int
     """Jacobians used."""
+    stiffness: Stiffness
+    joint: Joint | None
+    """How the force hangs together with a stiffness that was free."""
 
 
 @dataclass
@@ -83,6 +88,7 @@ class WindowSolver:
 
     particles: Particles
     model: Model
+    """With the stiffness given."""
     objective: Objective
     """Of the window alone."""
     basis: SpatialBasis
@@ -94,6 +100,9 @@ class WindowSolver:
     progress: Progress
     tell: Callable[[float, str, float | None], None]
     """Told the fraction done, what is being done, and the misfit in the observations' standard deviations (root mean square)."""
+    stiffness: Stiffness = Stiffness(free=False)
+    joint: Joint | None = None
+    """Of the last solve with the stiffness free."""
 
     def run(self) -> Found:
         """All parts in order."""
@@ -101,6 +110,9 @@ class WindowSolver:
         left = self.iterations
         coarse_iterations, fine_iterations = PLASTIC_ITERATIONS if self._flows() else (COARSE_ITERATIONS, FINE_ITERATIONS)
         first = self._solve(coarse, prior, theta, min(left, coarse_iterations), (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
+        left = max(0, left - first.iterations)
+        coarse, first, more = self._with_stiffness(coarse, prior, first, min(left, COARSE_ROUNDS), 0.45, COARSE_TOLERANCE)
+        left, used = max(0, left - more), used + first.iterations + more
         kernel = self._learnt(prior, first.point.normal, first.pull)
 
         self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
@@ -108,16 +120,48 @@ class WindowSolver:
         fine = self._forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
         prior = self._prior(kernel, fine, theta)
-        left = max(1, left - first.iterations)
-        second = self._solve(fine, prior, theta, min(left, fine_iterations), (0.45, 0.8), "Solving finely")
+        second = self._solve(fine, prior, theta, min(max(1, left), fine_iterations), (0.45, 0.8), "Solving finely")
+        left = max(0, left - second.iterations)
+        fine, second, more = self._with_stiffness(fine, prior, second, min(left, FINE_ROUNDS), 0.8, TOLERANCE)
+        left, used = max(0, left - more), used + second.iterations + more
         prior, point = self._learn(prior, fine, second)
-        left = min(1, max(0, left - second.iterations))
         last = self._solve(
-            fine, prior, second.theta, left, (0.8, 0.98), "Solving with what was learnt",
+            fine, prior, second.theta, min(left, 1), (0.8, 0.98), "Solving with what was learnt",
             point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
         )  # fmt: skip
-        iterations = used + first.iterations + second.iterations + last.iterations
-        return Found(fine, prior, last, fine.trajectory(last.theta), iterations)
+        return Found(fine, prior, last, fine.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint)
+
+    def _with_stiffness(
+        self, forward: Forward, prior: Prior, solution: Solution, rounds: int, done: float, tolerance: float
+    ) -> tuple[Forward, Solution, int]:
+        """Steps of the force and the stiffness together, each with a solve for the force after it.
+
+        A stiffness that the clip does not tell goes back to the one given. Returns the forward model with the stiffness that was found,
+        the solution, and the Jacobians used on the way.
+        """
+        used, self.joint = 0, None
+        for _ in range(rounds if self.stiffness.free else 0):
+            before = self.stiffness.s
+            self.joint = joint = Joint.about(forward, self.objective, prior.precision(), solution, before)
+            self.stiffness = Stiffness(True, before, joint.deviation)
+            after = min(before + min(max(joint.step(), -STEP), STEP), stiffest(self.model)) if self.stiffness.known else 0.0
+            if after == before:
+                break
+            self.stiffness = replace(self.stiffness, s=after)
+            forward = replace(forward, model=self._model(), rough=self._rough())
+            theta = solution.theta + joint.follow(after - before)
+            solution = self._solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
+            used += solution.iterations
+            if abs(after - before) < SETTLED * joint.deviation or not self.stiffness.known:
+                break
+        return forward, solution, used
+
+    def _model(self) -> Model:
+        return scaled(self.model, self.stiffness.s)
+
+    def _rough(self) -> Model:
+        model = self._model()
+        return replace(model, substeps=math.ceil(ROUGH * model.substeps))
 
     def _flows(self) -> bool:
         return self.model.plastic and any(isinstance(one, TrackChannels) for one in self.objective.channels)
@@ -173,9 +217,8 @@ class WindowSolver:
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
         if self.start is not None:
             velocity, gradient = velocity[:0], gradient[:0]
-        rough = replace(self.model, substeps=math.ceil(ROUGH * self.model.substeps))
         x = self.particles.x
-        return Forward(self.model, rough, x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
+        return Forward(self._model(), self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
 
     def _prior(self, kernel: Kernel, forward: Forward, theta: np.ndarray) -> Prior:
         """The prior of these sizes along the simulation under theta, with what one camera must believe of stretch."""

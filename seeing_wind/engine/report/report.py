@@ -8,6 +8,7 @@ import numpy as np
 
 from ..field import ForceField
 from ..field.sampling import sample_points
+from ..materials import as_found
 from ..observe.clip import read_clip
 from ..progress import NoProgress, Progress
 from ..records import Body, Material, Observation, Particles, Recovery
@@ -112,7 +113,7 @@ def _figures(
         "fps": field.fps,
         "particles": len(particles.x),
         "mass": float(material.density * particles.volume.sum()),
-        "material": {name: value for name, value in vars(material).items() if value != ""},
+        "material": {name: value for name, value in vars(as_found(material, recovery)).items() if value != ""},
         "net_force": net.tolist(),
         "mean_net_force": net.mean(axis=0).tolist(),
         "force_density": {"mean": float(strength.mean()), "p98": float(np.percentile(strength, 98)), "max": float(strength.max())},
@@ -121,6 +122,13 @@ def _figures(
         "box": field.box.tolist(),
         "notes": list(recovery.notes),
     }
+    if recovery.youngs_modulus is not None:
+        # Of the material above; the forces are those on such a body.
+        figures["stiffness"] = {
+            "youngs_modulus": recovery.youngs_modulus,
+            "given": material.youngs_modulus,
+            "relative_deviation": recovery.stiffness_deviation,
+        }
     if settings is not None:
         figures["settings"] = to_mapping(settings)
     if truth is not None:

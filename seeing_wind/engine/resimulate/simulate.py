@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import SimulationError, UsageError
 from ..field.force_field import ForceField
-from ..materials import DEFAULT, adjusted, find
+from ..materials import DEFAULT, adjusted, as_found, find
 from ..mpm.colliders import Collider
 from ..mpm.model import Model, model_for
 from ..mpm.rollout import advance
@@ -60,6 +60,10 @@ class _Actor:
     notes: list[str]
     soft: np.ndarray
     """(N,) weight in 0..1 with which a particle is drawn back to its place; 0 for free and for firmly held ones."""
+    clamp_depth: float = 0.0
+    """Grid cells below the border of what is pinned at which it is held: as in the recovery, for what was recovered."""
+    substeps: int = MIN_SUBSTEPS
+    """Per frame at least; of what was recovered those of the recovery, whose force goes with the damping that they make."""
 
 
 def simulate_bodies(
@@ -150,13 +154,13 @@ def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] |
 
 
 def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor:
-    material = source.material if body.material is None else find(body.material)
+    material = as_found(source.material, recovery) if body.material is None else find(body.material)
     particles, surface = source.particles, source.surface
     velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
     rider = Rider(surface.vertices, surface.attachment, particles.x)
     return _Actor(
         body, particles, _overridden(material, body, particles), np.array(velocity, dtype=np.float64), rider, surface.triangles, [],
-        np.zeros(len(particles.x)),
+        np.zeros(len(particles.x)), recovery.clamp_depth, recovery.substeps or MIN_SUBSTEPS,
     )  # fmt: skip
 
 
@@ -253,9 +257,9 @@ def _model(
     speed = max(5.0, 1.5 * max(float(np.linalg.norm(actor.velocity, axis=1).max()) for actor in actors))
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
-        max_substeps=MAX_SUBSTEPS, colliders=colliders, device=device,
+        max_substeps=MAX_SUBSTEPS, colliders=colliders, device=device, clamp_depth=max(actor.clamp_depth for actor in actors),
     )  # fmt: skip
-    return dataclasses.replace(model, substeps=max(model.substeps, MIN_SUBSTEPS)), notes
+    return dataclasses.replace(model, substeps=max(model.substeps, *(actor.substeps for actor in actors))), notes
 
 
 def _released(state: State, actors: Sequence[_Actor], slices: Sequence[slice], frame: int) -> State:

@@ -3,51 +3,13 @@
 import numpy as np
 import pytest
 
-from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
-from seeing_wind.engine.mpm.model import model_for
-from seeing_wind.engine.mpm.rollout import advance
-from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
-from seeing_wind.engine.records import Attachment, Camera, Material, Outcome, Particles, PointTargets, TrackTargets
+from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
 from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.recover import windows
 from seeing_wind.engine.settings import RecoverSettings
-
-RUBBER = Material("rubber", "neo_hookean", density=400.0, youngs_modulus=5e3, poisson_ratio=0.3)
-FPS = 30.0
-WEIGHTLESS = RecoverSettings(gravity=(0.0, 0.0, 0.0))
-
-
-def plate(shape=(8, 5, 2), spacing=0.02, pinned=None):
-    axes = [(np.arange(n) - (n - 1) / 2) * spacing for n in shape]
-    x = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    held = np.zeros(len(x), bool) if pinned is None else pinned(x)
-    return Particles(x, np.full(len(x), spacing**3), held, spacing)
-
-
-def every(particles):
-    return Attachment(np.arange(len(particles.x), dtype=np.int32)[:, None], np.ones((len(particles.x), 1)))
-
-
-def blow(body, wind, frames, gravity=(0.0, 0.0, 0.0), velocity=None, spin=None):
-    """Trajectory x (T+1, N, 3) under wind(X, t) [m/s²] of rest positions, and the wind at the particles (T, N, 3)."""
-    model, _ = model_for(body, RUBBER, FPS, gravity=gravity)
-    state, xs, winds = State.at_rest(body.x, velocity, spin), [body.x], []
-    for t in range(frames):
-        slope = np.stack([(wind(body.x + 1e-5 * e, t) - wind(body.x - 1e-5 * e, t)) / 2e-5 for e in np.eye(3)], axis=-1)
-        winds.append(wind(body.x, t))
-        state = advance(model, state, winds[-1], slope @ np.linalg.inv(state.F))
-        xs.append(state.x)
-    return np.stack(xs), np.stack(winds)
-
-
-def points(body, x):
-    return PointTargets(x, np.ones(x.shape[:2], bool), every(body))
-
-
-def relative(got, want):
-    return np.sqrt(((got - want) ** 2).mean() / (want**2).mean())
+from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
 
 def test_a_uniform_wind_comes_back():
@@ -72,10 +34,6 @@ def test_an_affine_wind_on_a_body_in_motion_comes_back_with_its_initial_velocity
     # The deviation covers the error, with room for a simulator that is not the real body (here it is).
     error = np.sqrt(((found.force_density - 400.0 * wind) ** 2).mean())
     assert 0.1 < error / np.sqrt((found.deviation**2).mean()) < 1.5
-
-
-def camera():
-    return Camera(640, 360, 700.0, 700.0, 319.5, 179.5, front_view(1.5))
 
 
 def test_a_wind_is_seen_in_pixels_against_gravity():
