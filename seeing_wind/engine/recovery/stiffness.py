@@ -38,6 +38,8 @@ OFFSET = 0.02
 """Half the central difference's step of s."""
 STEP = 0.4
 """Largest step of s at a time."""
+SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what the step takes it for."""
 SETTLED = 0.25
 """Steps of s below this many standard deviations need no other after them."""
 COARSE_ROUNDS, FINE_ROUNDS = 3, 1
@@ -91,6 +93,11 @@ def youngs_modulus(model: Model, s: float = 0.0) -> float:
     """E [Pa] of the stiffest part of a body with e^s times the stiffness of `model`."""
     mu, lam = float(model.mu.max()), float(model.lam.max())
     return math.exp(s) * mu * (3.0 * lam + 2.0 * mu) / (lam + mu)
+
+
+def penalty(s: float) -> float:
+    """What s adds to the cost, twice its negative log prior."""
+    return (s / SPREAD) ** 2
 
 
 def remark(stiffness: Stiffness, model: Model) -> list[str]:

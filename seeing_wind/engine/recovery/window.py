@@ -20,11 +20,11 @@ from ..records import Particles
 from .basis import SpatialBasis, hats, velocity_basis
 from .evidence import learn, mismatch_scale
 from .forward import Forward
-from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, solve
+from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of, solve
 from .objective import Objective
 from .point_channels import PointChannels
 from .prior import Kernel, Places, Prior, modes_worth
-from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, STEP, Joint, Stiffness, scaled, stiffest
+from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, STEP, Joint, Stiffness, penalty, scaled, stiffest
 from .track_channels import TrackChannels
 from .warm_start import warm_start
 
@@ -142,25 +142,47 @@ class WindowSolver:
         used, self.joint = 0, None
         for _ in range(rounds if self.stiffness.free else 0):
             before = self.stiffness.s
-            self.joint = joint = Joint.about(forward, self.objective, prior.precision(), solution, before)
-            self.stiffness = Stiffness(True, before, joint.deviation)
-            after = min(before + min(max(joint.step(), -STEP), STEP), stiffest(self.model)) if self.stiffness.known else 0.0
-            if after == before:
+            joint = Joint.about(forward, self.objective, prior.precision(), solution, before)
+            known = Stiffness(True, before, joint.deviation).known
+            after = min(before + min(max(joint.step(), -STEP), STEP), stiffest(self.model)) if known else 0.0
+            changed = self._towards(after - before, forward, prior, solution, joint, SHARES if known else (1.0,))
+            if changed is None:
+                # Nothing lowers the cost: far from a minimum the clip says nothing of the stiffness, at one it has been said.
+                if before == 0.0 and known and abs(after) > joint.deviation:
+                    break
+                self.stiffness, self.joint = Stiffness(True, before, joint.deviation), joint
                 break
-            self.stiffness = replace(self.stiffness, s=after)
-            forward = replace(forward, model=self._model(), rough=self._rough())
-            theta = solution.theta + joint.follow(after - before)
+            self.stiffness, forward, theta = changed
+            self.joint = joint
             solution = self._solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
             used += solution.iterations
-            if abs(after - before) < SETTLED * joint.deviation or not self.stiffness.known:
+            if abs(self.stiffness.s - before) < SETTLED * joint.deviation or not known:
                 break
         return forward, solution, used
+
+    def _towards(
+        self, ds: float, forward: Forward, prior: Prior, solution: Solution, joint: Joint, shares: tuple[float, ...]
+    ) -> tuple[Stiffness, Forward, np.ndarray] | None:
+        """The first of these shares of the joint step by `ds` that lowers the cost (any, if there is one share only that does not break
+        down): stiffness, forward model and theta there. None when none does."""
+        before = self.stiffness.s
+        most = solution.cost + penalty(before) if len(shares) > 1 else np.inf
+        for share in shares if ds else ():
+            there = Stiffness(True, before + share * ds, joint.deviation)
+            changed = replace(forward, model=scaled(self.model, there.s), rough=self._rough(there.s))
+            theta = solution.theta + share * joint.follow(ds)
+            positions = changed.positions(theta[None])
+            if np.isfinite(positions).all():
+                white = self.objective.whiten(self.objective.residual(positions))
+                if float(cost_of(white, theta[None], prior.precision())[0]) + penalty(there.s) < most:
+                    return there, changed, theta
+        return None
 
     def _model(self) -> Model:
         return scaled(self.model, self.stiffness.s)
 
-    def _rough(self) -> Model:
-        model = self._model()
+    def _rough(self, s: float | None = None) -> Model:
+        model = self._model() if s is None else scaled(self.model, s)
         return replace(model, substeps=math.ceil(ROUGH * model.substeps))
 
     def _flows(self) -> bool:
