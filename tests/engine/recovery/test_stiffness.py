@@ -11,7 +11,7 @@ from seeing_wind.engine.materials import as_found
 from seeing_wind.engine.mpm.model import MAX_SUBSTEPS_HELD, model_for
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Body, Gaussians, Surface, TrackTargets
-from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.recovery import recover, stiffness
 from seeing_wind.engine.recovery import window as windows
 from seeing_wind.engine.recovery.stiffness import FIXED, SPREAD, is_free, scaled, stiffest, youngs_modulus
 from seeing_wind.engine.resimulate import simulate_bodies
@@ -102,6 +102,15 @@ def test_a_stiffness_that_the_clip_does_not_tell_stays():
     found = recover(body, TOO_STIFF, [filmed(body, x, 0.5)], FPS, WEIGHTLESS, NoProgress())
     assert found.youngs_modulus is None and as_found(TOO_STIFF, found) == TOO_STIFF
     assert any("does not tell how stiff" in note for note in found.notes)
+
+
+def test_a_step_that_makes_it_worse_is_not_taken(swing, monkeypatch):
+    body, tracks, _, _ = swing
+    given = recover(body, TOO_STIFF, tracks, FPS, GIVEN, NoProgress())
+    monkeypatch.setattr(stiffness.Joint, "step", lambda self: 0.4)  # stiffer still
+    misled = recover(body, TOO_STIFF, tracks, FPS, WEIGHTLESS, NoProgress())
+    assert misled.youngs_modulus is None and not any("Young's modulus" in note for note in misled.notes)
+    np.testing.assert_allclose(misled.force_density, given.force_density)
 
 
 def test_it_is_free_only_for_elastic_held_bodies_in_pictures():
