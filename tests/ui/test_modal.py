@@ -10,24 +10,9 @@ import pytest
 
 from seeing_wind.ui import job, job_operator, status, worker_calls
 from seeing_wind.ui.operators import resimulate
+from tests.ui.jobs import cube, now, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
-
-
-def recover(workplace: Path, **more):
-    options = {"clip": str(workplace / "clip.mp4"), "box": (20, 20, 44, 44), "distance": 2.0, "take": str(workplace / "out.take")}
-    return bpy.ops.seeing_wind.recover(**{**options, **more})
-
-
-def now(scene) -> dict[str, status.Step]:
-    return status.of(scene.session_uid).steps
-
-
-def cube(name: str, scene):
-    bpy.ops.mesh.primitive_cube_add(size=0.2)
-    obj = bpy.context.object
-    obj.name = name
-    return obj
 
 
 def worker_job(workplace: Path):

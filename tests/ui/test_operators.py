@@ -2,31 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 import pytest
 
 from seeing_wind.ui import bake, freshness, job_operator, results, status
+from tests.ui.jobs import cube, now, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
-
-
-def recover(workplace: Path, **more):
-    options = {"clip": str(workplace / "clip.mp4"), "box": (20, 20, 44, 44), "distance": 2.0, "take": str(workplace / "out.take")}
-    return bpy.ops.seeing_wind.recover(**{**options, **more})
-
-
-def now(scene) -> dict[str, status.Step]:
-    return status.of(scene.session_uid).steps
-
-
-def cube(name: str, scene):
-    bpy.ops.mesh.primitive_cube_add(size=0.2)
-    obj = bpy.context.object
-    obj.name = name
-    return obj
 
 
 def test_recover_builds_the_scene(workplace, scene) -> None:

@@ -1,0 +1,25 @@
+"""Jobs as the tests of the operators start them, and what the panels say of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from seeing_wind.ui import status
+
+
+def recover(workplace: Path, **more):
+    options = {"clip": str(workplace / "clip.mp4"), "box": (20, 20, 44, 44), "distance": 2.0, "take": str(workplace / "out.take")}
+    return bpy.ops.seeing_wind.recover(**{**options, **more})
+
+
+def now(scene) -> dict[str, status.Step]:
+    return status.of(scene.session_uid).steps
+
+
+def cube(name: str, scene):
+    bpy.ops.mesh.primitive_cube_add(size=0.2)
+    obj = bpy.context.object
+    obj.name = name
+    return obj
