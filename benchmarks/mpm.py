@@ -23,13 +23,12 @@ import torch
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks.peers.ours import model_of, seconds, state_of  # noqa: E402
 from benchmarks.peers.problem import LAWS, Problem, cube  # noqa: E402
+from benchmarks.threads import scaling  # noqa: E402
 from seeing_wind.engine.mpm import State, rollout  # noqa: E402
 from seeing_wind.engine.mpm.autograd import simulate  # noqa: E402
 from seeing_wind.engine.mpm.body import Body  # noqa: E402
-from seeing_wind.engine.mpm.boundary import FREE  # noqa: E402
-from seeing_wind.engine.mpm.constitutive import LAWS as NUMBERS  # noqa: E402
-from seeing_wind.engine.mpm.model import Model  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 
 GRID = 64
@@ -47,28 +46,6 @@ BARS = {
     "viscoplastic": {"ratio_naive_taichi": 5.0},
 }
 """What each law must reach on two cores."""
-
-
-def model_of(problem: Problem, substeps: int) -> Model:
-    """The problem for this solver: one frame of that many substeps."""
-    n = len(problem.x)
-    p = problem
-    columns = [np.full(n, value) for value in (p.mass, p.volume, p.mu, p.lam, p.yield_stress, p.viscosity)]
-    return Model(
-        *columns, np.full(n, NUMBERS[problem.law_name], np.int32), np.full(n, FREE, np.int32), np.zeros(3, np.int32),
-        np.zeros((1, 1, 1), np.int32), offset=np.zeros(3), dx=problem.dx, frame_dt=substeps * problem.dt, substeps=substeps,
-        gravity=np.array(problem.gravity),
-    )  # fmt: skip
-
-
-def state_of(problem: Problem) -> State:
-    return State(problem.x, problem.v, problem.C, problem.F)
-
-
-def seconds(action) -> float:
-    start = time.perf_counter()
-    action()
-    return time.perf_counter() - start
 
 
 class Ours:
@@ -183,21 +160,6 @@ def measure(law: str, particles: int, repeats: int, skip: list[str]) -> dict:
     return case
 
 
-def thread_scaling(particles: int, repeats: int) -> float:
-    """How much faster all threads are than one: corotated, one frame, no packing."""
-    problem = cube("corotated", particles, GRID)
-    model, pairs = model_of(problem, FRAME), []
-    for _ in range(repeats + 1):
-        pair = []
-        for tasks in (1, None):
-            body = Body(model, "single", tasks=tasks)
-            run = body.start(state_of(problem), np.zeros((particles, 3)) + model.gravity, None, 0, FRAME)
-            pair.append(seconds(lambda: body.advance(run, 0, FRAME, FRAME, NoProgress())))  # noqa: B023
-        pairs.append(pair)
-    alone, together = np.array(pairs[1:]).T  # the first compiles
-    return float(np.median(alone / together))
-
-
 def cost(counts: tuple[int, ...]) -> list[dict]:
     """Nanoseconds per particle and substep at growing numbers of particles, eight per cell."""
     rows = []
@@ -271,12 +233,13 @@ def main() -> None:
     options = parser.parse_args()
     cases = [measure(law, options.particles, options.repeats, options.skip) for law in options.laws]
     report(cases)
-    scaling = thread_scaling(options.particles, options.repeats)
-    print(f"\n{os.cpu_count()} threads are {scaling:.2f} times as fast as one, wanted >= 1.7{'' if scaling >= 1.7 else ' MISSED'}\n")
+    print()
+    threads = scaling(options.particles, 6 * options.repeats)
+    print()
     rows = cost((1_000, 10_000, 100_000, 1_000_000))
     draw(cases, rows)
     machine = {"processor": platform.processor() or platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}
-    found = {"cases": cases, "scaling_1_to_2_threads": scaling, "cost": rows, "machine": machine}
+    found = {"cases": cases, **threads, "cost": rows, "machine": machine}
     (ROOT / "benchmarks/results/mpm.json").write_text(json.dumps(found, indent=2) + "\n")
 
 

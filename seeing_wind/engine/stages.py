@@ -6,6 +6,7 @@ where it stopped and a changed setting redoes only what depends on it.
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +28,9 @@ R = TypeVar("R")
 VERSION = 2
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
+FILES = ("mask", "tracks", "depth", "camera", "pin")
+"""Fields of `ObserveSettings` that are paths of files."""
+
 LATE_OFFSET = 0.5
 """Standard deviation [px] of the place of a track that was not there in picture 0, at best."""
 
@@ -38,7 +42,7 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     stamp = observation_stamp(clip, settings)
     kept = _kept(take, "observe", stamp, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
     if kept is not None:
-        return kept, stamp
+        return dataclasses.replace(kept, clip=str(clip)), stamp  # it may have been moved since
     progress.begin("observe", "reading the clip")
     observation = observe(clip, settings, progress)
     take.write_arrays("observation.npz", to_arrays(observation))
@@ -59,9 +63,13 @@ def _kept(take: Take, stage: str, stamp: str, read: Callable[[], R], progress: P
 
 
 def observation_stamp(clip: str, settings: ObserveSettings) -> str:
-    """Stamp of an observation: settings and the content of every file that they name."""
-    files = [Path(name) for name in (clip, settings.mask, settings.tracks, settings.depth, settings.camera, settings.pin) if name]
-    return stamp_of("observe", VERSION, settings, *files)
+    """Stamp of an observation: settings, and the content of the clip and of the files, wherever they are: a project can be moved."""
+    from .observe.clip import files_of
+
+    names = [getattr(settings, field) for field in FILES]
+    contents = [(field, Path(name)) for field, name in zip(FILES, names, strict=True) if name]
+    words = dataclasses.replace(settings, **dict.fromkeys(FILES))
+    return stamp_of("observe", VERSION, words, *files_of(clip, settings.frames), *(part for pair in contents for part in pair))
 
 
 def build_stage(take: Take, observation: Observation, upstream: str, settings: BuildSettings, progress: Progress) -> tuple[Body, str]:

@@ -36,7 +36,8 @@ class Console:
         elif kind == "result" and message.get("outcome") != "failed":  # its error has been shown
             for check in message.get("checks", ()):  # the doctor's
                 advice = f" ({check['advice']})" if "advice" in check else ""
-                print(f"{'ok' if check['ok'] else '--':>4} {check['name']}: {check['detail']}{advice}", file=self.out)
+                mark = "ok" if check["ok"] else "optional" if check.get("optional") else "missing"
+                print(f"{mark:>8}  {check['name']}: {check['detail']}{advice}", file=self.out)
             figures = [
                 f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}"
                 for key, value in message.items()

@@ -93,7 +93,7 @@ def main() -> None:
     if behaviour == "done":
         {"recover": recover, "sample": sample, "resimulate": resimulate}.get(verb, lambda options: None)(options)
     if verb == "doctor":
-        missing = {"name": "gsplat", "ok": False, "detail": "not installed", "advice": "pip install gsplat"}
+        missing = {"name": "gsplat", "ok": False, "detail": "not installed", "advice": "pip install gsplat", "optional": True}
         checks = [{"name": "torch", "ok": True, "detail": "CPU"}, missing]
         print(json.dumps({"type": "result", "outcome": "converged", "checks": checks}))
         return

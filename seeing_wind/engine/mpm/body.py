@@ -26,8 +26,9 @@ from .state import State
 
 _LEAST_PER_TASK = 2000
 """Particles below which another task costs more than it saves."""
-_TASKS_PER_CORE, _LEAST_PER_SPARE_TASK = 2, 20_000
-"""Large bodies get more tasks than there are cores, so that nobody waits long for a core that was busy with something else."""
+_TASKS_PER_CORE, _LEAST_PER_SPARE_TASK, _MOST_SPARE_TASKS = 8, 5000, 16
+"""Large bodies get more tasks than there are cores, so that nobody waits long for a core that was busy with something else. Not any
+number: each has a grid, and together they have `packed.MOST_NODES`."""
 _WORK_PER_CHECK = 2_000_000
 """Particle-substeps between two looks at whether the user wants to stop."""
 
@@ -317,7 +318,8 @@ class Body:
 
 def tasks_for(count: int) -> int:
     """Tasks for a body of `count` particles."""
-    return max(1, min(device.cores(), count // _LEAST_PER_TASK), min(_TASKS_PER_CORE * device.cores(), count // _LEAST_PER_SPARE_TASK))
+    spare = min(_TASKS_PER_CORE * device.cores(), count // _LEAST_PER_SPARE_TASK, _MOST_SPARE_TASKS)
+    return max(1, min(device.cores(), count // _LEAST_PER_TASK), spare)
 
 
 def window(boxes: np.ndarray) -> tuple[list[int], list[int]]:

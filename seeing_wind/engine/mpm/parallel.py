@@ -178,17 +178,20 @@ def node_to_velocity(
 
 
 @ti.func
-def slab(task, lo, dims, boxes: ti.template()):
-    """First and last node (exclusive) of a task's slab."""
-    plane = dims[1] * dims[2]
-    return (boxes[task, 0] - lo[0]) * plane, (boxes[task, 3] + 3 - lo[0]) * plane
-
-
-@ti.func
 def share(task, tasks, count):
     """A task's part of `count` nodes."""
     each = (count + tasks - 1) // tasks
     return ti.min(task * each, count), ti.min((task + 1) * each, count)
+
+
+@ti.func
+def cleared(task, window: ti.template(), boxes: ti.template(), grid: ti.template()):
+    """Clears a task's slab of its own grid; returns the first node of that grid."""
+    lo, dims = window_of(window)
+    first_node, plane = task * window[CAPACITY], dims[1] * dims[2]
+    for node in range((boxes[task, 0] - lo[0]) * plane, (boxes[task, 3] + 3 - lo[0]) * plane):
+        grid[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
+    return first_node
 
 
 @ti.func
@@ -199,10 +202,7 @@ def task_to_grid(
     """p2g of a task's particles into its own grid."""
     offset, dx, dt = lattice_of(lattice)
     lo, dims = window_of(window)
-    begin, end = slab(task, lo, dims, boxes)
-    first_node = task * window[CAPACITY]
-    for node in range(begin, end):
-        grid[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
+    first_node = cleared(task, window, boxes, grid)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         particle_to_grid(False, plastic, p, first_node, particle, state, force, offset, dx, dt, lo, dims, grid)

@@ -42,6 +42,7 @@ from .parallel import (
     SOLID_LO,
     box_rows,
     brought,
+    cleared,
     flags,
     lattice_rows,
     node_velocity,
@@ -49,7 +50,6 @@ from .parallel import (
     pushed,
     rows,
     share,
-    slab,
     summed,
 )
 from .plasticity import VON_MISES, plastic_flow_adjoint
@@ -192,15 +192,28 @@ def grid_to_task_adjoint(
     """`grid_to_particle_adjoint` of a task's particles, into its own grid."""
     offset, dx, dt = lattice_of(lattice)
     lo, dims = window_of(window)
-    begin, end = slab(task, lo, dims, boxes)
-    first_node = task * window[CAPACITY]
-    for node in range(begin, end):
-        grid_bar[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
+    first_node = cleared(task, window, boxes, grid_bar)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         grid_to_particle_adjoint(
             False, plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims, grid_bar
         )
+
+
+@ti.func
+def particles_to_task_adjoint(
+    task, plastic: ti.template(), material, first: ti.template(), particle: ti.template(), state: ti.template(),
+    state_next: ti.template(), force: ti.template(), bar: ti.template(), force_bar: ti.template(), particle_bar: ti.template(),
+    lattice: ti.template(), window: ti.template(), velocity: ti.template(), momentum_bar: ti.template(),
+):  # fmt: skip
+    """`particle_to_grid_adjoint` of a task's particles."""
+    offset, dx, dt = lattice_of(lattice)
+    lo, dims = window_of(window)
+    for index in range(first[task], first[task + 1]):
+        particle_to_grid_adjoint(
+            plastic, material, bounded(index, MOST_PARTICLES), particle, state, state_next, force, bar, force_bar, particle_bar,
+            offset, dx, dt, lo, dims, velocity, momentum_bar,
+        )  # fmt: skip
 
 
 @ti.kernel
@@ -281,9 +294,8 @@ def substep_adjoint(
                 await_all(roster, 2, tasks)
                 task = taken(roster, 3)
                 while task < tasks:
-                    for index in range(first[task], first[task + 1]):
-                        particle_to_grid_adjoint(
-                            plastic, material, bounded(index, MOST_PARTICLES), particle, state, state_next, force, bar, force_bar,
-                            particle_bar, offset, dx, dt, lo, dims, velocity, momentum_bar,
-                        )  # fmt: skip
+                    particles_to_task_adjoint(
+                        task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
+                        window, velocity, momentum_bar,
+                    )  # fmt: skip
                     task = taken(roster, 3)

@@ -83,6 +83,14 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
     return Clip(str(path), np.stack(kept), _rate(str(path), fps, file_fps, np.array(times), progress), first)
 
 
+def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
+    """The files that a clip is read from: the video itself, or those of a folder's or pattern's pictures that lie in the range."""
+    if not _is_sequence(path):
+        return [Path(path)]
+    first, last = frames or (0, None)
+    return _sequence(path)[max(first, 0) : None if last is None else last + 1]
+
+
 def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
     if frames is None:
         return 0, None
@@ -138,7 +146,7 @@ def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
     place = Path(path)
     if not path.strip():
         raise ClipError("No clip is named.", "Give a video file, a folder of pictures, or a pattern like shot_%04d.png.")
-    if place.is_dir() or "*" in path or re.search(r"%0?\d*d", place.name):
+    if _is_sequence(path):
         return _pictures(_sequence(path), path), float("nan")
     if not place.is_file():
         raise ClipError(
@@ -175,6 +183,10 @@ def _pictures(files: list[Path], path: str) -> Iterator[tuple[np.ndarray, float]
         if picture is None:
             raise ClipError(f"The picture {file} cannot be read.", "Remove or replace that file.")
         yield picture, float("nan")
+
+
+def _is_sequence(path: str) -> bool:
+    return Path(path).is_dir() or "*" in path or re.search(r"%0?\d*d", Path(path).name) is not None
 
 
 def _sequence(path: str) -> list[Path]:

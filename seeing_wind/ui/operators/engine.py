@@ -39,15 +39,20 @@ class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
         return job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment())
 
     def finish(self, scene, result):
-        """The findings as a text that the Text Editor shows."""
+        """The findings as a text that the Text Editor shows; what the engine needs and has not is an error of its own."""
         checks = result.get("checks", [])
-        lines = [
-            f"{'ok     ' if check['ok'] else 'missing'}  {check['name']}: {check['detail']}  {check.get('advice', '')}".rstrip()
-            for check in checks
-        ]
+        further = [check for check in checks if check.get("optional")]
+        rest = [check for check in checks if not check.get("optional")]
+        lines = ["Needed:", *map(_line, rest), "", "Not needed, for further uses:", *map(_line, further)]
         text = bpy.data.texts.get(TEXT) or bpy.data.texts.new(TEXT)
-        text.from_string("\n".join([f"Python: {engine_environment.engine_python()}", *lines, ""]))
-        return f"The engine is well: {sum(check['ok'] for check in checks)} of {len(checks)} checks, see the text {TEXT}"
+        text.from_string("\n".join([f"Python: {engine_environment.engine_python()}", "", *lines, ""]))
+        there = sum(check["ok"] for check in further)
+        return f"The engine is complete. Of {len(further)} optional parts {there} are there: see the text {TEXT}"
+
+
+def _line(check: dict) -> str:
+    mark = "ok      " if check["ok"] else "not here" if check.get("optional") else "missing "
+    return f"  {mark}  {check['name']}: {check['detail']}  {check.get('advice', '')}".rstrip()
 
 
 CLASSES = (SEEING_WIND_OT_install_engine, SEEING_WIND_OT_doctor)
