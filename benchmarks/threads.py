@@ -26,8 +26,8 @@ from seeing_wind.engine.mpm.body import Body  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 
 GRID = 64
-TURN = 5
-"""Substeps of a turn, about a tenth of a second: short, so that what holds the machine up falls into few turns."""
+TURN = 10
+"""Substeps of a turn, a tenth to a fifth of a second: short, so that what holds the machine up falls into few turns."""
 MOST_STOLEN = 0.05
 """Of the processors' time in a round that counts."""
 WANTED = 1.7

@@ -1,12 +1,13 @@
 """Many clips and edits one after the other: `blender --command seeing_wind batch JOBS.toml`.
 
 Every job is a TOML table; paths count from the file. What is done already is not done again: a take's stages carry stamps of their inputs,
-and a job whose results are there with the same text in the file is skipped. A job that fails does not stop the others.
+and a job whose results are there with the same text in the file is skipped. A job that fails does not stop the others, whatever it was that
+failed.
 
     [[job]]
     name = "leaf"
     clip = "leaf.mp4"                       # recover this clip ...
-    take = "leaf.take"                      # ... into this folder (needed; without `clip` the take must be there)
+    take = "leaf.take"                      # ... into this folder (needed; without `clip` it is there, or a job above makes it)
     recover = { box = [20, 20, 44, 44], distance = 2.0, material = "leaf" }     # options of `recover`, without their dashes
     edit = "edit.toml"                      # then re-simulate this edit ...
     edit_take = "leaf.edit.take"            # ... into this folder; by default beside the take
@@ -21,6 +22,7 @@ import json
 import os
 import time
 import tomllib
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +36,8 @@ SUMMARY = ".summary.json"
 """Ending of the summary's name, which begins with that of the jobs' file."""
 FILES = {"mask", "pin", "camera", "tracks", "depth"}
 """Options of `recover` that are paths."""
+EDIT_FILES = ("mesh", "pin", "pin_weights", "free")
+"""Keys of an edit's bodies and colliders that are paths."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +74,17 @@ class Job:
         found = [self.take / "field.safetensors", self.save, self.render]
         return [path for path in found if path is not None]
 
+    def outputs(self) -> list[Path]:
+        """What no other job may write too. A take may be shared by jobs that recover the same into it."""
+        return [path for path in (self.edit_take, self.save, self.render) if path is not None]
+
     def digest(self) -> str:
         """Of all that the job says, and of the files that it reads."""
-        reads = [self.clip, self.edit, *(Path(self.recover[key]) for key in FILES & self.recover.keys())]
+        reads = [self.clip, self.edit, *(Path(self.recover[key]) for key in FILES & self.recover.keys()), *_named_in(self.edit)]
+        if self.clip is None:
+            reads.append(self.take / "field.safetensors")
+        if self.clip is not None and _is_sequence(self.clip):
+            reads += sorted((self.clip if self.clip.is_dir() else self.clip.parent).iterdir())
         marks = [(str(path), path.stat().st_mtime_ns, path.stat().st_size) for path in reads if path is not None and path.is_file()]
         return hashlib.sha256(json.dumps([repr(self), marks]).encode()).hexdigest()
 
@@ -83,7 +95,7 @@ class Outcome:
 
     name: str
     outcome: str
-    """done, skipped, failed or cancelled."""
+    """done, skipped, failed or cancelled; in the summary also left: not reached yet."""
     seconds: float = 0.0
     message: str = ""
     digest: str = ""
@@ -93,7 +105,7 @@ def read_jobs(path: Path) -> list[Job]:
     """The jobs of a file.
 
     Raises:
-        UsageError: no such file, no TOML, no jobs, an unknown key, a missing file, two jobs of one name.
+        UsageError: no such file, no TOML, no jobs, an unknown key, a missing file, two jobs of one name or with one result.
     """
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -109,6 +121,20 @@ def read_jobs(path: Path) -> list[Job]:
     for name in names:
         if names.count(name) > 1:
             raise UsageError(f"Two jobs are named {name}.", "Give each a name of its own.")
+    written: dict[Path, str] = {}
+    makers: dict[Path, Job] = {}
+    for job in jobs:
+        if job.clip is not None:
+            other = makers.setdefault(job.take, job)
+            if (other.clip, other.recover) != (job.clip, job.recover):
+                raise UsageError(f"{other.name} and {job.name} recover different things into {job.take}.", "Give one another take.")
+        if job.clip is None and job.take not in makers and not (job.take / "field.safetensors").is_file():
+            raise UsageError(
+                f"{job.name} has neither a clip nor a take with a field.", 'Add clip = "...", or put it under the job that makes the take.'
+            )
+        for output in job.outputs():
+            if written.setdefault(output, job.name) != job.name:
+                raise UsageError(f"{written[output]} and {job.name} both write {output}.", "Give one of them another path.")
     return jobs
 
 
@@ -127,15 +153,28 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
         raise UsageError(f"{name} has no take.", "Say with take = \"NAME.take\" where the results go.")
     home = path.resolve().parent
     paths = {key: home / os.path.expanduser(table[key]) for key in PATHS & table.keys()}
-    if "clip" not in paths and not (paths["take"] / "field.safetensors").is_file():
-        raise UsageError(f"{name} has neither a clip nor a take with a field.", "Add clip = \"...\".")
     for key in ("clip", "edit"):
-        if key in paths and not paths[key].is_file():
+        if key in paths and not paths[key].is_file() and not (key == "clip" and _is_sequence(paths[key])):
             raise UsageError(f"{key} of {name}: there is no file {paths[key]}.", "Correct the path; it counts from the jobs' file.")
     if "edit" in paths:
         paths.setdefault("edit_take", paths["take"].with_name(f"{paths['take'].name.removesuffix('.take')}.edit.take"))
     options = {key: str(home / value) if key in FILES and isinstance(value, str) else value for key, value in options.items()}
     return Job(name=name, recover=options, **paths)
+
+
+def _is_sequence(clip: Path) -> bool:
+    """Whether it is a folder or a pattern of pictures; what is in it is the engine's to say."""
+    return clip.is_dir() or (clip.parent.is_dir() and ("*" in clip.name or "%" in clip.name))
+
+
+def _named_in(edit: Path | None) -> list[Path]:
+    """Meshes and lists of vertices that an edit names; of an edit that cannot be read the engine speaks when its turn comes."""
+    try:
+        tables = tomllib.loads(edit.read_text(encoding="utf-8")) if edit is not None else {}
+    except (OSError, ValueError):
+        return []
+    rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]
+    return [edit.parent / row[key] for row in rows for key in EDIT_FILES if isinstance(row.get(key), str)]
 
 
 def run(path: Path, do: Callable[[Job], int], say: Callable[[str], None], again: bool = False) -> int:
@@ -167,12 +206,15 @@ def run(path: Path, do: Callable[[Job], int], say: Callable[[str], None], again:
                 code = do(job)
             except SeeingWindError as error:
                 code, message = error.exit_code, str(error)
+            except Exception as error:  # a defect in one job shall not cost a night's work on the others
+                traceback.print_exc()
+                message = f"{type(error).__name__}: {error}"
             ended = "done" if code == 0 else "cancelled" if code == 130 else "failed"
             seconds = round(time.monotonic() - start, 1)
             outcomes.append(Outcome(job.name, ended, seconds, message or ("" if code == 0 else f"exit code {code}"), digest * (code == 0)))
         last = outcomes[-1]
         say(f"[{number}/{len(jobs)}] {last.name}: {last.outcome}, {last.seconds:g} s {last.message}".rstrip())
-        _write(summary, outcomes)
+        _write(summary, [*outcomes, *(Outcome(each.name, "left", digest=before.get(each.name, "")) for each in jobs[number:])])
         if last.outcome == "cancelled":
             break
     say(table(outcomes, len(jobs)))

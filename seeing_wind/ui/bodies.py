@@ -50,7 +50,7 @@ def bake_body(
     arrays = simulated_motion(take, body.result)
     vertices, fps = arrays["vertices"] + np.asarray(settings.offset), float(arrays["fps"])
     source = settings.recovered_object if body.is_recovered else body.object
-    if source is None:
+    if source is None or scene not in source.users_scene:
         raise TakeError(f"The object of {body.name} is gone.", "Take it off the list, or undo its deletion.")
     plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"))
     if not force:

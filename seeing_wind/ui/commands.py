@@ -144,8 +144,12 @@ def _build(python: str, source: Path, clip: str, edit: Path | None, out: console
 
 def _save_file(save: str) -> None:
     path = os.path.abspath(save)
-    os.makedirs(os.path.dirname(path), exist_ok=True)
-    bpy.ops.wm.save_as_mainfile(filepath=path)
+    try:
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        bpy.ops.wm.save_as_mainfile(filepath=path)
+    except (OSError, RuntimeError) as error:
+        said = error.strerror if isinstance(error, OSError) else job.said_by(error)
+        raise SeeingWindError(f"{path} cannot be saved: {said}.", "Choose a folder that can be written.") from error
     print(f"Saved {path}", flush=True)
 
 

@@ -15,11 +15,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..engine.errors import UsageError
+from ..engine.errors import SeeingWindError, UsageError
 from ..engine.take import Take
 from . import takes
 from .clip_scene import picture_image
 from .field_legend import MARK as LEGEND
+from .job import said_by
 
 TREE, SUN, FLOOR, PLATE = "Seeing Wind Composite", "Seeing Wind Sun", "Seeing Wind Floor", "Seeing Wind Clean Plate"
 SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
@@ -90,6 +91,7 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
 
     Raises:
         UsageError: when the clip begins before frame 0, where Blender renders nothing.
+        SeeingWindError: when Blender could not write the file.
     """
     first = scene.seeing_wind.frame_start
     if first < 0 and not still:
@@ -110,7 +112,10 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
     scene.render.filepath, scene.render.use_file_extension = str(path), False
     call = "EXEC_DEFAULT" if bpy.app.background else "INVOKE_DEFAULT"
     with bpy.context.temp_override(scene=scene):
-        bpy.ops.render.render(call, animation=not still, write_still=still)
+        try:
+            bpy.ops.render.render(call, animation=not still, write_still=still)
+        except RuntimeError as error:
+            raise SeeingWindError(f"Blender could not render {path}: {said_by(error)}.", "Check that the folder can be written.") from error
 
 
 def _plate(settings: bpy.types.PropertyGroup) -> bpy.types.Image:
@@ -236,13 +241,10 @@ def _tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:
             tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
         kind = "NodeGroupOutput"
     else:
-        if scene.node_tree is None or not scene.use_nodes:
-            scene.use_nodes = True
-            if not scene.node_tree.get("seeing_wind"):
-                # the two nodes that Blender puts in by itself
-                for node in list(scene.node_tree.nodes):
-                    scene.node_tree.nodes.remove(node)
-                scene.node_tree["seeing_wind"] = True
+        empty = scene.node_tree is None
+        scene.use_nodes = True
+        if empty:  # the two nodes that Blender puts in by itself
+            scene.node_tree.nodes.clear()
         tree, kind = scene.node_tree, "CompositorNodeComposite"
     output = next((node for node in tree.nodes if node.bl_idname == kind), None) or tree.nodes.new(kind)
     return tree, output

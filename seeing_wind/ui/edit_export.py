@@ -17,6 +17,9 @@ from .animation import values_over
 from .scene_export import at_rest, export_mesh, export_pins, pinned_vertices, write_array, write_edit, write_pins
 from .take_reading import field_summary
 
+LONGEST = 50
+"""Characters of an object's name that become a file's: Blender allows 255 bytes, as most file systems do, endings not counted."""
+
 
 def export_edit(scene: bpy.types.Scene, source: Path, folder: Path) -> Path:
     """Write the edit of `scene` into `folder` and return the path of its edit.toml. Each body notes the name of its result.
@@ -148,7 +151,7 @@ def _gravity(settings, source: Path) -> tuple[float, float, float] | None:
 
 def _free_name(name: str, taken: set[str]) -> str:
     """A name that can be a file's and is not taken, near to the object's."""
-    plain = re.sub(r"[^\w .-]", "_", name).strip(" .") or "body"
+    plain = re.sub(r"[^\w .-]", "_", name)[:LONGEST].strip(" .") or "body"
     free, count = plain, 1
     while free.lower() in taken:
         count += 1

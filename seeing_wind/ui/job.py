@@ -105,6 +105,12 @@ def told(error: SeeingWindError | OSError) -> tuple[str, str, str]:
     return f"{where}{error.strerror or error}.", "Check that the folder is there and can be written.", ""
 
 
+def said_by(error: RuntimeError) -> str:
+    """What one of Blender's own operators has reported, without its trimmings."""
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[0].removeprefix("Error: ").rstrip(".") if lines else "no reason given"
+
+
 def wait(messages: Messages, handle: Callable[[Message], None], *, pause: float = 0.05) -> Message:
     """The blocking driver: read `messages` to their end, handing each to `handle`; Ctrl-C and SIGTERM cancel. Returns the last message."""
     asked = False

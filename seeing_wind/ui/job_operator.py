@@ -134,6 +134,8 @@ class JobOperator:
         except (SeeingWindError, OSError) as error:
             return self._fail(scene, *job.told(error))
         finally:
+            # also after a defect of ours, which Blender reports with its traceback
+            scene.seeing_wind.unfinished = ""
             jobs.pop(self.key, None)
             status.end(status.of(self.key))
 

@@ -138,6 +138,11 @@ def _made(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object]:
     return {name: obj for name, obj in found.items() if obj is not None}
 
 
+def shows_field(obj: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether an object is one of those by which the scene shows the field: no body and no obstacle, whatever is selected."""
+    return any(obj == each for name, each in _made(settings).items() if name != "recovered_object")
+
+
 def _in_place(
     scene: bpy.types.Scene, former: dict[str, bpy.types.Object], made: dict[str, bpy.types.Object]
 ) -> dict[str, bpy.types.Object]:

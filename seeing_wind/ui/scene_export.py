@@ -19,6 +19,9 @@ from .units import metres_per_unit
 FIRM = 0.999
 """A vertex of this weight or more is held firmly; of less, drawn back like a spring."""
 
+THINNEST = 1e-6
+"""Smallest scale of an object relative to its largest: under it no keyframes in its own space could move it in the world."""
+
 EDIT = "edit.toml"
 
 
@@ -61,7 +64,7 @@ def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
     """An object as displayed: vertices (V, 3) float64 in the world, in the scene's units, and triangles (M, 3) int32, normals outwards.
 
     Raises:
-        UsageError: when the object has no triangles.
+        UsageError: when the object has no triangles, or a scale of 0.
     """
     evaluated = obj.evaluated_get(depsgraph)
     try:
@@ -79,6 +82,9 @@ def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[
     if len(triangles) == 0:
         raise UsageError(f"{obj.name} has no faces.", "Choose a mesh with a surface.")
     matrix = np.array(evaluated.matrix_world)
+    stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+    if not stretch[-1] > THINNEST * stretch[0]:
+        raise UsageError(f"{obj.name} has a scale of 0.", "Give it another scale, or apply it (Object > Apply > Scale).")
     if np.linalg.det(matrix[:3, :3]) < 0.0:
         # a mirrored object would turn its surface inside out
         triangles = triangles[:, ::-1]
@@ -134,12 +140,13 @@ def write_array(path: Path, array: np.ndarray) -> None:
 def at_rest(obj: bpy.types.Object, scene: bpy.types.Scene, whole: bool = False) -> Iterator[bpy.types.Object]:
     """An object as it is before any bake and, unless it is wanted whole, without the modifiers that act on top of a simulated motion.
 
-    The object itself where it is so already; else a passing copy, so that neither its keyframes nor its visibility are touched.
+    The object itself where it is so already; else a passing copy, so that neither its keyframes nor its visibility are touched. What is
+    hidden, or in a collection that is, gets a copy too: Blender evaluates neither modifiers nor place of it.
     """
     if obj.mode == "EDIT":
         obj.update_from_editmode()
     on_top = [] if whole else awake_on_top(obj)
-    if mark_of(obj) is None and not on_top and not obj.hide_viewport:
+    if mark_of(obj) is None and not on_top and obj.visible_get():
         yield obj
         return
     copy = own_copy(obj)

@@ -75,7 +75,63 @@ def test_a_cancel_leaves_the_rest(workplace):
         '[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\n[[job]]\nname = "b"\nclip = "clip.mp4"\ntake = "b.take"\n'
     )
     assert batch.run(workplace / "jobs.toml", lambda job: 130, lambda line: None) == 130
-    assert [row["outcome"] for row in rows(workplace)] == ["cancelled"]
+    assert [row["outcome"] for row in rows(workplace)] == ["cancelled", "left"]
+
+
+def test_a_cancel_forgets_nothing_of_what_was_done_before(workplace):
+    text = '[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\n[[job]]\nname = "b"\nclip = "clip.mp4"\ntake = "b.take"\n'
+    (workplace / "jobs.toml").write_text(text)
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 0
+    (workplace / "jobs.toml").write_text(text.replace('"a.take"', '"c.take"'))
+    assert batch.run(workplace / "jobs.toml", lambda job: 130, lambda line: None) == 130
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 0
+    assert [row["outcome"] for row in rows(workplace)] == ["done", "skipped"]
+
+
+def test_a_job_that_breaks_does_not_stop_the_others(workplace, capsys):
+    (workplace / "a file").write_text("no folder")
+    (workplace / "jobs.toml").write_text(
+        '[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\nsave = "a file/a.blend"\n'
+        '[[job]]\nname = "b"\nclip = "clip.mp4"\ntake = "b.take"\nsave = "b.blend"\n'
+        '[[job]]\nname = "c"\nclip = "clip.mp4"\ntake = "c.take"\nsave = "folder.blend"\n'
+    )
+    (workplace / "folder.blend").mkdir()
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 1
+    assert [row["outcome"] for row in rows(workplace)] == ["failed", "done", "failed"]
+    assert all("cannot be saved" in row["message"] for row in rows(workplace)[::2]) and (workplace / "b.blend").is_file()
+    assert "1 of 3 jobs are done" in capsys.readouterr().out
+    # a defect in one of them too
+    order = iter([RuntimeError("defect"), 0, 0])
+
+    def do(job: batch.Job) -> int:
+        now = next(order)
+        if isinstance(now, Exception):
+            raise now
+        return now
+
+    assert batch.run(workplace / "jobs.toml", do, lambda line: None, again=True) == 1
+    assert [row["message"] for row in rows(workplace)] == ["RuntimeError: defect", "", ""]
+
+
+def test_a_mesh_of_an_edit_that_was_changed_is_simulated_again(workplace):
+    (workplace / "flag.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (workplace / "edit.toml").write_text('[[body]]\nname = "flag"\nmesh = "flag.obj"\n[[collider]]\nname = "w"\nmesh = "wall.obj"\n')
+    job = batch.read_jobs(workplace / "jobs.toml")[0]
+    first = job.digest()
+    assert job.digest() == first
+    for name in ("flag.obj", "wall.obj"):
+        (workplace / name).write_text("v 0 0 0\nv 2 0 0\nv 0 1 0\nv 1 1 1\nf 1 2 3\n")
+        assert job.digest() != first
+        first = job.digest()
+
+
+def test_several_edits_of_one_clip(workplace):
+    once = '[[job]]\nname = "field"\nclip = "clip.mp4"\ntake = "a.take"\n'
+    edit = '[[job]]\nname = "{0}"\n{1}take = "a.take"\nedit = "edit.toml"\nedit_take = "{0}.take"\n'
+    (workplace / "jobs.toml").write_text(once + edit.format("one", "") + edit.format("two", 'clip = "clip.mp4"\n'))
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 0
+    assert [row["outcome"] for row in rows(workplace)] == ["done", "done", "done"]
+    assert all((workplace / f"{name}.take" / "bodies" / "leaf.npz").is_file() for name in ("one", "two"))
 
 
 def test_options_become_words(workplace):
@@ -104,6 +160,8 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ncolour = "red"', "unknown key colour"),
         ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
         ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', "job 1 and job 2 recover different"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a"\n[[job]]\ntake = "u"\nclip = "clip.mp4"\nsave = "a"', "both write"),
     ],
 )
 def test_wrong_files_are_refused_before_anything_is_done(workplace, text, says):

@@ -189,7 +189,8 @@ def test_results_survive_undo_save_and_load(workplace, scene, tmp_path) -> None:
 def test_doctor_leaves_its_findings_as_a_text(workplace, scene) -> None:
     assert bpy.ops.seeing_wind.doctor() == {"FINISHED"}
     text = bpy.data.texts["Seeing Wind Doctor"].as_string()
-    assert str(workplace / "fake_python") in text and "Not needed, for further uses:\n  not here  gsplat: not installed  pip install gsplat" in text
+    assert str(workplace / "fake_python") in text
+    assert "Not needed, for further uses:\n  not here  gsplat: not installed  pip install gsplat" in text
     assert now(scene)["engine"].message.startswith("The engine is complete. Of 1 optional parts 0 are there")
 
 

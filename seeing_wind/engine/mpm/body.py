@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..progress import Progress
-from . import device, parallel, parallel_adjoint, substep
+from . import device, parallel, parallel_adjoint, parallel_forward, substep
 from .boundary import HELD
 from .checks import check_state
 from .crew import roster
@@ -29,8 +29,8 @@ _LEAST_PER_TASK = 2000
 _TASKS_PER_CORE, _LEAST_PER_SPARE_TASK, _MOST_SPARE_TASKS = 8, 5000, 16
 """Large bodies get more tasks than there are cores, so that nobody waits long for a core that was busy with something else. Not any
 number: each has a grid, and together they have `packed.MOST_NODES`."""
-_WORK_PER_CHECK = 2_000_000
-"""Particle-substeps between two looks at whether the user wants to stop."""
+_WORK_PER_LAUNCH, _MOST_PER_LAUNCH = 2_000_000, 64
+"""Particle-substeps and substeps between two looks at whether the user wants to stop."""
 
 
 class Body:
@@ -52,10 +52,11 @@ class Body:
         self.capacity = 0
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
-        self.workers, self.roster = min(self.tasks, device.cores()), roster(phases=4)
-        self.window = np.zeros(16, np.int32)
-        """lo, dims of the box of nodes in use, `Piece.lo`, the capacity of a task's grid: what the kernels look up, changed in place."""
-        self._substep_kernel = self._launcher(parallel.substep)
+        self.workers, self.roster = min(self.tasks, device.cores()), roster(parallel_forward.PHASES * _MOST_PER_LAUNCH)
+        self.window = np.zeros(parallel.WINDOW, np.int32)
+        """lo, dims of the box of nodes in use, `Piece.lo`, then one number each, see `parallel.CAPACITY`: what the kernels look up, changed
+        in place."""
+        self._forward_kernel = self._launcher(parallel_forward.substeps)
         self._adjoint_kernel = self._launcher(parallel_adjoint.substep_adjoint)
 
     def _launcher(self, kernel: Callable[..., None]) -> Callable[..., None]:
@@ -207,39 +208,49 @@ class Body:
         if not len(state):  # everything is held
             run.kept[end] = state, boxes
             return substep.RUNNING, -1, end
-        for s in range(begin, end):
-            if s == begin or (s * len(run.order)) % _WORK_PER_CHECK < len(run.order):
-                progress.check()
-            after = aligned(state.shape, state.dtype) if s in run.kept else state
-            code, particle, boxes = self._substep(run, s, state, after, boxes)
+        s = begin
+        while s < end:
+            progress.check()
+            kept, before = s in run.kept, boxes
+            after = aligned(state.shape, state.dtype) if kept else state
+            code, particle, boxes, done = self._substeps(run, s, 1 if kept else self._stretch(run, s, end, stride), state, after, boxes)
             if code != substep.RUNNING:
-                return code, particle, s
-            nodes = math.prod(self.window[3:6].tolist())
-            if s in run.kept and stride == 1 and 4 * nodes <= len(run.order):
+                return code, particle, s + max(done - 1, 0)
+            if kept and stride == 1 and 4 * (nodes := math.prod(window(before)[1])) <= len(run.order):
                 run.grids[s] = aligned_copy(self.momentum[:nodes])
-            state = after
-            if s + 1 == end or (s + 1) % stride == 0:
-                run.kept[s + 1] = state, boxes
+            state, s = after, s + done
+            if s == end or s % stride == 0:
+                run.kept[s] = state, boxes
         return substep.RUNNING, -1, end
 
-    def _substep(self, run: FrameRun, s: int, state: np.ndarray, after: np.ndarray, boxes: np.ndarray) -> tuple[int, int, np.ndarray]:
-        """One substep from `state` into `after`, which may be the same array; returns code, particle, boxes of `after`.
+    def _stretch(self, run: FrameRun, s: int, end: int, stride: int) -> int:
+        """Substeps from s on that can go in one launch: up to the next state to be kept, under the same conditions."""
+        most = 1 if self.gpu else min(end - s, stride - s % stride, _MOST_PER_LAUNCH, max(1, _WORK_PER_LAUNCH // len(run.order)))
+        return next((k for k in range(1, most) if run.piece(s + k) is not run.piece(s)), most)
 
-        `boxes` becomes those of `after` unless they are kept.
+    def _substeps(
+        self, run: FrameRun, s: int, count: int, state: np.ndarray, after: np.ndarray, boxes: np.ndarray
+    ) -> tuple[int, int, np.ndarray, int]:
+        """Up to `count` substeps from `state` into `after`, which is the same array where they are several.
+
+        Returns:
+            code, particle, boxes of `after`, substeps done. `boxes` becomes those of `after` unless they are kept.
         """
         piece = run.piece(s)
         if not self._look(piece, boxes):
-            return *self._diagnosis(substep.BURST, run, piece, state), boxes
+            return *self._diagnosis(substep.BURST, run, piece, state), boxes, 0
         if s in run.kept:
             boxes = boxes.copy()
         self.status[:] = 0
-        self._launch(run, piece, state, after, boxes, whole=1)
+        self._launch(run, piece, state, after, boxes, count)
+        done = 1 if self.gpu else int(self.window[parallel.DONE])
         if self.status.any():
             code = int(self.status[np.flatnonzero(self.status[:, 0])[0], 0])
-            return *self._diagnosis(code, run, piece, after), boxes
-        if s + 1 < run.substeps and run.piece(s + 1) is not piece:
-            boxes = self.boxes(run, after, run.piece(s + 1).offset)
-        return substep.RUNNING, -1, boxes
+            return *self._diagnosis(code, run, piece, after), boxes, done
+        s += done
+        if s < run.substeps and run.piece(s) is not piece:
+            boxes = self.boxes(run, after, run.piece(s).offset)
+        return substep.RUNNING, -1, boxes, done
 
     def _diagnosis(self, code: int, run: FrameRun, piece: Piece, packed: np.ndarray) -> tuple[int, int]:
         """`failure.diagnosis` of a packed state: code and particle of the model."""
@@ -248,11 +259,11 @@ class Body:
         code, worst = diagnosis(code, float(piece.lattice[4] / piece.lattice[3]), x, v, F)
         return code, int(run.order[worst])
 
-    def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, *, whole: int) -> None:
-        """One substep in the window of `boxes`, which `_look` has set; without `whole` only as far as the nodes."""
+    def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, count: int) -> None:
+        """So many substeps from the window of `boxes` on, which `_look` has set; with 0 one as far as the nodes."""
         self.roster[:] = 0
-        self._substep_kernel(
-            self.gpu, self.plastic, whole, self.workers, self.roster, run.first, run.particle, state, after, run.force,
+        self._forward_kernel(
+            self.gpu, self.plastic, count, self.workers, self.roster, run.first, run.particle, state, after, run.force,
             piece.pin_velocity, *piece.boundary, piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
         )  # fmt: skip
 
@@ -266,7 +277,8 @@ class Body:
             self.capacity = min(wanted + wanted // 3, MOST_INDEXED // self.tasks)
             self.grid = aligned((self.tasks * self.capacity, 4), self.real)
             self.momentum, self.velocity = (aligned((self.capacity, 4), self.real) for _ in range(2))
-        self.window[:3], self.window[3:6], self.window[6:15], self.window[15] = lo, dims, piece.lo, self.capacity
+        self.window[:3], self.window[3:6], self.window[6:15] = lo, dims, piece.lo
+        self.window[parallel.CAPACITY :] = self.capacity, 0, 0
         return True
 
     # -- backwards ----------------------------------------------------------------------------------------------------------------
@@ -306,7 +318,7 @@ class Body:
             self.momentum_bar = aligned((self.capacity, 4), self.real)
         momentum = run.grids.get(s)
         if momentum is None:
-            self._launch(run, piece, state, state, boxes, whole=0)
+            self._launch(run, piece, state, state, boxes, 0)
             momentum = self.momentum
         self.roster[:] = 0
         self._adjoint_kernel(

@@ -15,24 +15,24 @@ _LINE = 16
 
 
 def roster(phases: int) -> np.ndarray:
-    """Counters of the tasks taken and done in each phase; to be zero when the kernel is launched."""
+    """Counters of the tasks taken and done in each phase; those of the phases it goes through to be zero when a kernel is launched."""
     return np.zeros(2 * _LINE * phases, np.int32)
 
 
 @ti.func
-def taken(roster: ti.template(), phase: ti.template()):
+def taken(roster: ti.template(), phase):
     """A task of the phase for this worker alone; as many or more than there are when none is left."""
     return ti.atomic_add(roster[2 * _LINE * phase], 1)
 
 
 @ti.func
-def finish(roster: ti.template(), phase: ti.template()):
+def finish(roster: ti.template(), phase):
     """This worker has done a task of the phase."""
     ti.atomic_add(roster[2 * _LINE * phase + _LINE], 1)
 
 
 @ti.func
-def await_all(roster: ti.template(), phase: ti.template(), tasks):
+def await_all(roster: ti.template(), phase, tasks):
     """Returns when all tasks of the phase are done, and what they wrote can be read."""
     while ti.atomic_add(roster[2 * _LINE * phase + _LINE], 0) < tasks:
         pass

@@ -1,9 +1,8 @@
-"""One substep of one large body on all cores.
+"""The parts of a substep of one large body on all cores: p2g, the nodes' velocities, g2p.
 
 Particles are sorted by cell and dealt out to `tasks` in runs of equal length, so that a task's particles fill a slab of the grid. Every
-task adds to a grid of its own, with plain adds; only the slabs' overlaps are summed. The cores go through it as a `crew`. On a GPU
-there is one task, whose loops run over particles and add atomically. The window of nodes in use is found by the host from `boxes`,
-which each g2p leaves behind.
+task adds to a grid of its own, with plain adds; only the slabs' overlaps are summed. On a GPU there is one task, whose loops run over
+particles and add atomically. The window of nodes in use is found from `boxes`, which each g2p leaves behind.
 """
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -13,31 +12,25 @@ import taichi as ti
 from .boundary import FREE
 from .conditions import boundary_velocity, in_box
 from .constitutive import kirchhoff
-from .crew import await_all, finish, taken
 from .packed import (
     MOST_NODES,
+    MOST_NODES_ACROSS,
     MOST_PARTICLES,
     bounded,
     combined,
-    constants,
     corner_of,
-    forces,
     fourths,
     gather,
-    integers,
     lattice_of,
     matrix,
-    nodes,
-    numbers,
     rows_of,
     scatter,
-    states,
     triple,
     window_of,
     with_fourth,
 )
 from .plasticity import VON_MISES, plastic_flow
-from .substep import INVERTED, NOT_FINITE, RUNNING, STRIDE, TOO_FAST
+from .substep import INVERTED, NOT_FINITE, RUNNING, TOO_FAST
 from .transfer import base_of
 
 box_rows = ti.types.ndarray(dtype=ti.i32, ndim=2)
@@ -45,8 +38,9 @@ flags = ti.types.ndarray(dtype=ti.i32, ndim=3)
 rows = ti.types.ndarray(ndim=2)
 lattice_rows = ti.types.ndarray(ndim=4)
 
-CLAMP_LO, SOLID_LO, PUSH_LO, CAPACITY = 2, 3, 4, 15
-"""Rows of three in the array `window`, after lo and dims, and the place of the capacity of a task's grid; see `Body`."""
+CLAMP_LO, SOLID_LO, PUSH_LO, CAPACITY, DONE, STOPPED, WINDOW = 2, 3, 4, 15, 16, 17, 18
+"""Rows of three in the array `window`, after lo and dims; places of the capacity of a task's grid, of the substeps done and of whether
+one of them was the last that could be; length. See `Body`."""
 
 
 @ti.func
@@ -234,69 +228,41 @@ def grid_to_task(
         boxes[task, 3 + a] = ti.select(some, high_base[a], -(2**30))
 
 
-@ti.kernel
-def substep(
-    gpu: ti.template(), plastic: ti.template(),
-    whole: ti.i32,  # 1: all of it; 0: p2g and the nodes' velocities only
-    workers: ti.i32, roster: integers,  # on a CPU, see `crew`
-    # body: `first` particle of every task
-    first: integers, particle: constants, state: states, state_out: states, force: forces, pin_velocity: rows,
-    # at the nodes, see `conditions.boundary_velocity` and `pushed`
-    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
-    # `lattice_of`; integers, see `Body`; boxes (tasks, 6): first and last of the particles' first nodes, in and out;
-    # status (tasks, 2) out: code, particle
-    lattice: numbers, window: integers, boxes: box_rows, status: box_rows,
-    # grids: the tasks' own, one after the other, then momentum and velocity of all
-    grid: nodes, momentum: nodes, velocity: nodes,
+@ti.func
+def nodes_of_task(
+    task, tasks, window: ti.template(), boxes: ti.template(), grid: ti.template(), momentum: ti.template(), velocity: ti.template(),
+    lattice: ti.template(), clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid: ti.template(),
+    push: ti.template(),
 ):  # fmt: skip
-    """p2g, the nodes' velocities, g2p."""
-    if ti.static(gpu):
-        for node in range(window[3] * window[4] * window[5]):
-            grid[node] = ti.Vector.zero(float, 4)
-        for p in range(state.shape[0] // 6):
-            offset, dx, dt = lattice_of(lattice)
-            lo, dims = window_of(window)
-            particle_to_grid(True, plastic, p, 0, particle, state, force, offset, dx, dt, lo, dims, grid)
-        for node in range(window[3] * window[4] * window[5]):
-            offset, dx, dt = lattice_of(lattice)
-            node_to_velocity(node, 1, window, boxes, grid, momentum, velocity, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
-        for a in range(6 * whole):
-            boxes[0, a] = ti.select(a < 3, 2**30, -(2**30))
-        for p in range(state.shape[0] // 6 * whole):
-            offset, dx, dt = lattice_of(lattice)
-            lo, dims = window_of(window)
-            code, x = grid_to_particle(plastic, p, particle, state, state_out, pin_velocity, offset, dx, dt, lo, dims, velocity)
-            if code != RUNNING:
-                status[0, 0], status[0, 1] = code, p
-            base = base_of(ti.Vector([x[0], x[1], x[2]]), offset, 1.0 / dx)
-            for a in ti.static(range(3)):
-                ti.atomic_min(boxes[0, a], base[a])
-                ti.atomic_max(boxes[0, 3 + a], base[a])
+    """Velocities of a task's share of all nodes."""
+    offset, dx, dt = lattice_of(lattice)
+    begin, end = share(task, tasks, window[3] * window[4] * window[5])
+    for index in range(begin, end):
+        node_to_velocity(
+            bounded(index, MOST_NODES), tasks, window, boxes, grid, momentum, velocity, offset, dx, dt,
+            clamp, clamp_velocity, planes, solid, push,
+        )  # fmt: skip
+
+
+@ti.func
+def look(tasks, window: ti.template(), boxes: ti.template(), status: ti.template()):
+    """Moves the window to the box of nodes that all particles touch; stops where a particle broke or the grids are too small for it."""
+    lo, last = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
+    going = True
+    for task in range(tasks):
+        going = going and status[task, 0] == RUNNING
+        for a in ti.static(range(3)):
+            lo[a] = ti.min(lo[a], boxes[task, a])
+            last[a] = ti.max(last[a], boxes[task, 3 + a])
+    dims = last - lo + 3
+    if going and dims[1] <= MOST_NODES_ACROSS and dims[2] <= MOST_NODES_ACROSS:
+        # No product of three overflows: nothing has moved further than a cell from a window that fitted.
+        going = ti.cast(dims[0], ti.i64) * dims[1] * dims[2] <= window[CAPACITY]
     else:
-        # Taichi runs loops of less than about a thousand turns on one thread: a worker is STRIDE turns, all but one of them empty.
-        ti.loop_config(block_dim=STRIDE)
-        for turn in range(workers * STRIDE):
-            if turn % STRIDE == 0:
-                tasks = first.shape[0] - 1
-                task = taken(roster, 0)
-                while task < tasks:
-                    task_to_grid(task, plastic, first, particle, state, force, lattice, window, boxes, grid)
-                    finish(roster, 0)
-                    task = taken(roster, 0)
-                await_all(roster, 0, tasks)
-                task = taken(roster, 1)
-                while task < tasks:
-                    offset, dx, dt = lattice_of(lattice)
-                    begin, end = share(task, tasks, window[3] * window[4] * window[5])
-                    for index in range(begin, end):
-                        node_to_velocity(
-                            bounded(index, MOST_NODES), tasks, window, boxes, grid, momentum, velocity, offset, dx, dt,
-                            clamp, clamp_velocity, planes, solid, push,
-                        )  # fmt: skip
-                    finish(roster, 1)
-                    task = taken(roster, 1)
-                await_all(roster, 1, tasks)
-                task = taken(roster, 2)
-                while task < tasks * whole:
-                    grid_to_task(task, plastic, first, particle, state, state_out, pin_velocity, lattice, window, boxes, status, velocity)
-                    task = taken(roster, 2)
+        going = False
+    if going:
+        for a in ti.static(range(3)):
+            window[a], window[3 + a] = lo[a], dims[a]
+    else:
+        window[STOPPED] = 1
+    window[DONE] += 1

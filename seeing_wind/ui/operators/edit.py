@@ -6,7 +6,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
-from .. import freshness, job, native, scene_export, status
+from .. import freshness, job, native, results, scene_export, status
 from ..properties import MATERIAL_ITEMS, PATH
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
@@ -64,15 +64,18 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
     def edit(self, context):
         """Add one body per mesh."""
         settings = context.scene.seeing_wind
-        meshes = [None] if self.recovered else self._meshes(context)
         if self.recovered and settings.recovered_object is None:
             raise UsageError("There is no recovered object.", "Run Recover first.")
-        new = [obj for obj in meshes if not any(body.object == obj and body.is_recovered == self.recovered for body in settings.bodies)]
+        found = [settings.recovered_object] if self.recovered else self._meshes(context)
+        # None stands for the clip's own object, however it was chosen
+        meshes = [None if obj == settings.recovered_object else obj for obj in found]
+        taken = {None if body.is_recovered else body.object for body in settings.bodies if body.is_recovered or body.object is not None}
+        new = [obj for obj in meshes if obj not in taken]
         if not new:
             raise UsageError("These meshes are in the list already.", "Select others, or change them in the list.")
         for obj in new:
             body = settings.bodies.add()
-            body.name, body.is_recovered, body.object = (obj.name if obj else "Recovered Object"), self.recovered, obj
+            body.name, body.is_recovered, body.object = (obj.name if obj else "Recovered Object"), obj is None, obj
             body.material = settings.material if self.material == "SAME" else self.material
             body.mass_scale, body.pin_group, body.start_frame = self.mass_scale, self.pin_group, self.start_frame
             for name in ("density", "mass", "youngs_modulus", "velocity"):
@@ -84,7 +87,6 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
 
     def _meshes(self, context) -> list:
         settings = context.scene.seeing_wind
-        ours = (settings.field_object, settings.arrows_object)
         if self.filepath:
             found = _import(native.clips.absolute(self.filepath))
         elif self.object:
@@ -94,7 +96,7 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
             found = [obj]
         else:
             found = list(context.selected_objects)
-        found = [obj for obj in found if obj.type == "MESH" and obj not in ours]
+        found = [obj for obj in found if obj.type == "MESH" and not results.shows_field(obj, settings)]
         if not found:
             given = self.filepath or self.object
             raise UsageError(f"{given} is no mesh that could move." if given else "No mesh is selected.", "Choose the meshes to move.")

@@ -4,7 +4,7 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ...engine.errors import UsageError
-from .. import edits
+from .. import edits, results
 from ..properties import KINDS
 from .edit import EditOperator
 
@@ -26,8 +26,8 @@ class SEEING_WIND_OT_insert_collider(EditOperator, bpy.types.Operator):
         settings = context.scene.seeing_wind
         found = [context.scene.objects.get(self.object)] if self.object else list(context.selected_objects)
         taken = {each.object for each in (*settings.colliders, *settings.bodies)}
-        ours = (settings.field_object, settings.arrows_object)
-        new = [obj for obj in found if obj is not None and obj.type == "MESH" and obj not in taken and obj not in ours]
+        meshes = [obj for obj in found if obj is not None and obj.type == "MESH"]
+        new = [obj for obj in meshes if obj not in taken and not results.shows_field(obj, settings)]
         if not new:
             raise UsageError("There is no mesh to collide with.", "Select meshes that are neither bodies nor colliders of this edit.")
         for obj in new:

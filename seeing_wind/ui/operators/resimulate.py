@@ -46,8 +46,10 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
 
 
 def _who(body: bpy.types.PropertyGroup) -> int:
-    """What a body moves, however it is called: 0 for the clip's own object."""
-    return body.object.session_uid if body.object is not None and not body.is_recovered else 0
+    """What a body moves, however it is called: 0 for the clip's own object, -1 for one that is gone."""
+    if body.is_recovered:
+        return 0
+    return body.object.session_uid if body.object is not None else -1
 
 
 class SEEING_WIND_OT_bake(EditOperator, bpy.types.Operator):
