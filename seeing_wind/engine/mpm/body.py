@@ -52,7 +52,8 @@ class Body:
         self.capacity = 0
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
-        self.workers, self.roster = min(self.tasks, device.cores()), roster(parallel_forward.PHASES * _MOST_PER_LAUNCH)
+        self.workers = min(self.tasks, device.cores())
+        self.roster = roster(parallel_forward.PHASES * _MOST_PER_LAUNCH, self.workers)
         self.window = np.zeros(parallel.WINDOW, np.int32)
         """lo, dims of the box of nodes in use, `Piece.lo`, then one number each, see `parallel.CAPACITY`: what the kernels look up, changed
         in place."""

@@ -14,25 +14,43 @@ _LINE = 16
 """Integers in a line of a cache: no two counters share one."""
 
 
-def roster(phases: int) -> np.ndarray:
+def roster(phases: int, workers: int) -> np.ndarray:
     """Counters of the tasks taken and done in each phase; those of the phases it goes through to be zero when a kernel is launched."""
-    return np.zeros(2 * _LINE * phases, np.int32)
+    return np.zeros(_LINE * phases * (1 + workers), np.int32)
 
 
 @ti.func
-def taken(roster: ti.template(), phase):
-    """A task of the phase for this worker alone; as many or more than there are when none is left."""
-    return ti.atomic_add(roster[2 * _LINE * phase], 1)
+def share(part, parts, count):
+    """First and last (exclusive) of a part of `count` things."""
+    each = (count + parts - 1) // parts
+    return ti.min(part * each, count), ti.min((part + 1) * each, count)
 
 
 @ti.func
-def finish(roster: ti.template(), phase):
+def taken(roster: ti.template(), phase, worker, workers, tasks):
+    """A task of the phase for this worker alone; `tasks` when none is left.
+
+    A worker takes those of its own share first, the same in every phase, as what they need may still be in its core's cache.
+    """
+    found, k = tasks, 0
+    while k < workers and found == tasks:
+        whose = (worker + k) % workers
+        begin, end = share(whose, workers, tasks)
+        task = begin + ti.atomic_add(roster[_LINE * (phase * (1 + workers) + 1 + whose)], 1)
+        if task < end:
+            found = task
+        k += 1
+    return found
+
+
+@ti.func
+def finish(roster: ti.template(), phase, workers):
     """This worker has done a task of the phase."""
-    ti.atomic_add(roster[2 * _LINE * phase + _LINE], 1)
+    ti.atomic_add(roster[_LINE * phase * (1 + workers)], 1)
 
 
 @ti.func
-def await_all(roster: ti.template(), phase, tasks):
+def await_all(roster: ti.template(), phase, workers, tasks):
     """Returns when all tasks of the phase are done, and what they wrote can be read."""
-    while ti.atomic_add(roster[2 * _LINE * phase + _LINE], 0) < tasks:
+    while ti.atomic_add(roster[_LINE * phase * (1 + workers)], 0) < tasks:
         pass

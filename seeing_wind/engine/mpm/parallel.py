@@ -12,6 +12,7 @@ import taichi as ti
 from .boundary import FREE
 from .conditions import boundary_velocity, in_box
 from .constitutive import kirchhoff
+from .crew import share
 from .packed import (
     MOST_NODES,
     MOST_NODES_ACROSS,
@@ -169,13 +170,6 @@ def node_to_velocity(
     g = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, window[CAPACITY], grid)
     momentum[node] = g
     velocity[node] = node_velocity(node, g, window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
-
-
-@ti.func
-def share(task, tasks, count):
-    """A task's part of `count` nodes."""
-    each = (count + tasks - 1) // tasks
-    return ti.min(task * each, count), ti.min((task + 1) * each, count)
 
 
 @ti.func

@@ -11,7 +11,7 @@ import taichi as ti
 from .boundary import FREE
 from .conditions import boundary_velocity_adjoint
 from .constitutive import kirchhoff_adjoint
-from .crew import await_all, finish, taken
+from .crew import await_all, finish, share, taken
 from .packed import (
     MOST_NODES,
     MOST_PARTICLES,
@@ -49,7 +49,6 @@ from .parallel import (
     place,
     pushed,
     rows,
-    share,
     summed,
 )
 from .plasticity import VON_MISES, plastic_flow_adjoint
@@ -260,8 +259,8 @@ def substep_adjoint(
             if turn % STRIDE == 0:
                 offset, dx, dt = lattice_of(lattice)
                 lo, dims = window_of(window)
-                tasks = first.shape[0] - 1
-                task = taken(roster, 0)
+                worker, tasks = turn // STRIDE, first.shape[0] - 1
+                task = taken(roster, 0, worker, workers, tasks)
                 while task < tasks:
                     begin, end = share(task, tasks, window[3] * window[4] * window[5])
                     for index in range(begin, end):
@@ -269,18 +268,18 @@ def substep_adjoint(
                         velocity[node] = node_velocity(
                             node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
                         )
-                    finish(roster, 0)
-                    task = taken(roster, 0)
+                    finish(roster, 0, workers)
+                    task = taken(roster, 0, worker, workers, tasks)
                 # Nobody reads these velocities before the last phase.
-                task = taken(roster, 1)
+                task = taken(roster, 1, worker, workers, tasks)
                 while task < tasks:
                     grid_to_task_adjoint(
                         task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
                     )
-                    finish(roster, 1)
-                    task = taken(roster, 1)
-                await_all(roster, 1, tasks)
-                task = taken(roster, 2)
+                    finish(roster, 1, workers)
+                    task = taken(roster, 1, worker, workers, tasks)
+                await_all(roster, 1, workers, tasks)
+                task = taken(roster, 2, worker, workers, tasks)
                 while task < tasks:
                     begin, end = share(task, tasks, window[3] * window[4] * window[5])
                     for index in range(begin, end):
@@ -288,14 +287,14 @@ def substep_adjoint(
                             bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
                             clamp, clamp_velocity, planes, solid, push,
                         )  # fmt: skip
-                    finish(roster, 2)
-                    task = taken(roster, 2)
-                await_all(roster, 0, tasks)
-                await_all(roster, 2, tasks)
-                task = taken(roster, 3)
+                    finish(roster, 2, workers)
+                    task = taken(roster, 2, worker, workers, tasks)
+                await_all(roster, 0, workers, tasks)
+                await_all(roster, 2, workers, tasks)
+                task = taken(roster, 3, worker, workers, tasks)
                 while task < tasks:
                     particles_to_task_adjoint(
                         task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
                         window, velocity, momentum_bar,
                     )  # fmt: skip
-                    task = taken(roster, 3)
+                    task = taken(roster, 3, worker, workers, tasks)

@@ -70,34 +70,35 @@ def substeps(
         ti.loop_config(block_dim=STRIDE)
         for turn in range(workers * STRIDE):
             if turn % STRIDE == 0:
-                tasks, phase, last = first.shape[0] - 1, 0, PHASES * ti.max(count, 1)
+                worker, tasks = turn // STRIDE, first.shape[0] - 1
+                phase, last = 0, PHASES * ti.max(count, 1)
                 while phase < last:
-                    task = taken(roster, phase)
+                    task = taken(roster, phase, worker, workers, tasks)
                     while task < tasks:
                         task_to_grid(task, plastic, first, particle, state, force, lattice, window, boxes, grid)
-                        finish(roster, phase)
-                        task = taken(roster, phase)
-                    await_all(roster, phase, tasks)
-                    task = taken(roster, phase + 1)
+                        finish(roster, phase, workers)
+                        task = taken(roster, phase, worker, workers, tasks)
+                    await_all(roster, phase, workers, tasks)
+                    task = taken(roster, phase + 1, worker, workers, tasks)
                     while task < tasks:
                         nodes_of_task(
                             task, tasks, window, boxes, grid, momentum, velocity, lattice, clamp, clamp_velocity, planes, solid, push
                         )
-                        finish(roster, phase + 1)
-                        task = taken(roster, phase + 1)
+                        finish(roster, phase + 1, workers)
+                        task = taken(roster, phase + 1, worker, workers, tasks)
                     if count > 0:
-                        await_all(roster, phase + 1, tasks)
-                        task = taken(roster, phase + 2)
+                        await_all(roster, phase + 1, workers, tasks)
+                        task = taken(roster, phase + 2, worker, workers, tasks)
                         while task < tasks:
                             grid_to_task(
                                 task, plastic, first, particle, state, state_out, pin_velocity, lattice, window, boxes, status, velocity
                             )
-                            finish(roster, phase + 2)
-                            task = taken(roster, phase + 2)
-                        await_all(roster, phase + 2, tasks)
-                        if taken(roster, phase + 3) == 0:
+                            finish(roster, phase + 2, workers)
+                            task = taken(roster, phase + 2, worker, workers, tasks)
+                        await_all(roster, phase + 2, workers, tasks)
+                        if taken(roster, phase + 3, worker, workers, 1) == 0:
                             look(tasks, window, boxes, status)
-                            finish(roster, phase + 3)
-                        await_all(roster, phase + 3, 1)
+                            finish(roster, phase + 3, workers)
+                        await_all(roster, phase + 3, workers, 1)
                     # Whoever is late and sees the stop of a later substep finds nothing to do in between either.
                     phase = ti.select(window[STOPPED] != 0, last, phase + PHASES)

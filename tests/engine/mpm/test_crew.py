@@ -18,21 +18,21 @@ def neighbours_sum(workers: ti.i32, roster: integers, first: integers, second: i
     ti.loop_config(block_dim=STRIDE)
     for turn in range(workers * STRIDE):
         if turn % STRIDE == 0:
-            tasks = first.shape[0]
-            task = taken(roster, 0)
+            worker, tasks = turn // STRIDE, first.shape[0]
+            task = taken(roster, 0, worker, workers, tasks)
             while task < tasks:
                 total = 0
                 for _ in range(task):
                     total += task
                 first[task] = total
                 ti.atomic_add(visits[task], 1)
-                finish(roster, 0)
-                task = taken(roster, 0)
-            await_all(roster, 0, tasks)
-            task = taken(roster, 1)
+                finish(roster, 0, workers)
+                task = taken(roster, 0, worker, workers, tasks)
+            await_all(roster, 0, workers, tasks)
+            task = taken(roster, 1, worker, workers, tasks)
             while task < tasks:
                 second[task] = first[(task + 1) % tasks] + first[(task + tasks - 1) % tasks]
-                task = taken(roster, 1)
+                task = taken(roster, 1, worker, workers, tasks)
 
 
 @pytest.mark.parametrize(("workers", "tasks"), [(1, 1), (1, 7), (2, 1), (2, 2), (2, 9), (7, 3), (16, 40)])
@@ -41,7 +41,7 @@ def test_a_phase_sees_all_of_the_one_before_whoever_did_it(workers, tasks):
     square = np.arange(tasks) ** 2
     for _ in range(50):
         first, second, visits = (np.zeros(tasks, np.int32) for _ in range(3))
-        neighbours_sum(workers, roster(phases=2), first, second, visits)
+        neighbours_sum(workers, roster(2, workers), first, second, visits)
         assert (visits == 1).all()
         assert np.array_equal(first, square)
         assert np.array_equal(second, np.roll(square, -1) + np.roll(square, 1))

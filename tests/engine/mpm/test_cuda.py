@@ -13,5 +13,5 @@ from benchmarks.cuda.compile import assemble, compiled, kernels
 @pytest.mark.skipif(not sys.platform.startswith("linux") or shutil.which("cc") is None, reason="needs Linux and a C compiler")
 def test_forward_kernels_compile_for_cuda(tmp_path):
     modules = compiled(["corotated"], True, tmp_path)
-    assert {"substep", "pack", "pack_forces", "unpack"} <= kernels(modules)
+    assert {"substeps", "pack", "pack_forces", "unpack"} <= kernels(modules)
     assemble(modules)

@@ -1,0 +1,66 @@
+"""Many substeps in one launch do what they do one by one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.mpm import State, model_for, substep
+from seeing_wind.engine.mpm.body import Body
+from seeing_wind.engine.progress import NoProgress
+from tests.engine.mpm.bodies import RUBBER, block
+
+
+def problem(speed=0.0, spread=0.0, substeps=40):
+    """A free block that flies along x at `speed` [m/s] and grows at the rate `spread` [1/s], in substeps of which the last lies alone."""
+    body = block((6, 5, 7))
+    model, _ = model_for(body, replace(RUBBER, law="von_mises", yield_stress=300.0), 30.0)
+    model = replace(model, substeps=substeps, frame_dt=model.frame_dt / model.substeps * substeps)
+    x = body.x - body.x.mean(axis=0)
+    v = spread * x + np.array([speed, 0.0, 0.0])
+    return model, State(body.x, v, np.tile(spread * np.eye(3), (len(x), 1, 1)), np.tile(np.eye(3), (len(x), 1, 1)))
+
+
+def run(model, state, one_by_one, tasks=3, workers=2, force=0.0):
+    """What a frame comes to, the body, and launches of the forward kernel."""
+    body = Body(model, tasks=tasks)
+    body.workers = workers
+    body.roster = np.zeros((1 + workers) * len(body.roster) // 2, np.int32)
+    launches, launch = [], body._forward_kernel
+    body._forward_kernel = lambda *args: (launches.append(args[2]), launch(*args))
+    found = body.attempt(body.checked(state), force + np.zeros_like(state.x), None, 0, NoProgress(), lambda substeps: 1 if one_by_one else substeps)
+    return found, body, launches
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_all_in_one_launch_and_one_by_one_are_the_same_to_the_bit(workers):
+    model, state = problem(speed=1.0, spread=2.0)
+    (single, _, _), _, each = run(model, state, one_by_one=True, workers=workers)
+    (many, _, _), _, launches = run(model, state, one_by_one=False, workers=workers)
+    assert each == [1] * model.substeps
+    assert launches == [1, model.substeps - 1]  # the first leaves the state that is kept alone
+    assert all(np.array_equal(getattr(single, name), getattr(many, name)) for name in "xvCF")
+
+
+def test_a_body_that_outgrows_its_grids_goes_on_in_larger_ones():
+    model, state = problem(substeps=120)
+    apart = 4e4 * (state.x - state.x.mean(axis=0))
+    (single, _, _), _, _ = run(model, state, one_by_one=True, force=apart)
+    (many, _, _), _, launches = run(model, state, one_by_one=False, force=apart)
+    assert np.ptp(many.x[:, 0]) > 2.0 * np.ptp(state.x[:, 0])
+    assert len(launches) > 3  # more than 1, 64 and 55
+    assert all(np.array_equal(getattr(single, name), getattr(many, name)) for name in "xvCF")
+
+
+def test_the_substep_that_breaks_is_named_and_the_last():
+    model, state = problem()
+    # Too fast after some twenty substeps, also at half the length.
+    pull = model.dx / (model.frame_dt / model.substeps / 2.0) / (0.5 * model.frame_dt)
+    (none, _, single), _, _ = run(model, state, one_by_one=True, force=[pull, 0.0, 0.0])
+    (also_none, _, many), _, _ = run(model, state, one_by_one=False, force=[pull, 0.0, 0.0])
+    assert none is None and also_none is None
+    assert single == many
+    assert single[0] == substep.TOO_FAST
+    assert 20 <= single[2] < 2 * model.substeps - 1
