@@ -30,7 +30,9 @@ def run(model, state, one_by_one, tasks=3, workers=2, force=0.0):
     body.roster = np.zeros((1 + workers) * len(body.roster) // 2, np.int32)
     launches, launch = [], body._forward_kernel
     body._forward_kernel = lambda *args: (launches.append(args[2]), launch(*args))
-    found = body.attempt(body.checked(state), force + np.zeros_like(state.x), None, 0, NoProgress(), lambda substeps: 1 if one_by_one else substeps)
+    found = body.attempt(
+        body.checked(state), force + np.zeros_like(state.x), None, 0, NoProgress(), lambda substeps: 1 if one_by_one else substeps
+    )
     return found, body, launches
 
 
