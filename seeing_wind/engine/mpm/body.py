@@ -27,8 +27,7 @@ from .state import State
 _LEAST_PER_TASK = 2000
 """Particles below which another task costs more than it saves."""
 _TASKS_PER_CORE, _LEAST_PER_SPARE_TASK, _MOST_SPARE_TASKS = 8, 5000, 16
-"""Large bodies get more tasks than there are cores, so that nobody waits long for a core that was busy with something else. Not any
-number: each has a grid, and together they have `packed.MOST_NODES`."""
+"""Large bodies get more tasks than there are cores, so that nobody waits long for a core that was busy with something else."""
 _WORK_PER_LAUNCH, _MOST_PER_LAUNCH = 2_000_000, 64
 """Particle-substeps and substeps between two looks at whether the user wants to stop."""
 
@@ -36,27 +35,26 @@ _WORK_PER_LAUNCH, _MOST_PER_LAUNCH = 2_000_000, 64
 class Body:
     """Runs frames of one model in one precision. Positions are kept relative to the lattice, so that single precision has its digits."""
 
-    def __init__(self, model: Model, precision: str = "double", tasks: int | None = None) -> None:
-        """precision: double or single; tasks: parts that may run side by side, None for as many as there are cores and work."""
+    def __init__(self, model: Model, precision: str = "double", tasks: int | None = None, workers: int | None = None) -> None:
+        """precision: double or single; tasks: parts that may run side by side, None for as many as there are cores and work; workers:
+        threads that do them, None for as many as there are cores."""
         assert model.axes is None, "give Model.upright"
         device.start(model.device)
         self.model, self.real, self.plastic = model, dtype_of(precision), model.plastic
         self.gpu = device.on_gpu()
         self.active = np.flatnonzero(model.role != HELD).astype(np.int32)
         count = len(self.active)
-        self.tasks = 1 if self.gpu else tasks or tasks_for(count)
+        self.tasks = 1 if self.gpu else max(1, min(tasks or tasks_for(count), count))
         columns = (model.mass, model.volume, model.mu, model.lam, model.yield_stress, model.viscosity, model.law, model.role)
         self.particle = np.empty((count, 8), self.real)
         for k, column in enumerate(columns):
             self.particle[:, k] = column if count == model.particles else column[self.active]
-        self.capacity = 0
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
-        self.workers = min(self.tasks, device.cores())
+        self.workers = min(self.tasks, workers or device.cores())
         self.roster = roster(parallel_forward.PHASES * _MOST_PER_LAUNCH, self.workers)
         self.window = np.zeros(parallel.WINDOW, np.int32)
-        """lo, dims of the box of nodes in use, `Piece.lo`, then one number each, see `parallel.CAPACITY`: what the kernels look up, changed
-        in place."""
+        """lo, dims of the box of nodes in use, `Piece.lo`, then a number each, see `parallel`: what kernels look up, changed in place."""
         self._forward_kernel = self._launcher(parallel_forward.substeps)
         self._adjoint_kernel = self._launcher(parallel_adjoint.substep_adjoint)
 
@@ -175,9 +173,9 @@ class Body:
         )
 
     def boxes(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray) -> np.ndarray:
-        """First and last of the first nodes of every task's particles, (tasks, 6) int32."""
+        """First and last of the first nodes of every task's particles, and an origin still to be found, (tasks, BOX) int32."""
         if not len(packed):
-            return np.zeros((self.tasks, 6), np.int32)
+            return np.zeros((self.tasks, parallel.BOX), np.int32)
         x = np.ascontiguousarray(packed.reshape(-1, 6, 4)[:, :3, 3].T)
         rows = [x[:, a:b] for a, b in zip(run.first, run.first[1:])]
         reach = np.array([[row.min(axis=1), row.max(axis=1)] for row in rows])  # rounding keeps order: the particle at the end comes last
@@ -186,7 +184,7 @@ class Body:
         base = np.floor((reach - offset.astype(self.real)) * inv_dx - np.full(1, 0.5, self.real)).astype(np.int32)
         # A GPU may fuse a product and a sum, and round otherwise.
         margin = int(self.gpu)
-        return np.concatenate([base[:, 0] - margin, base[:, 1] + margin], axis=1)
+        return np.concatenate([base[:, 0] - margin, base[:, 1] + margin, np.zeros_like(base[:, 0, :1])], axis=1)
 
     def unpack(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray, before: State, into: State | None = None) -> State:
         """`packed` backwards: particles of the model, in its order and in float64; held ones as they were."""
@@ -262,7 +260,7 @@ class Body:
 
     def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, count: int) -> None:
         """So many substeps from the window of `boxes` on, which `_look` has set; with 0 one as far as the nodes."""
-        self.roster[:] = 0
+        self.roster[: parallel_forward.PHASES * max(count, 1)] = 0
         self._forward_kernel(
             self.gpu, self.plastic, count, self.workers, self.roster, run.first, run.particle, state, after, run.force,
             piece.pin_velocity, *piece.boundary, piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
@@ -271,15 +269,20 @@ class Body:
     def _look(self, piece: Piece, boxes: np.ndarray) -> bool:
         """Sets the window to that of `boxes`, and makes the grids large enough, with room to grow; False where it has burst."""
         lo, dims = window(boxes)
-        wanted = math.prod(dims)
-        if wanted > min(MOST_NODES, MOST_INDEXED // self.tasks) or max(dims[1:]) > MOST_NODES_ACROSS:
+        wanted, plane = math.prod(dims), dims[1] * dims[2]
+        if wanted > MOST_NODES or max(dims[1:]) > MOST_NODES_ACROSS:
             return False
-        if wanted > self.capacity:
-            self.capacity = min(wanted + wanted // 3, MOST_INDEXED // self.tasks)
-            self.grid = aligned((self.tasks * self.capacity, 4), self.real)
-            self.momentum, self.velocity = (aligned((self.capacity, 4), self.real) for _ in range(2))
+        sizes = (boxes[:, 3] - boxes[:, 0] + 3).astype(np.int64) * plane
+        room = int(sizes.sum())
+        if room > MOST_INDEXED:
+            return False
+        boxes[:, parallel.ORIGIN] = np.cumsum(sizes) - sizes - (boxes[:, 0] - lo[0]).astype(np.int64) * plane
+        if wanted > len(self.velocity):
+            self.momentum, self.velocity = (aligned((wanted + wanted // 3, 4), self.real) for _ in range(2))
+        if room > len(self.grid):
+            self.grid = aligned((min(room + room // 3, MOST_INDEXED), 4), self.real)
         self.window[:3], self.window[3:6], self.window[6:15] = lo, dims, piece.lo
-        self.window[parallel.CAPACITY :] = self.capacity, 0, 0
+        self.window[parallel.CAPACITY :] = min(len(self.velocity), MOST_NODES), len(self.grid), 0, 0
         return True
 
     # -- backwards ----------------------------------------------------------------------------------------------------------------
@@ -314,14 +317,15 @@ class Body:
         state, boxes = run.kept[s]
         piece = run.piece(s)
         self._look(piece, boxes)
-        if len(self.grid_bar) < self.tasks * self.capacity:
-            self.grid_bar = aligned((self.tasks * self.capacity, 4), self.real)
-            self.momentum_bar = aligned((self.capacity, 4), self.real)
+        if len(self.grid_bar) < len(self.grid):
+            self.grid_bar = aligned(self.grid.shape, self.real)
+        if len(self.momentum_bar) < len(self.velocity):
+            self.momentum_bar = aligned(self.velocity.shape, self.real)
         momentum = run.grids.get(s)
         if momentum is None:
             self._launch(run, piece, state, state, boxes, 0)
             momentum = self.momentum
-        self.roster[:] = 0
+        self.roster[: parallel_adjoint.PHASES] = 0
         self._adjoint_kernel(
             self.gpu, self.plastic, int(material), self.workers, self.roster, run.first, run.particle, state, run.kept[s + 1][0], run.force,
             bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
@@ -331,8 +335,9 @@ class Body:
 
 def tasks_for(count: int) -> int:
     """Tasks for a body of `count` particles."""
-    spare = min(_TASKS_PER_CORE * device.cores(), count // _LEAST_PER_SPARE_TASK, _MOST_SPARE_TASKS)
-    return max(1, min(device.cores(), count // _LEAST_PER_TASK), spare)
+    cores = device.cores()
+    spare = min(_TASKS_PER_CORE * cores, count // _LEAST_PER_SPARE_TASK, _MOST_SPARE_TASKS) if cores > 1 else 1
+    return max(1, min(cores, count // _LEAST_PER_TASK), spare)
 
 
 def window(boxes: np.ndarray) -> tuple[list[int], list[int]]:
@@ -340,7 +345,7 @@ def window(boxes: np.ndarray) -> tuple[list[int], list[int]]:
     # In Python's integers: the box of an exploding body overflows 32 bits.
     first_and_last = list(zip(*boxes.tolist()))
     lo = [min(nodes) for nodes in first_and_last[:3]]
-    return lo, [max(nodes) - low + 3 for nodes, low in zip(first_and_last[3:], lo)]
+    return lo, [max(nodes) - low + 3 for nodes, low in zip(first_and_last[3:6], lo)]
 
 
 def launched_in(real: np.dtype, kernel: Callable[..., None]) -> Callable[..., None]:

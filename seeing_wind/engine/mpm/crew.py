@@ -14,9 +14,13 @@ _LINE = 16
 """Integers in a line of a cache: no two counters share one."""
 
 
+counters = ti.types.ndarray(dtype=ti.i32, ndim=2)
+"""A roster, as a kernel's argument."""
+
+
 def roster(phases: int, workers: int) -> np.ndarray:
-    """Counters of the tasks taken and done in each phase; those of the phases it goes through to be zero when a kernel is launched."""
-    return np.zeros(_LINE * phases * (1 + workers), np.int32)
+    """Counters of the tasks taken and done in each phase, (phases, numbers); zero in all that a kernel is to go through."""
+    return np.zeros((phases, _LINE * (1 + workers)), np.int32)
 
 
 @ti.func
@@ -36,7 +40,7 @@ def taken(roster: ti.template(), phase, worker, workers, tasks):
     while k < workers and found == tasks:
         whose = (worker + k) % workers
         begin, end = share(whose, workers, tasks)
-        task = begin + ti.atomic_add(roster[_LINE * (phase * (1 + workers) + 1 + whose)], 1)
+        task = begin + ti.atomic_add(roster[phase, _LINE * (1 + whose)], 1)
         if task < end:
             found = task
         k += 1
@@ -44,13 +48,13 @@ def taken(roster: ti.template(), phase, worker, workers, tasks):
 
 
 @ti.func
-def finish(roster: ti.template(), phase, workers):
+def finish(roster: ti.template(), phase):
     """This worker has done a task of the phase."""
-    ti.atomic_add(roster[_LINE * phase * (1 + workers)], 1)
+    ti.atomic_add(roster[phase, 0], 1)
 
 
 @ti.func
-def await_all(roster: ti.template(), phase, workers, tasks):
+def await_all(roster: ti.template(), phase, tasks):
     """Returns when all tasks of the phase are done, and what they wrote can be read."""
-    while ti.atomic_add(roster[_LINE * phase * (1 + workers)], 0) < tasks:
+    while ti.atomic_add(roster[phase, 0], 0) < tasks:
         pass

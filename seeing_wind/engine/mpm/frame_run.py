@@ -39,7 +39,7 @@ class FrameRun:
     """One after the other, of equal length."""
     substeps: int
     kept: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    """Packed state (6 M, 4) and boxes (tasks, 6) before substep s; the frame's end has the number `substeps`."""
+    """Packed state (6 M, 4) and boxes (tasks, BOX) before substep s; the frame's end has the number `substeps`."""
     grids: dict[int, np.ndarray] = field(default_factory=dict)
     """Momentum and mass (nodes, 4) of the nodes in substep s, where they take less than a number per particle."""
 

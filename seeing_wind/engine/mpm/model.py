@@ -17,6 +17,7 @@ from .colliders import NO_COLLIDERS, Collider, ColliderGrid, collider_grid, coll
 from .constitutive import LAWS
 from .grid_force import NO_FORCE, GridForce
 from .kinematics import checked_pin_path
+from .packed import MOST_NODES_ACROSS
 from .plasticity import PLASTIC_LAWS, VON_MISES
 
 COURANT = 0.3
@@ -191,10 +192,10 @@ def model_for(
 def _check_reach(x: np.ndarray, dx: float) -> None:
     """SimulationError when a grid of spacing dx [m] around particles x (N, 3) [m] has too many nodes."""
     cells = np.floor(np.ptp(x, axis=0) / dx) + 4.0
-    if np.prod(cells) > MOST_NODES:
+    if np.prod(cells) > MOST_NODES or cells.max() > MOST_NODES_ACROSS:
         raise SimulationError(
             f"The bodies reach over {' x '.join(f'{size:.3g}' for size in np.ptp(x, axis=0))} m, {np.prod(cells):.2g} nodes of a grid "
-            f"{dx:.2g} m wide, more than {MOST_NODES:.1g}.",
+            f"{dx:.2g} m wide, more than {MOST_NODES:.1g} in all or {MOST_NODES_ACROSS} in a row.",
             "Bring them closer together, simulate those that cannot touch apart from each other, or use fewer particles.",
         )
 

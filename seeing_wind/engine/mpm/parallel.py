@@ -1,8 +1,8 @@
 """The parts of a substep of one large body on all cores: p2g, the nodes' velocities, g2p.
 
 Particles are sorted by cell and dealt out to `tasks` in runs of equal length, so that a task's particles fill a slab of the grid. Every
-task adds to a grid of its own, with plain adds; only the slabs' overlaps are summed. On a GPU there is one task, whose loops run over
-particles and add atomically. The window of nodes in use is found from `boxes`, which each g2p leaves behind.
+task adds to a grid of its own, as large as its slab, with plain adds; only the slabs' overlaps are summed. On a GPU there is one task,
+whose loops run over particles and add atomically. The window of nodes in use is found from `boxes`, which each g2p leaves behind.
 """
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -39,9 +39,12 @@ flags = ti.types.ndarray(dtype=ti.i32, ndim=3)
 rows = ti.types.ndarray(ndim=2)
 lattice_rows = ti.types.ndarray(ndim=4)
 
-CLAMP_LO, SOLID_LO, PUSH_LO, CAPACITY, DONE, STOPPED, WINDOW = 2, 3, 4, 15, 16, 17, 18
-"""Rows of three in the array `window`, after lo and dims; places of the capacity of a task's grid, of the substeps done and of whether
-one of them was the last that could be; length. See `Body`."""
+CLAMP_LO, SOLID_LO, PUSH_LO, CAPACITY, ROOM, DONE, STOPPED, WINDOW = 2, 3, 4, 15, 16, 17, 18, 19
+"""Rows of three in the array `window`, after lo and dims; places of the nodes that there is room for in the window, and in the tasks' own
+grids together, of the substeps done, and of whether one of them was the last that could be; length. See `Body`."""
+ORIGIN, BOX = 6, 7
+"""In a task's row of `boxes`, after the first and the last of its particles' first nodes: what to add to the number of a node in the
+window for that in the task's own grid; length."""
 
 
 @ti.func
@@ -117,12 +120,12 @@ def grid_to_particle(
 
 
 @ti.func
-def summed(node, tasks, i, boxes: ti.template(), capacity, grid: ti.template()):
+def summed(node, tasks, i, boxes: ti.template(), grid: ti.template()):
     """The tasks' parts of a node in plane i of the lattice."""
     g = ti.Vector.zero(float, 4)
     for task in range(tasks):
         if boxes[task, 0] <= i and i <= boxes[task, 3] + 2:
-            g = g + grid[bounded(task * capacity + node, MOST_NODES)]
+            g = g + grid[bounded(boxes[task, ORIGIN] + node, MOST_NODES)]
     return g
 
 
@@ -167,16 +170,16 @@ def node_to_velocity(
 ):  # fmt: skip
     """Sums the tasks' parts of a node."""
     lo, dims = window_of(window)
-    g = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, window[CAPACITY], grid)
+    g = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, grid)
     momentum[node] = g
     velocity[node] = node_velocity(node, g, window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
 
 
 @ti.func
 def cleared(task, window: ti.template(), boxes: ti.template(), grid: ti.template()):
-    """Clears a task's slab of its own grid; returns the first node of that grid."""
+    """Clears a task's own grid; returns the number that the window's first node has, or would have, in it."""
     lo, dims = window_of(window)
-    first_node, plane = task * window[CAPACITY], dims[1] * dims[2]
+    first_node, plane = boxes[task, ORIGIN], dims[1] * dims[2]
     for node in range((boxes[task, 0] - lo[0]) * plane, (boxes[task, 3] + 3 - lo[0]) * plane):
         grid[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
     return first_node
@@ -216,10 +219,8 @@ def grid_to_task(
             high[a] = ti.select(x[a] > high[a], x[a], high[a])
     # Rounding keeps order: these are the first and the last of the particles' own.
     low_base, high_base = base_of(low, offset, 1.0 / dx), base_of(high, offset, 1.0 / dx)
-    some = first[task] < first[task + 1]
     for a in ti.static(range(3)):
-        boxes[task, a] = ti.select(some, low_base[a], 2**30)
-        boxes[task, 3 + a] = ti.select(some, high_base[a], -(2**30))
+        boxes[task, a], boxes[task, 3 + a] = low_base[a], high_base[a]
 
 
 @ti.func
@@ -242,21 +243,24 @@ def nodes_of_task(
 def look(tasks, window: ti.template(), boxes: ti.template(), status: ti.template()):
     """Moves the window to the box of nodes that all particles touch; stops where a particle broke or the grids are too small for it."""
     lo, last = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
-    going = True
+    planes, whole = ti.cast(0, ti.i64), True
     for task in range(tasks):
-        going = going and status[task, 0] == RUNNING
+        whole = whole and status[task, 0] == RUNNING
+        planes += boxes[task, 3] - boxes[task, 0] + 3
         for a in ti.static(range(3)):
             lo[a] = ti.min(lo[a], boxes[task, a])
             last[a] = ti.max(last[a], boxes[task, 3 + a])
     dims = last - lo + 3
-    if going and dims[1] <= MOST_NODES_ACROSS and dims[2] <= MOST_NODES_ACROSS:
-        # No product of three overflows: nothing has moved further than a cell from a window that fitted.
-        going = ti.cast(dims[0], ti.i64) * dims[1] * dims[2] <= window[CAPACITY]
-    else:
-        going = False
-    if going:
+    # Nothing overflows: no particle that is whole has moved further than a cell from a window that fitted.
+    plane = ti.cast(dims[1], ti.i64) * dims[2]
+    small = dims[0] * plane <= window[CAPACITY] and planes * plane <= window[ROOM]
+    if whole and small and dims[1] <= MOST_NODES_ACROSS and dims[2] <= MOST_NODES_ACROSS:
         for a in ti.static(range(3)):
             window[a], window[3 + a] = lo[a], dims[a]
+        planes_before = 0
+        for task in range(tasks):
+            boxes[task, ORIGIN] = (planes_before - (boxes[task, 0] - lo[0])) * dims[1] * dims[2]
+            planes_before += boxes[task, 3] - boxes[task, 0] + 3
     else:
         window[STOPPED] = 1
     window[DONE] += 1

@@ -11,7 +11,7 @@ import taichi as ti
 from .boundary import FREE
 from .conditions import boundary_velocity_adjoint
 from .constitutive import kirchhoff_adjoint
-from .crew import await_all, finish, share, taken
+from .crew import await_all, counters, finish, share, taken
 from .packed import (
     MOST_NODES,
     MOST_PARTICLES,
@@ -36,7 +36,6 @@ from .packed import (
     with_fourth,
 )
 from .parallel import (
-    CAPACITY,
     CLAMP_LO,
     PUSH_LO,
     SOLID_LO,
@@ -53,6 +52,9 @@ from .parallel import (
 )
 from .plasticity import VON_MISES, plastic_flow_adjoint
 from .substep import STRIDE
+
+PHASES = 4
+"""Of a substep: the nodes' velocities, g2p backwards, the nodes backwards, p2g backwards."""
 
 
 @ti.func
@@ -125,7 +127,7 @@ def node_to_velocity_adjoint(
 ):  # fmt: skip
     """v = boundary(q / m + dt a): turns the nodes' v_bar into q_bar and m_bar."""
     lo, dims = window_of(window)
-    s = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, window[CAPACITY], grid_bar)
+    s = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, grid_bar)
     g = momentum[node]
     q_bar, m_bar = ti.Vector.zero(float, 3), g[3] * 0.0
     if g[3] > 0.0:
@@ -219,7 +221,7 @@ def particles_to_task_adjoint(
 def substep_adjoint(
     gpu: ti.template(), plastic: ti.template(),
     material: ti.i32,  # whether derivatives by the particles' constants are wanted
-    workers: ti.i32, roster: integers,  # on a CPU, see `crew`
+    workers: ti.i32, roster: counters,  # on a CPU, see `crew`
     # body at the substep's start and end; momentum as `substep` leaves it
     first: integers, particle: constants, state: states, state_next: states, force: forces,
     # derivatives, in: by the next state, out: by this one; those by force and constants are added up
@@ -268,7 +270,7 @@ def substep_adjoint(
                         velocity[node] = node_velocity(
                             node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
                         )
-                    finish(roster, 0, workers)
+                    finish(roster, 0)
                     task = taken(roster, 0, worker, workers, tasks)
                 # Nobody reads these velocities before the last phase.
                 task = taken(roster, 1, worker, workers, tasks)
@@ -276,9 +278,9 @@ def substep_adjoint(
                     grid_to_task_adjoint(
                         task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
                     )
-                    finish(roster, 1, workers)
+                    finish(roster, 1)
                     task = taken(roster, 1, worker, workers, tasks)
-                await_all(roster, 1, workers, tasks)
+                await_all(roster, 1, tasks)
                 task = taken(roster, 2, worker, workers, tasks)
                 while task < tasks:
                     begin, end = share(task, tasks, window[3] * window[4] * window[5])
@@ -287,10 +289,10 @@ def substep_adjoint(
                             bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
                             clamp, clamp_velocity, planes, solid, push,
                         )  # fmt: skip
-                    finish(roster, 2, workers)
+                    finish(roster, 2)
                     task = taken(roster, 2, worker, workers, tasks)
-                await_all(roster, 0, workers, tasks)
-                await_all(roster, 2, workers, tasks)
+                await_all(roster, 0, tasks)
+                await_all(roster, 2, tasks)
                 task = taken(roster, 3, worker, workers, tasks)
                 while task < tasks:
                     particles_to_task_adjoint(

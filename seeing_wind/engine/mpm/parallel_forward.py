@@ -4,7 +4,7 @@
 
 import taichi as ti
 
-from .crew import await_all, finish, taken
+from .crew import await_all, counters, finish, taken
 from .packed import constants, forces, integers, lattice_of, nodes, numbers, states, window_of
 from .parallel import (
     STOPPED,
@@ -31,12 +31,12 @@ PHASES = 4
 def substeps(
     gpu: ti.template(), plastic: ti.template(),
     count: ti.i32,  # substeps, in one array from the second on; 1 on a GPU; 0: p2g and the nodes' velocities of one only
-    workers: ti.i32, roster: integers,  # on a CPU, see `crew`
+    workers: ti.i32, roster: counters,  # on a CPU, see `crew`
     # body: `first` particle of every task
     first: integers, particle: constants, state: states, state_out: states, force: forces, pin_velocity: rows,
     # at the nodes, see `conditions.boundary_velocity` and `parallel.pushed`
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
-    # `lattice_of`; integers, see `Body`; boxes (tasks, 6): first and last of the particles' first nodes, in and out;
+    # `lattice_of`; integers, see `Body`; boxes (tasks, BOX): first and last of the particles' first nodes, in and out, and their origin;
     # status (tasks, 2) out: code, particle
     lattice: numbers, window: integers, boxes: box_rows, status: box_rows,
     # grids: the tasks' own, one after the other, then momentum and velocity of all
@@ -76,29 +76,29 @@ def substeps(
                     task = taken(roster, phase, worker, workers, tasks)
                     while task < tasks:
                         task_to_grid(task, plastic, first, particle, state, force, lattice, window, boxes, grid)
-                        finish(roster, phase, workers)
+                        finish(roster, phase)
                         task = taken(roster, phase, worker, workers, tasks)
-                    await_all(roster, phase, workers, tasks)
+                    await_all(roster, phase, tasks)
                     task = taken(roster, phase + 1, worker, workers, tasks)
                     while task < tasks:
                         nodes_of_task(
                             task, tasks, window, boxes, grid, momentum, velocity, lattice, clamp, clamp_velocity, planes, solid, push
                         )
-                        finish(roster, phase + 1, workers)
+                        finish(roster, phase + 1)
                         task = taken(roster, phase + 1, worker, workers, tasks)
                     if count > 0:
-                        await_all(roster, phase + 1, workers, tasks)
+                        await_all(roster, phase + 1, tasks)
                         task = taken(roster, phase + 2, worker, workers, tasks)
                         while task < tasks:
                             grid_to_task(
                                 task, plastic, first, particle, state, state_out, pin_velocity, lattice, window, boxes, status, velocity
                             )
-                            finish(roster, phase + 2, workers)
+                            finish(roster, phase + 2)
                             task = taken(roster, phase + 2, worker, workers, tasks)
-                        await_all(roster, phase + 2, workers, tasks)
+                        await_all(roster, phase + 2, tasks)
                         if taken(roster, phase + 3, worker, workers, 1) == 0:
                             look(tasks, window, boxes, status)
-                            finish(roster, phase + 3, workers)
-                        await_all(roster, phase + 3, workers, 1)
+                            finish(roster, phase + 3)
+                        await_all(roster, phase + 3, 1)
                     # Whoever is late and sees the stop of a later substep finds nothing to do in between either.
                     phase = ti.select(window[STOPPED] != 0, last, phase + PHASES)

@@ -218,6 +218,12 @@ def test_the_particle_that_flew_off_is_named(monkeypatch, count, module):
     assert caught.value.particle == 0 and caught.value.quantity == "position" and caught.value.frame > 0
 
 
+def test_bodies_in_a_row_longer_than_a_grid_can_be_are_refused():
+    far = replace(BODY, x=BODY.x + np.array([0.0, 0.0, 8300 * 2.0 * BODY.spacing]))
+    with pytest.raises(SimulationError, match="or 8191 in a row"):
+        model_for([BODY, far], RUBBER, 30.0)
+
+
 def test_changes_carried_along_name_the_particle_too():
     model, _ = model_for(BODY, RUBBER, 30.0)
     phi, dphi = np.zeros((COUNT, 1)), np.zeros((COUNT, 1, 3))

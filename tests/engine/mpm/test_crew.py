@@ -6,14 +6,14 @@ import pytest
 import taichi as ti
 
 from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.crew import await_all, finish, roster, taken
+from seeing_wind.engine.mpm.crew import await_all, counters, finish, roster, taken
 from seeing_wind.engine.mpm.substep import STRIDE
 
 integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
 
 
 @ti.kernel
-def neighbours_sum(workers: ti.i32, roster: integers, first: integers, second: integers, visits: integers):
+def neighbours_sum(workers: ti.i32, roster: counters, first: integers, second: integers, visits: integers):
     """first = task number, squared slowly; then second = sum of two neighbours of first, which other workers may have written."""
     ti.loop_config(block_dim=STRIDE)
     for turn in range(workers * STRIDE):
@@ -26,9 +26,9 @@ def neighbours_sum(workers: ti.i32, roster: integers, first: integers, second: i
                     total += task
                 first[task] = total
                 ti.atomic_add(visits[task], 1)
-                finish(roster, 0, workers)
+                finish(roster, 0)
                 task = taken(roster, 0, worker, workers, tasks)
-            await_all(roster, 0, workers, tasks)
+            await_all(roster, 0, tasks)
             task = taken(roster, 1, worker, workers, tasks)
             while task < tasks:
                 second[task] = first[(task + 1) % tasks] + first[(task + tasks - 1) % tasks]

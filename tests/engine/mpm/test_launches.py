@@ -25,9 +25,7 @@ def problem(speed=0.0, spread=0.0, substeps=40):
 
 def run(model, state, one_by_one, tasks=3, workers=2, force=0.0):
     """What a frame comes to, the body, and launches of the forward kernel."""
-    body = Body(model, tasks=tasks)
-    body.workers = workers
-    body.roster = np.zeros((1 + workers) * len(body.roster) // 2, np.int32)
+    body = Body(model, tasks=tasks, workers=workers)
     launches, launch = [], body._forward_kernel
     body._forward_kernel = lambda *args: (launches.append(args[2]), launch(*args))
     found = body.attempt(
@@ -66,3 +64,22 @@ def test_the_substep_that_breaks_is_named_and_the_last():
     assert single == many
     assert single[0] == substep.TOO_FAST
     assert 20 <= single[2] < 2 * model.substeps - 1
+
+
+@pytest.mark.parametrize("tasks", [7, 8])
+def test_bodies_far_apart_need_no_grid_of_the_whole_window_for_every_task(tasks):
+    body = block((6, 6, 6))
+    far = replace(body, x=body.x + 0.7)
+    model, _ = model_for([body, far], RUBBER, 30.0)
+    state = State.at_rest(np.concatenate([body.x, far.x]))
+    (one, _, _), _, _ = run(model, state, one_by_one=False, tasks=1)
+    (many, _, _), found, _ = run(model, state, one_by_one=False, tasks=tasks)
+    assert np.abs(many.x - one.x).max() < 1e-12 * np.abs(one.x - state.x).max()
+    assert len(found.grid) < 2.5 * len(found.velocity)  # a task may hold particles of both
+
+
+def test_more_tasks_than_particles_are_as_many_as_particles():
+    model, _ = model_for(block((2, 1, 1)), RUBBER, 30.0)
+    state = State.at_rest(block((2, 1, 1)).x)
+    (_, frame, status), found, _ = run(model, state, one_by_one=False, tasks=5, workers=3)
+    assert status[0] == substep.RUNNING and found.tasks == found.workers == 2 and frame.substeps == model.substeps
