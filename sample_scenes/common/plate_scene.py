@@ -89,13 +89,13 @@ def summary(filmed: Filmed) -> str:
 
 
 def lay_particles(plate: Plate, spacing: float) -> Particles:
-    """Particles on a square lattice inside the outlines, in as many layers as the thickness holds."""
+    """Particles on a square lattice inside the outlines, in as many layers as the thickness holds: one would hardly resist bending."""
     every = np.concatenate(plate.outlines)
     low, high = every.min(0), every.max(0)
     axes = [(np.arange(np.floor(low[c] / spacing), np.ceil(high[c] / spacing)) + 0.5) * spacing for c in range(2)]
     flat = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
     flat = flat[inside_any(plate.outlines, flat)]
-    layers = max(round(plate.thickness / spacing), 1)
+    layers = max(round(plate.thickness / spacing), 2)
     depth = (np.arange(layers) + 0.5) * plate.thickness / layers - plate.thickness / 2
     x = np.concatenate([plate.world(flat, y) for y in depth])
     volume = np.full(len(x), spacing**2 * plate.thickness / layers)

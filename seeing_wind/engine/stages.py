@@ -68,7 +68,7 @@ def observation_stamp(clip: str, settings: ObserveSettings) -> str:
 
     names = [getattr(settings, field) for field in FILES]
     contents = [(field, Path(name)) for field, name in zip(FILES, names, strict=True) if name]
-    words = dataclasses.replace(settings, **dict.fromkeys(FILES))
+    words = dataclasses.replace(settings, mask=None, tracks=None, depth=None, camera=None, pin=None)
     return stamp_of("observe", VERSION, words, *files_of(clip, settings.frames), *(part for pair in contents for part in pair))
 
 

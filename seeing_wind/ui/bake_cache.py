@@ -12,6 +12,7 @@ import numpy as np
 from ..engine.errors import UsageError
 from ..engine.take import Take
 from .animation import make_linear, remove_curves
+from .job import said_by
 
 MODIFIER = "Seeing Wind Cache"
 
@@ -77,6 +78,8 @@ def bake_alembic(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, c
             filepath=str(path), selected=True, start=int(frames[0]), end=int(frames[-1]), as_background_job=False, uvs=False,
             normals=False, evaluation_mode="VIEWPORT",
         )  # fmt: skip
+    except RuntimeError as error:
+        raise UsageError(f"Blender could not write {path}: {said_by(error)}.", "Bake to a point cache (PC2) instead.") from error
     finally:
         key, mesh, action = actor.data.shape_keys, actor.data, actor.data.shape_keys.animation_data.action
         bpy.data.objects.remove(actor)

@@ -150,7 +150,7 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     if not isinstance(options, dict):
         raise UsageError(f"recover of {name} is no table.", "Write it as { distance = 2.0 }.")
     if "take" not in table:
-        raise UsageError(f"{name} has no take.", "Say with take = \"NAME.take\" where the results go.")
+        raise UsageError(f"{name} has no take.", 'Say with take = "NAME.take" where the results go.')
     home = path.resolve().parent
     paths = {key: home / os.path.expanduser(table[key]) for key in PATHS & table.keys()}
     for key in ("clip", "edit"):

@@ -11,6 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..engine.errors import ClipError, UsageError
+from .native.clips import opened_by
 from .units import metres_per_unit
 
 CAMERA = "Seeing Wind Camera"
@@ -119,7 +120,7 @@ def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
 
 def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
     try:
-        clip = bpy.data.movieclips.load(str(Path(path).resolve()), check_existing=True)
+        clip = bpy.data.movieclips.load(opened_by(str(Path(path).resolve())), check_existing=True)
     except RuntimeError as error:
         raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264) or check the path.") from error
     # a file that is no video loads without a complaint, as a clip of no pictures

@@ -18,8 +18,8 @@ def recover_digest(scene: bpy.types.Scene) -> str:
     """Of everything that `recover` depends on. Raises as `worker_calls.recover_options` does."""
     options = worker_calls.recover_options(scene)
     # files that are made from the scene count by what they are made of
-    given = [option for option in options if os.path.isabs(option) and native.INPUTS not in option and os.path.isfile(option)]
-    files = [os.stat(option) for option in given]
+    given = [option for option in options[1:] if os.path.isabs(option) and native.INPUTS not in option and os.path.isfile(option)]
+    files = [os.stat(path) for path in (*native.clips.files_of(options[0]), *given)]
     # by name only, so that a project can be moved
     named = [os.path.basename(option) if os.path.isabs(option) else option for option in options]
     return _digest(named, [(entry.st_size, entry.st_mtime_ns) for entry in files], native.stamp(scene))

@@ -62,7 +62,7 @@ def draw_surroundings(column, settings, space: str) -> None:
     if settings.edit_gravity_mode == "CUSTOM":
         column.prop(settings, "edit_gravity")
     column.prop(settings, "contact")
-    row = column.row(heading="Floor")
+    row = column.row(heading="Floor (m)")
     row.prop(settings, "use_floor", text="")
     sub = row.row()
     sub.enabled = settings.use_floor

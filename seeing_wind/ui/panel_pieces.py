@@ -62,8 +62,8 @@ def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
     row.operator("seeing_wind.cancel", text="Stopping..." if cancelling else "Cancel", icon="CANCEL")
 
 
-def draw_job(layout, context, name: str, operator: str, text: str, icon: str, ready: bool = True) -> None:
-    """The button of a step's job, or its bar while it runs; then how it stands."""
+def draw_job(layout, context, name: str, operator: str, text: str, icon: str, missing: str = "") -> None:
+    """The button of a step's job, or its bar while it runs; then how it stands, or what it waits for."""
     now = status.of(context.scene.session_uid)
     step = now.steps[name]
     if now.running == name:
@@ -71,8 +71,10 @@ def draw_job(layout, context, name: str, operator: str, text: str, icon: str, re
         return
     row = layout.row()
     row.scale_y = 1.4
-    row.enabled = ready and not now.running
+    row.enabled = not missing and not now.running
     row.operator(operator, text=text, icon=icon)
+    if missing:
+        draw_text(layout, context, missing, "INFO")
     if step.state == State.FAILED:
         draw_failure(layout, context, step)
     elif step.state == State.STALE:

@@ -108,8 +108,9 @@ class RecoverTab(Tab):
             column.prop(settings, "gravity")
         column.prop(settings, "take")
         now = status.of(context.scene.session_uid)
-        ready = now.steps["clip"].state == State.DONE and now.steps["object"].state == State.DONE
-        draw_job(self.layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", ready)
+        undone = [text for name, text in (("clip", "choose a clip"), ("object", "mark the object")) if now.steps[name].state != State.DONE]
+        missing = f"First {' and '.join(undone)}" if undone else ""
+        draw_job(self.layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing)
         if settings.recovered_take and now.running != "recover":
             row = self.layout.row(align=True)
             row.operator("seeing_wind.build_scene", text="Reload", icon="FILE_REFRESH")
@@ -143,8 +144,8 @@ class ResimulateTab(Tab):
     def draw(self, context):
         """Go."""
         settings = context.scene.seeing_wind
-        ready = bool(settings.recovered_take) and bool(len(settings.bodies))
-        draw_job(self.layout, context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PHYSICS", ready)
+        missing = "First recover a field" if not settings.recovered_take else "First insert a mesh" if not len(settings.bodies) else ""
+        draw_job(self.layout, context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PHYSICS", missing)
 
 
 class BakeTab(Tab):
@@ -157,8 +158,8 @@ class BakeTab(Tab):
         """How, which frames, go."""
         column, settings = self.columns()
         draw_bake(column, settings)
-        ready = bool(settings.simulated_take)
-        draw_job(self.layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", ready)
+        missing = "" if settings.simulated_take else "First re-simulate"
+        draw_job(self.layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", missing)
         self.layout.operator("seeing_wind.clear_bake", icon="X")
 
 

@@ -7,8 +7,6 @@ import bpy
 from bpy.props import (
     BoolProperty,
     CollectionProperty,
-    EnumProperty,
-    FloatProperty,
     FloatVectorProperty,
     IntProperty,
     IntVectorProperty,
@@ -17,45 +15,9 @@ from bpy.props import (
 )
 
 from ..engine.conventions import DEFAULT_FOV_DEGREES, GRAVITY
-from ..engine.materials import LAWS, MATERIALS
 from ..engine.settings import BuildSettings, RecoverSettings
-from . import edits, freshness
-
-KEPT = {"SKIP_SAVE"}
-"""An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
-
-PATH = KEPT | {"PATH_SUPPORTS_BLEND_RELATIVE"}
-
-MATERIAL_ITEMS = [
-    (
-        name,
-        name.replace("_", " ").title(),
-        f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}",
-    )
-    for name, m in MATERIALS.items()
-]
-
-LAW_ITEMS = [
-    ("PRESET", "As the Material", "The law of the chosen material"),
-    *((law.upper(), law.replace("_", " ").title(), text) for law, text in zip(LAWS, (
-        "Springs back, also from large strains", "Springs back from small strains: stiff things",
-        "Keeps dents whatever the speed", "Flows slowly under load",
-    ), strict=True)),
-]  # fmt: skip
-
-WAYS = [
-    ("AUTO", "Automatic", "Location and rotation for bodies that stay rigid, a point cache for very large ones, else shape keys"),
-    ("SHAPE_KEYS", "Shape Keys", "One absolute shape key per picture, and keys of the evaluation time"),
-    ("TRANSFORM", "Location and Rotation", "Keys of the object's place; only for bodies that stay rigid"),
-    ("POINT_CACHE", "Point Cache (PC2)", "A file beside the take that the Mesh Cache modifier plays; for large meshes"),
-    ("ALEMBIC", "Alembic", "A file that other programs read too, where this Blender has Alembic"),
-]
-
-KINDS = [
-    ("SEPARATE", "Slide and Part", "Bodies slide on it with friction and may lift off"),
-    ("SLIP", "Slide", "Bodies slide on it with friction and never lift off"),
-    ("STICKY", "Stick", "What touches it stays"),
-]
+from . import edits
+from .property_kinds import KEPT, KINDS, LAW_ITEMS, MATERIAL_ITEMS, PATH, WAYS, changed, choice, file_path, is_mesh, number, toggle
 
 IMPLIED = {
     "frames": ("use_frames", True),
@@ -76,38 +38,12 @@ IMPLIED = {
 """A keyword argument that chooses a mode as well, unless the mode is given too."""
 
 
-def _changed(self, context) -> None:
-    scene = self.id_data
-    if isinstance(scene, bpy.types.Scene):  # None while these are the arguments of an operator
-        freshness.refresh(scene)
-
-
-def _is_mesh(self, candidate) -> bool:
-    return candidate.type == "MESH"
-
-
-def _file(name: str, description: str) -> object:
-    return StringProperty(name=name, description=description, subtype="FILE_PATH", options=PATH, update=_changed)
-
-
-def _number(name: str, default: float, description: str, options: set = KEPT, **limits: float) -> object:
-    return FloatProperty(name=name, default=default, description=description, options=options, update=_changed, **limits)
-
-
-def _toggle(name: str, description: str) -> object:
-    return BoolProperty(name=name, default=False, description=description, options=KEPT, update=_changed)
-
-
-def _choice(name: str, description: str, items: list, default: str | None = None) -> object:
-    return EnumProperty(name=name, description=description, items=items, default=default or items[0][0], options=KEPT, update=_changed)
-
-
 class ClipOptions:
     """The options of Recover: a scene has them as settings, the operator as keyword arguments."""
 
-    clip: _file("Clip", "The video in which something is moved by forces that nobody sees")
-    fps: _number("FPS (1/s)", 0.0, "Frames per second of the clip; 0 takes what the file says", min=0.0, soft_max=240.0, step=100)
-    use_frames: _toggle("Part of the Clip", "Use only some of the clip's pictures")
+    clip: file_path("Clip", "The video in which something is moved by forces that nobody sees")
+    fps: number("FPS (1/s)", 0.0, "Frames per second of the clip; 0 takes what the file says", min=0.0, soft_max=240.0, step=100)
+    use_frames: toggle("Part of the Clip", "Use only some of the clip's pictures")
     frames: IntVectorProperty(
         name="Pictures",
         size=2,
@@ -115,10 +51,10 @@ class ClipOptions:
         min=0,
         description="First and last picture, both inclusive, counted from 0",
         options=KEPT,
-        update=_changed,
+        update=changed,
     )
 
-    object_mode: _choice("Object", "How the object is marked in the first picture", [
+    object_mode: choice("Object", "How the object is marked in the first picture", [
         ("BOX", "Box", "A box round the object, in pixels"),
         ("BLENDER_MASK", "Blender Mask", "A mask drawn in the Movie Clip or Image Editor"),
         ("PLANE", "Plane Track", "The inside of the clip's active plane track in the first picture"),
@@ -126,64 +62,64 @@ class ClipOptions:
         ("MASK", "Mask File", "A PNG of the first picture, non-zero where the object is"),
     ])  # fmt: skip
     box: FloatVectorProperty(
-        name="Box (px)", size=4, default=(0.0, 0.0, 0.0, 0.0), min=0.0, precision=0, step=100, options=KEPT, update=_changed,
+        name="Box (px)", size=4, default=(0.0, 0.0, 0.0, 0.0), min=0.0, precision=0, step=100, options=KEPT, update=changed,
         description="Left, top, right, bottom in pixels of the first picture, the origin at its top left",
     )  # fmt: skip
-    mask: _file("Mask", "PNG of the first picture, non-zero where the object is")
-    use_tracks: _toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of by our own")
-    pin: _file("Held Places", "Optional PNG of the first picture, non-zero where the object is held in place")
+    mask: file_path("Mask", "PNG of the first picture, non-zero where the object is")
+    use_tracks: toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of by our own")
+    pin: file_path("Held Places", "Optional PNG of the first picture, non-zero where the object is held in place")
 
-    scale_mode: _choice("Scale", "What gives the size of things", [
+    scale_mode: choice("Scale", "What gives the size of things", [
         ("AUTO", "Automatic", "A camera solve or scene camera sees the object as far away as the world's origin; else the distance below"),
         ("DISTANCE", "Distance", "The distance from the camera to the object is known"),
         ("PIXELS", "Pixels per Metre", "The image scale in the object's plane is known"),
         ("PROXY", "Proxy Mesh", "A mesh of the scene stands where the object is in the first picture and gives the depth of each pixel"),
     ])  # fmt: skip
-    distance: _number("Distance (m)", 2.0, "Metres from the camera to the object", min=0.001, soft_max=100.0, step=10, precision=3)
-    pixels_per_metre: _number(
+    distance: number("Distance (m)", 2.0, "Metres from the camera to the object", min=0.001, soft_max=100.0, step=10, precision=3)
+    pixels_per_metre: number(
         "Scale (px/m)", 400.0, "Pixels per metre in the object's plane", min=0.01, soft_max=10000.0, step=1000, precision=1
     )
-    camera_mode: _choice("Camera", "What is known of the camera", [
+    camera_mode: choice("Camera", "What is known of the camera", [
         ("AUTO", "Automatic", "The clip's camera solve if it has one, else the field of view"),
         ("SOLVE", "Camera Solve", "The solve of the Movie Clip Editor, placed as the camera with the Camera Solver constraint is"),
         ("SCENE", "Scene Camera", "The scene's camera, at each frame"),
         ("FOV", "Field of View", "A level camera that stands still and looks along +Y"),
         ("JSON", "File", "JSON with width height fx fy cx cy and camera_to_world"),
     ])  # fmt: skip
-    fov: _number("FOV (°)", DEFAULT_FOV_DEGREES, "Horizontal field of view in degrees", min=1.0, max=170.0, step=100, precision=1)
-    camera: _file("Camera File", "JSON: width height fx fy cx cy, camera_to_world (4x4, OpenCV axes, one or one per picture)")
+    fov: number("FOV (°)", DEFAULT_FOV_DEGREES, "Horizontal field of view in degrees", min=1.0, max=170.0, step=100, precision=1)
+    camera: file_path("Camera File", "JSON: width height fx fy cx cy, camera_to_world (4x4, OpenCV axes, one or one per picture)")
 
-    gravity_mode: _choice("Gravity", "Known acceleration that is not part of the recovered field", [
+    gravity_mode: choice("Gravity", "Known acceleration that is not part of the recovered field", [
         ("SCENE", "Scene", "The scene's gravity, if it is on"),
         ("NONE", "None", "Gravity counts as part of the field"),
         ("CUSTOM", "Custom", "An acceleration of your own"),
     ])  # fmt: skip
     gravity: FloatVectorProperty(
-        name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, options=KEPT, update=_changed,
+        name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, options=KEPT, update=changed,
         description="Acceleration along world X, Y, Z in metres per square second",
     )  # fmt: skip
 
-    material: _choice("Material", "What the object is made of", MATERIAL_ITEMS, BuildSettings.material)
-    use_density: _toggle("Density", "Replace the preset's density")
-    density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
-    use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
-    youngs_modulus: _number("Stiffness (Pa)", 1e5, "Young's modulus in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
-    law: _choice("Behaves As", "How the object answers to forces", LAW_ITEMS)
-    use_poisson_ratio: _toggle("Poisson's Ratio", "Replace the preset's Poisson's ratio")
-    poisson_ratio: _number(
+    material: choice("Material", "What the object is made of", MATERIAL_ITEMS, BuildSettings.material)
+    use_density: toggle("Density", "Replace the preset's density")
+    density: number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
+    use_youngs_modulus: toggle("Stiffness", "Replace the preset's Young's modulus")
+    youngs_modulus: number("Stiffness (Pa)", 1e5, "Young's modulus in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
+    law: choice("Behaves As", "How the object answers to forces", LAW_ITEMS)
+    use_poisson_ratio: toggle("Poisson's Ratio", "Replace the preset's Poisson's ratio")
+    poisson_ratio: number(
         "Poisson's Ratio", 0.3, "How much it narrows when stretched: 0 cork, 0.3 most things, 0.49 rubber", min=0.0, max=0.495, precision=3
     )
-    use_yield_stress: _toggle("Yield Stress", "Replace the preset's yield stress (for what keeps dents or flows)")
-    yield_stress: _number(
+    use_yield_stress: toggle("Yield Stress", "Replace the preset's yield stress (for what keeps dents or flows)")
+    yield_stress: number(
         "Yield Stress (Pa)", 1e4, "Stress from which it keeps its new shape", min=1.0, soft_max=1e9, step=100000, precision=0
     )
-    use_viscosity: _toggle("Viscosity", "Replace the preset's viscosity (for what flows)")
-    viscosity: _number("Viscosity (Pa s)", 100.0, "How slowly it flows under load", min=0.01, soft_max=1e8, step=1000, precision=2)
-    use_thickness: _toggle("Thickness", "Give the body's thickness instead of guessing it from the silhouette")
-    thickness: _number("Thickness (m)", 0.01, "Metres of body behind the visible surface", min=1e-5, soft_max=1.0, step=0.1, precision=4)
+    use_viscosity: toggle("Viscosity", "Replace the preset's viscosity (for what flows)")
+    viscosity: number("Viscosity (Pa s)", 100.0, "How slowly it flows under load", min=0.01, soft_max=1e8, step=1000, precision=2)
+    use_thickness: toggle("Thickness", "Give the body's thickness instead of guessing it from the silhouette")
+    thickness: number("Thickness (m)", 0.01, "Metres of body behind the visible surface", min=1e-5, soft_max=1.0, step=0.1, precision=4)
 
     take: StringProperty(
-        name="Take", subtype="DIR_PATH", options=PATH, update=_changed,
+        name="Take", subtype="DIR_PATH", options=PATH, update=changed,
         description="Folder of the results; empty: CLIP.take beside the .blend file, or in the temporary folder while it is unsaved",
     )  # fmt: skip
     iterations: IntProperty(
@@ -193,13 +129,13 @@ class ClipOptions:
         soft_max=50,
         description="Gauss-Newton iterations at most",
         options=KEPT,
-        update=_changed,
+        update=changed,
     )
     particles: IntProperty(
         name="Particles", default=BuildSettings.particles, min=8, max=100_000, soft_min=100, soft_max=5000, step=50, options=KEPT,
-        update=_changed, description="About how many particles stand for the object: more see finer bends and take longer",
+        update=changed, description="About how many particles stand for the object: more see finer bends and take longer",
     )  # fmt: skip
-    seed: IntProperty(name="Seed", default=0, min=0, description="Of every random choice", options=KEPT, update=_changed)
+    seed: IntProperty(name="Seed", default=0, min=0, description="Of every random choice", options=KEPT, update=changed)
 
 
 class SEEING_WIND_PG_guess(bpy.types.PropertyGroup):
@@ -207,48 +143,48 @@ class SEEING_WIND_PG_guess(bpy.types.PropertyGroup):
 
     made_of: StringProperty(name="Made Of", description="Its material, in the model's words")
     mask: StringProperty(name="Mask", subtype="FILE_PATH", description="Where it is in the first picture")
-    law: _choice("Behaves As", "How it answers to forces", LAW_ITEMS)
-    density: _number("Density (kg/m³)", 0.0, "As the model sees it", min=0.0, precision=1)
-    youngs_modulus: _number("Stiffness (Pa)", 0.0, "As the model sees it", min=0.0, precision=0)
-    poisson_ratio: _number("Poisson's Ratio", 0.0, "As the model sees it", min=0.0, max=0.495, precision=3)
-    yield_stress: _number("Yield Stress (Pa)", 0.0, "As the model sees it; 0 for none", min=0.0, precision=0)
-    viscosity: _number("Viscosity (Pa s)", 0.0, "As the model sees it; 0 for none", min=0.0, precision=2)
+    law: choice("Behaves As", "How it answers to forces", LAW_ITEMS)
+    density: number("Density (kg/m³)", 0.0, "As the model sees it", min=0.0, precision=1)
+    youngs_modulus: number("Stiffness (Pa)", 0.0, "As the model sees it", min=0.0, precision=0)
+    poisson_ratio: number("Poisson's Ratio", 0.0, "As the model sees it", min=0.0, max=0.495, precision=3)
+    yield_stress: number("Yield Stress (Pa)", 0.0, "As the model sees it; 0 for none", min=0.0, precision=0)
+    viscosity: number("Viscosity (Pa s)", 0.0, "As the model sees it; 0 for none", min=0.0, precision=2)
 
 
 class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
     """One body of the edit: a mesh object, or the clip's own object."""
 
     is_recovered: BoolProperty(name="Recovered Object", description="The object of the clip itself, at its recovered material")
-    object: PointerProperty(name="Object", type=bpy.types.Object, poll=_is_mesh, description="The mesh to move", update=_changed)
-    material: _choice("Material", "What the body is made of", MATERIAL_ITEMS, BuildSettings.material)
-    use_density: _toggle("Density", "Replace the preset's density")
-    density: _number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
-    use_mass: _toggle("Mass", "Give the mass of the whole body instead of its density")
-    mass: _number("Mass (kg)", 0.1, "Kilograms of the whole body", min=1e-6, soft_max=1000.0, step=1, precision=4)
-    use_youngs_modulus: _toggle("Stiffness", "Replace the preset's Young's modulus")
-    youngs_modulus: _number("Stiffness (Pa)", 1e5, "Young's modulus in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
-    mass_scale: _number(
+    object: PointerProperty(name="Object", type=bpy.types.Object, poll=is_mesh, description="The mesh to move", update=changed)
+    material: choice("Material", "What the body is made of", MATERIAL_ITEMS, BuildSettings.material)
+    use_density: toggle("Density", "Replace the preset's density")
+    density: number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)
+    use_mass: toggle("Mass", "Give the mass of the whole body instead of its density")
+    mass: number("Mass (kg)", 0.1, "Kilograms of the whole body", min=1e-6, soft_max=1000.0, step=1, precision=4)
+    use_youngs_modulus: toggle("Stiffness", "Replace the preset's Young's modulus")
+    youngs_modulus: number("Stiffness (Pa)", 1e5, "Young's modulus in pascals", min=1.0, soft_max=1e10, step=100000, precision=0)
+    mass_scale: number(
         "Mass Factor", 1.0, "2 doubles the mass: half the acceleration in the same wind", min=0.001, soft_max=100.0, step=10, precision=3
     )
-    stiffness_scale: _number(
+    stiffness_scale: number(
         "Stiffness Factor", 1.0, "Factor on Young's modulus: 2 is twice as stiff", min=0.001, soft_max=100.0, step=10, precision=3
     )
     pin_group: StringProperty(
-        name="Pinned", update=_changed,
+        name="Pinned", update=changed,
         description="Vertex group whose vertices are held in place: weight 1 holds firmly, less draws back like a spring",
     )  # fmt: skip
-    free_mode: _choice("Holds of the Clip", "What becomes of the places at which the object was held in the clip", [
+    free_mode: choice("Holds of the Clip", "What becomes of the places at which the object was held in the clip", [
         ("KEEP", "Keep", "The object stays held where it was held in the clip"),
         ("ALL", "Let Go", "Nothing holds the object any more, but for its pinned vertices"),
         ("GROUP", "Let Go of a Group", "The vertices of a group are let go"),
     ])  # fmt: skip
-    free_group: StringProperty(name="Freed", description="Vertex group of the vertices that are let go", update=_changed)
-    use_velocity: _toggle("Velocity", "Start with a velocity of its own instead of at rest (or as recovered)")
+    free_group: StringProperty(name="Freed", description="Vertex group of the vertices that are let go", update=changed)
+    use_velocity: toggle("Velocity", "Start with a velocity of its own instead of at rest (or as recovered)")
     velocity: FloatVectorProperty(
-        name="Velocity (m/s)", size=3, soft_min=-20.0, soft_max=20.0, step=10, description="At the start", update=_changed
+        name="Velocity (m/s)", size=3, soft_min=-20.0, soft_max=20.0, step=10, description="At the start", update=changed
     )
     start_frame: IntProperty(
-        name="Start Picture", default=0, min=0, description="The body stands still before this picture of the clip", update=_changed
+        name="Start Picture", default=0, min=0, description="The body stands still before this picture of the clip", update=changed
     )
 
     result: StringProperty(options={"HIDDEN"}, description="Name of the body in the last re-simulation")
@@ -259,10 +195,10 @@ class SEEING_WIND_PG_collider(bpy.types.PropertyGroup):
     """Something that stands in the bodies' way and is not moved by them."""
 
     object: PointerProperty(
-        name="Object", type=bpy.types.Object, poll=_is_mesh, description="The mesh that the bodies collide with", update=_changed
+        name="Object", type=bpy.types.Object, poll=is_mesh, description="The mesh that the bodies collide with", update=changed
     )
-    kind: _choice("Contact", "What happens at its surface", KINDS)
-    friction: _number("Friction", 0.3, "Coulomb's coefficient: 0 is ice, 1 is rubber", min=0.0, soft_max=1.0, step=5, precision=2)
+    kind: choice("Contact", "What happens at its surface", KINDS)
+    friction: number("Friction", 0.3, "Coulomb's coefficient: 0 is ice, 1 is rubber", min=0.0, soft_max=1.0, step=5, precision=2)
 
 
 class EditOptions:
@@ -272,25 +208,25 @@ class EditOptions:
     active_body: IntProperty(name="Active Body", default=0, min=0)
     colliders: CollectionProperty(type=SEEING_WIND_PG_collider)
     active_collider: IntProperty(name="Active Collider", default=0, min=0)
-    use_floor: _toggle("Floor", "A level floor under everything")
-    floor_height: _number("Height (m)", 0.0, "Of the floor, along world Z", soft_min=-10.0, soft_max=10.0, step=1, precision=3)
-    floor_friction: _number("Friction", 0.3, "Of the floor: 0 is ice, 1 is rubber", min=0.0, soft_max=1.0, step=5, precision=2)
-    field_strength: _number(
+    use_floor: toggle("Floor", "A level floor under everything")
+    floor_height: number("Height (m)", 0.0, "Of the floor, along world Z", soft_min=-10.0, soft_max=10.0, step=1, precision=3)
+    floor_friction: number("Friction", 0.3, "Of the floor: 0 is ice, 1 is rubber", min=0.0, soft_max=1.0, step=5, precision=2)
+    field_strength: number(
         "Field Strength", 1.0, "Factor on the recovered field; its keyframes count", options=KEPT | {"ANIMATABLE"},
         soft_min=-5.0, soft_max=5.0, step=10, precision=2,
     )  # fmt: skip
-    edit_gravity_mode: _choice("Gravity", "Gravity in the re-simulation", [
+    edit_gravity_mode: choice("Gravity", "Gravity in the re-simulation", [
         ("SAME", "As Recovered", "The gravity that Recover was given"),
         ("NONE", "None", "No gravity"),
         ("CUSTOM", "Custom", "An acceleration of your own"),
     ])  # fmt: skip
     edit_gravity: FloatVectorProperty(
-        name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, update=_changed,
+        name="Gravity (m/s²)", size=3, default=GRAVITY, soft_min=-20.0, soft_max=20.0, step=10, update=changed,
         description="Acceleration along world X, Y, Z in the re-simulation",
     )  # fmt: skip
-    contact: BoolProperty(name="Contact", default=False, description="Bodies push each other; off: each moves alone", update=_changed)
+    contact: BoolProperty(name="Contact", default=False, description="Bodies push each other; off: each moves alone", update=changed)
     offset: FloatVectorProperty(
-        name="Offset (m)", size=3, soft_min=-10.0, soft_max=10.0, step=10, update=_changed,
+        name="Offset (m)", size=3, soft_min=-10.0, soft_max=10.0, step=10, update=changed,
         description="Where this edit is shown, to stand beside another; it is simulated at the place that it was copied from",
     )  # fmt: skip
 
@@ -312,10 +248,10 @@ class SEEING_WIND_PG_scene(ClipOptions, EditOptions, bpy.types.PropertyGroup):
     """`scene.seeing_wind`."""
 
     mask_data: PointerProperty(
-        name="Mask Data", type=bpy.types.Mask, description="Closed splines round the object in the first picture", update=_changed
+        name="Mask Data", type=bpy.types.Mask, description="Closed splines round the object in the first picture", update=changed
     )
     proxy: PointerProperty(
-        name="Proxy", type=bpy.types.Object, poll=_is_mesh, update=_changed,
+        name="Proxy", type=bpy.types.Object, poll=is_mesh, update=changed,
         description="A mesh that stands where the object is in the first picture, as the camera sees it",
     )  # fmt: skip
 
@@ -326,12 +262,12 @@ class SEEING_WIND_PG_scene(ClipOptions, EditOptions, bpy.types.PropertyGroup):
     active_edit: IntProperty(name="Active Edit", default=0, min=0, update=_switch_edit)
     loaded_edit: IntProperty(options={"HIDDEN"}, default=0, min=0, description="The edit whose settings the scene has now")
 
-    bake_way: _choice("Keyframes", "How the motion is kept", WAYS)
-    bake_use_frames: _toggle("Part of the Motion", "Bake only some of the scene's frames")
+    bake_way: choice("Keyframes", "How the motion is kept", WAYS)
+    bake_use_frames: toggle("Part of the Motion", "Bake only some of the scene's frames")
     bake_frames: IntVectorProperty(
-        name="Frames", size=2, default=(1, 40), options=KEPT, update=_changed, description="First and last scene frame, both inclusive"
+        name="Frames", size=2, default=(1, 40), options=KEPT, update=changed, description="First and last scene frame, both inclusive"
     )
-    bake_tolerance: _number(
+    bake_tolerance: number(
         "Rigid Within (%)", 0.2, "A body counts as rigid while it bends by less than this part of its size", min=0.0, soft_max=5.0, step=10,
         precision=2,
     )  # fmt: skip

@@ -17,7 +17,7 @@ from .field_arrows import create_arrows
 from .field_kernels import between, lattice
 from .field_legend import create_legend
 from .field_object import create_field_object
-from .native.clips import absolute
+from .native.clips import absolute, as_pattern, opened_by
 from .take_reading import FieldSummary, Seen, field_summary, read_seen, simulated_motion, trajectory
 from .units import metres_per_unit
 
@@ -183,9 +183,14 @@ def _clip(settings: bpy.types.PropertyGroup, field: FieldSummary) -> str:
     candidates = [Path(absolute(settings.clip))] if settings.clip else []
     if bpy.data.filepath:
         candidates.append(Path(bpy.data.filepath).with_name(named.name))
-    if named.is_file():
+    if Path(opened_by(str(named))).is_file():
         return field.clip
-    return str(next((each for each in candidates if each.name == named.name and each.is_file()), named))
+    return str(next((each for each in candidates if _is_same(each, named)), named))
+
+
+def _is_same(candidate: Path, named: Path) -> bool:
+    """Whether a clip that is there has the name of another one: a sequence that of its pattern, whichever picture stands for it."""
+    return Path(as_pattern(str(candidate))).name == named.name and Path(opened_by(str(candidate))).is_file()
 
 
 def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.types.Collection) -> bpy.types.Object:

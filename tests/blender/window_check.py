@@ -1,7 +1,8 @@
 """Drives the extension in a Blender with a window, by mouse and keyboard: `blender --enable-event-simulate --python window_check.py`.
 
 window.sh prepares SEEING_WIND_PYTHON (a stand-in for the engine) and SEEING_WIND_CLIP. Draws a box over the camera's background and in the
-Movie Clip Editor, cancels one with Esc, then recovers with the modal operator: progress, cancel, again, done, undo and redo. With
+Movie Clip Editor, cancels one with Esc, then recovers with the modal operator: progress, cancel, again, done, undo and redo;
+also while a box is drawn, and when the extension is switched off. With
 SEEING_WIND_REAL (a Python with the engine) and SEEING_WIND_SCENE (a folder that a sample scene's make.py wrote) it cancels and resumes a
 real recovery too. At the end it prints what the panels' `draw` has cost. Ends Blender with exit code 0, or 9 at the first thing that is not
 as it should be.
@@ -23,7 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seeing_wind.ui as ui  # noqa: E402
-from seeing_wind.ui import status  # noqa: E402
+from seeing_wind.ui import job_operator, status  # noqa: E402
 from seeing_wind.ui.picture_frame import box_on_screen, picture_corners  # noqa: E402
 
 BOX = (20.0, 16.0, 52.0, 48.0)
@@ -111,6 +112,59 @@ def escape(area: bpy.types.Area) -> Iterator[float]:
     window.event_simulate("ESC", "PRESS", x=area.x + area.width // 2, y=area.y + area.height // 2)
     yield 1.0
     check(tuple(bpy.context.scene.seeing_wind.box) == before and not window.modal_operators, "Esc cancels Draw Box")
+
+
+def draw_box_while(area: bpy.types.Area) -> Iterator[float]:
+    """A job ends, and makes the camera's background anew, while a box waits to be drawn; undo waits, a click elsewhere ends it."""
+    now, settings = status.of(bpy.context.scene.session_uid), bpy.context.scene.seeing_wind
+    settings.take = str(Path(os.environ["SEEING_WIND_CLIP"]).parent / "meanwhile.take")
+    os.environ["SEEING_WIND_FAKE"], os.environ["SEEING_WIND_FAKE_SECONDS"] = "done", "2"
+    before = tuple(settings.box)
+    with bpy.context.temp_override(**override(area)):
+        bpy.ops.seeing_wind.recover("INVOKE_DEFAULT")
+        bpy.ops.seeing_wind.draw_box("INVOKE_DEFAULT")
+    yield 0.5
+    middle = np.array([area.x + area.width // 3, area.y + area.height // 2])
+    mouse("MOUSEMOVE", "NOTHING", middle)
+    window.event_simulate("Z", "PRESS", x=int(middle[0]), y=int(middle[1]), ctrl=True)
+    window.event_simulate("Z", "RELEASE", x=int(middle[0]), y=int(middle[1]))
+    yield from until(lambda: not now.running)
+    check(now.steps["recover"].state == "done", f"a job ends while a box is drawn: {now.steps['recover'].message}")
+    check("SEEING_WIND_OT_draw_box" in [each.bl_idname for each in window.modal_operators], "and Ctrl Z leaves the drawing alone")
+    other = next(each for each in window.screen.areas if each.type == "OUTLINER")
+    at = np.array([other.x + other.width // 2, other.y + 5])
+    mouse("MOUSEMOVE", "NOTHING", at)
+    mouse("LEFTMOUSE", "PRESS", at)
+    yield 0.5
+    mouse("LEFTMOUSE", "RELEASE", at)
+    yield 0.5
+    check(not window.modal_operators and tuple(settings.box) == before, "a click elsewhere ends the drawing")
+    camera = bpy.context.scene.camera.data
+    check(camera.background_images[0].display_depth == "BACK", "the clip is behind the scene again")
+
+
+def switch_off_and_on(area: bpy.types.Area) -> Iterator[float]:
+    """The extension is switched off while a job runs: the worker ends, and after switching on everything works."""
+    os.environ["SEEING_WIND_FAKE"], os.environ["SEEING_WIND_FAKE_SECONDS"] = "done", "60"
+    with bpy.context.temp_override(**override(area)):
+        bpy.ops.seeing_wind.recover("INVOKE_DEFAULT")
+    running = job_operator.jobs[bpy.context.scene.session_uid]
+    yield from until(lambda: running.started)
+    process = running.messages.gi_yieldfrom.gi_frame.f_locals["process"]
+    ui.unregister()
+    yield 1.0
+    check(process.poll() is not None and not window.modal_operators, "switched off during a job: the worker has ended")
+    for _ in range(10):
+        ui.register()
+        ui.unregister()
+    ui.register()
+    yield 1.0
+    now = status.of(bpy.context.scene.session_uid)
+    os.environ["SEEING_WIND_FAKE_SECONDS"] = "0.2"
+    with bpy.context.temp_override(**override(area)):
+        check(bpy.ops.seeing_wind.recover("INVOKE_DEFAULT") == {"RUNNING_MODAL"}, "switched on again, Recover starts")
+    yield from until(lambda: not now.running)
+    check(now.steps["recover"].state == "done", "and ends")
 
 
 def recover(area: bpy.types.Area) -> Iterator[float]:
@@ -206,6 +260,8 @@ def story() -> Iterator[float]:
     area.type = "VIEW_3D"
     yield 1.0
     yield from recover(area)
+    yield from draw_box_while(area)
+    yield from switch_off_and_on(area)
     if "SEEING_WIND_SCENE" in os.environ:
         yield from resume_a_real_one(area)
 

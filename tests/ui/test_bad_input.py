@@ -58,8 +58,9 @@ def test_meshes_that_cannot_move_are_refused(scene, recovered) -> None:
         refused(ops.bake)
         ops.remove_body()
     refused(lambda: ops.insert_mesh(object=scene.seeing_wind.field_object.name), "no mesh that could move")
-    (recovered.parent / "bad.obj").write_text("garbage")
-    refused(lambda: ops.insert_mesh(filepath=str(recovered.parent / "bad.obj")), "no mesh that could move")
+    for kind, says in (("obj", "no mesh that could move"), ("ply", "cannot import"), ("stl", "cannot import")):
+        (recovered.parent / f"bad.{kind}").write_text("garbage")
+        refused(lambda kind=kind: ops.insert_mesh(filepath=str(recovered.parent / f"bad.{kind}")), says)
     mesh("Held", [(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
     ops.insert_mesh(object="Held", pin_group="nothing")
     refused(ops.resimulate, "no vertex group")

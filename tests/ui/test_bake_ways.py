@@ -244,3 +244,12 @@ def test_modifiers_wake_when_alembic_fails(grid, tmp_path, monkeypatch) -> None:
     with pytest.raises(UsageError):
         bake_motion(grid, bending(grid), plan("ALEMBIC", tmp_path))
     assert grid.modifiers["Bend"].show_viewport and mark_of(grid) is None
+
+
+@pytest.mark.skipif(not bpy.app.build_options.alembic, reason="no Alembic")
+def test_an_alembic_file_that_cannot_be_written_is_told(grid, tmp_path) -> None:
+    (tmp_path / "bodies" / "Ein Körper.abc").mkdir(parents=True)
+    objects = len(bpy.data.objects)
+    with pytest.raises(UsageError, match="Körper.abc"):
+        bake_motion(grid, bending(grid), plan("ALEMBIC", tmp_path))
+    assert mark_of(grid) is None and len(bpy.data.objects) == objects

@@ -135,3 +135,19 @@ def test_reloading_the_results_leaves_one_of_each(scene):
     assert {obj.name for obj in scene.objects} == before
     settings = scene.seeing_wind
     assert samples_of(settings.field_object) is not None and settings.arrows_object.parent == settings.field_object
+
+
+@pytest.mark.skipif(bpy.app.version >= (5, 0, 0), reason="there the compositor cannot be switched off with nodes in it")
+def test_nodes_of_a_compositor_that_was_switched_off_stay(scene):
+    scene.use_nodes = True
+    scene.node_tree.nodes.new("CompositorNodeBlur").name = "Mine"
+    scene.use_nodes = False
+    composite.set_up(scene)
+    assert "Mine" in scene.node_tree.nodes and composite.is_set_up(scene)
+
+
+def test_a_picture_that_cannot_be_written_is_told(scene, tmp_path):
+    (tmp_path / "x.png").mkdir()
+    with pytest.raises(RuntimeError, match="could not render") as raised:
+        bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "x.png"), still=True)
+    assert "Traceback" not in str(raised.value)

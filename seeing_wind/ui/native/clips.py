@@ -22,7 +22,7 @@ def clip_of(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip | None:
     """The movie clip of the file that the settings name, None while Blender has not loaded it."""
     if not settings.clip:
         return None
-    wanted = absolute(settings.clip)
+    wanted = opened_by(absolute(settings.clip))
     return next((clip for clip in bpy.data.movieclips if absolute(clip.filepath, clip.library) == wanted), None)
 
 
@@ -34,7 +34,7 @@ def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     """
     clip = clip_of(settings)
     if clip is None:
-        path = absolute(settings.clip)
+        path = opened_by(absolute(settings.clip))
         try:
             clip = bpy.data.movieclips.load(path)
         except RuntimeError as error:
@@ -62,7 +62,7 @@ def marker_frame(clip: bpy.types.MovieClip, picture: int) -> int:
 def as_pattern(path: str) -> str:
     """The path of a video as it is; that of one picture of a sequence as the pattern of all, which the engine reads."""
     place = Path(path)
-    if place.suffix.lower() not in PICTURES:
+    if place.suffix.lower() not in PICTURES or "%" in place.name or "*" in place.name:
         return path
     numbers = list(re.finditer(r"\d+", place.stem))
     if not numbers:
@@ -70,3 +70,23 @@ def as_pattern(path: str) -> str:
     last = numbers[-1]
     pattern = f"{place.stem[: last.start()]}%0{len(last.group())}d{place.stem[last.end() :]}{place.suffix}"
     return str(place.with_name(pattern))
+
+
+def files_of(path: str) -> list[Path]:
+    """The files of a clip in their order: the video itself, or the pictures that the engine reads for a folder, pattern or picture."""
+    place = Path(as_pattern(path))
+    if place.is_dir():
+        files = [each for each in place.iterdir() if each.suffix.lower() in PICTURES]
+    elif "*" in place.name or "%" in place.name:
+        name = re.sub(r"%0?\d*d", r"\\d+", re.escape(place.name)).replace(r"\*", ".*")
+        files = [each for each in place.parent.iterdir() if re.fullmatch(name, each.name)] if place.parent.is_dir() else []
+    else:
+        files = []
+    if not files:
+        return [Path(path)]
+    return sorted(files, key=lambda each: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", each.name)])
+
+
+def opened_by(path: str) -> str:
+    """The path by which Blender opens a clip: a sequence by its first picture, from which the engine counts too."""
+    return str(files_of(path)[0])

@@ -9,11 +9,14 @@ from gpu_extras.batch import batch_for_shader
 
 from ...engine.conventions import front_view
 from ...engine.errors import ClipError, UsageError
-from .. import clip_scene, freshness, native, picture_frame
-from ..properties import PATH
+from .. import clip_scene, freshness, job_operator, native, picture_frame
+from ..property_kinds import PATH
 from .edit import EditOperator
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
+LOOKING = ("MOUSE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEEL", "TRACKPAD", "NDOF", "NUMPAD", "HOME")
+"""How the names of the events begin that move the view, which stays free until the box is begun."""
+
 SMALLEST = 3.0
 """Pixels of the clip that a box must measure: less is a click by mistake."""
 
@@ -49,12 +52,15 @@ class SEEING_WIND_OT_choose_clip(EditOperator, bpy.types.Operator):
             path = clip.filepath
         if not path:
             raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
+        another = native.clips.absolute(path) != native.clips.absolute(settings.clip)
         former, settings.clip = settings.clip, path
         try:
             clip = native.clips.loaded_clip(settings)
         except ClipError:
             settings.clip = former
             raise
+        if former and another:  # box and pictures that were chosen for the former one mean nothing here
+            settings.box, settings.use_frames = (0.0, 0.0, 0.0, 0.0), False
         if clip.frame_start != 1 or clip.frame_offset:
             settings.frame_start = native.clips.scene_frame(clip, native.clips.first_picture(settings))
         scene.active_clip = clip
@@ -108,28 +114,30 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
     def invoke(self, context, event):
         """Show the first picture, then wait for the mouse."""
         scene, space = context.scene, context.space_data
-        self.background = None
         try:
-            self.clip = native.clips.loaded_clip(scene.seeing_wind) if scene.seeing_wind.clip else None
+            clip = native.clips.loaded_clip(scene.seeing_wind) if scene.seeing_wind.clip else None
         except (ClipError, UsageError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        if self.clip is None:
+        if clip is None:
             self.report({"ERROR"}, "No clip is chosen. Choose one first.")
             return {"CANCELLED"}
+        # names and numbers, no datablocks: a job that ends meanwhile may make them anew
+        self.clip, self.size, self.former = clip.name, tuple(clip.size), None
         if space.type == "CLIP_EDITOR":
-            space.clip = self.clip
+            space.clip = clip
         elif space.type == "VIEW_3D" and scene.camera is not None:
             space.region_3d.view_perspective = "CAMERA"
-            self._bring_forward(scene.camera.data)
+            self._bring_forward(scene)
         else:
             self.report({"ERROR"}, "Draw the box in a 3D viewport with a camera, or in the Movie Clip Editor.")
             return {"CANCELLED"}
-        scene.frame_set(native.clips.scene_frame(self.clip, native.clips.first_picture(scene.seeing_wind)))
+        scene.frame_set(native.clips.scene_frame(clip, native.clips.first_picture(scene.seeing_wind)))
         # the button may be in the sidebar; the picture is in the area's main region
         self.area = context.area
         self.region = next(region for region in self.area.regions if region.type == "WINDOW")
         self.start = self.end = None
+        self.space_type = type(space)
         self.handler = space.draw_handler_add(self._draw, (context,), "WINDOW", "POST_PIXEL")
         context.window.cursor_modal_set("CROSSHAIR")
         context.workspace.status_text_set("Drag a box round the object   |   Esc, right mouse button: cancel")
@@ -139,7 +147,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
 
     def modal(self, context, event):
         """Press, drag, release; the view can still be moved and zoomed before."""
-        if event.type in {"ESC", "RIGHTMOUSE"}:
+        if event.type in {"ESC", "RIGHTMOUSE"} or self.area not in context.screen.areas.values():
             self._end(context)
             return {"CANCELLED"}
         at = (float(event.mouse_x - self.region.x), float(event.mouse_y - self.region.y))
@@ -149,7 +157,8 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             return {"RUNNING_MODAL"}
         if event.type == "LEFTMOUSE" and event.value == "PRESS":
             if not (0 <= at[0] < self.region.width and 0 <= at[1] < self.region.height):
-                return {"PASS_THROUGH"}
+                self._end(context)  # the user has turned to something else
+                return {"CANCELLED", "PASS_THROUGH"}
             self.start = self.end = at
             return {"RUNNING_MODAL"}
         if event.type == "LEFTMOUSE" and event.value == "RELEASE" and self.start is not None:
@@ -158,36 +167,43 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             if corners is None:
                 self.report({"ERROR"}, "The picture is not in view. Press Numpad 0 for the camera's view and try again.")
                 return {"CANCELLED"}
-            self.box = picture_frame.box_in_picture(corners, self.start, at, *self.clip.size)
+            self.box = picture_frame.box_in_picture(corners, self.start, at, *self.size)
             return self.execute(context)
-        return {"PASS_THROUGH"} if self.start is None else {"RUNNING_MODAL"}
+        # not undo, nor anything else that changes the scene under the box
+        looks = event.type.startswith(LOOKING) and self.start is None
+        return {"PASS_THROUGH"} if looks or event.type.startswith("TIMER") else {"RUNNING_MODAL"}
 
     def cancel(self, context):
         """Blender ends the operator: a file is loaded or the window closed."""
         self._end(context)
 
-    def _bring_forward(self, camera: bpy.types.Camera) -> None:
+    def _bring_forward(self, scene) -> None:
         """Show the clip before everything while the box is drawn: things in the scene may hide it."""
-        self.background = next((each for each in camera.background_images if each.clip == self.clip), None)
-        if self.background is not None:
-            self.former = (self.background.display_depth, self.background.alpha, camera.show_background_images)
-            self.background.display_depth, self.background.alpha, camera.show_background_images = "FRONT", 1.0, True
+        camera, background = scene.camera.data, self._background(scene)
+        if background is not None:
+            self.former = (background.display_depth, background.alpha, camera.show_background_images)
+            background.display_depth, background.alpha, camera.show_background_images = "FRONT", 1.0, True
+
+    def _background(self, scene):
+        """The clip behind the scene's camera, None where it is not shown."""
+        images = scene.camera.data.background_images if scene.camera is not None and scene.camera.type == "CAMERA" else ()
+        return next((each for each in images if each.clip is not None and each.clip.name == self.clip), None)
 
     def _corners(self, context):
         with context.temp_override(area=self.area, region=self.region, space_data=self.area.spaces.active):
             return picture_frame.picture_corners(bpy.context, self.region)
 
     def _end(self, context) -> None:
-        if self.handler is not None:
-            self.area.spaces.active.draw_handler_remove(self.handler, "WINDOW")
-            self.handler = None
-            if self.background is not None and context.scene.camera is not None:
-                camera = context.scene.camera.data
-                self.background.display_depth, self.background.alpha, camera.show_background_images = self.former
-                self.background = None
-            context.window.cursor_modal_restore()
-            context.workspace.status_text_set(None)
-            self.region.tag_redraw()
+        if self.handler is None:
+            return
+        self.space_type.draw_handler_remove(self.handler, "WINDOW")
+        self.handler = None
+        background = self._background(context.scene)
+        if self.former is not None and background is not None:
+            background.display_depth, background.alpha, context.scene.camera.data.show_background_images = self.former
+        context.window.cursor_modal_restore()
+        context.workspace.status_text_set(None)
+        job_operator.redraw()
 
     def _draw(self, context) -> None:
         if bpy.context.area != self.area:
@@ -200,7 +216,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         if corners is not None:
             _rectangle(*corners, (1.0, 1.0, 1.0, 0.35))
             if box[2] > box[0]:
-                _rectangle(*picture_frame.box_on_screen(corners, tuple(box), *self.clip.size), (1.0, 0.55, 0.1, 0.6))
+                _rectangle(*picture_frame.box_on_screen(corners, tuple(box), *self.size), (1.0, 0.55, 0.1, 0.6))
 
 
 def _rectangle(low, high, colour: tuple[float, float, float, float]) -> None:

@@ -6,7 +6,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 
 from .. import composite, native, takes
-from ..properties import PATH
+from ..property_kinds import PATH
 from .edit import EditOperator
 
 BEHIND = [

@@ -7,7 +7,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProp
 
 from ...engine.errors import SeeingWindError, UsageError
 from .. import freshness, job, native, results, scene_export, status
-from ..properties import MATERIAL_ITEMS, PATH
+from ..property_kinds import MATERIAL_ITEMS, PATH
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
@@ -225,7 +225,10 @@ def _import(path: str) -> list[bpy.types.Object]:
     if not Path(path).is_file():
         raise UsageError(f"There is no file {path}.", "Choose another one.")
     before = set(bpy.data.objects)
-    getattr(bpy.ops.wm, importer)(filepath=path)
+    try:
+        getattr(bpy.ops.wm, importer)(filepath=path)
+    except RuntimeError as error:
+        raise UsageError(f"Blender cannot import {path}: {job.said_by(error)}.", "Choose another file.") from error
     return [obj for obj in bpy.data.objects if obj not in before and obj.type == "MESH"]
 
 

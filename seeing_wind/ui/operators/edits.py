@@ -5,7 +5,7 @@ from bpy.props import EnumProperty, FloatProperty, StringProperty
 
 from ...engine.errors import UsageError
 from .. import edits, results
-from ..properties import KINDS
+from ..property_kinds import KINDS
 from .edit import EditOperator
 
 

@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
 from .. import console, engine_environment, field_calibration, field_vdb, job, native, takes, worker_calls
-from ..properties import PATH
+from ..property_kinds import PATH
 from .edit import EditOperator
 
 ONE_FILE = [

@@ -65,7 +65,8 @@ class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
             guess.mask, guess.law = each["mask"], each["law"].upper()
             for name in NUMBERS:
                 setattr(guess, name, each[name] or 0.0)
-        return f"Found {', '.join(guess.name for guess in settings.guesses)}"
+        names = ", ".join(guess.name for guess in settings.guesses)
+        return f"Found {names}" if names else "Nothing was found that could move"
 
 
 class SEEING_WIND_OT_use_guess(EditOperator, bpy.types.Operator):

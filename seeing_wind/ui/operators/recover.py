@@ -8,7 +8,8 @@ from bpy.props import EnumProperty, StringProperty
 from ...engine.errors import TakeError, UsageError
 from .. import engine_environment, freshness, job, native, results, takes, worker_calls
 from ..job_operator import JobOperator
-from ..properties import PATH, ClipOptions, adopt
+from ..properties import ClipOptions, adopt
+from ..property_kinds import PATH
 
 
 class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):

@@ -5,7 +5,7 @@ from bpy.props import BoolProperty, EnumProperty, IntVectorProperty, StringPrope
 
 from .. import bodies, edit_export, engine_environment, freshness, job, takes, worker_calls
 from ..job_operator import JobOperator
-from ..properties import WAYS
+from ..property_kinds import WAYS
 from .edit import EditOperator
 
 SAYS = {

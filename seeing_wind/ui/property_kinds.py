@@ -1,0 +1,78 @@
+"""Of what the settings are made: kinds of properties, and the items that can be chosen from.
+
+No postponed annotations here, as in `properties`.
+"""
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
+
+from ..engine.materials import LAWS, MATERIALS
+from . import freshness
+
+KEPT = {"SKIP_SAVE"}
+"""An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
+
+PATH = KEPT | {"PATH_SUPPORTS_BLEND_RELATIVE"}
+
+MATERIAL_ITEMS = [
+    (
+        name,
+        name.replace("_", " ").title(),
+        f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}",
+    )
+    for name, m in MATERIALS.items()
+]
+
+LAW_ITEMS = [
+    ("PRESET", "As the Material", "The law of the chosen material"),
+    *((law.upper(), law.replace("_", " ").title(), text) for law, text in zip(LAWS, (
+        "Springs back, also from large strains", "Springs back from small strains: stiff things",
+        "Keeps dents whatever the speed", "Flows slowly under load",
+    ), strict=True)),
+]  # fmt: skip
+
+WAYS = [
+    ("AUTO", "Automatic", "Location and rotation for bodies that stay rigid, a point cache for very large ones, else shape keys"),
+    ("SHAPE_KEYS", "Shape Keys", "One absolute shape key per picture, and keys of the evaluation time"),
+    ("TRANSFORM", "Location and Rotation", "Keys of the object's place; only for bodies that stay rigid"),
+    ("POINT_CACHE", "Point Cache (PC2)", "A file beside the take that the Mesh Cache modifier plays; for large meshes"),
+    ("ALEMBIC", "Alembic", "A file that other programs read too, where this Blender has Alembic"),
+]
+
+KINDS = [
+    ("SEPARATE", "Slide and Part", "Bodies slide on it with friction and may lift off"),
+    ("SLIP", "Slide", "Bodies slide on it with friction and never lift off"),
+    ("STICKY", "Stick", "What touches it stays"),
+]
+
+
+def changed(self, context) -> None:
+    """The update of every setting that the status depends on."""
+    scene = self.id_data
+    if isinstance(scene, bpy.types.Scene):  # None while these are the arguments of an operator
+        freshness.refresh(scene)
+
+
+def is_mesh(self, candidate) -> bool:
+    """The poll of a pointer to an object."""
+    return candidate.type == "MESH"
+
+
+def file_path(name: str, description: str) -> object:
+    """The path of a file, `//` beside the .blend file."""
+    return StringProperty(name=name, description=description, subtype="FILE_PATH", options=PATH, update=changed)
+
+
+def number(name: str, default: float, description: str, options: set = KEPT, **limits: float) -> object:
+    """A number; `limits` are those of Blender's FloatProperty. Its unit stands in the name."""
+    return FloatProperty(name=name, default=default, description=description, options=options, update=changed, **limits)
+
+
+def toggle(name: str, description: str) -> object:
+    """Off at first."""
+    return BoolProperty(name=name, default=False, description=description, options=KEPT, update=changed)
+
+
+def choice(name: str, description: str, items: list, default: str | None = None) -> object:
+    """One of `items`, by default the first."""
+    return EnumProperty(name=name, description=description, items=items, default=default or items[0][0], options=KEPT, update=changed)
