@@ -18,7 +18,7 @@ Franca 1989, "An algorithm to compute the square root of a 3x3 positive definite
 import taichi as ti
 
 from .eigen import adjugate, column, from_columns, full, left_cauchy_green, plus_identity, product, squared, symmetric_part, times_columns
-from .plasticity import PLASTIC_LAWS, VON_MISES, hencky, hencky_adjoint, plastic_flow_stress
+from .plasticity import PLASTIC_LAWS, VON_MISES, hencky, hencky_both_ways, plastic_flow_stress
 from .precision import is_double
 
 COROTATED = 0
@@ -214,13 +214,26 @@ def neo_hookean_adjoint(F, mu, lam, log_J, tau_bar):
 
 
 @ti.func
-def kirchhoff_adjoint(plastic: ti.template(), law, F, mu, lam, known, tau_bar):
-    """F_bar, mu_bar, lam_bar of the particle's law; `plastic` as in `kirchhoff`, `known` from there."""
+def kirchhoff_adjoint(law, F, mu, lam, known, tau_bar):
+    """F_bar, mu_bar, lam_bar of an elastic law; `known` from `kirchhoff`."""
     F_bar, mu_bar, lam_bar = ti.Matrix.zero(float, 3, 3), 0.0, 0.0
     if law == NEO_HOOKEAN:
         F_bar, mu_bar, lam_bar = neo_hookean_adjoint(F, mu, lam, known, tau_bar)
     elif law == COROTATED:
         F_bar, mu_bar, lam_bar = corotated_adjoint(F, mu, lam, known, tau_bar)
-    elif ti.static(plastic):
-        F_bar, mu_bar, lam_bar = hencky_adjoint(F, mu, lam, tau_bar)
     return F_bar, mu_bar, lam_bar
+
+
+@ti.func
+def kirchhoff_both_ways(plastic: ti.template(), law, F, mu, lam, tau_bar):
+    """tau, as of `kirchhoff`, and F_bar, mu_bar, lam_bar of the particle's law; `plastic` as there."""
+    tau, F_bar, mu_bar, lam_bar = ti.Matrix.zero(float, 3, 3), ti.Matrix.zero(float, 3, 3), 0.0, 0.0
+    if law == NEO_HOOKEAN:
+        tau, log_J = neo_hookean(F, mu, lam)
+        F_bar, mu_bar, lam_bar = neo_hookean_adjoint(F, mu, lam, log_J, tau_bar)
+    elif law == COROTATED:
+        tau, i = corotated(F, mu, lam)
+        F_bar, mu_bar, lam_bar = corotated_adjoint(F, mu, lam, i, tau_bar)
+    elif ti.static(plastic):
+        tau, F_bar, mu_bar, lam_bar = hencky_both_ways(F, mu, lam, tau_bar)
+    return tau, F_bar, mu_bar, lam_bar

@@ -48,14 +48,11 @@ window for that in the task's own grid; length."""
 
 
 @ti.func
-def brought(
-    plastic: ti.template(), row, push, own, f, particle: ti.template(), F, state: ti.template(), force: ti.template(), dx, dt
-):
-    """What a particle at f from its first node brings to its nodes, S + i X + j Y + k Z: momentum and mass. Then `known` of `kirchhoff`.
+def brought(tau, row, push, own, f, particle: ti.template(), state: ti.template(), force: ti.template(), dx, dt):
+    """What a particle at f from its first node brings to its nodes under the stress tau, S + i X + j Y + k Z: momentum and mass.
 
     It is m (v + dt a) + A (x_i - x_p) with A of the MLS-MPM transfer (Hu et al. 2018, and as `transfer.scatter`); B = dx A.
     """
-    tau, known = kirchhoff(plastic, ti.cast(particle[own + 6], ti.i32), F, particle[own + 2], particle[own + 3])
     k = (4.0 * dt / dx) * particle[own + 1]
     scale = particle[own + 0] * dx
     # Beside a column of C stands v_j: the fourth number of `moving` is dx times the momentum.
@@ -63,7 +60,7 @@ def brought(
     columns = [moving[j] - k * ti.Vector([tau[0, j], tau[1, j], tau[2, j], 0.0]) for j in ti.static(range(3))]
     X, Y, Z = [with_fourth(columns[j], 0.0) for j in ti.static(range(3))]
     S = (1.0 / dx) * fourths(columns[0], columns[1], columns[2], scale) - combined(X, Y, Z, f)
-    return S, X, Y, Z, known
+    return S, X, Y, Z
 
 
 @ti.func
@@ -75,8 +72,9 @@ def particle_to_grid(
     row, push, own = rows_of(p)
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
-    F = matrix(F0, F1, F2)
-    S, X, Y, Z, _known = brought(plastic, row, push, own, f, particle, F, state, force, dx, dt)
+    law = ti.cast(particle[own + 6], ti.i32)
+    tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), particle[own + 2], particle[own + 3])
+    S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
     scatter(atomic, f, S, X, Y, Z, at, dims, grid)
 
 

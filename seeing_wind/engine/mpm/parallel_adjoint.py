@@ -10,7 +10,7 @@ import taichi as ti
 
 from .boundary import FREE
 from .conditions import boundary_velocity_adjoint
-from .constitutive import kirchhoff_adjoint
+from .constitutive import kirchhoff_both_ways
 from .crew import await_all, counters, finish, share, taken
 from .packed import (
     MOST_NODES,
@@ -154,20 +154,20 @@ def particle_to_grid_adjoint(
     F = matrix(F0, F1, F2)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
     law = ti.cast(particle[own + 6], ti.i32)
-    S, X, Y, Z, known = brought(plastic, row, push, own, f, particle, F, state, force, dx, dt)
     q_bar, Mx, My, Mz = gather(f, at, dims, momentum_bar)
     # Derivatives by m (C + dt G), beside each column that by m (v_j + dt a_j).
     A0_bar = with_fourth(dx * (Mx - f[0] * q_bar), q_bar[0])
     A1_bar = with_fourth(dx * (My - f[1] * q_bar), q_bar[1])
     A2_bar = with_fourth(dx * (Mz - f[2] * q_bar), q_bar[2])
+    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + 1]) * matrix(A0_bar, A1_bar, A2_bar)
+    tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, particle[own + 2], particle[own + 3], tau_bar)
+    S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
     D0, D1, D2 = bar[row + 3], bar[row + 4], bar[row + 5]
     U, V, W = with_fourth(D0, 0.0), with_fourth(D1, 0.0), with_fourth(D2, 0.0)
     T = fourths(D0, D1, D2, 0.0) - combined(U, V, W, f)
     pull_x, pull_y, pull_z = spline_pull(f, S, X, Y, Z, at, dims, momentum_bar, T, U, V, W, velocity)
     v_next = fourths(state_next[row + 3], state_next[row + 4], state_next[row + 5], 0.0)
     pull = (1.0 / dx) * sums(pull_x - X * q_bar - U * v_next, pull_y - Y * q_bar - V * v_next, pull_z - Z * q_bar - W * v_next)
-    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + 1]) * matrix(A0_bar, A1_bar, A2_bar)
-    F_bar, mu_bar, lam_bar = kirchhoff_adjoint(plastic, law, F, particle[own + 2], particle[own + 3], known, tau_bar)
     mass, mass_bar = particle[own + 0], q_bar[3]
     A_bar = [A0_bar, A1_bar, A2_bar]
     for j in ti.static(range(3)):

@@ -92,8 +92,8 @@ def principal_strains(X, size):
 
 
 @ti.func
-def hencky_adjoint(F, mu, lam, tau_bar):
-    """F_bar, mu_bar, lam_bar."""
+def hencky_both_ways(F, mu, lam, tau_bar):
+    """tau of `hencky`, and F_bar, mu_bar, lam_bar: the principal strains serve both."""
     m, X, size = relative_deviator(left_cauchy_green(F))
     U, x, e = principal_strains(X, size)
     basis = U.transpose()
@@ -113,7 +113,11 @@ def hencky_adjoint(F, mu, lam, tau_bar):
     )
     F_bar = product(U, product(full(B_bar / m), product(basis, F)))
     mean = 0.5 * ti.log(m)
-    return F_bar, 2.0 * (T[0] * e[0] + T[1] * e[1] + T[2] * e[2] + trace * mean), trace * (e[0] + e[1] + e[2] + 3.0 * mean)
+    swell = lam * (e[0] + e[1] + e[2] + 3.0 * mean)
+    stress = 2.0 * mu * (e + mean) + swell
+    scaled = ti.Matrix([[U[i, j] * stress[j] for j in ti.static(range(3))] for i in ti.static(range(3))])
+    mu_bar = 2.0 * (T[0] * e[0] + T[1] * e[1] + T[2] * e[2] + trace * mean)
+    return product(scaled, basis), F_bar, mu_bar, trace * (e[0] + e[1] + e[2] + 3.0 * mean)
 
 
 @ti.func

@@ -113,7 +113,7 @@ def linearise(
             for b in range(a, 3):
                 bar = ti.Matrix.zero(ti.f64, 3, 3)
                 bar[a, b] = scale
-                F_bar, _mu_bar, _lam_bar = kirchhoff_adjoint(False, law[p], F_p, mu[p], lam[p], known, bar)
+                F_bar, _mu_bar, _lam_bar = kirchhoff_adjoint(law[p], F_p, mu[p], lam[p], known, bar)
                 for i, d in ti.static(ti.ndrange(3, 3)):
                     first, second = F_bar[i, d], F_bar[i, d]
                     if i == b:

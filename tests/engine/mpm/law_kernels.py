@@ -31,11 +31,14 @@ def _stress(law: ti.i32, material: array, F: array, tau_out: array):
 
 
 @ti.kernel
-def _stress_adjoint(law: ti.i32, material: array, F: array, tau_bar: array, F_bar_out: array, material_bar_out: array):
+def _stress_both_ways(
+    law: ti.i32, material: array, F: array, tau_bar: array, tau_out: array, F_bar_out: array, material_bar_out: array
+):  # fmt: skip
     for p in range(F.shape[0]):
-        F_p = matrix(F, p)
-        _tau, known = constitutive.kirchhoff(True, law, F_p, material[p, 0], material[p, 1])
-        F_bar, mu_bar, lam_bar = constitutive.kirchhoff_adjoint(True, law, F_p, material[p, 0], material[p, 1], known, matrix(tau_bar, p))
+        tau, F_bar, mu_bar, lam_bar = constitutive.kirchhoff_both_ways(
+            True, law, matrix(F, p), material[p, 0], material[p, 1], matrix(tau_bar, p)
+        )
+        put(tau, tau_out, p)
         put(F_bar, F_bar_out, p)
         material_bar_out[p, 0], material_bar_out[p, 1] = mu_bar, lam_bar
 
@@ -89,13 +92,18 @@ def stress(law, F, material, real=np.float64):
     return out
 
 
+def stress_both_ways(law, F, material, tau_bar, real=np.float64):
+    """tau (n, 3, 3), F_bar (n, 3, 3), material_bar (n, 2)."""
+    F = _ready(F, real)
+    tau, out, material_bar = np.empty_like(F), np.empty_like(F), np.empty((len(F), 2), real)
+    arguments = _ready(material, real, (len(F), 2)), F, _ready(tau_bar, real), tau, out, material_bar
+    _call(_stress_both_ways, real, (constitutive.LAWS[law],), *arguments)
+    return tau, out, material_bar
+
+
 def stress_adjoint(law, F, material, tau_bar, real=np.float64):
     """F_bar (n, 3, 3), material_bar (n, 2)."""
-    F = _ready(F, real)
-    out, material_bar = np.empty_like(F), np.empty((len(F), 2), real)
-    arguments = _ready(material, real, (len(F), 2)), F, _ready(tau_bar, real), out, material_bar
-    _call(_stress_adjoint, real, (constitutive.LAWS[law],), *arguments)
-    return out, material_bar
+    return stress_both_ways(law, F, material, tau_bar, real)[1:]
 
 
 def flow(law, F, material, real=np.float64):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.mpm.constitutive import LAWS
-from tests.engine.mpm.law_kernels import deformations, delicate, polar, rotations, stress, stretched
+from tests.engine.mpm.law_kernels import deformations, delicate, polar, rotations, stress, stress_both_ways, stretched
 from tests.reference import mpm as twin
 
 MU, LAM = 3.0, 5.0
@@ -94,6 +94,16 @@ def test_every_delicate_deformation_matches_the_twin(law, real, tolerance):
     F = np.concatenate([delicate(rng), deformations(rng, 50), deformations(rng, 20, 0.03), *large]).astype(real)
     want = np.stack([twin.kirchhoff(law, f, MU, LAM) for f in F.astype(np.float64)])
     assert np.abs(stress(law, F, MATERIAL, real) - want).max() < tolerance * max(1.0, np.abs(want).max())
+
+
+@pytest.mark.parametrize("law", STRESSES)
+@pytest.mark.parametrize("real, tolerance", [(np.float64, 1e-12), (np.float32, 1e-5)])
+def test_the_stress_found_beside_its_adjoint_is_the_same(law, real, tolerance):
+    rng = np.random.default_rng(5)
+    F = np.concatenate([deformations(rng, 200), delicate(rng)]).astype(real)
+    tau = stress(law, F, MATERIAL)
+    found = stress_both_ways(law, F, MATERIAL, np.ones_like(F), real)[0]
+    assert (np.abs(found - tau).max(axis=(1, 2)) < tolerance * (1.0 + np.abs(tau).max(axis=(1, 2)))).all()
 
 
 @pytest.mark.parametrize("real, tolerance", [(np.float64, 1e-13), (np.float32, 1e-5)])
