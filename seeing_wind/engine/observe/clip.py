@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +11,8 @@ import numpy as np
 
 from ..errors import ClipError, UsageError
 from ..progress import NoProgress, Progress
+from ..sequences import PICTURE_SUFFIXES, is_sequence, pictures_of
 
-PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr"}
 UNEVEN = 0.1
 """Deviation of a time between pictures from the usual one, relative, from which a clip counts as one of variable frame rate."""
 
@@ -85,10 +84,10 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
 
 def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
     """The files that a clip is read from: the video itself, or those of a folder's or pattern's pictures that lie in the range."""
-    if not _is_sequence(path):
+    if not is_sequence(path):
         return [Path(path)]
     first, last = frames or (0, None)
-    return _sequence(path)[max(first, 0) : None if last is None else last + 1]
+    return pictures_of(path)[max(first, 0) : None if last is None else last + 1]
 
 
 def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
@@ -146,8 +145,8 @@ def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
     place = Path(path)
     if not path.strip():
         raise ClipError("No clip is named.", "Give a video file, a folder of pictures, or a pattern like shot_%04d.png.")
-    if _is_sequence(path):
-        return _pictures(_sequence(path), path), float("nan")
+    if is_sequence(path):
+        return _pictures(pictures_of(path), path), float("nan")
     if not place.is_file():
         raise ClipError(
             f"There is no clip at {path}.", "Check the path: a video file, a folder of pictures, or a pattern like shot_%04d.png."
@@ -183,19 +182,3 @@ def _pictures(files: list[Path], path: str) -> Iterator[tuple[np.ndarray, float]
         if picture is None:
             raise ClipError(f"The picture {file} cannot be read.", "Remove or replace that file.")
         yield picture, float("nan")
-
-
-def _is_sequence(path: str) -> bool:
-    return Path(path).is_dir() or "*" in path or re.search(r"%0?\d*d", Path(path).name) is not None
-
-
-def _sequence(path: str) -> list[Path]:
-    place = Path(path)
-    if place.is_dir():
-        files = [file for file in place.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES]
-    elif "*" in path:
-        files = list(place.parent.glob(place.name)) if place.parent.is_dir() else []
-    else:
-        name = re.sub(r"%0?\d*d", r"(\\d+)", re.sub(r"([.()\[\]+])", r"\\\1", place.name))
-        files = [file for file in place.parent.glob("*") if re.fullmatch(name, file.name)] if place.parent.is_dir() else []
-    return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])

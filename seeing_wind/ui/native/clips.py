@@ -9,8 +9,9 @@ from pathlib import Path
 import bpy
 
 from ...engine.errors import ClipError
+from ...engine.sequences import PICTURE_SUFFIXES, is_sequence, pictures_of
 
-PICTURES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr", ".dpx"}
+PICTURES = {*PICTURE_SUFFIXES, ".dpx"}
 
 
 def absolute(path: str, library: bpy.types.Library | None = None) -> str:
@@ -74,17 +75,8 @@ def as_pattern(path: str) -> str:
 
 def files_of(path: str) -> list[Path]:
     """The files of a clip in their order: the video itself, or the pictures that the engine reads for a folder, pattern or picture."""
-    place = Path(as_pattern(path))
-    if place.is_dir():
-        files = [each for each in place.iterdir() if each.suffix.lower() in PICTURES]
-    elif "*" in place.name or "%" in place.name:
-        name = re.sub(r"%0?\d*d", r"\\d+", re.escape(place.name)).replace(r"\*", ".*")
-        files = [each for each in place.parent.iterdir() if re.fullmatch(name, each.name)] if place.parent.is_dir() else []
-    else:
-        files = []
-    if not files:
-        return [Path(path)]
-    return sorted(files, key=lambda each: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", each.name)])
+    pattern = as_pattern(path)
+    return (pictures_of(pattern) if is_sequence(pattern) else []) or [Path(path)]
 
 
 def opened_by(path: str) -> str:
