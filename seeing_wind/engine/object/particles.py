@@ -1,7 +1,7 @@
 """Material points between the visible surface and the back.
 
 Plates and posts: columns on a lattice in the picture, layers along the line of sight. Balls and other solids, whose far side would have
-much wider columns than the near one: cells of a cubic lattice.
+much wider columns than the near one, and blocks, whose sides are known: cells of a cubic lattice.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 
 from ..errors import ObjectError
 from ..records import Particles
+from .block import Block
 from .relief import Relief
 
 MIN_SPACING_PIXELS = 2.0
@@ -24,11 +25,14 @@ THINNEST_LAYER = 0.25
 COVERAGE = 0.3
 """A lattice cell becomes a column if the object covers this part of it; smaller pieces join the nearest column."""
 
-SOLID = ("ball", "solid")
+SOLID = ("block", "ball", "solid")
 """Kinds of bodies that are filled by cells instead of columns."""
 
 DOTS = 4
 """At least so many dots along each side of a cell say how much of it the body covers."""
+
+RIM = 0.002
+"""Share of a block's dots that may lie beyond the outermost cells: pixels of its outline are uneven."""
 
 COUNT_TOLERANCE = 0.08
 """How near to the wanted number of particles the search for a spacing stops, relative."""
@@ -81,35 +85,92 @@ def fill(relief: Relief, count: int, pin: np.ndarray | None = None) -> Particles
 
 
 def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
-    """Fill a solid with about `count` cells of a cubic lattice along the camera's axes, cut by the body's surface."""
+    """Fill a solid with about `count` cells of a lattice, cut by the body's surface.
+
+    The lattice is cubic, along the camera's axes; that of a block lies along its sides, in layers that end at its face and its back.
+    """
     volume_of_pixel = relief.pixel_volume()
-    rows, columns = np.nonzero(relief.mask)
-    near, far = relief.front[rows, columns], relief.back[rows, columns]
-    pixel = float(np.median(0.5 * (near + far))) / np.sqrt(relief.camera.fx * relief.camera.fy)
-    spacing = max(float(np.cbrt(volume_of_pixel.sum() / count)), MIN_SPACING_PIXELS * pixel)
-    # Dots along the pixels' rays, closely enough for several in a cell each way; each stands for its part of the pixel's frustum.
-    thick = max(1, int(np.ceil(DOTS * (far - near).max() / spacing)))
-    skip = max(1, int(spacing / (DOTS * pixel)))
-    chosen = (rows % skip == 0) & (columns % skip == 0)
-    rows, columns, near, far = rows[chosen], columns[chosen], near[chosen], far[chosen]
-    depth = near[:, None] + (far - near)[:, None] * (np.arange(thick) + 0.5) / thick
-    pixels = np.stack(np.broadcast_arrays(columns[:, None].astype(float), rows[:, None].astype(float)), axis=-1)
-    dots = relief.camera.unproject(np.broadcast_to(pixels, (*depth.shape, 2)).reshape(-1, 2), depth.ravel())
-    weight = ((far - near)[:, None] * depth**2).ravel()
-    weight *= volume_of_pixel.sum() / weight.sum()
-    flat = (dots - np.average(dots, axis=0, weights=weight)) @ relief.camera.pose(0)[:3, :3] / spacing
-    sites, inverse = np.unique(np.round(flat).astype(int), axis=0, return_inverse=True)
+    total = float(volume_of_pixel.sum())
+    pixel = float(np.median(0.5 * (relief.front + relief.back)[relief.mask])) / np.sqrt(relief.camera.fx * relief.camera.fy)
+    spacing = max(float(np.cbrt(total / count)), MIN_SPACING_PIXELS * pixel)
+    dots, weight, ray = _dots(relief, spacing, pixel)
+    block = relief.block
+    if block is None:
+        flat = (dots - np.average(dots, axis=0, weights=weight)) @ relief.camera.pose(0)[:3, :3] / spacing
+        sites, cell = np.round(flat).astype(int), spacing**3
+    else:
+        layers = int(layers_of(np.array([block.depth]), spacing)[0])
+        spacing = max(float(np.sqrt(total / block.depth * layers / count)), MIN_SPACING_PIXELS * pixel)
+        on_pin = block.held(dots, held) if held.any() else np.zeros(len(dots), bool)
+        sites, cell = _in_block(block, dots, spacing, layers, on_pin)
+    sites, inverse = np.unique(sites, axis=0, return_inverse=True)
     covered = np.bincount(inverse.ravel(), weight)
-    kept = covered >= min(COVERAGE * spacing**3, covered.max())
+    kept = covered >= min(COVERAGE * cell, covered.max())
     nearest = cKDTree(sites[kept]).query(sites)[1][inverse.ravel()]
     number = int(kept.sum())
     volume = np.bincount(nearest, weight, number)
     centre = np.stack([np.bincount(nearest, weight * dots[:, i], number) for i in range(3)], axis=1) / volume[:, None]
     pinned = np.zeros(number, dtype=bool)
     if held.any():
-        share = np.bincount(nearest, weight * np.repeat(held[rows, columns], thick), number) / volume
+        rows, columns = np.nonzero(relief.mask)
+        on_pin = held[rows, columns][ray] if block is None else on_pin
+        share = np.bincount(nearest, weight * on_pin, number) / volume
         pinned = share > min(0.5, 0.99 * share.max())  # a pin smaller than a cell holds the cells it lies in
     return Particles(x=centre, volume=volume, pinned=pinned, spacing=spacing)
+
+
+def _in_block(block: Block, dots: np.ndarray, spacing: float, layers: int, on_pin: np.ndarray) -> tuple[np.ndarray, float]:
+    """Cells (D, 3) int of dots (D, 3) in a lattice of about `spacing` [m] that begins and ends at the block's sides; a cell's volume.
+
+    Where a part of the block is held (D,), a layer ends at the border: how far a force bends it goes with the cube of what is free.
+    """
+    flat = (dots - block.face.point) @ block.frame().T
+    low, high = np.quantile(flat[:, :2], RIM, axis=0), np.quantile(flat[:, :2], 1.0 - RIM, axis=0)
+    edges = [np.linspace(low[axis], high[axis], max(1, round((high[axis] - low[axis]) / spacing)) + 1) for axis in range(2)]
+    edges.append(np.linspace(0.0, block.depth, layers + 1))
+    if on_pin.any() and not on_pin.all():
+        lever = flat[~on_pin].mean(axis=0) - flat[on_pin].mean(axis=0)
+        axis = int(np.argmax(np.abs(lever)))
+        edges[axis] = _ending_at(edges[axis], _border(flat[:, axis], on_pin, lever[axis] > 0.0))
+    sites = [np.clip(np.searchsorted(one, flat[:, axis]) - 1, 0, len(one) - 2) for axis, one in enumerate(edges)]
+    return np.stack(sites, axis=1), float(np.prod([np.diff(one).mean() for one in edges]))
+
+
+def _border(along: np.ndarray, held: np.ndarray, held_below: bool) -> float:
+    """The place on an axis that parts best what is held (D,) from what is not, of dots at `along` (D,) [m]."""
+    order = np.argsort(along if held_below else -along)
+    wins = np.cumsum(np.where(held[order], 1, -1))
+    last = int(np.argmax(wins))
+    return 0.5 * float(along[order[last]] + along[order[min(last + 1, len(order) - 1)]])
+
+
+def _ending_at(edges: np.ndarray, border: float) -> np.ndarray:
+    """Edges of as many cells, even on either side of one at `border`."""
+    cells, first, last = len(edges) - 1, edges[0], edges[-1]
+    if cells < 2 or not first < border < last:
+        return edges
+    below = min(max(1, round(cells * (border - first) / (last - first))), cells - 1)
+    return np.concatenate([np.linspace(first, border, below + 1), np.linspace(border, last, cells - below + 1)[1:]])
+
+
+def _dots(relief: Relief, spacing: float, pixel: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Dots along the pixels' rays, several in a cell of `spacing` [m] each way; `pixel` is a pixel's width on the body [m].
+
+    Returns:
+        places (D, 3) [m], weights (D,) [m³] that add up to the body's volume, and the number of each dot's pixel in the mask (D,).
+    """
+    rows, columns = np.nonzero(relief.mask)
+    near, far = relief.front[rows, columns], relief.back[rows, columns]
+    thick = max(1, int(np.ceil(DOTS * (far - near).max() / spacing)))
+    skip = max(1, int(spacing / (DOTS * pixel)))
+    chosen = np.flatnonzero((rows % skip == 0) & (columns % skip == 0))
+    rows, columns, near, far = rows[chosen], columns[chosen], near[chosen], far[chosen]
+    depth = near[:, None] + (far - near)[:, None] * (np.arange(thick) + 0.5) / thick
+    pixels = np.stack(np.broadcast_arrays(columns[:, None].astype(float), rows[:, None].astype(float)), axis=-1)
+    dots = relief.camera.unproject(np.broadcast_to(pixels, (*depth.shape, 2)).reshape(-1, 2), depth.ravel())
+    weight = ((far - near)[:, None] * depth**2).ravel()
+    weight *= relief.pixel_volume().sum() / weight.sum()
+    return dots, weight, np.repeat(chosen, thick)
 
 
 def layers_of(thickness: np.ndarray, spacing: float) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 One picture shows a front only. The back is a guess by rules that a user can check and override with a thickness:
 
+- a measured front of flat faces that shows the sides of a plate or post is the block that these sides bound (`block`),
 - a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere,
 - a measured front that bulges towards the camera is inflated by as much behind,
 - a silhouette much longer than broad is a post, as thick as it is broad,
@@ -10,13 +11,14 @@ One picture shows a front only. The back is a guess by rules that a user can che
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
 
 from ..errors import ObjectError
 from ..records import Camera, Observation
+from .block import Block, find_block
 
 MIN_PIXELS = 16
 """Fewer pixels than this carry no shape."""
@@ -55,9 +57,11 @@ class Relief:
     """(H, W) depth of the back [m]."""
     camera: Camera
     kind: str
-    """ball, solid, post or plate."""
+    """block, ball, solid, post or plate."""
     thickness: float
-    """Largest thickness along the view axis on a surface that faces the camera [m]."""
+    """Largest thickness along the view axis on a surface that faces the camera, of a block that behind its face [m]."""
+    block: Block | None = None
+    """The prism, of a block."""
 
     def points(self, xy: np.ndarray, across: np.ndarray | float) -> np.ndarray:
         """Pixels (..., 2) at `across` (...,) of the way from front (0) to back (1) -> world (..., 3) [m]."""
@@ -87,7 +91,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     # The outline of a solid body is seen at the depth of its rim, not of its nearest point.
     metre_per_pixel = float(np.median(front[mask & (rim < 0.05 * rim.max() + 1.0)])) / np.sqrt(camera.fx * camera.fy)
     area, radius = float(mask.sum()) * metre_per_pixel**2, float(rim.max()) * metre_per_pixel
-    kind = _kind(mask, rim, front, flat, camera)
+    block = None if flat else find_block(front, mask, camera)
+    kind = _kind(mask, rim, front, flat, camera) if block is None else "block"
     if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):
         raise ObjectError(f"The thickness {thickness} is no positive number of metres.", "Give metres behind the visible surface.")
     distance = float(np.median(front[mask]))
@@ -95,6 +100,10 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         raise ObjectError(
             f"A body {thickness:g} m thick, {distance:.3g} m from the camera, is no body.", "Give metres behind the visible surface."
         )
+    if block is not None:
+        block = block if thickness is None else replace(block, depth=thickness)
+        front = _fill(front, mask)
+        return Relief(mask, front, _fill(block.exits(front), mask), camera, kind, block.depth, block)
     if kind == "ball":
         near, far = sphere_depths(mask, camera)
         # A single distance is that of the body's middle; a measured front says where the middle is, best where it faces the camera.

@@ -1,0 +1,224 @@
+"""A body of flat faces, whose visible sides tell how far it reaches behind its front.
+
+A plate or a post that is seen at an angle shows its edge: sides that go from the largest visible face, the *face*, back to where the body
+ends. Where planes explain the measured front, the body is the prism behind the face: as deep as the sides reach, as wide as they and the
+silhouette allow. A guessed thickness is worth little beside that, as a plate resists bending with the third power of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ..records import Camera
+
+FLATNESS = 0.02
+"""A pixel is on a plane when it is no further from it than this share of the square root of the visible area."""
+
+WINDOW = 2
+"""A plane is first fitted to a square of so many pixels each way round a seed."""
+
+SEEDS = 80
+"""Places at which a plane is tried."""
+
+MOST_PLANES = 4
+"""A prism shows three."""
+
+LEAST_SIDE = 0.03
+"""Share of the object's pixels that a side has at least."""
+
+COVERAGE = 0.85
+"""Share of the object's pixels that lie on the face and its sides at least; a body of other shape has no planes that say as much."""
+
+UPRIGHT = 0.35
+"""Largest cosine between the normals of the face and of a side."""
+
+EDGE_QUANTILE = 0.99
+"""Of the sides' pixels, by how far they lie behind the face: the outermost ones may be mixed with what is behind the object."""
+
+REFITS = 4
+"""Times that a plane is fitted anew to what is on it."""
+
+STEPS = 96
+"""Points along a ray at which it is asked whether it is still in the body."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A point and the unit normal, which points out of the body."""
+
+    point: np.ndarray
+    """(3,) [m]."""
+    normal: np.ndarray
+    """(3,)."""
+
+    def behind(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) [m] -> how far they lie behind the plane (...,) [m]."""
+        return (self.point - points) @ self.normal
+
+
+@dataclass(frozen=True)
+class Block:
+    """A prism: `face` carried back by `depth`."""
+
+    face: Plane
+    sides: tuple[Plane, ...]
+    depth: float
+    """[m]."""
+    tolerance: float
+    """How uneven the faces are [m]."""
+    camera: Camera
+    mask: np.ndarray
+    """(H, W) bool, the silhouette."""
+
+    def frame(self) -> np.ndarray:
+        """(3, 3) rows: two directions in the face, along its sides where there are any, and the inward normal."""
+        inward = -self.face.normal
+        across = self.sides[0].normal - (self.sides[0].normal @ inward) * inward
+        across /= np.linalg.norm(across)
+        return np.stack([across, np.cross(inward, across), inward])
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Which of the points (..., 3) [m] are inside, (...,) bool."""
+        behind = self.face.behind(points)
+        on_face = points + behind[..., None] * self.face.normal
+        inside = (behind >= -self.tolerance) & (behind <= self.depth) & self._at(self.mask, on_face)
+        for side in self.sides:
+            inside &= side.behind(on_face) >= -self.tolerance
+        return inside
+
+    def exits(self, front: np.ndarray) -> np.ndarray:
+        """Where the pixels' rays leave the body that they enter at depth `front` (H, W): depths (H, W) [m], `front` off the mask."""
+        rows, columns = np.nonzero(self.mask)
+        xy, near = np.stack([columns, rows], axis=1).astype(float), front[rows, columns]
+        entry, ahead = self.camera.unproject(xy, near), self.camera.unproject(xy, near + 1.0)
+        per_metre = self.face.behind(ahead) - self.face.behind(entry)
+        far = near + np.maximum(self.depth - self.face.behind(entry), 0.0) / np.maximum(per_metre, 1e-6)
+        # A ray that grazes the face leaves through a side, within the body's length.
+        reach = np.linalg.norm(np.ptp(entry, axis=0)) + self.depth
+        far = np.minimum(far, near + reach)
+        share = np.arange(1, STEPS + 1) / STEPS
+        depth = near[:, None] + share * (far - near)[:, None]
+        inside = self.contains(self.camera.unproject(np.repeat(xy[:, None], STEPS, axis=1), depth))
+        steps = np.where(inside.all(axis=1), STEPS, np.argmin(inside, axis=1) + 0.5)
+        back = front.copy()
+        back[rows, columns] = near + steps / STEPS * (far - near)
+        return back
+
+    def held(self, points: np.ndarray, pin: np.ndarray) -> np.ndarray:
+        """Which of the points (M, 3) [m] of the body lie behind what `pin` (H, W) holds, straight behind the plane where it is painted."""
+        result = np.zeros(len(points), bool)
+        for plane in (self.face, *self.sides):
+            result |= self._at(pin & self._shown(plane), points + plane.behind(points)[:, None] * plane.normal)
+        return result
+
+    def _shown(self, plane: Plane) -> np.ndarray:
+        """(H, W) pixels whose rays meet this plane before any other of the visible ones: the last that a ray into a convex body crosses."""
+        rows, columns = np.nonzero(self.mask)
+        xy = np.stack([columns, rows], axis=1).astype(float)
+        origin, ahead = self.camera.unproject(xy, np.zeros(len(xy))), self.camera.unproject(xy, np.ones(len(xy)))
+        planes = (self.face, *self.sides)
+        entries = np.stack([one.behind(origin) / np.minimum((ahead - origin) @ one.normal, -1e-9) for one in planes])
+        shown = np.zeros_like(self.mask)
+        shown[rows, columns] = entries.argmax(axis=0) == next(number for number, one in enumerate(planes) if one is plane)
+        return shown
+
+    def _at(self, picture: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Values of a picture (H, W) bool where points (..., 3) are seen; False outside the picture."""
+        xy, depth = self.camera.project(points)
+        column, row = (np.round(np.where(depth > 0.0, xy[..., axis], -1.0)).astype(int) for axis in range(2))
+        height, width = picture.shape
+        within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        return within & picture[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+
+
+def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | None:
+    """The prism that a measured front shows, if it is one and shows a side.
+
+    Args:
+        front: (H, W) depth along the view axis of the visible surface [m].
+        mask: (H, W) bool, the object.
+    """
+    rows, columns = np.nonzero(mask)
+    points = np.zeros((*mask.shape, 3))
+    points[rows, columns] = camera.unproject(np.stack([columns, rows], axis=1).astype(float), front[rows, columns])
+    eye = camera.pose(0)[:3, 3]
+    tolerance = FLATNESS * np.sqrt(mask.sum() * float(np.median(front[mask])) ** 2 / (camera.fx * camera.fy))
+    left, planes, areas = mask.copy(), [], []
+    for _ in range(MOST_PLANES):
+        found = _largest_plane(points, left, eye, tolerance)
+        if found is None:
+            break
+        on = left & (np.abs(found.behind(points)) < tolerance)
+        if on.sum() < LEAST_SIDE * mask.sum():
+            break
+        planes.append((found, on))
+        sight = points[on] - eye
+        distance = np.linalg.norm(sight, axis=1)
+        areas.append(float((distance**3 / np.maximum(np.abs(sight @ found.normal), 1e-3 * distance)).sum()))
+        left &= ~on
+    if len(planes) < 2:
+        return None
+    face, on_face = planes.pop(int(np.argmax(areas)))
+    sides = [(side, on) for side, on in planes if abs(side.normal @ face.normal) < UPRIGHT]
+    behind = [face.behind(points[on]) for _, on in sides]
+    if not sides or any(np.quantile(one, 1.0 - EDGE_QUANTILE) < -2.0 * tolerance for one in behind):
+        return None
+    if on_face.sum() + sum(on.sum() for _, on in sides) < COVERAGE * mask.sum():
+        return None
+    deepest = max(range(len(sides)), key=lambda number: np.quantile(behind[number], EDGE_QUANTILE))
+    side, on_side = sides[deepest]
+    depth = float(np.quantile(behind[deepest], EDGE_QUANTILE)) + _half_a_pixel(behind[deepest], on_side)
+    depth += _hidden_edge(face, side, points[on_face | on_side], points[on_side].mean(axis=0) - eye)
+    return Block(face, tuple(one for one, _ in sides), depth, tolerance, camera, mask)
+
+
+def _half_a_pixel(behind: np.ndarray, on: np.ndarray) -> float:
+    """How much deeper [m] a plane ends than at the centres of its outermost pixels; behind: (n,) depths [m] of the pixels `on` (H, W)."""
+    pixels = np.argwhere(on)
+    slope = np.linalg.lstsq(np.column_stack([pixels, np.ones(len(pixels))]), behind, rcond=None)[0][:2]
+    return 0.5 * float(np.linalg.norm(slope))
+
+
+def _hidden_edge(face: Plane, side: Plane, points: np.ndarray, sight: np.ndarray) -> float:
+    """How much deeper [m] than its silhouette a body is, whose edges are rounded: the far one is taken to be as round as the near one.
+
+    Args:
+        points: (n, 3) on the face and the side [m]; sight: (3,) direction in which they are seen.
+    """
+    # On the arc between two planes at right angles a + b, the distances behind both, is least half way: (2 - sqrt 2) radii.
+    radius = float(np.quantile(face.behind(points) + side.behind(points), 1.0 - EDGE_QUANTILE)) / (2.0 - np.sqrt(2.0))
+    # The silhouette is where the arc is touched by the line of sight.
+    touched = np.arctan2(-sight @ side.normal, -sight @ face.normal)
+    return max(radius, 0.0) * (1.0 - float(np.sin(touched)))
+
+
+def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolerance: float) -> Plane | None:
+    """The plane with the most of the pixels `left` (H, W) on it; None where they have no inside to fit one to."""
+    inside = ndimage.binary_erosion(left, iterations=WINDOW)
+    seeds = np.argwhere(inside)
+    if len(seeds) == 0:
+        return None
+    cloud, best, most = points[left], None, 0
+    for row, column in seeds[:: max(1, len(seeds) // SEEDS)]:
+        near = points[row - WINDOW : row + WINDOW + 1, column - WINDOW : column + WINDOW + 1]
+        known = left[row - WINDOW : row + WINDOW + 1, column - WINDOW : column + WINDOW + 1]
+        plane = _fitted(near[known], eye)
+        count = int((np.abs(plane.behind(cloud)) < tolerance).sum())
+        if count > most:
+            best, most = plane, count
+    for _ in range(REFITS if best is not None else 0):
+        # Rounded edges lie within the tolerance, too, and would tilt the plane: it is that of the flat middle.
+        off = np.abs(best.behind(cloud))
+        band = max(3.0 * float(np.median(off[off < tolerance])), 0.05 * tolerance)
+        best = _fitted(cloud[off < min(band, tolerance)], eye)
+    return best
+
+
+def _fitted(points: np.ndarray, eye: np.ndarray) -> Plane:
+    """Least squares through points (n, 3), the normal towards the eye (3,)."""
+    centre = points.mean(axis=0)
+    normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]
+    return Plane(centre, normal if normal @ (eye - centre) > 0.0 else -normal)
