@@ -189,6 +189,19 @@ def model_for(
     return model, notes
 
 
+def with_clamp_depth(model: Model, body: Particles, depth: float) -> Model:
+    """The model of one body that touches nothing, held from `depth` cells below the border of what is pinned."""
+    if depth == model.clamp_depth:
+        return model
+    if model.pin_path is not None or model.collider_grid.planes.any() or model.collider_grid.solid.any():
+        raise ValueError("only a body that stands on its pins and touches nothing can be held elsewhere")
+    x = np.asarray(body.x, dtype=np.float64) if model.axes is None else body.x @ model.axes
+    offset = lattice_offset(x, body.pinned, body.spacing, model.dx, depth=depth)
+    clamp_lo, clamp = clamped_nodes(x, model.mass, body.pinned, offset, model.dx, depth=depth)
+    role = particle_roles(x, body.pinned, offset, model.dx, clamp_lo, clamp)
+    return replace(model, offset=offset, clamp_lo=clamp_lo, clamp=clamp, role=role, clamp_depth=depth)
+
+
 def _check_reach(x: np.ndarray, dx: float) -> None:
     """SimulationError when a grid of spacing dx [m] around particles x (N, 3) [m] has too many nodes."""
     cells = np.floor(np.ptp(x, axis=0) / dx) + 4.0

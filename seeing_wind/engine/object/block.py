@@ -201,7 +201,7 @@ def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolera
     seeds = np.argwhere(inside)
     if len(seeds) == 0:
         return None
-    cloud, best, most = points[left], None, 0
+    cloud, best, most = points[left], _fitted(points[inside], eye), 0
     for row, column in seeds[:: max(1, len(seeds) // SEEDS)]:
         near = points[row - WINDOW : row + WINDOW + 1, column - WINDOW : column + WINDOW + 1]
         known = left[row - WINDOW : row + WINDOW + 1, column - WINDOW : column + WINDOW + 1]
@@ -209,7 +209,7 @@ def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolera
         count = int((np.abs(plane.behind(cloud)) < tolerance).sum())
         if count > most:
             best, most = plane, count
-    for _ in range(REFITS if best is not None else 0):
+    for _ in range(REFITS):
         # Rounded edges lie within the tolerance, too, and would tilt the plane: it is that of the flat middle.
         off = np.abs(best.behind(cloud))
         band = max(3.0 * float(np.median(off[off < tolerance])), 0.05 * tolerance)

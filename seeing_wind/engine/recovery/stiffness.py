@@ -1,16 +1,19 @@
-"""The stiffness of a held body as one more unknown of the solve.
+"""How stiff a held body is, and where it is held, as two more unknowns of the solve.
 
 How far a force bends a held body is a matter of its stiffness, and pictures do not show that: it grows with the cube of a thickness that
 was guessed. A body that swings near its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself
-tells, so its stiffness is found with the force. With r the whitened residuals, J (n, m) their derivatives by the other unknowns theta, P
-the precision of theta's prior, and
+tells, so its stiffness is found with the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up
+makes it stiffer, but not in the same way to every swing: so that is found, too. With r the whitened residuals, J (n, m) their derivatives
+by the other unknowns theta, P the precision of theta's prior, and
 
-    s = log(E / E given) ~ N(0, SPREAD²)            c = dr/ds, a central difference through the simulator
+    q = (s, d)      s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
+    C = dr/dq       (m, 2), central differences through the simulator
+    Q = diag(1 / SPREAD², 1 / DEPTH_SPREAD²)
 
-a Gauss-Newton step for both solves
+a Gauss-Newton step for all
 
-    [ J J' + P    J c             ] [d theta]       [ J r + P theta       ]
-    [ (J c)'      c'c + 1/SPREAD² ] [ds     ]  =  - [ c'r + s / SPREAD²   ]
+    [ J J' + P   J C      ] [d theta]       [ J r + P theta ]
+    [ (J C)'     C'C + Q  ] [d q    ]  =  - [ C'r + Q q     ]
 
 and after it theta alone is solved for again. s scales both of Lamé's parameters: Poisson's ratio stays.
 """
@@ -23,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..mpm.model import MAX_SUBSTEPS_HELD, Model
+from ..mpm.model import MAX_SUBSTEPS_HELD, Model, with_clamp_depth
 from ..records import Particles, PointTargets, TrackTargets
 from ..settings import RecoverSettings
 from .forward import Forward
@@ -32,12 +35,14 @@ from .objective import Objective
 
 SPREAD = 0.3
 """Standard deviation of s before the clip is seen: a guessed thickness alone makes as much."""
+DEPTH_SPREAD = 0.5
+"""Standard deviation of d before the clip is seen [grid cells]: what is painted as held is uncertain by about a particle."""
 FIXED = 0.5
 """The clip tells the stiffness when it leaves at most this share of SPREAD. Otherwise the one given stays."""
-OFFSET = 0.02
-"""Half the central difference's step of s."""
-STEP = 0.4
-"""Largest step of s at a time."""
+OFFSETS = (0.02, 0.05)
+"""Half the central difference's step of s and d."""
+STEPS = (0.4, 0.5)
+"""Largest step of s and d at a time."""
 SHARES = (1.0, 0.5, 0.25, 0.125)
 """Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what the step takes it for."""
 SETTLED = 0.25
@@ -48,22 +53,44 @@ COARSE_ROUNDS, FINE_ROUNDS = 3, 1
 
 @dataclass(frozen=True)
 class Stiffness:
-    """What is held to be true of s."""
+    """What is held to be true of s and d."""
 
     free: bool
-    """Still to be found; else it stays."""
+    """Still to be found; else they stay."""
     s: float = 0.0
     deviation: float = SPREAD
     """Standard deviation of s, by the fit itself."""
+    deeper: float = 0.0
+    """d [grid cells]."""
 
     @property
     def known(self) -> bool:
         """Whether the clip tells it."""
         return self.deviation <= FIXED * SPREAD
 
+    @property
+    def q(self) -> np.ndarray:
+        """(2,) s and d."""
+        return np.array([self.s, self.deeper])
+
+    def at(self, q: np.ndarray, deviation: float) -> Stiffness:
+        """The same with other values (2,)."""
+        return replace(self, s=float(q[0]), deeper=float(q[1]), deviation=deviation)
+
     def settled(self) -> Stiffness:
         """The same from now on."""
         return replace(self, free=False)
+
+    def of(self, model: Model, body: Particles) -> Model:
+        """The model given with this stiffness, held where this says."""
+        return with_clamp_depth(scaled(model, self.s), body, model.clamp_depth + self.deeper)
+
+    def penalty(self) -> float:
+        """What s and d add to the cost, twice their negative log prior."""
+        return float(self.q @ _PRECISION @ self.q)
+
+
+_PRECISION = np.diag([SPREAD**-2, DEPTH_SPREAD**-2])
 
 
 def is_free(particles: Particles, model: Model, targets: Sequence[PointTargets | TrackTargets], settings: RecoverSettings) -> bool:
@@ -95,20 +122,17 @@ def youngs_modulus(model: Model, s: float = 0.0) -> float:
     return math.exp(s) * mu * (3.0 * lam + 2.0 * mu) / (lam + mu)
 
 
-def penalty(s: float) -> float:
-    """What s adds to the cost, twice its negative log prior."""
-    return (s / SPREAD) ** 2
-
-
 def remark(stiffness: Stiffness, model: Model) -> list[str]:
     """What the user should know of a stiffness that was free."""
     given = youngs_modulus(model)
     if stiffness.known:
         percent, found = 100.0 * math.expm1(stiffness.s), youngs_modulus(model, stiffness.s)
         beside = f"{abs(percent):.0f} % {'above' if percent > 0.0 else 'below'} the given {given:.3g} Pa"
+        away = 1000.0 * stiffness.deeper * model.dx
         return [
-            f"The motion fits a Young's modulus of {found:.3g} Pa ({beside}, +-{100.0 * stiffness.deviation:.2g} %): "
-            f"the forces are those on such a body. --stiffness given keeps the given one."
+            f"The motion fits a Young's modulus of {found:.3g} Pa ({beside}, +-{100.0 * stiffness.deviation:.2g} %) on a body held from "
+            f"{abs(away):.1f} mm {'inside' if away > 0.0 else 'outside'} the border given: the forces are those on such a body. "
+            f"--stiffness given keeps what was given."
         ]
     if stiffness.free and stiffness.deviation < SPREAD:
         return [f"The motion does not tell how stiff the held body is: {given:.3g} Pa was kept, and its forces grow with that."]
@@ -117,55 +141,70 @@ def remark(stiffness: Stiffness, model: Model) -> list[str]:
 
 @dataclass(frozen=True)
 class Joint:
-    """The normal equations of theta and s about a solution."""
+    """The normal equations of theta and q about a solution."""
 
     normal: np.ndarray
     """(n, n) J J' + P."""
     coupling: np.ndarray
-    """(n,) J c."""
-    own: float
-    """c'c + 1/SPREAD²."""
+    """(n, 2) J C."""
+    own: np.ndarray
+    """(2, 2) C'C + Q."""
     gradient: np.ndarray
-    """(n + 1,) right side, its sign turned."""
+    """(n + 2,) right side, its sign turned."""
 
     @staticmethod
-    def about(forward: Forward, objective: Objective, precision: np.ndarray, solution: Solution, s: float) -> Joint:
-        """About theta of `solution` and the body of `forward`, which has e^s times the stiffness given. precision: P (n, n)."""
-        less, here, more = (_white(forward, objective, solution.theta, offset) for offset in (-OFFSET, 0.0, OFFSET))
-        column = (more - less) / (2.0 * OFFSET)
+    def about(
+        forward: Forward, body: Particles, objective: Objective, precision: np.ndarray, solution: Solution, there: Stiffness
+    ) -> Joint:
+        """About theta of `solution` and the body of `forward`, which has the stiffness and clamp of `there`. precision: P (n, n)."""
+
+        def white(dq: np.ndarray) -> np.ndarray:
+            return _white(forward, body, objective, solution.theta, dq)
+
+        here = white(np.zeros(2))
+        C = np.stack([(white(step) - white(-step)) / (2.0 * step.sum()) for step in np.diag(OFFSETS)], axis=1)
         jacobian = solution.point.jacobian.astype(np.float64)
-        pull = np.append(jacobian @ here + precision @ solution.theta, column @ here + s / SPREAD**2)
-        return Joint(solution.point.normal + precision, jacobian @ column, float(column @ column) + 1.0 / SPREAD**2, pull)
+        pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + _PRECISION @ there.q])
+        return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + _PRECISION, pull)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(2, 2) of q when nothing but the priors is known of theta."""
+        # What theta's freedom leaves of `own` is positive definite but for rounding, and no less than the prior.
+        left: np.ndarray = self.own - self.coupling.T @ np.linalg.solve(self.normal, self.coupling)
+        values, vectors = np.linalg.eigh(0.5 * (left + left.T) - _PRECISION)
+        return np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + _PRECISION)
 
     @property
     def deviation(self) -> float:
-        """Standard deviation of s when nothing but the priors is known of theta."""
-        return 1.0 / math.sqrt(self._left())
+        """Standard deviation of s."""
+        return math.sqrt(self.covariance[0, 0])
 
-    def step(self) -> float:
-        """The Gauss-Newton step of s."""
-        return -float(self.gradient[-1] - self.coupling @ np.linalg.solve(self.normal, self.gradient[:-1])) / self._left()
+    def step(self) -> np.ndarray:
+        """(2,) the Gauss-Newton step of q."""
+        return -self.covariance @ (self.gradient[-2:] - self.coupling.T @ np.linalg.solve(self.normal, self.gradient[:-2]))
 
-    def follow(self, ds: float) -> np.ndarray:
-        """(n,) the step of theta that goes best with a step of s."""
-        return -np.linalg.solve(self.normal, self.gradient[:-1] + ds * self.coupling)
+    def follow(self, dq: np.ndarray) -> np.ndarray:
+        """(n,) the step of theta that goes best with a step (2,) of q."""
+        return -np.linalg.solve(self.normal, self.gradient[:-2] + self.coupling @ dq)
 
-    def _left(self) -> float:
-        """Precision of s that theta's freedom leaves of `own`; positive, but for rounding."""
-        return max(self.own - float(self.coupling @ np.linalg.solve(self.normal, self.coupling)), 1.0 / SPREAD**2)
+
+def shortened(step: np.ndarray) -> np.ndarray:
+    """The step (2,) of q, or as much of it as is taken at a time."""
+    return step / max(1.0, *(np.abs(step) / STEPS))
 
 
 def covariance_with(normal: np.ndarray, joint: Joint | None) -> np.ndarray:
-    """(n, n) posterior covariance of theta, its precision `normal` if the stiffness were known, with s not known better than by `joint`."""
+    """(n, n) posterior covariance of theta, its precision `normal` if q were known, with q not known better than by `joint`."""
     covariance = np.linalg.inv(normal)
     if joint is None:
         return covariance
     along = covariance @ joint.coupling
-    return covariance + np.outer(along, along) * joint.deviation**2
+    return covariance + along @ joint.covariance @ along.T
 
 
-def _white(forward: Forward, objective: Objective, theta: np.ndarray, ds: float) -> np.ndarray:
-    """(m,) whitened residuals with e^ds times the stiffness. The substeps stay, or the difference would be one of substeps too."""
-    factor = math.exp(ds)
-    other = replace(forward, model=replace(forward.model, mu=factor * forward.model.mu, lam=factor * forward.model.lam))
+def _white(forward: Forward, body: Particles, objective: Objective, theta: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """(m,) whitened residuals a step dq (2,) away. The substeps stay, or the difference would be one of substeps too."""
+    factor, model = math.exp(dq[0]), with_clamp_depth(forward.model, body, forward.model.clamp_depth + float(dq[1]))
+    other = replace(forward, model=replace(model, mu=factor * model.mu, lam=factor * model.lam))
     return objective.whiten(objective.residual(other.positions(theta[None])))[0].astype(np.float64)

@@ -24,7 +24,7 @@ from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solut
 from .objective import Objective
 from .point_channels import PointChannels
 from .prior import Kernel, Places, Prior, modes_worth
-from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, STEP, Joint, Stiffness, penalty, scaled, stiffest
+from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
 from .track_channels import TrackChannels
 from .warm_start import warm_start
 
@@ -141,48 +141,50 @@ class WindowSolver:
         """
         used, self.joint = 0, None
         for _ in range(rounds if self.stiffness.free else 0):
-            before = self.stiffness.s
-            joint = Joint.about(forward, self.objective, prior.precision(), solution, before)
-            known = Stiffness(True, before, joint.deviation).known
-            after = min(before + min(max(joint.step(), -STEP), STEP), stiffest(self.model)) if known else 0.0
-            changed = self._towards(after - before, forward, prior, solution, joint, SHARES if known else (1.0,))
+            before = self.stiffness
+            joint = Joint.about(forward, self.particles, self.objective, prior.precision(), solution, before)
+            known = before.at(before.q, joint.deviation).known
+            after = before.q + shortened(joint.step()) if known else np.zeros(2)
+            after[0] = min(after[0], stiffest(self.model))
+            changed = self._towards(after - before.q, forward, prior, solution, joint, SHARES if known else (1.0,))
             if changed is None:
                 # Nothing lowers the cost: far from a minimum the clip says nothing of the stiffness, at one it has been said.
-                if before == 0.0 and known and abs(after) > joint.deviation:
+                if before.s == 0.0 and known and abs(after[0]) > joint.deviation:
                     break
-                self.stiffness, self.joint = Stiffness(True, before, joint.deviation), joint
+                self.stiffness, self.joint = before.at(before.q, joint.deviation), joint
                 break
             self.stiffness, forward, theta = changed
             self.joint = joint
             solution = self._solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
             used += solution.iterations
-            if abs(self.stiffness.s - before) < SETTLED * joint.deviation or not known:
+            moved = self.stiffness.q - before.q
+            if moved @ np.linalg.solve(joint.covariance, moved) < SETTLED**2 or not known:
                 break
         return forward, solution, used
 
     def _towards(
-        self, ds: float, forward: Forward, prior: Prior, solution: Solution, joint: Joint, shares: tuple[float, ...]
+        self, dq: np.ndarray, forward: Forward, prior: Prior, solution: Solution, joint: Joint, shares: tuple[float, ...]
     ) -> tuple[Stiffness, Forward, np.ndarray] | None:
-        """The first of these shares of the joint step by `ds` that lowers the cost (any, if there is one share only that does not break
+        """The first of these shares of the joint step by dq (2,) that lowers the cost (any, if there is one share only that does not break
         down): stiffness, forward model and theta there. None when none does."""
-        before = self.stiffness.s
-        most = solution.cost + penalty(before) if len(shares) > 1 else np.inf
-        for share in shares if ds else ():
-            there = Stiffness(True, before + share * ds, joint.deviation)
-            changed = replace(forward, model=scaled(self.model, there.s), rough=self._rough(there.s))
-            theta = solution.theta + share * joint.follow(ds)
+        before = self.stiffness
+        most = solution.cost + before.penalty() if len(shares) > 1 else np.inf
+        for share in shares if dq.any() else ():
+            there = before.at(before.q + share * dq, joint.deviation)
+            changed = replace(forward, model=there.of(self.model, self.particles), rough=self._rough(there))
+            theta = solution.theta + share * joint.follow(dq)
             positions = changed.positions(theta[None])
             if np.isfinite(positions).all():
                 white = self.objective.whiten(self.objective.residual(positions))
-                if float(cost_of(white, theta[None], prior.precision())[0]) + penalty(there.s) < most:
+                if float(cost_of(white, theta[None], prior.precision())[0]) + there.penalty() < most:
                     return there, changed, theta
         return None
 
     def _model(self) -> Model:
-        return scaled(self.model, self.stiffness.s)
+        return self.stiffness.of(self.model, self.particles)
 
-    def _rough(self, s: float | None = None) -> Model:
-        model = self._model() if s is None else scaled(self.model, s)
+    def _rough(self, stiffness: Stiffness | None = None) -> Model:
+        model = (stiffness or self.stiffness).of(self.model, self.particles)
         return replace(model, substeps=math.ceil(ROUGH * model.substeps))
 
     def _flows(self) -> bool:

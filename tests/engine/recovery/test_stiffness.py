@@ -8,7 +8,7 @@ import pytest
 
 from seeing_wind.engine.arguments import parser, settings_of
 from seeing_wind.engine.materials import as_found
-from seeing_wind.engine.mpm.model import MAX_SUBSTEPS_HELD, model_for
+from seeing_wind.engine.mpm.model import MAX_SUBSTEPS_HELD, model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Body, Gaussians, Surface, TrackTargets
 from seeing_wind.engine.recovery import recover, stiffness
@@ -96,6 +96,23 @@ def test_the_field_moves_the_recovered_body_as_it_was_seen_to_move(swing):
     assert missed(found) < 0.05 < missed(replace(found, youngs_modulus=None))
 
 
+def test_pins_that_reach_too_far_up_are_moved_down(swing):
+    body, tracks, wind, _ = swing
+    long = replace(body, pinned=body.x[:, 2] < -0.05)  # a layer of particles more, 0.6 cells
+    found = recover(long, RUBBER, tracks, FPS, WEIGHTLESS, NoProgress())
+    given = recover(long, RUBBER, tracks, FPS, GIVEN, NoProgress())
+    assert given.clamp_depth == GIVEN.clamp_depth and 0.2 < found.clamp_depth - GIVEN.clamp_depth < 1.0
+    assert error(found, long, wind) < 0.6 * error(given, long, wind)
+
+
+def test_a_model_held_elsewhere_is_the_one_built_so():
+    body = post()
+    built, _ = model_for(body, RUBBER, FPS, clamp_depth=0.7)
+    moved = with_clamp_depth(model_for(body, RUBBER, FPS, clamp_depth=0.1)[0], body, 0.7)
+    for name in ("offset", "clamp_lo", "clamp", "role", "mass", "clamp_depth"):
+        np.testing.assert_array_equal(getattr(moved, name), getattr(built, name))
+
+
 def test_a_stiffness_that_the_clip_does_not_tell_stays():
     body = post()
     x, _ = blow(body, lambda X, t: np.zeros_like(X) + [0.02 * t, 0.0, 0.0], 6)
@@ -107,7 +124,7 @@ def test_a_stiffness_that_the_clip_does_not_tell_stays():
 def test_a_step_that_makes_it_worse_is_not_taken(swing, monkeypatch):
     body, tracks, _, _ = swing
     given = recover(body, TOO_STIFF, tracks, FPS, GIVEN, NoProgress())
-    monkeypatch.setattr(stiffness.Joint, "step", lambda self: 0.4)  # stiffer still
+    monkeypatch.setattr(stiffness.Joint, "step", lambda self: np.array([0.4, 0.0]))  # stiffer still
     misled = recover(body, TOO_STIFF, tracks, FPS, WEIGHTLESS, NoProgress())
     assert misled.youngs_modulus is None and not any("Young's modulus" in note for note in misled.notes)
     np.testing.assert_allclose(misled.force_density, given.force_density)
