@@ -3,10 +3,12 @@
     relief.py     front and back of the body in picture 0        particles.py  material points between them
     keypoints.py  tracked points on the body                     control.py    what rides on what
     lifting.py    tracks to 3D, as rigid as possible             surface.py    closed mesh for display
-    gaussians.py  3D Gaussians G^0                               splatting.py  their rasteriser and fit (torch)
+    gaussians.py  3D Gaussians G^0                               splatting.py  their rasteriser (torch)
     ply.py        their file                                     views.py      further cameras
     pose.py       the whole body in every picture                late.py       tracks that begin later
-    multiview.py  the Gaussians of several views
+    multiview.py  the Gaussians of several views                 covering.py   Gaussians where there are none yet
+    visibility.py what a picture shows of a moving mesh          appearance.py the look over the whole clip
+    contributions.py  pictures as linear in colours              look.py       the Gaussians' fit to picture 0
 """
 
 from __future__ import annotations

@@ -58,10 +58,11 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
     sigma = np.hypot(observation.sigma, tie_sigma)
     lifted = lift(observation.camera, observation.xy, visible, sigma, points, held(observation, points), arap, progress)
     progress.update(0.2, f"{len(points)} key points lifted, surface of {len(surface.vertices)} vertices")
-    from .splatting import fit  # brings torch: here, so that the rest of this room loads fast
+    from .look import fit  # brings torch: here, so that the rest of this room loads fast
 
     rough = pixel_aligned(relief, observation.image, particles.x)
-    gaussians, quality = fit(rough, relief, observation.image, progress=_Share(progress, 0.2, 1.0))
+    share, behind = _Share(progress, 0.2, 1.0), observation.background
+    gaussians, quality = fit(rough, relief, observation.image, progress=share, behind=behind)
     if quality < POOR_LOOK:
         progress.warn(f"The Gaussians show the object with {quality:.1f} dB only; forces do not depend on it.")
     progress.update(1.0, f"{len(gaussians.x)} Gaussians, {quality:.1f} dB", psnr=round(quality, 2))

@@ -3,7 +3,8 @@
 One picture shows a front only. The back is a guess by rules that a user can check and override with a thickness:
 
 - a measured front of flat faces that shows the sides of a plate or post is the block that these sides bound (`block`),
-- a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere,
+- a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere;
+  a given thickness that is much less than its diameter makes it a disc,
 - a measured front that bulges towards the camera is inflated by as much behind,
 - a silhouette much longer than broad is a post, as thick as it is broad,
 - everything else is a plate, a few percent of its size thick.
@@ -40,6 +41,9 @@ PLATE_THICKNESS = 0.05
 
 THINNEST = 0.5
 """Least thickness of a ball's rim in pixels' widths: its outline on whole pixels reaches a little beyond the sphere's."""
+
+DISC = 0.5
+"""Given thickness in diameters under which a round silhouette is that of a disc."""
 
 MAX_SLANT = 3.0
 """Cap on 1 / cos(slant) where a surface turns edge-on."""
@@ -104,6 +108,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         block = block if thickness is None else replace(block, depth=thickness)
         front = _fill(front, mask)
         return Relief(mask, front, _fill(block.exits(front), mask), camera, kind, block.depth, block)
+    if kind == "ball" and flat and thickness is not None and thickness < DISC * 2.0 * radius:
+        kind = "plate"
     if kind == "ball":
         near, far = sphere_depths(mask, camera)
         # A single distance is that of the body's middle; a measured front says where the middle is, best where it faces the camera.

@@ -23,6 +23,15 @@ PARTLY = 0.75
 SHADOW_LIKE = 0.15
 """Part of the object's inside that may look like a shadow on the background before that test is useless for it."""
 
+CLEAR = 0.85
+"""Part of the object that differs from a clean background from which that difference is believed more than colours."""
+
+SAME = 0.7
+"""Part of the outline of picture 0 that the object must fill to be taken to show that outline still."""
+
+KNOWN = 0.8
+"""Part of the object before which the background must be clean for that."""
+
 COLORS = 12
 """Bins per channel of the colour histograms."""
 
@@ -46,6 +55,36 @@ class Colors:
         return self._object[self._bins(picture)]
 
 
+def _fitted(shape: np.ndarray, differs: np.ndarray, around: np.ndarray, band: int) -> np.ndarray:
+    """`shape` (a, b) bool moved in a window to where it covers most of `differs` (h, w) bool and leaves least round itself.
+
+    Sought within a quarter of its size of the centre of `around` (h, w) bool; nowhere where the shape does not fit into the window.
+    """
+    padded = np.pad(shape, band).astype(np.uint8)
+    ring = cv2.dilate(padded, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band + 1, 2 * band + 1)))
+    template = 2.0 * padded.astype(np.float32) - ring.astype(np.float32)
+    if (np.array(template.shape) > differs.shape).any() or not around.any():
+        return np.zeros_like(differs)
+    score = cv2.matchTemplate(differs.astype(np.float32), template, cv2.TM_CCORR)
+    rows, columns = np.nonzero(around)
+    middle = np.array([rows.mean(), columns.mean()]) - 0.5 * (np.array(template.shape) - 1.0)
+    reach = 0.25 * np.sqrt(shape.sum()) + 2.0
+    y, x = np.mgrid[: score.shape[0], : score.shape[1]]
+    score[(np.abs(y - middle[0]) > reach) | (np.abs(x - middle[1]) > reach)] = -np.inf
+    if not np.isfinite(score).any():
+        return np.zeros_like(differs)
+    row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+    moved = np.zeros_like(differs)
+    moved[row : row + padded.shape[0], column : column + padded.shape[1]] = padded > 0
+    return moved
+
+
+def _wide(mask: np.ndarray, band: int) -> np.ndarray:
+    """The parts of `mask` (h, w) bool that a disc of radius `band` [px] fits into."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band + 1, 2 * band + 1))
+    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, disc) > 0
+
+
 class MaskFollower:
     """Follows one object: whole-body search, flow, then GrabCut in a band round the carried silhouette.
 
@@ -67,6 +106,7 @@ class MaskFollower:
         self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         self._shape_window: Window = window_of(mask, 0)
         self._shape = cut(mask, self._shape_window)
+        self._first_shape = self._shape
         self._template = cut(picture, self._shape_window).copy()
         self._steps = 0
         self._missed = 0
@@ -142,11 +182,33 @@ class MaskFollower:
             return tidy((evidence > 0.5) & near & visible, carried)
         band = int(np.clip(0.06 * np.sqrt(area), 2, 9))
         trimap = self._trimap(carried, evidence, clean, band)
-        self._use_light(picture, where, carried, trimap)
+        relit = self._plate.relit(picture, where) if self._plate is not None else np.zeros(carried.shape, bool)
+        self._use_light(relit, carried, trimap)
         if evidence is not None:
             self._let_grow(crop, clean & (evidence > 0.9), trimap)
         trimap[~visible] = cv2.GC_BGD
-        return tidy(grab_cut(crop, trimap, 2, self._progress), carried & visible)
+        found = tidy(grab_cut(crop, trimap, 2, self._progress), carried & visible)
+        return found if evidence is None else self._kept_true(found, evidence, clean, clean & (evidence > 0.5) & ~relit, band)
+
+    def _kept_true(self, found: np.ndarray, evidence: np.ndarray, clean: np.ndarray, differs: np.ndarray, band: int) -> np.ndarray:
+        """`found` (h, w) without the drift of a silhouette that is carried on, where the object stands out from a clean background.
+
+        What differs from the background within the outline of picture 0, moved to where it fits best, is the object: a highlight or blur
+        that was lost comes back. Where the silhouette has outgrown that outline, what does not differ is not: background that came along.
+        """
+        outline = _fitted(self._first_shape, differs, found, band)
+        known = outline & clean
+        if known.sum() < max(KNOWN * outline.sum(), LEAST_PIXELS) or differs[known].mean() < CLEAR:
+            return found
+        if (found & outline).sum() < SAME * outline.sum():
+            return found
+        # Pieces narrower than the band are left alone: the rim, where half-covered pixels differ or not.
+        lost = _wide(differs & outline & ~found, band)
+        if found.sum() <= outline.sum():
+            return tidy(found | lost, found)
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * band + 1, 2 * band + 1))
+        off = cv2.dilate(outline.astype(np.uint8), disc) == 0
+        return tidy((found & ~_wide(found & off & clean & (evidence <= 0.9), band)) | lost, found)
 
     @staticmethod
     def _trimap(carried: np.ndarray, evidence: np.ndarray | None, clean: np.ndarray, band: int) -> np.ndarray:
@@ -165,11 +227,9 @@ class MaskFollower:
             trimap[inner & unchanged] = cv2.GC_PR_BGD
         return trimap
 
-    def _use_light(self, picture: np.ndarray, where: Window, carried: np.ndarray, trimap: np.ndarray) -> None:
-        """Label shadows that came or went as background, unless the object itself has the background's tint."""
-        if self._plate is None:
-            return
-        relit = self._plate.relit(picture, where)
+    @staticmethod
+    def _use_light(relit: np.ndarray, carried: np.ndarray, trimap: np.ndarray) -> None:
+        """Label shadows that came or went (`relit`) as background, unless the object itself has the background's tint."""
         inner = trimap == cv2.GC_FGD
         if relit[inner if inner.any() else carried].mean() < SHADOW_LIKE:
             trimap[relit & ~inner] = cv2.GC_BGD

@@ -25,14 +25,11 @@ from .mask import point_list, read_mask
 from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
 from .shake import as_filmed, camera_turns, steadied, turning
 from .threads import one_thread
-from .tracks import find_corners
+from .tracks import ENOUGH, find_corners
 from .tracks_centroid import centroid_track
 from .tracks_file import read_tracks
 from .tracks_reseed import Generations
 from .working_size import WorkingSize, working_scale
-
-ENOUGH = 6
-"""Corner tracks in sight from which the body's motion is known better by them than by its silhouette."""
 
 FEW_PATCHES = 900
 """Pixels (three tracking patches) below which a body's corners are nearly one and the same patch: losing some, all go."""
@@ -133,9 +130,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
     )
 
 
-def _depth_map(
-    depth: np.ndarray | None, mask: np.ndarray, distance: float, lens: Lens, settings: ObserveSettings
-) -> np.ndarray | None:
+def _depth_map(depth: np.ndarray | None, mask: np.ndarray, distance: float, lens: Lens, settings: ObserveSettings) -> np.ndarray | None:
     """The known depth (H, W) over the straightened picture; a network's is scaled to the distance that the user gave."""
     if depth is None:
         return None

@@ -20,6 +20,9 @@ LEAST_PART = 0.4
 CLOSE = 1.0
 """Pixels within which a corner agrees with the common motion."""
 
+SPIKE = 6.0
+"""Distance of a turn from the middle of its neighbours, in units of the clip's usual one, from which it is a mistake."""
+
 LARGEST_TURN = 0.1
 """Shift as a part of the picture's width beyond which this is no tremble but a moving camera, whose parallax a turn cannot explain."""
 
@@ -55,7 +58,26 @@ def camera_turns(frames: np.ndarray, camera: Camera, around: np.ndarray, progres
         if np.linalg.norm(turn[:2, 2] / turn[2, 2]) * camera.fx > LARGEST_TURN * width:
             return None
         turns.append(turn)
-    return np.stack(turns)
+    return without_spikes(np.stack(turns), camera)
+
+
+def without_spikes(turns: np.ndarray, camera: Camera) -> np.ndarray:
+    """Turns (T+1, 3, 3), those that jump away and back in one picture replaced by the middle of their neighbours.
+
+    A hand has mass; where few corners are held on to, a chance agreement of others has none.
+    """
+    vectors = np.stack([cv2.Rodrigues(turn)[0].ravel() for turn in turns])
+    pixels = np.array([camera.fy, camera.fx, 0.5 * camera.width])
+    for _ in range(len(turns) // 4):
+        middle = 0.5 * (vectors[:-2] + vectors[2:])
+        off = np.linalg.norm((vectors[1:-1] - middle) * pixels, axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] <= max(2.0 * CLOSE, SPIKE * float(np.median(off))):
+            break
+        vectors[worst + 1] = middle[worst]
+        turns = turns.copy()
+        turns[worst + 1] = cv2.Rodrigues(middle[worst])[0]
+    return turns
 
 
 def _turn(here: np.ndarray, there: np.ndarray, camera: Camera) -> np.ndarray:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 
 from .motion import Flow
-from .tracks_anchor import Patches, align, cut_patches, sample, smooth
+from .tracks_anchor import HALF, Patches, align, cut_patches, sample, smooth
 from .tracks_neighbours import disagreement, predict
 
 MOST = 200
@@ -39,6 +41,16 @@ CHAIN_STEP = 0.2
 LARGEST = 300.0
 """Square root of the object's area [px] beyond which it is followed in a smaller copy."""
 
+EDGE = 2.24
+"""A patch whose place is known this many times better along one direction than along the other lies on an edge, along which it slides:
+eigenvalues of the structure tensor that are five to one."""
+
+RIM = 1.5
+"""Halves of a patch's side from the outline within which such an edge is the outline itself or goes along with it."""
+
+ENOUGH = 6
+"""Corner tracks in sight from which the body's motion is known better by them than by its silhouette."""
+
 FORGOTTEN = 12
 """Pictures without sight after which a point is not looked for any more."""
 
@@ -64,7 +76,7 @@ def find_corners(picture: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.
             high = middle
         if len(found) >= len(best) or len(best) > most:
             best = found
-    return _refined(gray, best[:most])
+    return _off_outline(picture, mask, _refined(gray, best[:most]))
 
 
 def _refined(gray: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -75,6 +87,54 @@ def _refined(gray: np.ndarray, corners: np.ndarray) -> np.ndarray:
     values = sample(strength.astype(np.float32), corners[:, None, :])[:, 0]
     # 1e-4 is a step of about five grey levels across the block.
     return corners[values > 1e-4]
+
+
+def _off_outline(picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """The corners (K, 2) [px] that are not bits of the object's outline; all of them where too few would be left.
+
+    On a plain body the weak corners lie on its rim, where the outline and what it reflects stay behind when the body turns.
+    """
+    if not len(corners):
+        return corners
+    view = _View.of(mask)
+    first, inside = view.smaller(picture, mask)
+    xy = view.inward(corners)
+    variance = np.linalg.eigvalsh(cut_patches(first, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), 1.0), xy).covariance)
+    depth = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    fixed = (variance[:, 1] < EDGE**2 * variance[:, 0]) | (sample(depth, xy[:, None, :])[:, 0] > RIM * HALF)
+    return corners[fixed] if fixed.sum() >= ENOUGH else corners
+
+
+@dataclass(frozen=True)
+class _View:
+    """The working copy of the clip in which an object is followed: smaller where the object is large."""
+
+    size: tuple[int, int]
+    """Width and height [working px]."""
+    scale: np.ndarray
+    """(2,) file pixels per working pixel."""
+
+    @staticmethod
+    def of(mask: np.ndarray) -> _View:
+        """For an object `mask` (H, W) bool."""
+        factor = max(1.0, float(np.sqrt(mask.sum())) / LARGEST)
+        size = (round(mask.shape[1] / factor), round(mask.shape[0] / factor))
+        return _View(size, np.array(mask.shape[::-1]) / size)
+
+    def smaller(self, picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The smoothed gray picture and the mask at the working size."""
+        if self.size != mask.shape[::-1]:
+            picture = cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA)
+            mask = cv2.resize(mask.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST) > 0
+        return smooth(picture), mask
+
+    def inward(self, xy: np.ndarray) -> np.ndarray:
+        """File pixels to working pixels; pixel centres are at integers in both."""
+        return (xy + 0.5) / self.scale - 0.5
+
+    def outward(self, xy: np.ndarray) -> np.ndarray:
+        """Working pixels to file pixels."""
+        return (xy + 0.5) * self.scale - 0.5
 
 
 def _middle(mask: np.ndarray) -> np.ndarray:
@@ -96,11 +156,9 @@ class Tracker:
     def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
         """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of picture 0."""
         count = len(corners)
-        factor = max(1.0, float(np.sqrt(mask.sum())) / LARGEST)
-        self._size = (round(mask.shape[1] / factor), round(mask.shape[0] / factor))
-        self._scale = np.array(mask.shape[::-1]) / self._size
-        first, inside = self._smaller(picture, mask)
-        self._rest = self._inward(corners)
+        self._view = _View.of(mask)
+        first, inside = self._view.smaller(picture, mask)
+        self._rest = self._view.inward(corners)
         self._patches = cut_patches(first, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), 1.0), self._rest)
         self._second: Patches = self._patches
         self._second_affine = np.tile(np.eye(2), (count, 1, 1))
@@ -116,30 +174,19 @@ class Tracker:
     @property
     def xy(self) -> np.ndarray:
         """(K, 2) [px], newest positions."""
-        return (self._xy + 0.5) * self._scale - 0.5
+        return self._view.outward(self._xy)
 
     @property
     def sigma(self) -> np.ndarray:
         """(K,) [px]."""
-        return self._sigma * self._scale.mean()
-
-    def _smaller(self, picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The smoothed gray picture and the mask at the working size."""
-        if self._size != mask.shape[::-1]:
-            picture = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
-            mask = cv2.resize(mask.astype(np.uint8), self._size, interpolation=cv2.INTER_NEAREST) > 0
-        return smooth(picture), mask
-
-    def _inward(self, xy: np.ndarray) -> np.ndarray:
-        """File pixels to working pixels; pixel centres are at integers in both."""
-        return (xy + 0.5) / self._scale - 0.5
+        return self._sigma * self._view.scale.mean()
 
     def advance(self, picture: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
         """Follow the points into the next `picture` (H, W, 3) uint8 RGB with its `mask` (H, W) and the flow that leads there.
 
         Without flow or mask (the object is hidden) all points are invisible; when it is back they start where its centre has gone.
         """
-        now, mask = self._smaller(picture, mask)
+        now, mask = self._view.smaller(picture, mask)
         if not len(self._xy) or not mask.any():
             self.visible = np.zeros(len(self._xy), bool)
             self._unseen = self._unseen + 1
@@ -150,7 +197,7 @@ class Tracker:
             back = (self._unseen > 0) & (self._unseen <= FORGOTTEN)
             start, known = self._xy + (center - before), back | self.visible
         else:
-            start, known = self._xy + flow.at(self.xy) / self._scale, self.visible
+            start, known = self._xy + flow.at(self.xy) / self._view.scale, self.visible
         guess, affine, support = predict(self._rest, start, known, self._affine, self._reach)
         # A point out of sight has no chain of its own: it starts where its neighbours are.
         lost = ~known

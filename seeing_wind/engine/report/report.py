@@ -9,6 +9,7 @@ import numpy as np
 from ..field import ForceField
 from ..field.sampling import sample_points
 from ..materials import as_found
+from ..object import write_ply
 from ..observe.clip import read_clip
 from ..progress import NoProgress, Progress
 from ..records import Body, Material, Observation, Particles, Recovery
@@ -17,7 +18,7 @@ from ..take import Take
 from .accuracy import field_errors, uniform_errors
 from .figure import draw_report
 from .overlay import write_overlay
-from .resimulated import write_resimulated
+from .resimulated import look_over_clip, write_resimulated
 
 
 def write_report(
@@ -31,7 +32,7 @@ def write_report(
     progress: Progress | None = None,
     truth: ForceField | None = None,
 ) -> dict[str, Any]:
-    """Write report.json, report.png, overlay.mp4 and resimulated.mp4 of a recovery from a clip.
+    """Write report.json, report.png, overlay.mp4 and resimulated.mp4 of a recovery from a clip, and gaussians.ply with the clip's look.
 
     Args:
         seconds: wall-clock seconds per stage.
@@ -51,6 +52,9 @@ def write_report(
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
     last = observation.first_frame + observation.frames
     clip = read_clip(observation.clip, (observation.first_frame, last), observation.fps, progress)
+    body = look_over_clip(clip.frames, observation, body, recovery, progress)
+    with take.writing("gaussians.ply") as path:
+        write_ply(path, body.gaussians)
     # How well force, body and look together explain the pictures themselves.
     figures["resimulated"] = write_resimulated(take, clip.frames, observation, body, recovery, progress)
     _write(take, figures, recovery, body.particles, field.fps, confidence, observation)

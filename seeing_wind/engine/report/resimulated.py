@@ -1,4 +1,8 @@
-"""resimulated.mp4: the object as the recovered force moves it, over the clip's clean background, and how alike that is to the clip."""
+"""resimulated.mp4: the object as the recovered force moves it, over the clip's clean background, and how alike that is to the clip.
+
+The motion is the simulation's. The look is fitted to the clip along that motion, and the background is lit as it was filmed: both are
+measured, not predicted.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +13,18 @@ import cv2
 import numpy as np
 
 from ..errors import ClipError
+from ..object.appearance import Footage, fit_appearance
 from ..object.gaussians import covariances
 from ..object.splatting import picture
 from ..observe.lens import Lens
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Observation, Recovery
 from ..take import Take
+from .backdrop import backdrops
 from .video import video_writer
 
 REACH = 3.0
 """Standard deviations of a Gaussian that the part of the picture which is rendered reaches beyond its centre."""
-
-INPAINT = 5
-"""Radius [px] of the inpainting of what is behind the object, where a moving camera gives no clean background."""
 
 SSIM_SIGMA, SSIM_SIZE = 1.5, 11
 """Window of the structural similarity (Wang et al. 2004) [px]."""
@@ -43,9 +46,7 @@ def write_resimulated(
         TakeError, MissingPackage: when the video cannot be written.
     """
     progress = progress or NoProgress()
-    if len(frames) < len(recovery.x):
-        raise ClipError(f"The clip ends at picture {len(frames)}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
-    straight = Lens(observation.camera).straight(frames[: len(recovery.x)], progress)
+    straight = _straight(frames, observation, recovery, progress)
     height, width = straight.shape[1:3]
     likeness: list[tuple[float, float]] = []
     first = float("nan")
@@ -66,20 +67,34 @@ def write_resimulated(
 
 
 def resimulated(straight: np.ndarray, observation: Observation, body: Body, recovery: Recovery) -> Iterator[np.ndarray]:
-    """Pictures 0 to T (H, W, 3) uint8 RGB of the simulated body over the background.
-
-    The background is the observation's where the camera stands still, else each picture of `straight` (T+1, H, W, 3) with the object
-    inpainted.
-    """
-    moving = np.ndim(observation.camera.camera_to_world) == 3
+    """Pictures 0 to T (H, W, 3) uint8 RGB of the simulated body over what was behind it (`backdrops`)."""
+    behind = backdrops(straight, observation)
     for t, (x, F) in enumerate(zip(recovery.x, recovery.F)):
-        behind = _without(straight[t], observation.masks[t]) if moving else observation.background
-        yield _over(body, observation.camera, t, x, F, behind)
+        yield _over(body, observation.camera, t, x, F, behind(t))
 
 
-def _without(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    hidden = cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8))
-    return cv2.inpaint(np.ascontiguousarray(image), hidden, INPAINT, cv2.INPAINT_TELEA)
+def look_over_clip(
+    frames: np.ndarray, observation: Observation, body: Body, recovery: Recovery, progress: Progress | None = None
+) -> Body:
+    """The body with Gaussians whose look fits the whole clip along the simulated motion (`object.appearance`).
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB, the clip's pictures as filmed.
+
+    Raises:
+        ClipError: when `frames` ends before picture T.
+        Cancelled: between pictures and between iterations.
+    """
+    straight = _straight(frames, observation, recovery, progress or NoProgress())
+    footage = Footage(observation.camera, straight, observation.masks, backdrops(straight, observation))
+    return replace(body, gaussians=fit_appearance(body, recovery, footage, progress))
+
+
+def _straight(frames: np.ndarray, observation: Observation, recovery: Recovery, progress: Progress) -> np.ndarray:
+    """Pictures 0 to T without the lens's distortion. Raises ClipError where there are fewer."""
+    if len(frames) < len(recovery.x):
+        raise ClipError(f"The clip ends at picture {len(frames)}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
+    return Lens(observation.camera).straight(frames[: len(recovery.x)], progress)
 
 
 def _over(body: Body, camera: Camera, frame: int, x: np.ndarray, F: np.ndarray, behind: np.ndarray) -> np.ndarray:

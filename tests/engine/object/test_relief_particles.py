@@ -40,6 +40,16 @@ def test_kinds_of_bodies(plate, ball) -> None:
     assert relief_of(observed(disc, tilt)).kind == "plate"
 
 
+def test_a_thin_round_thing_is_a_disc() -> None:
+    rows, columns = np.mgrid[:72, :96]
+    puck = observed((rows - 36) ** 2 + (columns - 48) ** 2 <= 400, 1.0)
+    diameter = 40.0 / FOCAL
+    disc = relief_of(puck, thickness=0.15 * diameter)
+    assert disc.kind == "plate" and np.ptp(disc.front[disc.mask]) < 1e-6
+    assert (disc.back - disc.front)[disc.mask] == pytest.approx(0.15 * diameter, rel=0.05)
+    assert relief_of(puck, thickness=0.9 * diameter).kind == "ball"
+
+
 @pytest.mark.parametrize("count", [60, 200, 450])
 def test_plate_volume_number_and_layers(plate, count: int) -> None:
     relief = relief_of(plate, thickness=0.02)

@@ -8,9 +8,10 @@ import torch
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.object.gaussians import pixel_aligned, rest_covariances, view_camera
+from seeing_wind.engine.object.look import fit
 from seeing_wind.engine.object.particles import fill
 from seeing_wind.engine.object.relief import relief_of
-from seeing_wind.engine.object.splatting import PIXEL_FILTER, blend, fit, one_thread, picture, project, tiles_of
+from seeing_wind.engine.object.splatting import PIXEL_FILTER, blend, one_thread, picture, project, tiles_of
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Camera
 

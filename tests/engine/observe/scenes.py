@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,3 +93,22 @@ def ball_scene(folder: Path, acceleration: float = 1.2) -> Scene:
     t = np.arange(10.0)
     centers = np.stack([18.3 + 19.0 * t, 110.4 - 12.0 * t + 0.5 * acceleration * t**2], axis=1)
     return moving_body(folder, centers, 0.0 * t, 5.0, None)
+
+
+def painted_scene(folder: Path, centers: np.ndarray, angles: np.ndarray, radius: float, body: Callable[..., np.ndarray]) -> Scene:
+    """A disc of `radius` at `centers` (T+1, 2), turned by `angles` (T+1,) rad, before mottled paper.
+
+    body(t, dx, dy) gives its colours (h, w, 3) at offsets (h, w) from the centre.
+    """
+    rng = np.random.default_rng(6)
+    paper = noise(rng, (HEIGHT, WIDTH), (95, 82, 66), (150, 136, 114), 1.5)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
+    frames, masks = [], []
+    for t, center in enumerate(centers):
+        dx, dy = columns - center[0], rows - center[1]
+        cover = np.clip(radius + 0.5 - np.hypot(dx, dy), 0, 1)
+        picture = paper + cover[..., None] * (body(t, dx, dy) - paper) + rng.normal(0, 1.0, paper.shape)
+        frames.append(cv2.GaussianBlur(np.clip(np.round(picture), 0, 255).astype(np.uint8), (0, 0), 0.8))
+        masks.append(cover > 0.5)
+    write_video(folder / "clip.avi", frames, 30.0)
+    return Scene(folder / "clip.avi", np.stack(frames), np.stack(masks), centers, angles)

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scenes import HEIGHT, WIDTH, Scene, ball_scene, moving_body, noise
+from scenes import HEIGHT, WIDTH, Scene, ball_scene, moving_body, noise, painted_scene
 
 from seeing_wind.engine.arguments import parser
 from seeing_wind.engine.errors import ObjectError, UsageError
@@ -32,6 +32,22 @@ def test_loose_box(disc: Scene) -> None:
     x0, y0, x1, y1 = disc.box
     seen = observe(disc.path, ObserveSettings(box=(x0 - 9.5, y0 - 8.2, x1 + 8, y1 + 9), distance=1.0), NoProgress())
     assert overlap(seen.masks, disc.masks).min() > 0.9
+
+
+def test_a_highlight_like_the_background_is_not_lost(tmp_path: Path) -> None:
+    """A red ball pales from above to about the paper's colour while it swings."""
+    t = np.arange(28)
+    red, pale = np.array([150.0, 30.0, 25.0]), np.array([165.0, 140.0, 118.0])
+
+    def body(picture: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        share = 1.0 / (1.0 + np.exp((dy + 22.0 - 2.0 * min(picture, 11)) / 3.0))[..., None]
+        return (1.0 - share) * red + share * pale
+
+    scene = painted_scene(tmp_path, np.stack([40 + 5.0 * t, 70 + 10 * np.sin(0.4 * t)], axis=1), 0.0 * t, 26.0, body)
+    cv2.imwrite(str(tmp_path / "mask.png"), scene.masks[0].astype(np.uint8))
+    seen = observe(scene.path, ObserveSettings(mask=str(tmp_path / "mask.png"), distance=1.0), NoProgress())
+    assert overlap(seen.masks, scene.masks).min() > 0.8
+    assert np.abs(np.stack([np.argwhere(mask).mean(axis=0)[::-1] for mask in seen.masks]) - scene.centers).max() < 3.0
 
 
 def test_a_box_that_cuts_a_small_thing(tmp_path: Path) -> None:

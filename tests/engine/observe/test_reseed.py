@@ -83,7 +83,7 @@ def seen(board: tuple[Path, np.ndarray]) -> Observation:
 def body(seen: Observation) -> Body:
     with pytest.MonkeyPatch.context() as patch:
         # How the body looks is not asked here, and fitting it takes longest.
-        patch.setattr("seeing_wind.engine.object.splatting.fit", lambda gaussians, *_, **__: (gaussians, 40.0))
+        patch.setattr("seeing_wind.engine.object.look.fit", lambda gaussians, *_, **__: (gaussians, 40.0))
         return build(seen, BuildSettings(thickness=DEPTH, particles=150), NoProgress())
 
 

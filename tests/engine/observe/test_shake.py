@@ -9,7 +9,7 @@ from scenes import HEIGHT, WIDTH, Scene, disc_scene, noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.camera import find_camera
-from seeing_wind.engine.observe.shake import as_filmed, camera_turns, homography, steadied, through
+from seeing_wind.engine.observe.shake import as_filmed, camera_turns, homography, steadied, through, without_spikes
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -82,6 +82,20 @@ def test_steadying_and_back_again() -> None:
     xy = rng.uniform(40, 120, (13, 5, 2))
     back, _ = as_filmed(xy, np.zeros(frames.shape[:3], bool), turns, CAMERA)
     assert np.allclose(np.stack([through(homography(turn, CAMERA), points) for turn, points in zip(turns, back)]), xy)
+
+
+def test_a_turn_that_jumps_away_and_back_is_a_mistake() -> None:
+    turns = turns_of_a_hand()
+    assert np.array_equal(without_spikes(turns, CAMERA), turns)
+    jump = cv2.Rodrigues(np.array([0.0, 9.0 / CAMERA.fx, 0.0]))[0]
+    wrong = turns.copy()
+    wrong[6] = jump @ wrong[6]
+    middle = np.array([[0.5 * WIDTH, 0.5 * HEIGHT]])
+    places = [through(homography(turn, CAMERA), middle)[0] for turn in (turns[6], wrong[6], without_spikes(wrong, CAMERA)[6])]
+    assert np.linalg.norm(places[1] - places[0]) > 8.0 and np.linalg.norm(places[2] - places[0]) < 2.0
+    # A camera that is pushed stays where it was pushed to.
+    pushed = np.concatenate([turns[:6], jump @ turns[6:]])
+    assert np.array_equal(without_spikes(pushed, CAMERA), pushed)
 
 
 def test_unrelated_pictures_are_no_tremble() -> None:

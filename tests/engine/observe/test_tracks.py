@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scenes import Scene, moving_body
+from scenes import Scene, moving_body, painted_scene
 from scipy.interpolate import RBFInterpolator
 
 from seeing_wind.engine.errors import UsageError
@@ -42,6 +42,26 @@ def test_sigma_says_how_far_off_a_track_is(disc: Scene, disc_seen: Observation) 
     # A 2D gaussian's median distance is 1.18 sigma.
     assert 0.3 < np.median(ratio) < 2.4
     assert (disc_seen.sigma > 0).all() and np.isfinite(disc_seen.sigma).all() and np.isfinite(disc_seen.xy).all()
+
+
+def test_a_rim_that_does_not_turn_is_not_followed(tmp_path: Path) -> None:
+    """A plain disc with eight spots turns in a rim whose reflections stay where the light is."""
+    t = np.arange(10.0)
+    angles = 0.06 * t
+
+    def body(picture: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        turn = angles[picture]
+        u, v = np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
+        spots = [(16 * np.cos(2.4 * k), 12 * np.sin(2.4 * k + 0.4)) for k in range(8)]
+        plain = 45.0 + sum(70.0 * np.exp(-0.5 * ((u - x) ** 2 + (v - y) ** 2) / 2.2**2) for x, y in spots)
+        inside = np.clip(27.5 - np.hypot(dx, dy), 0, 1)
+        return np.repeat((inside * plain + (1 - inside) * (190 + 30 * np.cos(9 * np.arctan2(dy, dx))))[..., None], 3, axis=2)
+
+    scene = painted_scene(tmp_path, np.stack([50 + 9 * t, np.full(10, 80.0)], axis=1), angles, 34.0, body)
+    seen = observe(scene.path, ObserveSettings(box=scene.box, distance=1.0), NoProgress())
+    off = errors(seen, np.stack([scene.moved(seen.xy[0], k) for k in range(10)]))
+    assert seen.visible[-1].sum() >= 6 and not seen.on_centroid.any()
+    assert np.percentile(off, 75) < 0.4
 
 
 def test_alignment_recovers_a_known_affine() -> None:

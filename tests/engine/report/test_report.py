@@ -78,7 +78,8 @@ def test_all_files(tmp_path, pictures):
     assert figures["truth"]["direction_degrees"] == pytest.approx(0, abs=1e-4)
     page = cv2.imread(str(take.file("report.png")))
     assert page.shape[1] > 1000 and page.std() > 20
-    assert sorted(path.name for path in take.path.iterdir()) == ["overlay.mp4", "report.json", "report.png", "resimulated.mp4"]
+    names = ["gaussians.ply", "overlay.mp4", "report.json", "report.png", "resimulated.mp4"]
+    assert sorted(path.name for path in take.path.iterdir()) == names
 
 
 def test_a_report_without_a_clip_or_anything_seen(tmp_path):

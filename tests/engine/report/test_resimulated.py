@@ -10,7 +10,8 @@ import pytest
 
 from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Observation, Recovery
-from seeing_wind.engine.report.resimulated import psnr, resimulated, ssim, write_resimulated
+from seeing_wind.engine.report.backdrop import relit
+from seeing_wind.engine.report.resimulated import look_over_clip, psnr, resimulated, ssim, write_resimulated
 from seeing_wind.engine.take import Take
 
 from .test_report import COUNT, FRAMES, body, observation, recovery
@@ -33,8 +34,8 @@ def coloured() -> tuple[Observation, Body, Recovery]:
 
 def test_the_motion_that_was_filmed_is_like_the_clip_and_another_is_not(tmp_path):
     seen, blobs, found = coloured()
-    filmed = np.stack(list(resimulated(np.zeros((FRAMES + 1, *seen.image.shape), np.uint8), seen, blobs, found)))
-    masks = (np.abs(filmed.astype(int) - seen.background) > 8).any(axis=-1)
+    filmed = np.stack(list(resimulated(np.repeat(seen.background[None], FRAMES + 1, axis=0), seen, blobs, found)))
+    masks = (np.abs(filmed.astype(int) - seen.background) > 2).any(axis=-1)
     middle = [np.nonzero(mask)[1].mean() for mask in masks]
     assert np.diff(middle) == pytest.approx(0.06 * 150.0 / 2.0, abs=1.0), "0.06 m a frame, 75 px/m"
     seen = dataclasses.replace(seen, masks=masks)
@@ -57,6 +58,37 @@ def test_a_moving_camera_keeps_each_pictures_own_background():
     filmed[2] = 200
     pictures = list(resimulated(filmed, seen, blobs, found))
     assert (pictures[2][:10] == 200).all() and (pictures[1][:10] == 90).all()
+
+
+def test_the_plate_gets_the_pictures_shadow_and_not_the_object():
+    rng = np.random.default_rng(2)
+    plate = cv2.GaussianBlur(rng.uniform(60, 200, (90, 120, 3)), (0, 0), 1.0).round().astype(np.uint8)
+    rows, columns = np.mgrid[:90, :120]
+    shade = 1.0 - 0.5 / (1.0 + np.exp((columns - 40.0) / 6.0))
+    lit = plate * shade[..., None]
+    mask = (rows > 30) & (rows < 60) & (columns > 50) & (columns < 90)
+    image = np.where(mask[..., None], [255, 0, 0], lit).round().astype(np.uint8)
+    found = relit(plate, image, mask)
+    near = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    assert np.abs(found - lit)[~near].max() < 6.0 and np.abs(plate - lit)[~near].max() > 60.0
+    assert np.abs(found - lit)[mask].mean() < 6.0, "behind the object, where no light is seen, it is that from around"
+    assert (relit(plate, plate, mask) == plate).all() and (relit(np.zeros_like(plate), image, mask) == 0).all()
+
+
+def test_a_look_for_the_whole_clip_keeps_the_motion(tmp_path):
+    seen, blobs, found = coloured()
+    walls = np.repeat(seen.background[None], FRAMES + 1, axis=0)
+    filmed = np.stack(list(resimulated(walls, seen, blobs, found)))
+    seen = dataclasses.replace(seen, masks=(np.abs(filmed.astype(int) - seen.background) > 2).any(axis=-1))
+    faded = dataclasses.replace(blobs.gaussians, sh=0.3 * blobs.gaussians.sh)
+    pale = dataclasses.replace(blobs, gaussians=faded)
+    before = write_resimulated(Take(tmp_path / "pale"), filmed, seen, pale, found)
+    fitted = look_over_clip(filmed, seen, pale, found)
+    after = write_resimulated(Take(tmp_path / "fitted"), filmed, seen, fitted, found)
+    assert before["psnr"] < 30.0 and after["psnr"] > before["psnr"] + 8.0
+    assert (fitted.gaussians.x[:COUNT] == blobs.gaussians.x).all() and (fitted.particles.x == blobs.particles.x).all()
+    with pytest.raises(ClipError, match="ends at picture 3"):
+        look_over_clip(filmed[:3], seen, pale, found)
 
 
 def test_measures_against_their_definitions():
