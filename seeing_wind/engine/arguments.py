@@ -155,7 +155,7 @@ def _recover(p: Parser) -> None:
     asked = p.add_argument_group("who is asked what it is made of", "a vision-language model; --material is what stays if it fails")
     asked.add_argument("--material-endpoint", metavar="URL", help="OpenAI-compatible address, such as http://localhost:11434/v1")
     asked.add_argument("--material-model", metavar="NAME", help="the endpoint's name of the model")
-    p.add_argument("--thickness", type=positive, metavar="M", help="metres of body behind the visible surface; guessed if not given")
+    p.add_argument("--thickness", type=positive, metavar="M", help="metres of body behind the visible surface; else seen or guessed")
     p.add_argument(
         "--particles",
         type=whole(8, 100_000),

@@ -26,6 +26,8 @@ CONSTANT = 0.5
 """c: variance of the part that never changes, relative to the changing part's."""
 STRETCH = 0.1
 """Standard deviation of the field's symmetric gradient under one camera, relative to what the rest of the prior implies."""
+PLASTIC_STRETCH = 0.3
+"""The same for bodies that flow, which forces really stretch: with less, a ball that is squeezed was taken for one that moves in depth."""
 SAMPLES_PER_MODE = 3
 JITTER = 1e-8
 """Variance of every mode relative to the mean one: none is ruled out, and the inverse exists."""
@@ -119,14 +121,14 @@ class Prior:
         full[range(len(field), self.count), range(len(field), self.count)] = 1.0 / self.velocity**2
         return full
 
-    def turning(self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float) -> Prior:
+    def turning(self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, share: float = STRETCH) -> Prior:
         """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it."""
         rows = stretch_rows(basis, x, F, spacing)
         count = len(self.places.at)
         modes = self.places.covariance(self.kernel).reshape(count, len(self.places.project), count, -1)
         space = np.einsum("kmkn->kmn", modes)
         time = over_time(self.places.at, torch.tensor(self.kernel.duration, dtype=torch.float64)).numpy()
-        return replace(self, stretch=stretch_precision(rows, time, space, self.kernel.covariance, STRETCH))
+        return replace(self, stretch=stretch_precision(rows, time, space, self.kernel.covariance, share))
 
 
 def modes_worth(kernel: Kernel, basis: SpatialBasis, x: np.ndarray, share: float) -> int:

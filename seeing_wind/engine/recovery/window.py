@@ -23,7 +23,7 @@ from .forward import Forward
 from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of, solve
 from .objective import Objective
 from .point_channels import PointChannels
-from .prior import Kernel, Places, Prior, modes_worth
+from .prior import PLASTIC_STRETCH, STRETCH, Kernel, Places, Prior, modes_worth
 from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
 from .track_channels import TrackChannels
 from .warm_start import warm_start
@@ -250,7 +250,8 @@ class WindowSolver:
         path = forward.trajectory(theta, forward.rough)
         speed = self.expected.speed[: len(forward.velocity)]
         prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), speed)
-        return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing) if one_camera else prior
+        share = PLASTIC_STRETCH if self.model.plastic else STRETCH
+        return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, share) if one_camera else prior
 
     def _learn(self, prior: Prior, forward: Forward, solution: Solution) -> tuple[Prior, Linearisation]:
         """The prior's sizes and, for points of a free body, how far the solver is from the real one; the linearisation with that known.

@@ -132,6 +132,7 @@ def _figures(
             "youngs_modulus": recovery.youngs_modulus,
             "given": material.youngs_modulus,
             "relative_deviation": recovery.stiffness_deviation,
+            "clamp_depth": recovery.clamp_depth,
         }
     if settings is not None:
         figures["settings"] = to_mapping(settings)

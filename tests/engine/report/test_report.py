@@ -82,6 +82,17 @@ def test_all_files(tmp_path, pictures):
     assert sorted(path.name for path in take.path.iterdir()) == names
 
 
+def test_the_stiffness_that_was_found_stands_beside_the_one_given(tmp_path):
+    found, particles = recovery()
+    field, given = UniformField(BOX, FPS, FRAMES, FORCE), body(particles).material
+    plain = write_trajectory_report(Take(tmp_path / "a.take"), particles, given, found, field, {})
+    softer = dataclasses.replace(found, youngs_modulus=8e5, stiffness_deviation=0.03, clamp_depth=0.7)
+    told = write_trajectory_report(Take(tmp_path / "b.take"), particles, given, softer, field, {})
+    assert "stiffness" not in plain and plain["material"]["youngs_modulus"] == 1e6
+    assert told["stiffness"] == {"youngs_modulus": 8e5, "given": 1e6, "relative_deviation": 0.03, "clamp_depth": 0.7}
+    assert told["material"]["youngs_modulus"] == 8e5
+
+
 def test_a_report_without_a_clip_or_anything_seen(tmp_path):
     found, particles = recovery()
     found = dataclasses.replace(found, residual=np.full(FRAMES + 1, np.nan), residual_unit="m")
