@@ -12,11 +12,13 @@ With shapes and opacities fixed a picture is linear in these harmonics: they are
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
 
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Recovery
@@ -148,20 +150,17 @@ def _solved(gaussians: Gaussians, equations: list[_Equations], progress: Progres
         rest += gathered(one, one.colour - seen(one, start))
         filled = np.asarray(one.weights.multiply(one.weights).sum(axis=0)).reshape(-1, 1)
         size += (one.trust * filled * one.harmonics**2)[..., None]
-    change = np.zeros_like(start)
-    along = ready = rest / size
-    steep = float((rest * ready).sum())
-    for iteration in range(ITERATIONS):
-        progress.update(0.7 + 0.3 * iteration / ITERATIONS, "look over the clip")
-        if steep <= 1e-12 * count:
-            break
-        pushed = hold * along
-        for one in equations:
-            pushed += gathered(one, seen(one, along))
-        length = steep / float((along * pushed).sum())
-        change += length * along
-        rest -= length * pushed
-        ready = rest / size
-        before, steep = steep, float((rest * ready).sum())
-        along = ready + steep / before * along
+    done = itertools.count()
+
+    def product(flat: np.ndarray) -> np.ndarray:
+        progress.update(0.7 + 0.3 * min(next(done) / ITERATIONS, 1.0), "look over the clip")
+        sh = flat.reshape(start.shape)
+        return (hold * sh + sum(gathered(one, seen(one, sh)) for one in equations)).ravel()
+
+    shape = (start.size, start.size)
+    normal = LinearOperator(shape, product, dtype=np.float32)
+    scale = np.broadcast_to(1.0 / size, start.shape).ravel()
+    rescaled = LinearOperator(shape, lambda flat: scale * flat.ravel(), dtype=np.float32)
+    # The iterations that there are do: what they leave is not seen.
+    change = cg(normal, rest.ravel(), maxiter=ITERATIONS, M=rescaled)[0].reshape(start.shape)
     return (start + change).astype(np.float64)

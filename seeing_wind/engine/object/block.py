@@ -110,19 +110,20 @@ class Block:
     def held(self, points: np.ndarray, pin: np.ndarray) -> np.ndarray:
         """Which of the points (M, 3) [m] of the body lie behind what `pin` (H, W) holds, straight behind the plane where it is painted."""
         result = np.zeros(len(points), bool)
-        for plane in (self.face, *self.sides):
-            result |= self._at(pin & self._shown(plane), points + plane.behind(points)[:, None] * plane.normal)
+        shown = self._shown()
+        for number, plane in enumerate((self.face, *self.sides)):
+            result |= self._at(pin & (shown == number), points + plane.behind(points)[:, None] * plane.normal)
         return result
 
-    def _shown(self, plane: Plane) -> np.ndarray:
-        """(H, W) pixels whose rays meet this plane before any other of the visible ones: the last that a ray into a convex body crosses."""
+    def _shown(self) -> np.ndarray:
+        """(H, W) int which plane a pixel shows, the face (0) or a side: the last one that a ray into a convex body crosses. -1 off it."""
         rows, columns = np.nonzero(self.mask)
         xy = np.stack([columns, rows], axis=1).astype(float)
         origin, ahead = self.camera.unproject(xy, np.zeros(len(xy))), self.camera.unproject(xy, np.ones(len(xy)))
         planes = (self.face, *self.sides)
         entries = np.stack([one.behind(origin) / np.minimum((ahead - origin) @ one.normal, -1e-9) for one in planes])
-        shown = np.zeros_like(self.mask)
-        shown[rows, columns] = entries.argmax(axis=0) == next(number for number, one in enumerate(planes) if one is plane)
+        shown = np.full(self.mask.shape, -1)
+        shown[rows, columns] = entries.argmax(axis=0)
         return shown
 
     def _at(self, picture: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -52,8 +52,8 @@ def test_a_box_seen_at_an_angle_is_built_as_it_is(sides, turn) -> None:
     np.testing.assert_allclose(np.average(local, axis=0, weights=particles.volume), 0.0, atol=0.002)
     inside = np.abs(local) / (np.array(sides) / 2)
     assert inside.max() < 1.03 and (inside.max(axis=0) > 0.45).all()
-    aligned = scipy.spatial.transform.Rotation.from_matrix(relief.block.frame() @ turn).magnitude() % (np.pi / 2)
-    assert relief.block.frame() @ relief.block.frame().T == pytest.approx(np.eye(3), abs=1e-9) and np.isfinite(aligned)
+    # The lattice lies along the box: each of its directions is one of the box's, up to its sign.
+    np.testing.assert_allclose(np.sort(np.abs(relief.block.frame() @ turn), axis=1), [[0, 0, 1]] * 3, atol=0.02)
 
 
 @pytest.mark.parametrize(("sides", "turn"), [(PLATE, turned(50)), (POST, turned(80, 0, 25))])
