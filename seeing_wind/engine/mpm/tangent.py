@@ -23,6 +23,9 @@ from .rollout import conditioned
 from .state import State
 from .tangent_kernels import LANES, RECORD, SOURCE, STATE
 
+LEAST_MASS = 1e-12
+"""Nodes with less than this share of the lightest particle's mass do not move: a particle on the edge between two cells gives the far node
+of one a weight that is rounding, and its inverse is beyond single precision."""
 _WORK_PER_CALL = 6_000_000
 """Changes of a particle in a substep between two safe points."""
 
@@ -150,7 +153,7 @@ class _Carrier:
             grid, status = np.empty((1, self.capacity, 4)), np.zeros(4, np.int32)
             tangent_kernels.record_frame(
                 m.plastic, m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role, m.clamp_lo, m.clamp,
-                m.offset, m.dx, m.frame_dt / substeps, acceleration[None], gradient[None],
+                m.offset, m.dx, m.frame_dt / substeps, acceleration[None], gradient[None], LEAST_MASS * float(m.mass.min()),
                 self.x, self.v, self.C, self.F, self.boxes, self.inverse_mass, grid, status,
             )  # fmt: skip
             if status[0] != substep.GRID_FULL:

@@ -42,8 +42,9 @@ inverse_masses = ti.types.ndarray(dtype=ti.f32, ndim=2)
 def record_frame(
     plastic: ti.template(), mass: scalars, volume: scalars, mu: scalars, lam: scalars, yield_stress: scalars, viscosity: scalars,
     law: integers, role: integers, clamp_lo: ti.types.vector(3, ti.i32), clamp: nodes, offset: vec3, dx: ti.f64, dt: ti.f64,
-    acceleration: vectors, gradient: matrices,
+    acceleration: vectors, gradient: matrices, least_mass: ti.f64,
     # out: states (S+1, N), of which the first is given; boxes (S, 6): first node, node counts; inverse mass (S, nodes), zero if it stands
+    # or has less than least_mass [kg]
     x: vectors, v: vectors, C: matrices, F: matrices, boxes: table, inverse_mass: inverse_masses,
     grid: grids, status: integers,
 ):  # fmt: skip
@@ -72,7 +73,7 @@ def record_frame(
                     if 0 <= c[0] < clamp.shape[0] and 0 <= c[1] < clamp.shape[1] and 0 <= c[2] < clamp.shape[2]:
                         stands = clamp[c[0], c[1], c[2]] != 0
                     inverse = 0.0
-                    if m > 0.0 and not stands:
+                    if m > least_mass and not stands:
                         inverse = 1.0 / m
                     inverse_mass[s, node] = ti.cast(inverse, ti.f32)
                 momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, 0)

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from ..errors import ObjectError
 from ..records import Particles
 from .block import Block
+from .pins import held_dots
 from .relief import Relief
 
 MIN_SPACING_PIXELS = 2.0
@@ -112,8 +113,7 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
     centre = np.stack([np.bincount(nearest, weight * dots[:, i], number) for i in range(3)], axis=1) / volume[:, None]
     pinned = np.zeros(number, dtype=bool)
     if held.any():
-        rows, columns = np.nonzero(relief.mask)
-        on_pin = held[rows, columns][ray] if block is None else on_pin
+        on_pin = held_dots(relief, held, dots, ray) if block is None else on_pin
         share = np.bincount(nearest, weight * on_pin, number) / volume
         pinned = share > min(0.5, 0.99 * share.max())  # a pin smaller than a cell holds the cells it lies in
     return Particles(x=centre, volume=volume, pinned=pinned, spacing=spacing)

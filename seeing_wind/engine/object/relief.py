@@ -5,7 +5,7 @@ One picture shows a front only. The back is a guess by rules that a user can che
 - a measured front of flat faces that shows the sides of a plate or post is the block that these sides bound (`block`),
 - a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere;
   a given thickness that is much less than its diameter makes it a disc,
-- a measured front that bulges towards the camera is inflated by as much behind,
+- a measured front that bulges towards the camera is inflated by as much behind (`inflate`),
 - a silhouette much longer than broad is a post, as thick as it is broad,
 - everything else is a plate, a few percent of its size thick.
 """
@@ -20,6 +20,7 @@ from scipy import ndimage
 from ..errors import ObjectError
 from ..records import Camera, Observation
 from .block import Block, find_block
+from .inflate import inflate
 
 MIN_PIXELS = 16
 """Fewer pixels than this carry no shape."""
@@ -34,7 +35,7 @@ LONG = 4.0
 """Length over breadth from which a silhouette is a post."""
 
 BULGE = 0.35
-"""Rise of the middle over the rim, in inscribed radii, from which a front is solid: 1 for a ball, about 0 for a plate."""
+"""Rise of a front over its rim from which it is solid, relative to that of something round: 1 for a ball, about 0 for a plate."""
 
 PLATE_THICKNESS = 0.05
 """Thickness of a plate in units of the square root of its area: thick enough for the solver's grid, thin to the eye."""
@@ -96,7 +97,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     metre_per_pixel = float(np.median(front[mask & (rim < 0.05 * rim.max() + 1.0)])) / np.sqrt(camera.fx * camera.fy)
     area, radius = float(mask.sum()) * metre_per_pixel**2, float(rim.max()) * metre_per_pixel
     block = None if flat else find_block(front, mask, camera)
-    kind = _kind(mask, rim, front, flat, camera) if block is None else "block"
+    rounded = None if flat or block is not None else inflate(front, mask, metre_per_pixel)
+    kind = _kind(mask, rim, front, None if rounded is None else rounded.bulge, camera) if block is None else "block"
     if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):
         raise ObjectError(f"The thickness {thickness} is no positive number of metres.", "Give metres behind the visible surface.")
     distance = float(np.median(front[mask]))
@@ -118,9 +120,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         largest = float((far - near)[mask].max()) * middle
         profile = np.maximum(middle * far - front, THINNEST * metre_per_pixel) * (1.0 if thickness is None else thickness / largest)
     elif kind == "solid":
-        depth_of_rim = np.minimum(rim * metre_per_pixel, radius)
-        profile = 2.0 * np.sqrt(np.maximum(radius**2 - (radius - depth_of_rim) ** 2, 0.0))
-        profile *= 1.0 if thickness is None else thickness / (2.0 * radius)
+        assert rounded is not None  # only a measured front bulges
+        profile = rounded.thickness * (1.0 if thickness is None else thickness / rounded.thickness.max())
     else:
         guess = 2.0 * radius if kind == "post" else PLATE_THICKNESS * np.sqrt(area)
         profile = (guess if thickness is None else thickness) * slant(front, camera)
@@ -206,23 +207,13 @@ def _fill(image: np.ndarray, known: np.ndarray) -> np.ndarray:
     return image[rows, columns]
 
 
-def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, flat: bool, camera: Camera) -> str:
-    """ball, solid, post or plate: see the module's text."""
+def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | None, camera: Camera) -> str:
+    """ball, solid, post or plate: see the module's text. `bulge` as in `inflate`, None where no depth was measured."""
     rows, columns = np.nonzero(mask)
     xy = np.stack([columns, rows], axis=1).astype(float)
-    depth, distance, radius = front[rows, columns], rim[rows, columns], rim.max()
-    inscribed = np.pi * radius**2 / len(xy)
-    rise = 0.0
-    inner, outer = distance > 0.6 * radius, distance < 0.25 * radius + 0.5
-    if not flat and inner.any() and outer.any():
-        # How far the front's middle rises over its rim, the slope of the whole taken off.
-        plane = np.column_stack([np.ones(len(xy)), xy])
-        residual = depth - plane @ np.linalg.lstsq(plane, depth, rcond=None)[0]
-        metre_per_pixel = np.median(depth[outer]) / np.sqrt(camera.fx * camera.fy)
-        rise = float(residual[outer].mean() - residual[inner].mean()) / (radius * metre_per_pixel)
-    if inscribed > ROUND and (flat or rise > BULGE):
+    if np.pi * rim.max() ** 2 / len(xy) > ROUND and (bulge is None or bulge > BULGE):
         return "ball"
-    if rise > BULGE:
+    if bulge is not None and bulge > BULGE:
         return "solid"
-    spread = np.linalg.eigvalsh(np.cov(camera.unproject(xy, depth).T))
+    spread = np.linalg.eigvalsh(np.cov(camera.unproject(xy, front[rows, columns]).T))
     return "post" if np.sqrt(spread[2] / spread[1]) > LONG else "plate"

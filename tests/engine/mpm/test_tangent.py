@@ -110,3 +110,20 @@ def test_changes_of_the_start():
 def test_bodies_that_flow_are_refused():
     assert applies_to(body()[0])
     assert not applies_to(body("von_mises")[0])
+
+
+def test_particles_on_the_edge_between_two_cells():
+    """Their far nodes get weights that are rounding, 1e-32 along each axis: the changes are those of a body a little beside the edge."""
+    particles = block((4, 3, 5))
+    model, _ = model_for(particles, RUBBER, FPS, gravity=(0.0, 0.0, 0.0))
+    basis = spatial_basis(particles.x, model.mass, 4)
+    change = np.random.default_rng(5).standard_normal((LANES, FRAMES, 4, 3))
+    found = []
+    for beside in (1e-15, 1e-6):
+        on_edge = replace(model, offset=particles.x[0] - (0.5 + beside) * model.dx)
+        place = (particles.x[0] - on_edge.offset) / model.dx - 0.5
+        assert (place > 0.0).all() and (place < 2.0 * beside).all()
+        start = State.at_rest(particles.x)
+        _, dx = tangents(on_edge, start, basis.phi, basis.gradient, np.zeros((FRAMES, 4, 3)), Changes(change), NoProgress())
+        found.append(dx)
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-4 * np.abs(found[1]).max())
