@@ -22,6 +22,8 @@ SHRUNK, WIDER = 0.02, 8.0
 """How much what surrounds that window counts, and how much wider it is."""
 FLATTEST, DEEPEST = 0.3, 1.5
 """Bulges are taken to lie between these: 1 is round."""
+CLOSEST = 0.5
+"""Radius over distance of what fills the picture; nothing is taken to be nearer."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,10 @@ def inflate(front: np.ndarray, mask: np.ndarray, pixel: float) -> Inflated:
     cut = ndimage.find_objects(mask.astype(int))[0]
     union = balls(mask[cut])
     local, whole = bulges(front[cut], mask[cut], pixel, union)
+    # A ball's outline is not its widest circle: that one lies behind it by the radius times radius over distance.
+    hidden = np.minimum(union.radius * pixel / front[cut], CLOSEST)
     thickness = np.zeros(mask.shape)
-    thickness[cut] = 2.0 * pixel * np.clip(local, FLATTEST, DEEPEST) * union.half
+    thickness[cut] = 2.0 * pixel * np.clip(local / (1.0 - hidden), FLATTEST, DEEPEST) * union.half
     return Inflated(thickness, whole)
 
 

@@ -102,7 +102,7 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
     else:
         layers = int(layers_of(np.array([block.depth]), spacing)[0])
         spacing = max(float(np.sqrt(total / block.depth * layers / count)), MIN_SPACING_PIXELS * pixel)
-        on_pin = block.held(dots, held) if held.any() else np.zeros(len(dots), bool)
+        on_pin = held_dots(relief, held, dots, ray) if held.any() else np.zeros(len(dots), bool)
         sites, cell = _in_block(block, dots, spacing, layers, on_pin)
     sites, inverse = np.unique(sites, axis=0, return_inverse=True)
     covered = np.bincount(inverse.ravel(), weight)

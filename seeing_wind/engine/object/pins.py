@@ -1,20 +1,25 @@
 """What of a solid is held: the painted part of the picture shows the border on the visible side only, and the border runs on inside.
 
 A pot is held up to its rim, also behind the rim, where the rays of unpainted pixels pass over it and go down. So the border is a plane:
-through the border that is seen, and, as far as that does not say how the plane is tilted, along the view.
+through the border that is seen, and, as far as that does not say how the plane is tilted, along the view. What is painted on the face of a
+block is held straight behind that face.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import ndimage
+from scipy.optimize import minimize
+from scipy.special import expit
 
 from .relief import Relief
 
-ALONG_VIEW = 0.05
-"""Weight of the plane running along the view, beside the border seen, for a body as thick as its border is long."""
+RIM = 2
+"""Pixels so near to the outline are not asked on which side of the border they are: paint seldom reaches the outline exactly."""
+SOFT, TILTED = 1e-4, 3.0
+"""Penalty on the sharpness of the border, and how much more on its tilt against the view."""
 MISPLACED = 0.1
-"""Share of the smaller part of the front that may lie on the wrong side of the plane; else every layer behind a painted pixel is held."""
+"""Share of the smaller part of the front that may lie on the wrong side; else every layer behind a painted pixel is held."""
 
 
 def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndarray) -> np.ndarray:
@@ -28,27 +33,45 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
     """
     rows, columns = np.nonzero(relief.mask)
     painted = held[rows, columns]
-    plane = _border_plane(relief, held & relief.mask)
-    if plane is not None:
-        front = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.0)
-        normal, offset = plane
-        wrong = (front @ normal < offset) != painted
-        if wrong.sum() <= MISPLACED * min(painted.sum(), (~painted).sum()):
-            return dots @ normal < offset
+    front = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.0)
+
+    def misplaced(guess: np.ndarray) -> float:
+        return float((guess != painted).sum() / max(1, min(painted.sum(), (~painted).sum())))
+
+    plane, block = _border_plane(relief, held & relief.mask), relief.block
+    by_plane = np.inf if plane is None else misplaced(front @ plane[0] < plane[1])
+    by_block = np.inf if block is None else misplaced(block.held(front, held))
+    if plane is not None and by_plane <= min(by_block, MISPLACED):
+        return dots @ plane[0] < plane[1]
+    if block is not None and by_block <= MISPLACED:
+        return block.held(dots, held)
     return painted[pixel]
 
 
 def _border_plane(relief: Relief, held: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Normal (3,) away from what is held, and offset [m], of the plane through the border; None where nothing borders on it."""
-    border = held & ndimage.binary_dilation(relief.mask & ~held)
-    if not border.any():
+    """The plane that parts best what is painted of the front from what is not, by logistic regression with a ridge.
+
+    Returns:
+        normal (3,) away from what is held, and offset [m]; None where nothing borders on it.
+    """
+    inner = ndimage.binary_erosion(relief.mask, iterations=RIM)
+    if not ((held & inner).any() and (inner & ~held).any()):
         return None
-    rows, columns = np.nonzero(border)
-    xy = np.stack([columns, rows], axis=1).astype(float)
-    front, back = relief.points(xy, 0.0), relief.points(xy, 1.0)
-    centre, ray = front.mean(axis=0), np.median(back - front, axis=0)
-    normal = np.linalg.eigh(np.cov(front.T, bias=True) + ALONG_VIEW * np.outer(ray, ray))[1][:, 0]
-    rows, columns = np.nonzero(held)
-    inside = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.0).mean(axis=0)
-    normal = normal if (inside - centre) @ normal < 0.0 else -normal
-    return normal, float(centre @ normal)
+    rows, columns = np.nonzero(inner)
+    front = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.0)
+    centre, axes, side = front.mean(axis=0), relief.camera.pose(0)[:3, :3], np.where(held[rows, columns], -1.0, 1.0)
+    scale = float(np.sqrt(front.var(axis=0).sum()))
+    local = np.column_stack([(front - centre) @ axes / scale, np.ones(len(front))])
+    ridge = SOFT * np.array([1.0, 1.0, TILTED, 0.0])
+
+    def loss(w: np.ndarray) -> tuple[float, np.ndarray]:
+        margin = side * (local @ w)
+        pull = -(side * expit(-margin)) @ local / len(local)
+        return float(np.logaddexp(0.0, -margin).mean() + ridge @ w**2), pull + 2.0 * ridge * w
+
+    w = minimize(loss, np.zeros(4), jac=True, method="L-BFGS-B").x
+    steep = float(np.linalg.norm(w[:3]))
+    if not steep > 0.0:
+        return None
+    normal = axes @ w[:3] / steep
+    return normal, float(centre @ normal - w[3] / steep * scale)
