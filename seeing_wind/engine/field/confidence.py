@@ -19,6 +19,9 @@ SUPPORTS = 400
 
 NEIGHBOURS = 6
 
+FALL = 0.25
+"""Standard deviation of the fall beyond half the reach, relative to the reach: under a tenth is left three spacings off the body."""
+
 FAR = 1e12
 """Metres beyond which nothing is known in any clip."""
 
@@ -51,7 +54,7 @@ class ConfidenceMap:
         weight = np.exp(-(distance**2 - nearest**2) / self.reach**2)
         value = (weight * self.value[frame].astype(np.float64)[index]).sum(axis=1) / weight.sum(axis=1)
         beyond = np.maximum(nearest[:, 0] - self.reach / 2, 0.0)
-        return value * np.exp(-0.5 * (beyond / (self.reach / 2)) ** 2)
+        return value * np.exp(-0.5 * (beyond / (FALL * self.reach)) ** 2)
 
     def tensors(self) -> dict[str, np.ndarray]:
         """What the field's file must hold besides `reach`."""
