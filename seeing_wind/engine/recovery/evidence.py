@@ -30,6 +30,9 @@ FLOOR = 0.02
 """Share of the variance that keeps the shape believed: no direction is ruled out for good."""
 ROUNDING = 1e-11
 """What is added to the diagonal of a covariance, relative to its mean, so that it stays positive definite in double precision."""
+FAITH = 20.0
+"""Logarithm of the odds for a belief before the clip is seen. Of noisy points the evidence for one is a few units either way, against a
+wrong one hundreds."""
 LARGEST = 30.0
 """Logarithms of sizes that a line search may try are no further from zero than this."""
 SMALLEST = 1e-12
@@ -137,3 +140,15 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         volume = np.linalg.slogdet(inner)[1] - 2.0 * other.log_volume
         evidence.append(-0.5 * (data @ (data - jacobian.T @ mean) + volume))
     return scales[int(np.argmax(evidence))]
+
+
+def held_to(belief: Prior, other: Prior, point: Linearisation) -> Prior:
+    """`belief`, unless the clip, linearised at `point`, speaks against it by more than FAITH in favour of the other prior."""
+    pull = point.normal @ point.theta - point.jacobian @ point.residual
+    evidence = []
+    for prior in (belief, other):
+        precision = prior.precision()
+        total = precision + point.normal
+        volume = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(total)[1]
+        evidence.append(0.5 * float(volume + pull @ np.linalg.solve(total, pull)))
+    return belief if evidence[0] > evidence[1] - FAITH else other

@@ -28,6 +28,8 @@ STRETCH = 0.1
 """Standard deviation of the field's symmetric gradient under one camera, relative to what the rest of the prior implies."""
 PLASTIC_STRETCH = 0.3
 """The same for bodies that flow, which forces really stretch: with less, a ball that is squeezed was taken for one that moves in depth."""
+MEASURED_STRETCH = 0.3
+"""The same of points in 3D and of several cameras, if the clip does not speak against it (`evidence.held_to`): noise hides a stretch."""
 SAMPLES_PER_MODE = 3
 JITTER = 1e-8
 """Variance of every mode relative to the mean one: none is ruled out, and the inverse exists."""

@@ -18,12 +18,12 @@ from ..mpm.state import State, Trajectory
 from ..progress import Progress
 from ..records import Particles
 from .basis import SpatialBasis, hats, velocity_basis
-from .evidence import learn, mismatch_scale
+from .evidence import held_to, learn, mismatch_scale
 from .forward import Forward
 from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of, solve
 from .objective import Objective
 from .point_channels import PointChannels
-from .prior import PLASTIC_STRETCH, STRETCH, Kernel, Places, Prior, modes_worth
+from .prior import MEASURED_STRETCH, PLASTIC_STRETCH, STRETCH, Kernel, Places, Prior, modes_worth
 from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
 from .track_channels import TrackChannels
 from .warm_start import warm_start
@@ -246,12 +246,21 @@ class WindowSolver:
 
     def _prior(self, kernel: Kernel, forward: Forward, theta: np.ndarray) -> Prior:
         """The prior of these sizes along the simulation under theta, with what one camera must believe of stretch."""
-        one_camera = len(self.objective.channels) == 1 and isinstance(self.objective.channels[0], TrackChannels)
         path = forward.trajectory(theta, forward.rough)
         speed = self.expected.speed[: len(forward.velocity)]
         prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), speed)
         share = PLASTIC_STRETCH if self.model.plastic else STRETCH
-        return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, share) if one_camera else prior
+        return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, share) if self._one_camera() else prior
+
+    def _one_camera(self) -> bool:
+        return len(self.objective.channels) == 1 and isinstance(self.objective.channels[0], TrackChannels)
+
+    def _believing(self, prior: Prior, forward: Forward, point: Linearisation) -> Prior:
+        """The prior with a belief about stretch, unless the clip speaks against it; that of one camera is given."""
+        if self._one_camera() or self.basis.phi.shape[1] == 1:
+            return prior
+        F = forward.trajectory(point.theta, forward.rough).F
+        return held_to(prior.turning(forward.basis, forward.x, F, forward.knot_spacing, MEASURED_STRETCH), prior, point)
 
     def _learn(self, prior: Prior, forward: Forward, solution: Solution) -> tuple[Prior, Linearisation]:
         """The prior's sizes and, for points of a free body, how far the solver is from the real one; the linearisation with that known.
@@ -262,14 +271,14 @@ class WindowSolver:
         point = solution.point
         prior = self._prior(self._learnt(prior, point.normal, solution.pull), forward, solution.theta)
         if self.particles.pinned.any() or not all(isinstance(one, PointChannels) for one in self.objective.channels):
-            return prior, point
+            return self._believing(prior, forward, point), point
         objective = self.objective
         self.objective = objective.mismatched(ABSORBED * mismatch_scale(prior, objective, point, MISMATCH_SCALES))
         rows = np.concatenate([point.jacobian, point.residual[None]])
         white = self.objective.whiten(objective.unwhitened(rows))
         point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
         pull = point.normal @ point.theta - point.jacobian @ point.residual
-        return replace(prior, kernel=self._learnt(prior, point.normal, pull)), point
+        return self._believing(replace(prior, kernel=self._learnt(prior, point.normal, pull)), forward, point), point
 
     def _learnt(self, prior: Prior, normal: np.ndarray, pull: np.ndarray) -> Kernel:
         """The prior's sizes learnt; a body that is seen as a point keeps the first ones, as it could only learn a depth that it has not."""
