@@ -11,7 +11,7 @@ from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.basis import hats, spatial_basis, velocity_basis
 from seeing_wind.engine.recovery.channels import noise_of
-from seeing_wind.engine.recovery.evidence import _log_evidence, learn
+from seeing_wind.engine.recovery.evidence import _log_evidence, held_to, learn
 from seeing_wind.engine.recovery.gauss_newton import Linearisation, solve
 from seeing_wind.engine.recovery.objective import Objective
 from seeing_wind.engine.recovery.point_channels import point_channels, wild
@@ -287,3 +287,19 @@ def test_evidence_of_sizes_beyond_all_measure_is_finite_and_small():
     data = rows @ torch.ones(20, dtype=torch.float64)
     evidence = [float(_log_evidence(size * rows @ rows.T, data)) for size in (1.0, 1e8, 1e18, 1e24)]
     assert np.isfinite(evidence).all() and (np.diff(evidence) < 0.0).all()
+
+
+@pytest.mark.parametrize("noise", [0.01, 100.0])
+def test_a_belief_is_given_up_when_the_clip_speaks_against_it(noise):
+    """Fields that stretch a body, seen sharply, refute that none does; seen through noise beyond their size they refute nothing."""
+    body = block((8, 6, 2))
+    basis, path = spatial_basis(body.x, body.volume, 6), still(body, 40)
+    F = np.broadcast_to(np.eye(3), (*path.shape[:2], 3, 3))
+    open_to_all = Prior(Kernel(9.0 * np.eye(3), uniform=0.1), Places.along(basis, path, 2.0), np.zeros(0))
+    belief = open_to_all.turning(basis, body.x, F, 2.0, 0.3)
+    white = np.random.default_rng(6).standard_normal(belief.count)
+    for true in (belief, open_to_all):
+        draw = np.linalg.cholesky(np.linalg.inv(true.precision())) @ white
+        point = Linearisation.at(np.zeros(len(draw)), -draw / noise, np.eye(len(draw)) / noise)
+        kept = held_to(belief, open_to_all, point)
+        assert kept is (open_to_all if true is open_to_all and noise < 1.0 else belief)
