@@ -56,7 +56,8 @@ def main() -> int:
         confidences.append(np.stack(confidence)[:, free].ravel())
         most, off = outside(field, truth["x"]), drift(field, read_trajectories(file), take)
         good &= most < UNKNOWN and off < DRIFT
-        print(f"{name:8} {by_confidence(errors[-1], confidences[-1])}   outside {most:.3f}   free run {off:.1f} % of the way off", flush=True)
+        fifths = by_confidence(errors[-1], confidences[-1])
+        print(f"{name:8} {fifths}   outside {most:.3f}   free run {off:.1f} % of the way off", flush=True)
     together, ratio = np.concatenate(errors), 0.0
     order = np.array_split(np.argsort(np.concatenate(confidences)), FIFTHS)
     ratio = together[order[0]].mean() / together[order[-1]].mean()

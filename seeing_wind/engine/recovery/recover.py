@@ -22,12 +22,13 @@ from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .basis import SpatialBasis, spatial_basis
+from .beliefs import Expected
 from .objective import Channels, Objective
 from .point_channels import point_channels
 from .posterior import posterior_deviation
 from .stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .track_channels import TrackChannels, track_channels
-from .window import FULL_KNOT, Expected, Found, WindowSolver
+from .window import FULL_KNOT, Found, WindowSolver
 
 FULL_MODES = 16
 OBSERVABLE = 0.1

@@ -4,7 +4,8 @@ A field's gradient has a part that turns a body and a symmetric part that stretc
 tracking error, and in one camera's picture a body that grew looks like one that came nearer, one that shrank to one side like one that
 tilted. Left to the data, such forces soak up every small mismatch. So under a single camera the prior gives the symmetric gradient a
 fraction of the variance that the rest of it implies. Noisy points in 3D hide a stretch as well: there, and from several views, the same is
-believed more weakly, and given up where the clip speaks against it (`evidence.held_to`), as in a field whose waves are shorter than the body.
+believed more weakly, and given up where the clip speaks against it (`evidence.held_to`), as in a field whose waves are shorter than the
+body.
 """
 
 from __future__ import annotations

@@ -18,12 +18,11 @@ from ..mpm.state import State, Trajectory
 from ..progress import Progress
 from ..records import Particles
 from .basis import SpatialBasis, hats, velocity_basis
-from .evidence import held_to, learn, mismatch_scale
+from .beliefs import Expected, learn_all, learnt, prior_along
 from .forward import Forward
 from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of, solve
 from .objective import Objective
-from .point_channels import PointChannels
-from .prior import MEASURED_STRETCH, PLASTIC_STRETCH, STRETCH, Kernel, Places, Prior, modes_worth
+from .prior import Kernel, Prior, modes_worth
 from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
 from .track_channels import TrackChannels
 from .warm_start import warm_start
@@ -47,24 +46,8 @@ ROUGH = 0.5
 """Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
 UNEXPECTED = 1e-4
 """Share of the field's variance over the body that may lie in modes which the solve leaves out."""
-MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
-"""Factors on the mismatch of points in 3D that are tried."""
-ABSORBED = 4.0
-"""How much of the mismatch looks like a force: what the residuals still show of it must be taken times this."""
 UNKNOWNS = 900
 """Most unknowns of the dense solve; beyond them the knots get sparser."""
-
-
-@dataclass(frozen=True)
-class Expected:
-    """What the clip as a whole says beforehand."""
-
-    size: float
-    """Root mean square acceleration of the field [m/s²]."""
-    speed: np.ndarray
-    """(V,) standard deviations of the initial velocities [m/s]."""
-    component: np.ndarray
-    """(3, 3) covariance of the force's components, trace at most 3, before anything is learnt."""
 
 
 @dataclass(frozen=True)
@@ -113,18 +96,18 @@ class WindowSolver:
         left = max(0, left - first.iterations)
         coarse, first, more = self._with_stiffness(coarse, prior, first, min(left, COARSE_ROUNDS), 0.45, COARSE_TOLERANCE)
         left, used = max(0, left - more), used + first.iterations + more
-        kernel = self._learnt(prior, first.point.normal, first.pull)
+        kernel = learnt(prior, first.point.normal, first.pull, self.expected, self.progress.check)
 
         self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
         worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
         fine = self._forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
-        prior = self._prior(kernel, fine, theta)
+        prior = prior_along(kernel, fine, theta, self.expected, self.objective)
         second = self._solve(fine, prior, theta, min(max(1, left), fine_iterations), (0.45, 0.8), "Solving finely")
         left = max(0, left - second.iterations)
         fine, second, more = self._with_stiffness(fine, prior, second, min(left, FINE_ROUNDS), 0.8, TOLERANCE)
         left, used = max(0, left - more), used + second.iterations + more
-        prior, point = self._learn(prior, fine, second)
+        prior, point, self.objective = learn_all(prior, fine, second, self.objective, self.expected, self.progress.check)
         last = self._solve(
             fine, prior, second.theta, min(left, 1), (0.8, 0.98), "Solving with what was learnt",
             point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
@@ -226,7 +209,8 @@ class WindowSolver:
             found = np.concatenate([found, fresh])
             forward = self._forward(modes, knot, end)
             theta = forward.pack(found, velocity)
-            prior = self._prior(Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0), forward, theta)
+            kernel = Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0)
+            prior = prior_along(kernel, forward, theta, self.expected, self.objective)
             if end < frames:
                 settled = begin - segment / 2
                 open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
@@ -243,48 +227,6 @@ class WindowSolver:
             velocity, gradient = velocity[:0], gradient[:0]
         x = self.particles.x
         return Forward(self._model(), self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
-
-    def _prior(self, kernel: Kernel, forward: Forward, theta: np.ndarray) -> Prior:
-        """The prior of these sizes along the simulation under theta, with what one camera must believe of stretch."""
-        path = forward.trajectory(theta, forward.rough)
-        speed = self.expected.speed[: len(forward.velocity)]
-        prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), speed)
-        share = PLASTIC_STRETCH if self.model.plastic else STRETCH
-        return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, share) if self._one_camera() else prior
-
-    def _one_camera(self) -> bool:
-        return len(self.objective.channels) == 1 and isinstance(self.objective.channels[0], TrackChannels)
-
-    def _believing(self, prior: Prior, forward: Forward, point: Linearisation) -> Prior:
-        """The prior with a belief about stretch, unless the clip speaks against it; that of one camera is given."""
-        if self._one_camera() or self.basis.phi.shape[1] == 1:
-            return prior
-        F = forward.trajectory(point.theta, forward.rough).F
-        return held_to(prior.turning(forward.basis, forward.x, F, forward.knot_spacing, MEASURED_STRETCH), prior, point)
-
-    def _learn(self, prior: Prior, forward: Forward, solution: Solution) -> tuple[Prior, Linearisation]:
-        """The prior's sizes and, for points of a free body, how far the solver is from the real one; the linearisation with that known.
-
-        For pixels the mismatch is known better than it can be learnt: that of tracks which all lie on one slightly wrong body. That of a
-        clamp cannot be learnt either: all of it looks like a force.
-        """
-        point = solution.point
-        prior = self._prior(self._learnt(prior, point.normal, solution.pull), forward, solution.theta)
-        if self.particles.pinned.any() or not all(isinstance(one, PointChannels) for one in self.objective.channels):
-            return self._believing(prior, forward, point), point
-        objective = self.objective
-        self.objective = objective.mismatched(ABSORBED * mismatch_scale(prior, objective, point, MISMATCH_SCALES))
-        rows = np.concatenate([point.jacobian, point.residual[None]])
-        white = self.objective.whiten(objective.unwhitened(rows))
-        point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
-        pull = point.normal @ point.theta - point.jacobian @ point.residual
-        return self._believing(replace(prior, kernel=self._learnt(prior, point.normal, pull)), forward, point), point
-
-    def _learnt(self, prior: Prior, normal: np.ndarray, pull: np.ndarray) -> Kernel:
-        """The prior's sizes learnt; a body that is seen as a point keeps the first ones, as it could only learn a depth that it has not."""
-        if self.basis.phi.shape[1] == 1:
-            return prior.kernel
-        return learn(prior, normal, pull, self.expected.component, self.progress.check)
 
     def _solve(
         self,

@@ -1,0 +1,85 @@
+"""What a window believes of the field, and how the clip changes that: sizes, stretch, how far the solver is from real bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .evidence import held_to, learn, mismatch_scale
+from .forward import Forward
+from .gauss_newton import Linearisation, Solution
+from .objective import Objective
+from .point_channels import PointChannels
+from .prior import MEASURED_STRETCH, PLASTIC_STRETCH, STRETCH, Kernel, Places, Prior
+from .track_channels import TrackChannels
+
+MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
+"""Factors on the mismatch of points in 3D that are tried."""
+ABSORBED = 4.0
+"""How much of the mismatch looks like a force: what the residuals still show of it must be taken times this."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the clip as a whole says beforehand."""
+
+    size: float
+    """Root mean square acceleration of the field [m/s²]."""
+    speed: np.ndarray
+    """(V,) standard deviations of the initial velocities [m/s]."""
+    component: np.ndarray
+    """(3, 3) covariance of the force's components, trace at most 3, before anything is learnt."""
+
+
+def one_camera(objective: Objective) -> bool:
+    """Whether all that was seen are tracks of one camera."""
+    return len(objective.channels) == 1 and isinstance(objective.channels[0], TrackChannels)
+
+
+def prior_along(kernel: Kernel, forward: Forward, theta: np.ndarray, expected: Expected, objective: Objective) -> Prior:
+    """The prior of these sizes along the simulation under theta, with what one camera must believe of stretch."""
+    path = forward.trajectory(theta, forward.rough)
+    prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), expected.speed[: len(forward.velocity)])
+    if not one_camera(objective):
+        return prior
+    return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, PLASTIC_STRETCH if forward.model.plastic else STRETCH)
+
+
+def learnt(prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None]) -> Kernel:
+    """The prior's sizes learnt; a body that is seen as a point keeps the first ones, as it could only learn a depth that it has not."""
+    if len(prior.places.project) == 1:
+        return prior.kernel
+    return learn(prior, normal, pull, expected.component, check)
+
+
+def learn_all(
+    prior: Prior, forward: Forward, solution: Solution, objective: Objective, expected: Expected, check: Callable[[], None]
+) -> tuple[Prior, Linearisation, Objective]:
+    """The prior's sizes, and, for points of a free body, how far the solver is from the real one; the linearisation with that known.
+
+    For pixels the mismatch is known better than it can be learnt: that of tracks which all lie on one slightly wrong body. That of a
+    clamp cannot be learnt either: all of it looks like a force.
+
+    Returns:
+        the prior, the linearisation, and the objective with the mismatch learnt.
+    """
+    point = solution.point
+    prior = prior_along(learnt(prior, point.normal, solution.pull, expected, check), forward, solution.theta, expected, objective)
+    if forward.model.pinned.any() or not all(isinstance(one, PointChannels) for one in objective.channels):
+        return _believing(prior, forward, point, objective), point, objective
+    other = objective.mismatched(ABSORBED * mismatch_scale(prior, objective, point, MISMATCH_SCALES))
+    white = other.whiten(objective.unwhitened(np.concatenate([point.jacobian, point.residual[None]])))
+    point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
+    pull = point.normal @ point.theta - point.jacobian @ point.residual
+    prior = replace(prior, kernel=learnt(prior, point.normal, pull, expected, check))
+    return _believing(prior, forward, point, other), point, other
+
+
+def _believing(prior: Prior, forward: Forward, point: Linearisation, objective: Objective) -> Prior:
+    """The prior with a belief about stretch, unless the clip speaks against it; that of one camera is given."""
+    if one_camera(objective) or forward.basis.phi.shape[1] == 1:
+        return prior
+    F = forward.trajectory(point.theta, forward.rough).F
+    return held_to(prior.turning(forward.basis, forward.x, F, forward.knot_spacing, MEASURED_STRETCH), prior, point)
