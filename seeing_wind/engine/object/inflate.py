@@ -14,6 +14,10 @@ from scipy import ndimage
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import spsolve
 
+SIDE = 160
+"""Outlines larger than this [px] are inflated on every second pixel, every third and so on: the result is smooth."""
+LEAK = 2
+"""Pixels along the outline whose depth may be that of what is behind; what bulges only with them is flat."""
 RIM = 1.0
 """Pixels no farther than this from the outline [px] carry the surface through the rim."""
 WINDOW = 1.0
@@ -22,6 +26,8 @@ SHRUNK, WIDER = 0.02, 8.0
 """How much what surrounds that window counts, and how much wider it is."""
 FLATTEST, DEEPEST = 0.3, 1.5
 """Bulges are taken to lie between these: 1 is round."""
+LEAKED = 0.5
+"""A bulge that falls below this share of itself without the pixels along the outline is one of them, not of the body."""
 CLOSEST = 0.5
 """Radius over distance of what fills the picture; nothing is taken to be nearer."""
 
@@ -51,13 +57,30 @@ class Balls:
 def inflate(front: np.ndarray, mask: np.ndarray, pixel: float) -> Inflated:
     """A body behind the front (H, W) [m] with the silhouette mask (H, W); `pixel` is a pixel's width on the body [m]."""
     cut = ndimage.find_objects(mask.astype(int))[0]
-    union = balls(mask[cut])
-    local, whole = bulges(front[cut], mask[cut], pixel, union)
+    step = -(-max(mask[cut].shape) // SIDE)
+    few, shape = (slice(None, None, step),) * 2, mask[cut][::step, ::step]
+    if not shape.any():  # thinner than the step everywhere
+        return Inflated(np.zeros(mask.shape), 0.0)
+    near, union = front[cut][few], balls(shape)
+    local, whole = bulges(near, shape, step * pixel, union)
+    inner = ndimage.binary_erosion(shape, iterations=-(-LEAK // step))
+    without = bulges(near, inner, step * pixel, balls(inner))[1] if inner.any() else whole
+    leaks = without < LEAKED * whole
+    local = local * max(without, 0.0) / whole if leaks else local
     # A ball's outline is not its widest circle: that one lies behind it by the radius times radius over distance.
-    hidden = np.minimum(union.radius * pixel / front[cut], CLOSEST)
+    hidden = np.minimum(union.radius * step * pixel / near, CLOSEST)
+    depth = 2.0 * step * pixel * np.clip(local / (1.0 - hidden), FLATTEST, DEEPEST) * union.half
     thickness = np.zeros(mask.shape)
-    thickness[cut] = 2.0 * pixel * np.clip(local / (1.0 - hidden), FLATTEST, DEEPEST) * union.half
-    return Inflated(thickness, whole)
+    thickness[cut] = np.where(mask[cut], _finer(depth, shape, step, mask[cut].shape), 0.0)
+    return Inflated(thickness, without if leaks else whole)
+
+
+def _finer(image: np.ndarray, mask: np.ndarray, step: int, shape: tuple[int, int]) -> np.ndarray:
+    """The image on every `step`-th pixel, interpolated on all pixels; off its mask that of the nearest pixel."""
+    if step == 1:
+        return image
+    rows, columns = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return ndimage.map_coordinates(image[rows, columns], np.indices(shape) / step, order=1, mode="nearest")
 
 
 def balls(mask: np.ndarray) -> Balls:
@@ -109,7 +132,8 @@ def bulges(front: np.ndarray, mask: np.ndarray, pixel: float, union: Balls) -> t
 
 
 def _blur(image: np.ndarray, sigma: float) -> np.ndarray:
-    return ndimage.gaussian_filter(image, sigma, truncate=3.0)
+    """Gaussian; wider than the picture, it is its mean."""
+    return ndimage.gaussian_filter(image, sigma, truncate=3.0) if sigma < max(image.shape) else np.full(image.shape, image.mean())
 
 
 def _from_rim(image: np.ndarray, mask: np.ndarray, edge: np.ndarray) -> np.ndarray:

@@ -116,6 +116,10 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
         on_pin = held_dots(relief, held, dots, ray) if block is None else on_pin
         share = np.bincount(nearest, weight * on_pin, number) / volume
         pinned = share > min(0.5, 0.99 * share.max())  # a pin smaller than a cell holds the cells it lies in
+        if not pinned.any():  # smaller than the gaps between the dots
+            rows, columns = np.nonzero(held & relief.mask)
+            painted = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.5)
+            pinned[cKDTree(centre).query(painted)[1]] = True
     return Particles(x=centre, volume=volume, pinned=pinned, spacing=spacing)
 
 

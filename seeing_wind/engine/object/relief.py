@@ -20,7 +20,7 @@ from scipy import ndimage
 from ..errors import ObjectError
 from ..records import Camera, Observation
 from .block import Block, find_block
-from .inflate import inflate
+from .inflate import LEAK, inflate
 
 MIN_PIXELS = 16
 """Fewer pixels than this carry no shape."""
@@ -34,6 +34,9 @@ ROUND = 0.82
 LONG = 4.0
 """Length over breadth from which a silhouette is a post."""
 
+ROUNDEST, OFF_CIRCLE = (0.7, 1.4), 1.15
+"""A measured front is a ball's if it bulges as one, and if hardly a pixel lies farther out than this, in inscribed radii."""
+
 BULGE = 0.35
 """Rise of a front over its rim from which it is solid, relative to that of something round: 1 for a ball, about 0 for a plate."""
 
@@ -45,6 +48,9 @@ THINNEST = 0.5
 
 DISC = 0.5
 """Given thickness in diameters under which a round silhouette is that of a disc."""
+
+STRAY = 3.0
+"""Depths farther from the object's 5th to 95th percentile than this many times what these are apart are not its own."""
 
 MAX_SLANT = 3.0
 """Cap on 1 / cos(slant) where a surface turns edge-on."""
@@ -94,7 +100,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     camera = observation.camera
     rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
     # The outline of a solid body is seen at the depth of its rim, not of its nearest point.
-    metre_per_pixel = float(np.median(front[mask & (rim < 0.05 * rim.max() + 1.0)])) / np.sqrt(camera.fx * camera.fy)
+    band = mask & (rim > LEAK) & (rim < 0.05 * rim.max() + LEAK + 1.0)
+    metre_per_pixel = float(np.median(front[band if band.any() else mask])) / np.sqrt(camera.fx * camera.fy)
     area, radius = float(mask.sum()) * metre_per_pixel**2, float(rim.max()) * metre_per_pixel
     block = None if flat else find_block(front, mask, camera)
     rounded = None if flat or block is not None else inflate(front, mask, metre_per_pixel)
@@ -193,6 +200,10 @@ def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool
     if depth.shape != mask.shape:
         raise ObjectError(f"The depth map is {depth.shape[::-1]}, the picture {mask.shape[::-1]}.", "Give a depth map of the clip's size.")
     known = mask & np.isfinite(depth) & (depth > 0.0)
+    if known.any():  # what lies far beyond all the rest is no part of the object
+        low, high = np.percentile(depth[known], (5.0, 95.0))
+        apart = STRAY * max(high - low, 0.01 * high)
+        known &= (depth > low - apart) & (depth < high + apart)
     if known.sum() < 0.5 * mask.sum():
         raise ObjectError(
             f"The depth map is empty on {100 - 100 * known.sum() / mask.sum():.0f} % of the object.",
@@ -211,9 +222,15 @@ def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | N
     """ball, solid, post or plate: see the module's text. `bulge` as in `inflate`, None where no depth was measured."""
     rows, columns = np.nonzero(mask)
     xy = np.stack([columns, rows], axis=1).astype(float)
-    if np.pi * rim.max() ** 2 / len(xy) > ROUND and (bulge is None or bulge > BULGE):
+    if np.pi * rim.max() ** 2 / len(xy) > ROUND and (bulge is None or (ROUNDEST[0] < bulge < ROUNDEST[1] and _is_disc(rim, xy))):
         return "ball"
     if bulge is not None and bulge > BULGE:
         return "solid"
     spread = np.linalg.eigvalsh(np.cov(camera.unproject(xy, front[rows, columns]).T))
-    return "post" if np.sqrt(spread[2] / spread[1]) > LONG else "plate"
+    return "post" if spread[2] > LONG**2 * max(spread[1], 0.0) else "plate"
+
+
+def _is_disc(rim: np.ndarray, xy: np.ndarray) -> bool:
+    """Whether next to nothing of the pixels xy (P, 2) is off the inscribed circle: a lamp on a stick is no ball."""
+    centre = np.array(np.unravel_index(int(rim.argmax()), rim.shape))[::-1]
+    return bool((np.linalg.norm(xy - centre, axis=1) > OFF_CIRCLE * rim.max() + 1.0).mean() < 0.03)

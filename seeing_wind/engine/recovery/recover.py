@@ -82,6 +82,8 @@ def recover(
     sources: list[PointTargets | TrackTargets] = [targets] if isinstance(targets, PointTargets) else list(targets)
     if len({len(one.visible) for one in sources}) != 1:
         raise UsageError("The views do not have the same number of pictures.", "Cut the clips to the same frames, or give one clip.")
+    if not any(one.visible[1:].any() for one in sources):
+        raise ObjectError("Nothing of the object is seen after the first picture.", "Check the mask, or give more pictures of it.")
     channels: list[Channels] = []
     for one in sources:
         if isinstance(one, PointTargets):

@@ -47,6 +47,8 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: flo
     # (knots, M, a, b, modes, 3): smooth function m, part along axis a of the derivative along axis b.
     slope = np.einsum("nm,npb,knai->kmabpi", smooth, along, turned, optimize=True)
     pairs = [(a, b) for a in range(len(axes)) for b in range(a, len(axes))]
+    if not pairs:  # a body of one particle
+        return np.zeros((len(slope), 0, *slope.shape[-2:]))
     rows = np.stack([0.5 * (slope[:, :, a, b] + slope[:, :, b, a]) for a, b in pairs], axis=2)
     return rows.reshape(len(slope), -1, *slope.shape[-2:])
 

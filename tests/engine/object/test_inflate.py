@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from seeing_wind.engine.object.inflate import balls, inflate
 from seeing_wind.engine.object.particles import fill
@@ -33,7 +34,7 @@ def drawn(inside: Distance, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.
     within = np.stack([inside(camera.unproject(xy, np.full(len(xy), z))) < 0.0 for z in steps])
     mask = within.any(axis=0).reshape(rows.shape)
     near, thick = steps[within.argmax(axis=0)].reshape(rows.shape), within.sum(axis=0).reshape(rows.shape) * 0.001
-    return mask, np.where(mask, near, np.inf), np.where(mask, thick, 0.0)
+    return mask, np.where(mask, near, 1.0), np.where(mask, thick, 0.0)
 
 
 def lollipop(flat: float) -> Distance:
@@ -56,7 +57,8 @@ def test_head_and_stem_are_as_deep_as_they_are(flat) -> None:
     found = relief.back - relief.front
     for rows in (slice(80, 110), slice(150, 190)):  # the head, the stem; perspective hides a little of a head's front
         assert found[rows][mask[rows]].sum() == pytest.approx(thick[rows].sum(), rel=0.2)
-    assert relief.pixel_volume().sum() == pytest.approx((thick * (front + thick / 2) ** 2 * PIXEL**2)[mask].sum(), rel=0.15)
+    volume = (thick * (front + thick / 2) ** 2)[mask].sum() * PIXEL**2
+    assert relief.pixel_volume().sum() == pytest.approx(volume, rel=0.15)
 
 
 def test_an_even_front_does_not_bulge() -> None:
@@ -115,3 +117,47 @@ def test_a_border_across_the_view_goes_straight_back_and_two_ends_are_held_along
         sure = np.min([abs(at - b) for b in border], axis=0) > cell
         inside = (at < border[0]) | ((at > border[1]) if len(border) > 1 else False)
         np.testing.assert_array_equal(particles.pinned[sure], inside[sure])
+
+
+def test_a_rim_at_the_depth_of_what_is_behind_makes_no_solid() -> None:
+    """Depth maps blur the outermost pixels; a flat leaf stays flat, and a solid body no thicker than half as much again."""
+    camera = looking_down(0.0)
+    mask, front, thick = drawn(lollipop(1.0), camera)
+    edge = mask & ~ndimage.binary_erosion(mask)
+    for leak in (0.05, 0.3):
+        assert relief_of(observed(mask, np.where(edge, 1.0 + leak, 1.0 + 3e-4 * np.arange(240)), camera=camera)).kind == "plate"
+        relief = relief_of(observed(mask, np.where(edge, front + leak, front), camera=camera))
+        assert (relief.back - relief.front)[mask].sum() < 1.6 * thick.sum()
+
+
+def test_a_lamp_on_a_thin_stick_is_no_ball_and_a_bun_is_flatter_than_one() -> None:
+    rows, columns = np.mgrid[:240, :240].astype(float)
+    camera, lamp = looking_down(0.0), (rows - 70) ** 2 + (columns - 120) ** 2
+    dome = np.sqrt(np.maximum(50.0**2 - lamp, 0.0))
+    stick = (abs(columns - 120) <= 5) & (rows > 70) & (rows < 230)
+    half = np.maximum(dome, np.where(stick, np.sqrt(np.maximum(30.0 - (columns - 120) ** 2, 0.0)), 0.0))
+    relief = relief_of(observed((half > 0.0), 1.0 - half * PIXEL, camera=camera))
+    assert relief.kind == "solid"
+    assert np.median((relief.back - relief.front)[180:220, 120]) == pytest.approx(11.0 * PIXEL, rel=0.35)
+    bun = relief_of(observed(lamp < 50.0**2, 1.0 - 0.5 * dome * PIXEL, camera=camera))
+    assert bun.kind == "solid" and bun.thickness == pytest.approx(50.0 * PIXEL, rel=0.2)
+
+
+@pytest.mark.parametrize("row", [49, 50, 51])
+def test_one_painted_pixel_holds_something(row) -> None:
+    camera = looking_down(0.0)
+    mask, front, _ = drawn(lollipop(1.0), camera)
+    pin = np.zeros(mask.shape, bool)
+    pin[row + 50, 121] = True
+    held = fill(relief_of(observed(mask, front, camera=camera)), 200, pin)
+    assert 1 <= held.pinned.sum() <= 3
+    assert abs(camera.project(held.x[held.pinned])[0] - [121, row + 50]).max() < held.spacing / PIXEL
+
+
+def test_a_stray_depth_is_not_the_object() -> None:
+    camera = looking_down(0.0)
+    mask, front, _ = drawn(lollipop(1.0), camera)
+    stray = front.copy()
+    stray[90, 118:121] = 1e4
+    clean, found = (relief_of(observed(mask, z, camera=camera)) for z in (front, stray))
+    assert found.kind == "solid" and found.thickness == pytest.approx(clean.thickness, rel=0.02)

@@ -137,3 +137,16 @@ def test_a_long_clip_is_solved_in_windows_that_join():
     assert any("part 2 of 2" in message["message"] for message in heard)
     fractions = [message["fraction"] for message in heard]
     assert fractions == sorted(fractions)
+
+
+def test_points_seen_in_the_first_picture_only_and_a_body_of_one_particle():
+    body = plate((4, 3, 2))
+    fall = np.stack([body.x - [0.0, 0.0, 0.5 * 9.81 * (t / FPS) ** 2] for t in range(6)])
+    hidden = points(body, fall)
+    hidden.visible[1:] = False
+    with pytest.raises(ObjectError, match="after the first picture"):
+        recover(body, RUBBER, hidden, FPS, WEIGHTLESS, NoProgress())
+    grain = plate((1, 1, 1))
+    found = recover(grain, RUBBER, points(grain, fall[:, :1] - fall[0, 0] + grain.x), FPS, WEIGHTLESS, NoProgress())
+    acceleration = found.force_density[:, 0].mean(axis=0) / RUBBER.density
+    np.testing.assert_allclose(acceleration, [0.0, 0.0, -9.81], atol=0.5)
