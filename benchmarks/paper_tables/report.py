@@ -18,8 +18,8 @@ TITLES = {
 }
 NOTES = {
     1: "`--schedule default`. One view is the paper's setting; two views give the engine both cameras (`--view`). The two held plants are "
-    "the weakest: how strongly a plant springs back goes with the third power of how thick its stem is taken to be, and a force along the stem "
-    "hardly moves it (the sunflower's true force has such a part). On the soft toy the recovery finds the net force only.",
+    "the weakest: how strongly a plant springs back goes with the third power of how thick its stem is taken to be, and a force along "
+    "the stem hardly moves it (the sunflower's true force has such a part). On the soft toy the recovery finds the net force only.",
     2: "All but *default* go through `--schedule paper`, where the representation is what descends; *default* is this engine's own solve, "
     "distilled into the causal tri-plane. Trajectories are exact, for the paper's scheme doubles and alternates noise from frame to frame: "
     "0.2 mm on every frame already put it above 100 %.",
