@@ -39,6 +39,8 @@ class PointChannels:
     """(T+1, T+1) covariance shared by all channels."""
     inflation: np.ndarray
     """(T+1, channels) factor >= 1 on the noise variance."""
+    turned: np.ndarray
+    """(T+1, 3, 3) how the body has turned since picture 0, as the points show it."""
     mismatch_scale: float = 1.0
     """Factor on the mismatch's standard deviation."""
 
@@ -55,9 +57,10 @@ class PointChannels:
         """(T+1, T+1) [m²] of a channel's errors over the pictures: noise, that of picture 0 included, and the solver's mismatch."""
         noise = self.sigma[channel // 3] ** 2
         marginal = np.sqrt(self.inflation[:, channel])
-        # Picture 0 is where the body was built from: its noise is in every displacement, hence + 1 1'.
+        # Picture 0 is where the body was built from: its noise is in every displacement, turned with the body.
+        first = self.turned[:, channel % 3]
         mismatch = self.mismatch_scale**2 * self.mismatch
-        return (noise * np.eye(len(marginal)) + mismatch) * np.outer(marginal, marginal) + noise
+        return (noise * np.eye(len(marginal)) + mismatch) * np.outer(marginal, marginal) + noise * (first @ first.T)
 
     def mismatched(self, scale: float) -> PointChannels:
         return replace(self, mismatch_scale=scale)
@@ -112,7 +115,25 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
         whole = np.flatnonzero(used[1:].all(axis=1)) + 1
         sigma = np.array([noise_of(observed[whole, m]) for m in range(modes.shape[1])])
     inflation = np.ones((pictures, 3 * modes.shape[1]))
-    return PointChannels(operator, points, observed, targets, np.repeat(used, 3, axis=1), sigma, mismatch, inflation)
+    turned = rotations(targets.x, visible)
+    return PointChannels(operator, points, observed, targets, np.repeat(used, 3, axis=1), sigma, mismatch, inflation, turned)
+
+
+def rotations(x: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """(T+1, 3, 3) rotations that bring points x (T+1, K, 3) of picture 0 nearest to each picture (Kabsch 1976), by those seen in both.
+
+    Of fewer than three points, which show no turn, those of the picture before.
+    """
+    turned = np.tile(np.eye(3), (len(x), 1, 1))
+    for t in range(1, len(x)):
+        both = visible[0] & visible[t]
+        if both.sum() < 3:
+            turned[t] = turned[t - 1]
+            continue
+        before, after = x[0, both] - x[0, both].mean(axis=0), x[t, both] - x[t, both].mean(axis=0)
+        left, _, right = np.linalg.svd(after.T @ before)
+        turned[t] = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return turned
 
 
 def wild(targets: PointTargets, start: np.ndarray, modes: np.ndarray, spacing: float) -> np.ndarray:

@@ -14,7 +14,7 @@ from seeing_wind.engine.recovery.channels import noise_of
 from seeing_wind.engine.recovery.evidence import _log_evidence, held_to, learn
 from seeing_wind.engine.recovery.gauss_newton import Linearisation, solve
 from seeing_wind.engine.recovery.objective import Objective
-from seeing_wind.engine.recovery.point_channels import point_channels, wild
+from seeing_wind.engine.recovery.point_channels import point_channels, rotations, wild
 from seeing_wind.engine.recovery.prior import Kernel, Places, Prior, modes_worth
 from seeing_wind.engine.recovery.track_channels import edge_on, track_channels
 
@@ -303,3 +303,22 @@ def test_a_belief_is_given_up_when_the_clip_speaks_against_it(noise):
         point = Linearisation.at(np.zeros(len(draw)), -draw / noise, np.eye(len(draw)) / noise)
         kept = held_to(belief, open_to_all, point)
         assert kept is (open_to_all if true is open_to_all and noise < 1.0 else belief)
+
+
+def test_the_noise_of_picture_0_turns_with_the_body():
+    """Residuals of a body that turns by half, built from noisy points, have the covariance that the channels say they have."""
+    body, angles = block((8, 6, 2)), np.linspace(0.0, np.pi, 10)
+    turns = np.stack([[[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in angles])
+    true = np.einsum("tij,nj->tni", turns, body.x)
+    np.testing.assert_allclose(rotations(true, np.ones(true.shape[:2], bool)), turns, atol=1e-9)
+    random, series = np.random.default_rng(8), []
+    for _ in range(300):
+        noise = 0.002 * random.standard_normal(true.shape)
+        built = replace(body, x=body.x + noise[0])
+        channels = point_channels(built, PointTargets(true + noise, np.ones(true.shape[:2], bool), every(body), sigma=0.002), False)
+        moved = np.einsum("tij,nj->tni", turns, built.x)
+        series.append([channels.residual(moved[None, t], t)[0, :3] for t in range(1, 10)])
+    for axis in range(3):  # of the first mode, the mean
+        found = np.cov(np.array(series)[:, :, axis].T)
+        wanted = replace(channels, mismatch_scale=0.0).covariance(axis)[1:, 1:]
+        np.testing.assert_allclose(found, wanted, atol=0.3 * wanted[0, 0])
