@@ -95,14 +95,13 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
     pixel = float(np.median(0.5 * (relief.front + relief.back)[relief.mask])) / np.sqrt(relief.camera.fx * relief.camera.fy)
     spacing = max(float(np.cbrt(total / count)), MIN_SPACING_PIXELS * pixel)
     dots, weight, ray = _dots(relief, spacing, pixel)
-    block = relief.block
+    block, on_pin = relief.block, held_dots(relief, held, dots, ray) if held.any() else np.zeros(len(dots), bool)
     if block is None:
         flat = (dots - np.average(dots, axis=0, weights=weight)) @ relief.camera.pose(0)[:3, :3] / spacing
         sites, cell = np.round(flat).astype(int), spacing**3
     else:
         layers = int(layers_of(np.array([block.depth]), spacing)[0])
         spacing = max(float(np.sqrt(total / block.depth * layers / count)), MIN_SPACING_PIXELS * pixel)
-        on_pin = held_dots(relief, held, dots, ray) if held.any() else np.zeros(len(dots), bool)
         sites, cell = _in_block(block, dots, spacing, layers, on_pin)
     sites, inverse = np.unique(sites, axis=0, return_inverse=True)
     covered = np.bincount(inverse.ravel(), weight)
@@ -113,7 +112,6 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
     centre = np.stack([np.bincount(nearest, weight * dots[:, i], number) for i in range(3)], axis=1) / volume[:, None]
     pinned = np.zeros(number, dtype=bool)
     if held.any():
-        on_pin = held_dots(relief, held, dots, ray) if block is None else on_pin
         share = np.bincount(nearest, weight * on_pin, number) / volume
         pinned = share > min(0.5, 0.99 * share.max())  # a pin smaller than a cell holds the cells it lies in
         if not pinned.any():  # smaller than the gaps between the dots

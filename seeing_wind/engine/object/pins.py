@@ -1,8 +1,8 @@
 """What of a solid is held: the painted part of the picture shows the border on the visible side only, and the border runs on inside.
 
-A pot is held up to its rim, also behind the rim, where the rays of unpainted pixels pass over it and go down. So the border is a plane:
-through the border that is seen, and, as far as that does not say how the plane is tilted, along the view. What is painted on the face of a
-block is held straight behind that face.
+A pot is held up to its rim, also behind the rim, where the rays of unpainted pixels pass over it and go down. So the border is the plane
+that parts the painted front from the rest, and, as far as that does not say how it is tilted, runs along the view. What is painted on
+the face of a block is held straight behind that face.
 """
 
 from __future__ import annotations

@@ -34,8 +34,8 @@ ROUND = 0.82
 LONG = 4.0
 """Length over breadth from which a silhouette is a post."""
 
-ROUNDEST, OFF_CIRCLE = (0.7, 1.4), 1.15
-"""A measured front is a ball's if it bulges as one, and if hardly a pixel lies farther out than this, in inscribed radii."""
+ROUNDEST, OFF_CIRCLE, FEW = (0.7, 1.4), 1.15, 0.03
+"""A measured front is a ball's if its bulge is between these, and if few of its pixels lie farther out than so many inscribed radii."""
 
 BULGE = 0.35
 """Rise of a front over its rim from which it is solid, relative to that of something round: 1 for a ball, about 0 for a plate."""
@@ -233,4 +233,4 @@ def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | N
 def _is_disc(rim: np.ndarray, xy: np.ndarray) -> bool:
     """Whether next to nothing of the pixels xy (P, 2) is off the inscribed circle: a lamp on a stick is no ball."""
     centre = np.array(np.unravel_index(int(rim.argmax()), rim.shape))[::-1]
-    return bool((np.linalg.norm(xy - centre, axis=1) > OFF_CIRCLE * rim.max() + 1.0).mean() < 0.03)
+    return bool((np.linalg.norm(xy - centre, axis=1) > OFF_CIRCLE * rim.max() + 1.0).mean() < FEW)
