@@ -37,6 +37,8 @@ FPS = 30.0
 SIDES = (0.16, 0.10, 0.04)
 """Of the plate [m]."""
 MATERIAL = Material("foam", "neo_hookean", density=400.0, youngs_modulus=5e3, poisson_ratio=0.3)
+MEAN = (1.5, 0.6, 0.8)
+"""Of the wind [m/s²]."""
 FIRST_ITERATIONS = 15
 """Of the paper's schedule per frame; doubled until the bar is met."""
 GOAL = 10.0
@@ -51,11 +53,11 @@ def plate(spacing: float) -> Particles:
     return Particles(x, np.full(len(x), np.prod(SIDES) / len(x)), np.zeros(len(x), bool), spacing)
 
 
-def scene(frames: int, count: int) -> tuple[Particles, PointTargets, np.ndarray]:
-    """The body, its exact trajectories, and the true force density on it (T, N, 3) [N/m³]."""
+def scene(frames: int, count: int, mean: tuple[float, float, float] = MEAN) -> tuple[Particles, PointTargets, np.ndarray]:
+    """The body, its exact trajectories in a wind of this mean [m/s²], and the true force density on it (T, N, 3) [N/m³]."""
     body = plate(float((np.prod(SIDES) / count) ** (1 / 3)))
     box, density = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]), MATERIAL.density
-    wind = GustField(4, box, FPS, frames, density * np.array([1.5, 0.6, 0.8]), density * 1.2, wavelength=0.3, period=0.6)
+    wind = GustField(4, box, FPS, frames, density * np.array(mean), density * 1.2, wavelength=0.3, period=0.6)
     model, _ = model_for(body, MATERIAL, FPS, gravity=(0.0, 0.0, 0.0))
     state, places = State.at_rest(body.x), [body.x]
     for t in range(frames):
