@@ -216,6 +216,13 @@ def _solve(p: Parser) -> None:
         metavar="N",
         help="iterations per frame at most, with --schedule paper",
     )
+    group.add_argument(
+        "--refine",
+        type=whole(0, 10_000),
+        default=RecoverSettings.refine,
+        metavar="N",
+        help="refine the stored field through the simulator, in N steps at most: its own simulation then strays less (default: off)",
+    )
     group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     group.add_argument(
         "--iterations", type=whole(1, 1000), default=RecoverSettings.iterations, metavar="N", help="Gauss-Newton iterations at most"

@@ -102,6 +102,8 @@ class RecoverSettings:
     """tracking, or with schedule paper: image, flow_depth."""
     frame_iterations: int = 60
     """Gradient-descent iterations per frame at most, with schedule paper."""
+    refine: int = 0
+    """Steps by which the distilled field is refined through the simulator at most, see `recovery.refinement`."""
     seed: int = 0
 
 

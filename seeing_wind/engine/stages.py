@@ -105,17 +105,17 @@ def recover_stage(
     progress: Progress,
     loss: Callable[[], Callable[[float], MotionLoss]] | None = None,
 ) -> tuple[Recovery, ForceField | None, dict[str, float]]:
-    """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, then distil into the representation.
+    """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, distil into the representation, refine it.
 
     Args:
         loss: for objectives other than tracking; see `picture_loss`.
 
     Returns:
         the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds
-        that solve and distillation took.
+        that solve, distillation and refinement took.
     """
     from .field import distill, load_field
-    from .recovery import recover, recover_by_descent
+    from .recovery import recover, recover_by_descent, refine
 
     stamp = stamp_of("recover", VERSION, upstream, settings)
     kept = _kept(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
@@ -123,7 +123,8 @@ def recover_stage(
         return *kept, {}
     seconds: dict[str, float] = {}
     # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it.
-    recovery = _kept(take, "solve", stamp, lambda: read_recovery(take), progress)
+    solved = stamp_of("recover", VERSION, upstream, dataclasses.replace(settings, refine=0))
+    recovery = _kept(take, "solve", solved, lambda: read_recovery(take), progress)
     if recovery is None:
         progress.begin("recover", "recovering the force")
         started = time.perf_counter()
@@ -136,11 +137,16 @@ def recover_stage(
         if recovery.outcome == Outcome.DIVERGED:
             return recovery, None, seconds
         take.write_arrays("trajectory.npz", to_arrays(recovery) | {"fps": _array(fps)})
-        take.finish("solve", stamp, to_mapping(settings))
+        take.finish("solve", solved, to_mapping(settings))
     progress.begin("distill", "fitting the field")
     started = time.perf_counter()
     field = distill(recovery, particles, fps, settings.representation, settings.seed, progress)
     seconds["distill"] = time.perf_counter() - started
+    if settings.refine:
+        started = time.perf_counter()
+        refined = refine(field, recovery, particles, material, settings, progress)
+        field, seconds["refine"] = refined.field, time.perf_counter() - started
+        progress.update(1.0, f"the field's own simulation strays {1e3 * refined.after:.3g} mm ({1e3 * refined.before:.3g} mm before)")
     with take.writing("field.safetensors") as path:
         field.save(path)
     take.finish("recover", stamp, to_mapping(settings))
