@@ -24,13 +24,17 @@ from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Recovery
 from .contributions import contributions
 from .covering import joined, uncovered
+from .finer import finer
 from .gaussians import blended_gradients, view_camera
 from .harmonics import harmonics, polar_rotations
 from .look import FIT_PIXELS
 from .splatting import one_thread
 
-PICTURES = 12
-"""Pictures of the clip that are fitted, spread evenly: others, of the test scenes, come out as well as these."""
+PICTURES = 25
+"""Pictures of the clip that are fitted, spread evenly."""
+
+SIGHTS = 12
+"""Of these, how many are searched for surface without Gaussians, spread evenly."""
 
 MARGIN = 8
 """Pixels round the object's box that are fitted."""
@@ -38,11 +42,12 @@ MARGIN = 8
 BANDS = 9
 """Harmonics of a Gaussian: degree 2."""
 
-STAY, PLAIN = 0.02, 0.02
+STAY, PLAIN = 0.005, 0.005
 """Squared weights, in units of a pixel that a Gaussian fills, that hold its colour where it was and its higher harmonics at zero."""
 
-OFF = 4.0
-"""Residual of the motion [px] at which a picture counts half: where the body is not where it was filmed, it would only be blurred."""
+OFF = 10.0
+"""Residual of the motion [px] at which a picture counts half: where the body is not where it was filmed, it would only be blurred.
+Smaller ones tell of tracks that went astray, on a sheet seen edge-on, as often as of a body that did."""
 
 ITERATIONS = 25
 """Of the conjugate gradients."""
@@ -88,19 +93,26 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
     chosen = np.flatnonzero(usable)
     if not len(chosen):
         return body.gaussians
-    chosen = chosen[np.unique(np.linspace(0, len(chosen) - 1, PICTURES).round().astype(int))]
+    chosen = _spread(chosen, PICTURES)
     gaussians = body.gaussians
     with one_thread():
-        for t in chosen:
+        for t in _spread(chosen, SIGHTS):
             progress.check()
             new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.pictures[t], int(t), recovery.x[t])
             gaussians = joined(gaussians, new)
+        motion = ((int(t), recovery.x[t], recovery.F[t]) for t in _spread(chosen, SIGHTS))
+        gaussians = finer(gaussians, body.particles.x, footage.camera, motion)
         equations = []
         for number, t in enumerate(chosen):
             progress.update(0.7 * number / len(chosen), "look over the clip")
             trust = 1.0 / (1.0 + (recovery.residual[t] / OFF) ** 2)
             equations.append(_equations(gaussians, footage, int(t), recovery.x[t], recovery.F[t], float(trust)))
         return dataclasses.replace(gaussians, sh=_solved(gaussians, equations, progress))
+
+
+def _spread(pictures: np.ndarray, count: int) -> np.ndarray:
+    """At most `count` of the pictures, evenly spread, the first and the last among them."""
+    return pictures[np.unique(np.linspace(0, len(pictures) - 1, count).round().astype(int))]
 
 
 def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F: np.ndarray, trust: float) -> _Equations:
