@@ -10,7 +10,7 @@
     visibility.py what a picture shows of a moving mesh          appearance.py the look over the whole clip
     contributions.py  pictures as linear in colours              look.py       the Gaussians' fit to picture 0
     block.py      plates and posts whose sides are seen          inflate.py    rounded bodies behind their front
-    pins.py       what of a body is held
+    pins.py       what of a body is held                         finer.py      Gaussians as fine as the clip's texture
 """
 
 from __future__ import annotations

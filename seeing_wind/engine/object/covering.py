@@ -72,11 +72,15 @@ def _frames(right: np.ndarray, down: np.ndarray, normal: np.ndarray) -> tuple[np
 
 
 def joined(first: Gaussians, second: Gaussians) -> Gaussians:
-    """Both sets as one; harmonics that only one has are zero in the other."""
+    """Both sets as one; harmonics that only one has are zero in the other, and so are weights of particles where fewer carry it."""
     if len(second.x) == 0:
         return first
     count = max(first.sh.shape[1], second.sh.shape[1])
     sh = [np.pad(one.sh, ((0, 0), (0, count - one.sh.shape[1]), (0, 0))) for one in (first, second)]
     plain = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in ("x", "scale", "rotation", "opacity")}
-    ride = [np.concatenate([getattr(one.attachment, name) for one in (first, second)]) for name in ("index", "weight")]
+    carriers = max(first.attachment.index.shape[1], second.attachment.index.shape[1])
+    ride = [
+        np.concatenate([np.pad(values, ((0, 0), (0, carriers - values.shape[1]))) for values in both])
+        for both in ((first.attachment.index, second.attachment.index), (first.attachment.weight, second.attachment.weight))
+    ]
     return Gaussians(**plain, sh=np.concatenate(sh), attachment=Attachment(*ride))

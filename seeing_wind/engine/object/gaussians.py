@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, sparse
 from scipy.spatial.transform import Rotation
 
 from ..records import Attachment, Camera, Gaussians
@@ -88,7 +88,10 @@ def covariances(gaussians: Gaussians, F: np.ndarray) -> np.ndarray:
 
 def blended_gradients(gaussians: Gaussians, F: np.ndarray) -> np.ndarray:
     """Deformation gradients (G, 3, 3) of the Gaussians from those of the particles (N, 3, 3), by their attachment's weights."""
-    return np.einsum("gj,gjab->gab", gaussians.attachment.weight, np.asarray(F)[gaussians.attachment.index])
+    index, weight = gaussians.attachment.index, gaussians.attachment.weight
+    # As a sparse product: gathering 16 gradients for every Gaussian takes several times as long.
+    ride = sparse.csr_matrix((weight.ravel(), index.ravel(), np.arange(0, index.size + 1, index.shape[1])), (len(index), len(F)))
+    return (ride @ np.asarray(F).reshape(-1, 9)).reshape(-1, 3, 3)
 
 
 def rest_covariances(gaussians: Gaussians) -> np.ndarray:

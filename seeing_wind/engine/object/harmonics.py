@@ -19,6 +19,9 @@ _SH3 = (
     -0.5900435899266435,
 )  # fmt: skip
 
+NEWTON, CLOSE = 12, 1e-9
+"""Newton's iterations at most, and how far from a rotation they may end: what is not that close, flattened or mirrored, is left to SVDs."""
+
 
 def harmonics(directions: np.ndarray, bands: int) -> np.ndarray:
     """Values (..., bands) of the first `bands` (1, 4, 9 or 16) harmonics towards unit vectors (..., 3)."""
@@ -39,9 +42,28 @@ def harmonics(directions: np.ndarray, bands: int) -> np.ndarray:
 
 def polar_rotations(F: np.ndarray) -> np.ndarray:
     """The rotation R of each F = R S, (..., 3, 3); the nearest one for an F that mirrors."""
-    U, _, Vt = np.linalg.svd(F)
-    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
-    return U @ Vt
+    # Newton's iteration (N. J. Higham, Computing the polar decomposition, 1986) on all at once: a third of the time of as many SVDs.
+    R = np.asarray(F, dtype=np.float64)
+    for _ in range(NEWTON):
+        cofactors = _cofactors(R)
+        determinant = np.einsum("...i,...i->...", R[..., 0, :], cofactors[..., 0, :])[..., None, None]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            before, R = R, 0.5 * (R + cofactors / determinant)
+        if np.nanmax(np.abs(R - before), initial=0.0) < CLOSE:
+            break
+    # The cofactors of a rotation are the rotation itself.
+    left = ~(np.abs(_cofactors(R) - R).max(axis=(-1, -2)) < CLOSE)
+    if left.any():
+        U, _, Vt = np.linalg.svd(F[left])
+        U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[..., None]
+        R[left] = U @ Vt
+    return R
+
+
+def _cofactors(M: np.ndarray) -> np.ndarray:
+    """The determinant times the inverse transpose of matrices (..., 3, 3)."""
+    after, last = M[..., [1, 2, 0], :], M[..., [2, 0, 1], :]
+    return after[..., [1, 2, 0]] * last[..., [2, 0, 1]] - after[..., [2, 0, 1]] * last[..., [1, 2, 0]]
 
 
 def seen_colours(gaussians: Gaussians, x: np.ndarray, eye: np.ndarray, F: np.ndarray | None = None) -> np.ndarray:

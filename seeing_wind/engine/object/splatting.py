@@ -19,7 +19,7 @@ from . import gsplat_backend
 from .gaussians import covariances, rest_covariances
 from .harmonics import seen_colours
 
-TILE = 8
+TILE = 4
 """Side of a tile [px]."""
 PIXEL_FILTER = 0.3
 """Variance of the filter that keeps a Gaussian at least about a pixel wide [px²]; the value of the reference implementation."""

@@ -86,7 +86,10 @@ def test_a_look_for_the_whole_clip_keeps_the_motion(tmp_path):
     fitted = look_over_clip(filmed, seen, pale, found)
     after = write_resimulated(Take(tmp_path / "fitted"), filmed, seen, fitted, found)
     assert before["psnr"] < 30.0 and after["psnr"] > before["psnr"] + 8.0
-    assert (fitted.gaussians.x[:COUNT] == blobs.gaussians.x).all() and (fitted.particles.x == blobs.particles.x).all()
+    away = np.linalg.norm(fitted.gaussians.x[:, None] - blobs.gaussians.x, axis=-1).min(axis=1)
+    assert away.max() < 0.025 and (fitted.particles.x == blobs.particles.x).all(), "parts of the blobs, within their width"
+    carried = fitted.gaussians.attachment.follow(found.x) - fitted.gaussians.x
+    assert carried == pytest.approx(np.broadcast_to((found.x - found.x[0]).mean(axis=1)[:, None], carried.shape), abs=1e-6)
     with pytest.raises(ClipError, match="ends at picture 3"):
         look_over_clip(filmed[:3], seen, pale, found)
 
