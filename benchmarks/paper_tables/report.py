@@ -22,7 +22,8 @@ NOTES = {
     "the stem hardly moves it (the sunflower's true force has such a part). On the soft toy the recovery finds the net force only.",
     2: "All but *default* go through `--schedule paper`, where the representation is what descends; *default* is this engine's own solve, "
     "distilled into the causal tri-plane. Trajectories are exact, for the paper's scheme doubles and alternates noise from frame to frame: "
-    "0.2 mm on every frame already put it above 100 %.",
+    "0.2 mm on every frame already put it above 100 %. *True particles* are the trajectories of the truth's own particles instead of "
+    "coarser ones: simulator and discretisation are then those of the truth, as they may have been in the paper.",
     3: "All but *default* go through `--schedule paper` on the same tracks, pictures and depth of picture 0. For flow_depth, depth is "
     "spread from lifted tracks: no depth network is used.",
 }
@@ -31,8 +32,9 @@ HEAD = """# The paper's tables
 Written by `benchmarks/tables.py` (`make tables`). The paper's scenes are not published: these are scenes of the same kinds, so the two
 columns are comparable in kind, not number by number. Objects are solids made by scripts; fields differ from object to object; there is
 no gravity. The truth is simulated by this engine's solver with particles 1.4 to 1.7 times finer than the recovery's, on a shifted
-lattice; a truth from another simulator is scored by `benchmarks/truth.py`. Pictures are painted (no cast shadows), 480 x 400, 30 fps,
-20 frame intervals. From pixels the engine knows the camera, the silhouette and depth of picture 0, what is held, and the material.
+lattice (unless a row says *true particles*); a truth from another simulator is scored by `benchmarks/truth.py`. Pictures are painted
+(no cast shadows), 480 x 400, 30 fps, 20 frame intervals. From pixels the engine knows the camera, the silhouette and depth of picture 0,
+what is held, and the material.
 
 *Magnitude* and *direction* are the paper's two errors, of the stored field at the true particle positions, held particles left out.
 *Uniform* is what a uniform field with the right net force in every frame would score: a recovery that is not well below it has found no

@@ -104,8 +104,11 @@ def film(scene: Scene, folder: Path) -> None:
             _write(into / "pin.png", _held_pixels(scene, depth, camera))
 
 
-def trajectories(scene: Scene, path: Path) -> None:
-    """Write what `recover-trajectories` reads: coarser particles that ride on the true ones."""
+def trajectories(scene: Scene, path: Path, own: bool = False) -> None:
+    """Write what `recover-trajectories` reads: coarser particles that ride on the true ones, or these (`own`)."""
+    if own:
+        np.savez(path, x=scene.x, fps=FPS, fixed=scene.held, gravity=np.zeros(3))
+        return
     rest = scene.thing.solid.fill(COARSER * scene.thing.spacing, shift=0.3)
     held = np.zeros(len(rest), bool) if scene.thing.held is None else scene.thing.held(rest)
     x = attach(rest, scene.x[0]).follow(scene.x)

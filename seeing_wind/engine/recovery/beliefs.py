@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .evidence import held_to, learn, mismatch_scale
+from .evidence import FAITH, held_to, learn, mismatch_scale
 from .forward import Forward
 from .gauss_newton import Linearisation, Solution
 from .objective import Objective
@@ -82,4 +82,17 @@ def _believing(prior: Prior, forward: Forward, point: Linearisation, objective: 
     if one_camera(objective) or forward.basis.phi.shape[1] == 1:
         return prior
     F = forward.trajectory(point.theta, forward.rough).F
-    return held_to(prior.turning(forward.basis, forward.x, F, forward.knot_spacing, MEASURED_STRETCH), prior, point)
+    belief = prior.turning(forward.basis, forward.x, F, forward.knot_spacing, MEASURED_STRETCH)
+    return held_to(belief, prior, point, FAITH * noise_share(objective))
+
+
+def noise_share(objective: Objective) -> float:
+    """Share of noise in what separates points in 3D from the simulation, 0..1; the rest is the mismatch of the solver. One for tracks.
+
+    Stretch is believed to be none because noise looks like it. Points without noise need no such help.
+    """
+    shares = [1.0]
+    if all(isinstance(one, PointChannels) for one in objective.channels):
+        noise, mismatch = zip(*(one.variances() for one in objective.channels if isinstance(one, PointChannels)))
+        shares = [a / (a + b) for a, b in zip(noise, mismatch)]
+    return max(shares)

@@ -142,8 +142,8 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
     return scales[int(np.argmax(evidence))]
 
 
-def held_to(belief: Prior, other: Prior, point: Linearisation) -> Prior:
-    """`belief`, unless the clip, linearised at `point`, speaks against it by more than FAITH in favour of the other prior."""
+def held_to(belief: Prior, other: Prior, point: Linearisation, faith: float = FAITH) -> Prior:
+    """`belief`, unless the clip, linearised at `point`, speaks against it by more than `faith` in favour of the other prior."""
     pull = point.normal @ point.theta - point.jacobian @ point.residual
     evidence = []
     for prior in (belief, other):
@@ -151,4 +151,4 @@ def held_to(belief: Prior, other: Prior, point: Linearisation) -> Prior:
         total = precision + point.normal
         volume = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(total)[1]
         evidence.append(0.5 * float(volume + pull @ np.linalg.solve(total, pull)))
-    return belief if evidence[0] > evidence[1] - FAITH else other
+    return belief if evidence[0] > evidence[1] - faith else other

@@ -62,6 +62,10 @@ class PointChannels:
         mismatch = self.mismatch_scale**2 * self.mismatch
         return (noise * np.eye(len(marginal)) + mismatch) * np.outer(marginal, marginal) + noise * (first @ first.T)
 
+    def variances(self) -> tuple[float, float]:
+        """Of one amplitude in one picture [m²]: noise, of the middle mode, and mismatch."""
+        return float(np.median(self.sigma) ** 2), float(self.mismatch_scale**2 * self.mismatch[0, 0]) + np.finfo(float).tiny
+
     def mismatched(self, scale: float) -> PointChannels:
         return replace(self, mismatch_scale=scale)
 
