@@ -143,10 +143,13 @@ def recover_stage(
     field = distill(recovery, particles, fps, settings.representation, settings.seed, progress)
     seconds["distill"] = time.perf_counter() - started
     if settings.refine:
+        progress.begin("refine", "refining the field")
         started = time.perf_counter()
         refined = refine(field, recovery, particles, material, settings, progress)
         field, seconds["refine"] = refined.field, time.perf_counter() - started
-        progress.update(1.0, f"the field's own simulation strays {1e3 * refined.after:.3g} mm ({1e3 * refined.before:.3g} mm before)")
+        if refined.before:
+            off = f"{1e3 * refined.after:.3g} mm ({1e3 * refined.before:.3g} mm before)"
+            progress.update(1.0, f"the field's own simulation strays {off} from the recovered motion")
     with take.writing("field.safetensors") as path:
         field.save(path)
     take.finish("recover", stamp, to_mapping(settings))

@@ -73,6 +73,7 @@ def draw_more(layout, settings) -> None:
     column.separator()
     column.prop(settings, "particles")
     column.prop(settings, "iterations")
+    column.prop(settings, "refine")
     column.prop(settings, "seed")
 
 

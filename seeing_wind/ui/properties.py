@@ -123,14 +123,13 @@ class ClipOptions:
         description="Folder of the results; empty: CLIP.take beside the .blend file, or in the temporary folder while it is unsaved",
     )  # fmt: skip
     iterations: IntProperty(
-        name="Iterations",
-        default=RecoverSettings.iterations,
-        min=1,
-        soft_max=50,
+        name="Iterations", default=RecoverSettings.iterations, min=1, soft_max=50, options=KEPT, update=changed,
         description="Gauss-Newton iterations at most",
-        options=KEPT,
-        update=changed,
-    )
+    )  # fmt: skip
+    refine: IntProperty(
+        name="Refine", default=RecoverSettings.refine, min=0, max=10_000, soft_max=50, options=KEPT, update=changed,
+        description="Steps by which the stored field is refined through the simulator, so that re-simulations stray less; 0 is off",
+    )  # fmt: skip
     particles: IntProperty(
         name="Particles", default=BuildSettings.particles, min=8, max=100_000, soft_min=100, soft_max=5000, step=50, options=KEPT,
         update=changed, description="About how many particles stand for the object: more see finer bends and take longer",

@@ -27,7 +27,10 @@ STEPS = ("clip", "object", "recover", "edit", "resimulate", "bake")
 
 LINKED = ("This scene is linked from another file and cannot be changed here.", "Work in a scene of this file.")
 
-SPANS = {"observe": (0.0, 0.15), "build": (0.15, 0.25), "recover": (0.25, 0.85), "distill": (0.85, 0.95), "report": (0.95, 1.0)}
+SPANS = {
+    "observe": (0.0, 0.15), "build": (0.15, 0.25), "recover": (0.25, 0.85), "distill": (0.85, 0.95), "refine": (0.85, 0.95),
+    "report": (0.95, 1.0),
+}  # fmt: skip
 """Which part of the whole bar a stage of `recover` fills; other stages fill it all."""
 
 

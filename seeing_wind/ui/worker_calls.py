@@ -122,7 +122,8 @@ def recover_options(scene: bpy.types.Scene) -> list[str]:
     if settings.law != "PRESET":
         options += ["--law", settings.law.lower()]
     effort = ("--particles", str(settings.particles), "--iterations", str(settings.iterations), "--seed", str(settings.seed))
-    return [*options, *effort]
+    # Only when asked for: what was recovered before this option was there stays up to date.
+    return [*options, *effort, *(("--refine", str(settings.refine)) if settings.refine else ())]
 
 
 def _existing(path: str, what: str) -> str:

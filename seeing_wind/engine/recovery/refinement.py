@@ -67,6 +67,7 @@ def refine(
         Cancelled: when the user asked to stop.
     """
     if not isinstance(field, ForceFieldNeural):
+        progress.warn("The field was not refined: point forces are those that were solved for.")
         return Refined(field, 0.0, 0.0)
     module = copy.deepcopy(field.module).requires_grad_(True)
     threads = torch.get_num_threads()
