@@ -44,11 +44,13 @@ def test_the_worker_gets_the_options_of_the_settings(workplace, scene) -> None:
     assert pairs["--fps"] == "30.19" and pairs["--frames"] == "2:9" and pairs["--density"] == "850" and pairs["--seed"] == "3"
     assert "--no-gravity" in options and options[options.index("--box") + 1 :][:4] == ["20", "20", "44", "44"]
     assert pairs["--distance"] == "1.5" and "--pixels-per-metre" not in options
-    scene.use_gravity, scene.seeing_wind.pixels_per_metre = True, 398.7
+    assert "--refine" not in options
+    scene.use_gravity, scene.seeing_wind.pixels_per_metre, scene.seeing_wind.refine = True, 398.7, 4
     bpy.ops.seeing_wind.recover(pixels_per_metre=398.7)
     options = results.Take(workplace / "out.take").description()["stages"]["recover"]["settings"]["options"]
     pairs = dict(zip(options, options[1:]))
     assert pairs["--pixels-per-metre"] == "398.7" and "--distance" not in options and pairs["--gravity"] == "0"
+    assert pairs["--refine"] == "4"
 
 
 def test_a_change_of_settings_makes_the_recovery_stale_and_changing_back_does_not(workplace, scene) -> None:
