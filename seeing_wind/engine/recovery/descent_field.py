@@ -72,8 +72,7 @@ class PlaneField(DescentField):
         self.index: torch.Tensor
 
     def begin(self, frame: int, x: np.ndarray) -> None:
-        offsets = self.step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-        points = (x[None] + offsets[:, None]).reshape(-1, 3)
+        points = star(x, self.step)
         s = torch.from_numpy((points - self.box[0]) / (self.box[1] - self.box[0])).float()
         self.frame, self.count = frame, len(x)
         self.index = torch.full((len(points),), frame)
@@ -81,9 +80,7 @@ class PlaneField(DescentField):
 
     def acceleration(self) -> tuple[torch.Tensor, torch.Tensor]:
         values = self.scale * self.module.decoder(self.module.latent(self.stencil, self.index)).double()
-        here, plus, minus = values.split([self.count, 3 * self.count, 3 * self.count])
-        slope = (plus - minus).reshape(3, self.count, 3) / (2.0 * self.step)
-        return here, slope.permute(1, 2, 0).contiguous()
+        return quotient(values, self.step)
 
     def roughness(self) -> torch.Tensor:
         total = SPACE_WEIGHT * self.module.roughness()[0]
@@ -110,6 +107,19 @@ class PlaneField(DescentField):
         own = time.step.grad[self.frame - 1].clone()
         time.step.grad.zero_()
         time.step.grad[self.frame - 1] = own
+
+
+def star(x: np.ndarray, step: float) -> np.ndarray:
+    """Points x (N, 3) [m] and those a step before and behind them along each axis, (7 N, 3), for `quotient`."""
+    offsets = step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    return (x[None] + offsets[:, None]).reshape(-1, 3)
+
+
+def quotient(values: torch.Tensor, step: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Values at the points of a `star` (7 N, 3) -> those at x (N, 3) and their gradient (N, 3, 3), d value_i / d x_j per metre."""
+    parts = values.view(7, -1, 3)
+    slope = (parts[1:4] - parts[4:]) / (2.0 * step)
+    return parts[0], slope.permute(1, 2, 0).contiguous()
 
 
 class PointFieldOfFrame(DescentField):

@@ -25,6 +25,7 @@ from ..mpm.model import Model, model_for
 from ..progress import Progress
 from ..records import Material, Particles, Recovery
 from ..settings import RecoverSettings
+from .descent_field import OFFSET, quotient, star
 
 STRAY = 1e-3
 """s: distance that counts as one, relative to the root mean square distance that the body travels."""
@@ -39,8 +40,6 @@ WINDOW = 16
 """Frames after which derivatives are cut (truncated back-propagation through time, Williams and Peng 1990): bounds the memory."""
 MEMORY = 20
 """Steps that L-BFGS remembers."""
-OFFSET = 0.25
-"""Step of the difference quotient for the field's gradient, in particle spacings."""
 
 State = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
 
@@ -175,10 +174,6 @@ class _Run:
 
     def _field(self, t: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Acceleration (N, 3) [m/s²] and its gradient (N, 3, 3) [1/s²] along the recovered path."""
-        x = self.path[t].numpy()
-        offsets = self.step * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-        points = (x[None] + offsets[:, None]).reshape(-1, 3)
+        points = star(self.path[t].numpy(), self.step)
         s, frame = torch.from_numpy((points - self.box[0]) / (self.box[1] - self.box[0])), torch.full((len(points),), t)
-        values = (self.scale * self.module(s, frame)).view(7, len(x), 3)
-        slope = (values[1:4] - values[4:]) / (2.0 * self.step)
-        return values[0], slope.permute(1, 2, 0)
+        return quotient(self.scale * self.module(s, frame), self.step)

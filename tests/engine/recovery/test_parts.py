@@ -10,6 +10,7 @@ from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.basis import hats, spatial_basis, velocity_basis
+from seeing_wind.engine.recovery.beliefs import noise_share
 from seeing_wind.engine.recovery.channels import noise_of
 from seeing_wind.engine.recovery.evidence import _log_evidence, held_to, learn
 from seeing_wind.engine.recovery.gauss_newton import Linearisation, solve
@@ -322,3 +323,11 @@ def test_the_noise_of_picture_0_turns_with_the_body():
         found = np.cov(np.array(series)[:, :, axis].T)
         wanted = replace(channels, mismatch_scale=0.0).covariance(axis)[1:, 1:]
         np.testing.assert_allclose(found, wanted, atol=0.3 * wanted[0, 0])
+
+
+@pytest.mark.parametrize(("sigma", "low", "high"), [(0.0, 0.0, 0.0), (1e-3, 0.9, 1.0)])
+def test_the_share_of_noise_is_none_of_exact_points_and_most_of_noisy_ones(sigma, low, high):
+    body = block((4, 3, 2))
+    still = np.repeat(body.x[None], 10, axis=0)
+    channels = point_channels(body, PointTargets(still, np.ones(still.shape[:2], bool), every(body), sigma=sigma), False)
+    assert low <= noise_share(Objective([channels])) <= high
