@@ -72,6 +72,8 @@ class Block:
     camera: Camera
     mask: np.ndarray
     """(H, W) bool, the silhouette."""
+    stretch: tuple[float, ...]
+    """Per side, how much narrower the silhouette is on the face than the body, for rounded edges opposite the side: width over width."""
 
     def frame(self) -> np.ndarray:
         """(3, 3) rows: two directions in the face, along its sides where there are any, and the inward normal."""
@@ -83,11 +85,13 @@ class Block:
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Which of the points (..., 3) [m] are inside, (...,) bool."""
         behind = self.face.behind(points)
-        on_face = points + behind[..., None] * self.face.normal
-        inside = (behind >= -self.tolerance) & (behind <= self.depth) & self._at(self.mask, on_face)
-        for side in self.sides:
-            inside &= side.behind(on_face) >= -self.tolerance
-        return inside
+        seen = on_face = points + behind[..., None] * self.face.normal
+        inside = (behind >= -self.tolerance) & (behind <= self.depth)
+        for side, stretch in zip(self.sides, self.stretch, strict=True):
+            away = side.behind(on_face)
+            inside &= away >= -self.tolerance
+            seen = seen + (away * (1.0 - stretch))[..., None] * side.normal
+        return inside & self._at(self.mask, seen)
 
     def exits(self, front: np.ndarray) -> np.ndarray:
         """Where the pixels' rays leave the body that they enter at depth `front` (H, W): depths (H, W) [m], `front` off the mask."""
@@ -172,8 +176,11 @@ def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | N
     deepest = max(range(len(sides)), key=lambda number: np.quantile(behind[number], EDGE_QUANTILE))
     side, on_side = sides[deepest]
     depth = float(np.quantile(behind[deepest], EDGE_QUANTILE)) + _half_a_pixel(behind[deepest], on_side)
-    depth += _hidden_edge(face, side, points[on_face | on_side], points[on_side].mean(axis=0) - eye)
-    return Block(face, tuple(one for one, _ in sides), depth, tolerance, camera, mask)
+    depth += _hidden_edge(_radius(face, side, points[on_face | on_side]), face, side, points[on_side].mean(axis=0) - eye)
+    along = (points[mask] - eye) @ face.normal
+    silhouette = eye + (points[mask] - eye) * (face.behind(eye) / np.minimum(along, -1e-9))[:, None]
+    stretch = tuple(_stretch(face, one, points[on_face | on], silhouette, eye) for one, on in sides)
+    return Block(face, tuple(one for one, _ in sides), depth, tolerance, camera, mask, stretch)
 
 
 def _half_a_pixel(behind: np.ndarray, on: np.ndarray) -> float:
@@ -183,17 +190,40 @@ def _half_a_pixel(behind: np.ndarray, on: np.ndarray) -> float:
     return 0.5 * float(np.linalg.norm(slope))
 
 
-def _hidden_edge(face: Plane, side: Plane, points: np.ndarray, sight: np.ndarray) -> float:
+def _radius(face: Plane, side: Plane, points: np.ndarray) -> float:
+    """Radius [m] of the edge between a face and a side, of points (n, 3) on them."""
+    # On the arc between two planes at right angles a + b, the distances behind both, is least half way: (2 - sqrt 2) radii. At a sharp
+    # edge it falls to nothing, though not in any pixel: the line through two quantiles says where to.
+    share = 1.0 - EDGE_QUANTILE
+    few, more = np.quantile(face.behind(points) + side.behind(points), (share, 2.0 * share))
+    return max(float(2.0 * few - more), 0.0) / (2.0 - float(np.sqrt(2.0)))
+
+
+def _hidden_edge(radius: float, face: Plane, side: Plane, sight: np.ndarray) -> float:
     """How much deeper [m] than its silhouette a body is, whose edges are rounded: the far one is taken to be as round as the near one.
 
-    Args:
-        points: (n, 3) on the face and the side [m]; sight: (3,) direction in which they are seen.
+    The silhouette is where the arc is touched by the line of sight (3,).
     """
-    # On the arc between two planes at right angles a + b, the distances behind both, is least half way: (2 - sqrt 2) radii.
-    radius = float(np.quantile(face.behind(points) + side.behind(points), 1.0 - EDGE_QUANTILE)) / (2.0 - np.sqrt(2.0))
-    # The silhouette is where the arc is touched by the line of sight.
     touched = np.arctan2(-sight @ side.normal, -sight @ face.normal)
-    return max(radius, 0.0) * (1.0 - float(np.sin(touched)))
+    return radius * (1.0 - float(np.sin(touched)))
+
+
+def _stretch(face: Plane, side: Plane, points: np.ndarray, silhouette: np.ndarray, eye: np.ndarray) -> float:
+    """Width of the silhouette on the face over the body's width, away from a side: the edge opposite it is taken to be as round.
+
+    Args:
+        points: (m, 3) on the face and the side [m].
+        silhouette: (n, 3) where the outline's and all other pixels' rays cross the plane of the face [m]; eye: (3,) of the camera [m].
+    """
+    away = side.behind(silhouette)
+    farthest = int(np.argmax(away))
+    sight = silhouette[farthest] - eye
+    forward, aside = -sight @ face.normal, -sight @ side.normal
+    touched, radius = np.arctan2(aside, forward), _radius(face, side, points)
+    # The line of sight that touches the arc does so before the arc's end, and crosses the face before that.
+    lost = radius * (1.0 - np.cos(touched)) + radius * (1.0 - np.sin(touched)) * aside / max(forward, 1e-9)
+    seen = max(float(away[farthest]), 1e-9)
+    return seen / (seen + float(lost))
 
 
 def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolerance: float) -> Plane | None:

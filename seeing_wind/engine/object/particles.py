@@ -32,6 +32,12 @@ SOLID = ("block", "ball", "solid")
 DOTS = 4
 """At least so many dots along each side of a cell say how much of it the body covers."""
 
+RANGE, TRIED = 1.0, 50
+"""Logarithm of the factor by which a block's cells may be larger or smaller than cubes of the wanted number, and how many are tried."""
+
+SAME = 0.08
+"""Sides of a block whose lengths differ by less than this share are meant to be equal."""
+
 RIM = 0.002
 """Share of a block's dots that may lie beyond the outermost cells: pixels of its outline are uneven."""
 
@@ -100,9 +106,7 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
         flat = (dots - np.average(dots, axis=0, weights=weight)) @ relief.camera.pose(0)[:3, :3] / spacing
         sites, cell = np.round(flat).astype(int), spacing**3
     else:
-        layers = int(layers_of(np.array([block.depth]), spacing)[0])
-        spacing = max(float(np.sqrt(total / block.depth * layers / count)), MIN_SPACING_PIXELS * pixel)
-        sites, cell = _in_block(block, dots, spacing, layers, on_pin)
+        spacing, sites, cell = _in_block(block, dots, spacing, count, MIN_SPACING_PIXELS * pixel, on_pin)
     sites, inverse = np.unique(sites, axis=0, return_inverse=True)
     covered = np.bincount(inverse.ravel(), weight)
     kept = covered >= min(COVERAGE * cell, covered.max())
@@ -121,21 +125,44 @@ def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
     return Particles(x=centre, volume=volume, pinned=pinned, spacing=spacing)
 
 
-def _in_block(block: Block, dots: np.ndarray, spacing: float, layers: int, on_pin: np.ndarray) -> tuple[np.ndarray, float]:
-    """Cells (D, 3) int of dots (D, 3) in a lattice of about `spacing` [m] that begins and ends at the block's sides; a cell's volume.
+def _in_block(
+    block: Block, dots: np.ndarray, spacing: float, count: int, finest: float, on_pin: np.ndarray
+) -> tuple[float, np.ndarray, float]:
+    """Cells (D, 3) int of dots (D, 3) in a lattice that begins and ends at the block's sides, with about `count` cells of `spacing` [m].
 
-    Where a part of the block is held (D,), a layer ends at the border: how far a force bends it goes with the cube of what is free.
+    Sides of the same length get as many cells, or a post would be stiffer one way than the other. Where a part of the block is held (D,),
+    a layer ends at the border: how far a force bends it goes with the cube of what is free.
+
+    Returns:
+        the spacing [m], at least `finest`; the cells; a cell's volume [m³].
     """
     flat = (dots - block.face.point) @ block.frame().T
-    low, high = np.quantile(flat[:, :2], RIM, axis=0), np.quantile(flat[:, :2], 1.0 - RIM, axis=0)
-    edges = [np.linspace(low[axis], high[axis], max(1, round((high[axis] - low[axis]) / spacing)) + 1) for axis in range(2)]
-    edges.append(np.linspace(0.0, block.depth, layers + 1))
+    low, high = np.quantile(flat, RIM, axis=0), np.quantile(flat, 1.0 - RIM, axis=0)
+    low[2], high[2] = 0.0, block.depth
+    spacing, cells = _cells(high - low, spacing, count, finest)
+    edges = [np.linspace(low[axis], high[axis], cells[axis] + 1) for axis in range(3)]
     if on_pin.any() and not on_pin.all():
         lever = flat[~on_pin].mean(axis=0) - flat[on_pin].mean(axis=0)
         axis = int(np.argmax(np.abs(lever)))
         edges[axis] = _ending_at(edges[axis], _border(flat[:, axis], on_pin, lever[axis] > 0.0))
     sites = [np.clip(np.searchsorted(one, flat[:, axis]) - 1, 0, len(one) - 2) for axis, one in enumerate(edges)]
-    return np.stack(sites, axis=1), float(np.prod([np.diff(one).mean() for one in edges]))
+    return spacing, np.stack(sites, axis=1), float(np.prod([np.diff(one).mean() for one in edges]))
+
+
+def _cells(extent: np.ndarray, spacing: float, count: int, finest: float) -> tuple[float, np.ndarray]:
+    """Spacing [m] and numbers of cells (3,) along a block's extent (3,) [m]: those near `spacing` whose product is nearest `count`."""
+    best, length = None, extent.copy()
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        if abs(np.log(length[a] / length[b])) < SAME:
+            length[[a, b]] = np.sqrt(length[a] * length[b])
+    for tried in spacing * np.exp(np.linspace(-RANGE, RANGE, 2 * TRIED + 1)):
+        tried = max(float(tried), finest)
+        cells = layers_of(length, tried)
+        miss = abs(np.log(cells.prod() / count))
+        if best is None or miss < best[0]:
+            best = miss, tried, cells
+    assert best is not None
+    return best[1], best[2]
 
 
 def _border(along: np.ndarray, held: np.ndarray, held_below: bool) -> float:

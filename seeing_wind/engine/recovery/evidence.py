@@ -19,10 +19,10 @@ import torch
 
 from .gauss_newton import Linearisation
 from .objective import Objective
-from .prior import DURATION, LENGTH, UNIFORM, Kernel, Prior
+from .prior import DURATION, LENGTH, SLOPE, UNIFORM, Kernel, Prior
 
 ITERATIONS = 25
-BELIEFS = {"length": (LENGTH, 1.0), "duration": (DURATION, 0.5), "uniform": (UNIFORM, 1.5)}
+BELIEFS = {"length": (LENGTH, 1.0), "duration": (DURATION, 0.5), "uniform": (UNIFORM, 1.5), "slope": (SLOPE, 1.5)}
 """Median and standard deviation of the logarithm of each size."""
 ROUNDNESS = 1.0
 """Standard deviation of the logarithm of each component's size about what is believed of it, and of the correlations."""
@@ -85,29 +85,29 @@ def learn(
 
 
 def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
-    """log L, log tau, log u, and of the factor A of C = root A A' root' the logarithms of its diagonal, and the rest over the diagonal."""
+    """log L, log tau, log u, log w, and of the factor A of C = root A A' root' the logarithms of its diagonal, and the rest over the diagonal."""
     factor = np.linalg.solve(root, np.linalg.cholesky(kernel.covariance))
     diagonal = np.diag(factor)
     below = (factor / diagonal)[np.tril_indices(3, -1)]
-    sizes = [kernel.length, kernel.duration, kernel.uniform]
+    sizes = [kernel.length, kernel.duration, kernel.uniform, kernel.slope]
     return torch.from_numpy(np.concatenate([np.log(sizes), np.log(diagonal), below]))
 
 
-def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
-    """A, and L, tau, u."""
-    sizes = torch.exp(parameters[:6].clamp(-LARGEST, LARGEST))
-    length, duration, uniform = sizes[:3].unbind()
-    below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[6:])
-    factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(sizes[3:])
-    return factor, (length, duration, uniform)
+def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
+    """A, and L, tau, u, w."""
+    count = len(BELIEFS)
+    sizes = torch.exp(parameters[: count + 3].clamp(-LARGEST, LARGEST))
+    below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[count + 3 :])
+    factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(sizes[count:])
+    return factor, sizes[:count].unbind()
 
 
 def _disbelief(parameters: torch.Tensor) -> torch.Tensor:
     """Minus the logarithm of what is believed of the sizes: of C the shape root root' only, not its scale."""
     total = torch.zeros((), dtype=parameters.dtype)
-    for value, (median, spread) in zip(parameters[:3], BELIEFS.values()):
+    for value, (median, spread) in zip(parameters, BELIEFS.values()):
         total = total + 0.5 * ((value - math.log(median)) / spread) ** 2
-    diagonal, below = parameters[3:6], parameters[6:]
+    diagonal, below = parameters[len(BELIEFS) :].split((3, 3))
     return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / ROUNDNESS**2
 
 

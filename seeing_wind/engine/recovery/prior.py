@@ -1,11 +1,13 @@
 """What is believed of the field before the clip is seen: a Gaussian process over the places and times that the body passes.
 
-    cov(a(x, t), a(x', t')) = C  (u + exp(-|x - x'|² / 2 L²)) / (1 + u)  (c + M(|t - t'| / tau)) / (1 + c)
+    cov(a(x, t), a(x', t')) = C  (u + w y.y' + exp(-|x - x'|² / 2 L²)) / (1 + u + w)  (c + M(|t - t'| / tau)) / (1 + c)
 
-with M the Matérn-5/2 function. x is a place in the world, not on the body: a wind has its shape in the air, and a body that turns or
+with M the Matérn-5/2 function and y the place as seen from the body's centre, in body radii: a part that is the same everywhere, one
+that grows linearly, and one that bends, each of its own size. A squeeze has no net force, and without the linear part only a huge and
+smooth field would hold such a slope, whose huge net force is then taken from the noise. x is a place in the world, not on the body: a wind has its shape in the air, and a body that turns or
 travels through it meets the same gust with another of its parts. So what is seen of a gradient while the body lies across it tells of it
 when the body has turned along it, where a stiff body hides it. The solve's unknowns are modes on the body; their covariance is this one,
-taken along a nearby simulation. The sizes C, L, tau, u are learnt from the clip (`evidence`).
+taken along a nearby simulation. The sizes C, L, tau, u, w are learnt from the clip (`evidence`).
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ from ..field.confidence import farthest_points
 from .basis import SpatialBasis, knots
 from .stretch import stretch_precision, stretch_rows
 
-LENGTH, DURATION, UNIFORM = 2.0, 8.0, 0.5
-"""L [body radii], tau [frames] and u before anything is learnt."""
+LENGTH, DURATION, UNIFORM, SLOPE = 2.0, 8.0, 0.5, 0.2
+"""L [body radii], tau [frames], u and w before anything is learnt."""
 CONSTANT = 0.5
 """c: variance of the part that never changes, relative to the changing part's."""
 STRETCH = 0.1
@@ -46,7 +48,9 @@ class Kernel:
     duration: float = DURATION
     """tau [frames]."""
     uniform: float = UNIFORM
-    """u: variance of what is the same everywhere, relative to what varies in space."""
+    """u: variance of what is the same everywhere, relative to what bends in space."""
+    slope: float = SLOPE
+    """w: variance, a body radius from its centre, of what grows linearly, relative to what bends."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +61,8 @@ class Places:
     """(M, S): values at sample particles -> modes."""
     squared: np.ndarray
     """(K, S, K, S) squared distances over the body's radius squared."""
+    aligned: np.ndarray
+    """(K, S, K, S) y.y', products of places as seen from the body's centre at their time, over the body's radius squared."""
     at: np.ndarray
     """(K,) times of the knots [frames]."""
 
@@ -66,20 +72,23 @@ class Places:
         at = knots(len(path) - 1, spacing)
         count = min(len(basis.phi), max(40, SAMPLES_PER_MODE * basis.phi.shape[1]))
         some = farthest_points(path[0], count)
-        x = path[np.minimum(np.rint(at).astype(int), len(path) - 1)][:, some].reshape(-1, 3)
-        x = (x - x.mean(axis=0)) / basis.radius
+        x = path[np.minimum(np.rint(at).astype(int), len(path) - 1)] / basis.radius
+        y = (x - x.mean(axis=1, keepdims=True))[:, some].reshape(-1, 3)
+        x = (x[:, some] - x.mean(axis=(0, 1))).reshape(-1, 3)
         squared = np.maximum((x**2).sum(axis=1)[:, None] + (x**2).sum(axis=1)[None, :] - 2.0 * x @ x.T, 0.0)
-        return Places(np.linalg.pinv(basis.phi[some]), squared.reshape(len(at), count, len(at), count), at)
+        shape = (len(at), count, len(at), count)
+        return Places(np.linalg.pinv(basis.phi[some]), squared.reshape(shape), (y @ y.T).reshape(shape), at)
 
     def covariance(self, kernel: Kernel) -> np.ndarray:
         """(K M, K M) correlation of the modes at the knots; the components' covariance C is apart."""
-        sizes = (torch.tensor(size, dtype=torch.float64) for size in (kernel.length, kernel.duration, kernel.uniform))
+        sizes = (torch.tensor(size, dtype=torch.float64) for size in (kernel.length, kernel.duration, kernel.uniform, kernel.slope))
         return self.correlation(*sizes).numpy()
 
-    def correlation(self, length: torch.Tensor, duration: torch.Tensor, uniform: torch.Tensor) -> torch.Tensor:
+    def correlation(self, length: torch.Tensor, duration: torch.Tensor, uniform: torch.Tensor, slope: torch.Tensor) -> torch.Tensor:
         """`covariance`, differentiable in the sizes."""
         project, modes = torch.from_numpy(self.project), len(self.at) * len(self.project)
-        in_space = (uniform + torch.exp(-0.5 * torch.from_numpy(self.squared) / length**2)) / (1.0 + uniform)
+        bending = torch.exp(-0.5 * torch.from_numpy(self.squared) / length**2)
+        in_space = (uniform + slope * torch.from_numpy(self.aligned) + bending) / (1.0 + uniform + slope)
         both = in_space * over_time(self.at, duration)[:, None, :, None]
         matrix = torch.einsum("ms,ksln->kmln", project, both @ project.T).reshape(modes, modes)
         return 0.5 * (matrix + matrix.T) + JITTER * torch.trace(matrix) / modes * torch.eye(modes, dtype=torch.float64)

@@ -47,7 +47,7 @@ SHARES = (1.0, 0.5, 0.25, 0.125)
 """Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what the step takes it for."""
 SETTLED = 0.25
 """Steps of s below this many standard deviations need no other after them."""
-COARSE_ROUNDS, FINE_ROUNDS = 3, 1
+COARSE_ROUNDS, FINE_ROUNDS = 5, 2
 """Joint steps at most, each with a solve for theta after it."""
 
 
@@ -187,6 +187,10 @@ class Joint:
     def follow(self, dq: np.ndarray) -> np.ndarray:
         """(n,) the step of theta that goes best with a step (2,) of q."""
         return -np.linalg.solve(self.normal, self.gradient[:-2] + self.coupling @ dq)
+
+    def chord(self, theta: np.ndarray, residual: np.ndarray, jacobian: np.ndarray, precision: np.ndarray) -> np.ndarray:
+        """(n,) a Gauss-Newton step of theta (n,) alone, from whitened residuals (m,) elsewhere, with the Jacobian (n, m) of the solution."""
+        return -np.linalg.solve(self.normal, jacobian @ residual + precision @ theta)
 
 
 def shortened(step: np.ndarray) -> np.ndarray:

@@ -44,6 +44,9 @@ PLASTIC_SEGMENT, PLASTIC_ITERATIONS = 5, (2, 3)
 16 frames ended 5 px off, in segments 1 px."""
 ROUGH = 0.5
 """Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
+FOLLOWING = 3
+"""Times that a step of the stiffness is looked at, with a chord step of the force before each but the first: the force follows a clamp
+only about linearly, and would be blamed on the stiffness."""
 UNEXPECTED = 1e-4
 """Share of the field's variance over the body that may lie in modes which the solve leaves out."""
 UNKNOWNS = 900
@@ -156,11 +159,14 @@ class WindowSolver:
             there = before.at(before.q + share * dq, joint.deviation)
             changed = replace(forward, model=there.of(self.model, self.particles), rough=self._rough(there))
             theta = solution.theta + share * joint.follow(dq)
-            positions = changed.positions(theta[None])
-            if np.isfinite(positions).all():
+            for _ in range(FOLLOWING):
+                positions = changed.positions(theta[None])
+                if not np.isfinite(positions).all():
+                    break
                 white = self.objective.whiten(self.objective.residual(positions))
                 if float(cost_of(white, theta[None], prior.precision())[0]) + there.penalty() < most:
                     return there, changed, theta
+                theta = theta + joint.chord(theta, white[0], solution.point.jacobian, prior.precision())
         return None
 
     def _model(self) -> Model:

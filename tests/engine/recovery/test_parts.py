@@ -132,6 +132,22 @@ def test_sizes_of_the_prior_are_learnt_from_a_draw():
     assert modes_worth(learnt, basis, body.x, 1e-4) > modes_worth(replace(learnt, length=8.0), basis, body.x, 1e-4)
 
 
+def test_a_squeeze_is_learnt_as_a_slope_and_not_as_a_huge_net_force():
+    body = block((7, 7, 7))
+    basis = spatial_basis(body.x, body.volume, 10)
+    places = Places.along(basis, still(body, 16), 2.0)
+    squeeze = np.zeros((len(places.at), 10, 3))
+    squeeze[:, 1, 0], squeeze[:, 2, 2] = 1.0, -1.0  # [m/s²] along two axes, all through the clip
+    # Net forces are seen ten times less well than slopes, as by noise that moves the body as a whole.
+    weight = np.repeat(np.where(np.arange(10) == 0, 1.0, 10.0) ** 2 / 0.3**2, 3)
+    normal = np.diag(np.tile(weight, len(places.at)))
+    noise = np.random.default_rng(1).standard_normal(len(normal)) / np.sqrt(np.diag(normal))
+    learnt = learn(Prior(Kernel(np.eye(3)), places, np.zeros(0)), normal, normal @ (squeeze.ravel() + noise))
+    modes = np.diag(places.covariance(learnt)) * np.trace(learnt.covariance)
+    assert learnt.slope > 2.0 * (learnt.uniform + 1.0)
+    assert 0.2 < np.sqrt(modes[1]) < 3.0 and np.sqrt(modes[0]) < 1.0
+
+
 def test_residuals_of_points_are_zero_for_the_truth_and_white_for_noise():
     body = block((6, 5, 4))
     moved = body.x + 0.1 * np.arange(30)[:, None, None] ** 2 / 900 * [1.0, 0.0, 0.5]
@@ -202,6 +218,9 @@ def test_noise_is_told_from_motion():
     assert noise_of(smooth) < 2e-5
     assert noise_of(smooth + 0.001 * rng.standard_normal(smooth.shape)) == pytest.approx(0.001, rel=0.3)
     assert noise_of(smooth[:5]) == 0.0
+    # Not too small on average, either, for clips as short as those of a fall.
+    draws = [noise_of(rng.standard_normal((16, 3))) for _ in range(400)]
+    assert np.mean(draws) == pytest.approx(0.98, abs=0.025)
 
 
 def test_bad_targets_are_refused_with_a_hint():
