@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from .conventions import GRAVITY
 from .errors import UsageError
-from .settings import BuildSettings, ObserveSettings, RecoverSettings
+from .settings import FLOWING_PARTICLES, PARTICLES, BuildSettings, ObserveSettings, RecoverSettings
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
 
@@ -161,7 +161,7 @@ def _recover(p: Parser) -> None:
         type=whole(8, 100_000),
         default=BuildSettings.particles,
         metavar="N",
-        help="about how many particles stand for the body",
+        help=f"about how many particles stand for the body; else {PARTICLES}, or {FLOWING_PARTICLES} where the material flows",
     )
     p.add_argument(
         "--stiffness",

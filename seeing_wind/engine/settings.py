@@ -57,6 +57,11 @@ class ObserveSettings:
     seed: int = 0
 
 
+PARTICLES, FLOWING_PARTICLES = 600, 1800
+"""How many particles stand for a body. Near its yield stress, one that flows answers a load that is 4 % too small with 15 % less flow: a
+ball of 600 particles asked for forces 17 % off, one of 1800 for 8 %."""
+
+
 @dataclass(frozen=True)
 class BuildSettings:
     """From an observation to a body."""
@@ -77,8 +82,8 @@ class BuildSettings:
     estimated_by: str | None = None
     thickness: float | None = None
     """Metres behind the visible surface; None guesses from the silhouette."""
-    particles: int = 600
-    """Roughly how many particles stand for the body."""
+    particles: int | None = None
+    """Roughly how many particles stand for the body; None is PARTICLES, or FLOWING_PARTICLES where the material flows."""
     seed: int = 0
 
 

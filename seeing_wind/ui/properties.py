@@ -15,7 +15,7 @@ from bpy.props import (
 )
 
 from ..engine.conventions import DEFAULT_FOV_DEGREES, GRAVITY
-from ..engine.settings import BuildSettings, RecoverSettings
+from ..engine.settings import FLOWING_PARTICLES, PARTICLES, BuildSettings, RecoverSettings
 from . import edits
 from .property_kinds import KEPT, KINDS, LAW_ITEMS, MATERIAL_ITEMS, PATH, WAYS, changed, choice, file_path, is_mesh, number, toggle
 
@@ -131,8 +131,9 @@ class ClipOptions:
         description="Steps by which the stored field is refined through the simulator, so that re-simulations stray less; 0 is off",
     )  # fmt: skip
     particles: IntProperty(
-        name="Particles", default=BuildSettings.particles, min=8, max=100_000, soft_min=100, soft_max=5000, step=50, options=KEPT,
-        update=changed, description="About how many particles stand for the object: more see finer bends and take longer",
+        name="Particles", default=0, min=0, max=100_000, soft_max=5000, step=50, options=KEPT, update=changed,
+        description=f"About how many particles stand for the object: more see finer bends and take longer. 0 is {PARTICLES}, "
+        f"or {FLOWING_PARTICLES} where the material flows",
     )  # fmt: skip
     seed: IntProperty(name="Seed", default=0, min=0, description="Of every random choice", options=KEPT, update=changed)
 

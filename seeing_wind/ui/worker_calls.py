@@ -121,9 +121,11 @@ def recover_options(scene: bpy.types.Scene) -> list[str]:
             options += [f"--{name.replace('_', '-')}", _number(getattr(settings, name))]
     if settings.law != "PRESET":
         options += ["--law", settings.law.lower()]
-    effort = ("--particles", str(settings.particles), "--iterations", str(settings.iterations), "--seed", str(settings.seed))
-    # Only when asked for: what was recovered before this option was there stays up to date.
-    return [*options, *effort, *(("--refine", str(settings.refine)) if settings.refine else ())]
+    options += ["--iterations", str(settings.iterations), "--seed", str(settings.seed)]
+    for name in ("particles", "refine"):  # 0 leaves them to the engine
+        if getattr(settings, name):
+            options += [f"--{name}", str(getattr(settings, name))]
+    return options
 
 
 def _existing(path: str, what: str) -> str:

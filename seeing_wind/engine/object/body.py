@@ -9,7 +9,7 @@ import numpy as np
 from ..materials import PLASTIC_LAWS, adjusted, find
 from ..progress import NoProgress, Progress
 from ..records import Body, Observation, Particles, Surface
-from ..settings import BuildSettings
+from ..settings import FLOWING_PARTICLES, PARTICLES, BuildSettings
 from .gaussians import pixel_aligned
 from .keypoints import held, place, ride
 from .late import among, tie
@@ -47,13 +47,15 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
         source = f"estimated for {settings.estimated_by}"
         material = dataclasses.replace(material, name=settings.estimated_material, source=source)
     relief = relief_of(observation, settings.thickness)
-    particles = fill(relief, settings.particles, observation.pin)
+    flows = material.law in PLASTIC_LAWS
+    count = settings.particles if settings.particles is not None else FLOWING_PARTICLES if flows else PARTICLES
+    particles = fill(relief, count, observation.pin)
     progress.update(0.05, f"{len(particles.x)} particles in a {relief.kind}, {1000.0 * relief.thickness:.1f} mm thick")
     surface = surface_of(relief, particles.x)
     points, tie_sigma = _key_points(observation, relief, particles, surface, progress)
     keypoints = ride(points, observation.on_centroid, particles)
     # A body that flows forgets picture 0: its neighbourhoods are compared with the previous picture.
-    arap: Arap = "previous" if material.law in PLASTIC_LAWS else "rest"
+    arap: Arap = "previous" if flows else "rest"
     visible = observation.visible & np.isfinite(points).all(axis=1)
     sigma = np.hypot(observation.sigma, tie_sigma)
     lifted = lift(observation.camera, observation.xy, visible, sigma, points, held(observation, points), arap, progress)

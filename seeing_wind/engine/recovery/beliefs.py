@@ -12,7 +12,7 @@ from .forward import Forward
 from .gauss_newton import Linearisation, Solution
 from .objective import Objective
 from .point_channels import PointChannels
-from .prior import MEASURED_STRETCH, PLASTIC_STRETCH, STRETCH, Kernel, Places, Prior
+from .prior import MEASURED_STRETCH, PLASTIC_STRETCH, STRETCH, SWELLING, Kernel, Places, Prior
 from .track_channels import TrackChannels
 
 MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
@@ -39,12 +39,15 @@ def one_camera(objective: Objective) -> bool:
 
 
 def prior_along(kernel: Kernel, forward: Forward, theta: np.ndarray, expected: Expected, objective: Objective) -> Prior:
-    """The prior of these sizes along the simulation under theta, with what one camera must believe of stretch."""
+    """The prior of these sizes along the simulation under theta, with what cameras must believe of stretch."""
     path = forward.trajectory(theta, forward.rough)
     prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), expected.speed[: len(forward.velocity)])
+    plastic = forward.model.plastic
+    if plastic and any(isinstance(one, TrackChannels) for one in objective.channels):
+        prior = prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, SWELLING, volume_only=True)
     if not one_camera(objective):
         return prior
-    return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, PLASTIC_STRETCH if forward.model.plastic else STRETCH)
+    return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, PLASTIC_STRETCH if plastic else STRETCH)
 
 
 def learnt(prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None]) -> Kernel:

@@ -85,7 +85,7 @@ def learn(
 
 
 def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
-    """log L, log tau, log u, log w, and of the factor A of C = root A A' root' the logarithms of its diagonal, and the rest over the diagonal."""
+    """log L, log tau, log u, log w, and of the factor A of C = root A A' root' the logarithms of its diagonal, then the rest over it."""
     factor = np.linalg.solve(root, np.linalg.cholesky(kernel.covariance))
     diagonal = np.diag(factor)
     below = (factor / diagonal)[np.tril_indices(3, -1)]

@@ -4,10 +4,11 @@
 
 with M the Matérn-5/2 function and y the place as seen from the body's centre, in body radii: a part that is the same everywhere, one
 that grows linearly, and one that bends, each of its own size. A squeeze has no net force, and without the linear part only a huge and
-smooth field would hold such a slope, whose huge net force is then taken from the noise. x is a place in the world, not on the body: a wind has its shape in the air, and a body that turns or
-travels through it meets the same gust with another of its parts. So what is seen of a gradient while the body lies across it tells of it
-when the body has turned along it, where a stiff body hides it. The solve's unknowns are modes on the body; their covariance is this one,
-taken along a nearby simulation. The sizes C, L, tau, u, w are learnt from the clip (`evidence`).
+smooth field would hold such a slope, whose huge net force is then taken from the noise. x is a place in the world, not on the body: a
+wind has its shape in the air, and a body that turns or travels through it meets the same gust with another of its parts. So what is seen
+of a gradient while the body lies across it tells of it when the body has turned along it, where a stiff body hides it. The solve's
+unknowns are modes on the body; their covariance is this one, taken along a nearby simulation. The sizes C, L, tau, u, w are learnt from
+the clip (`evidence`).
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ PLASTIC_STRETCH = 0.3
 """The same for bodies that flow, which forces really stretch: with less, a ball that is squeezed was taken for one that moves in depth."""
 MEASURED_STRETCH = 0.3
 """The same of points in 3D and of several cameras, if the clip does not speak against it (`evidence.held_to`): noise hides a stretch."""
+SWELLING = 0.1
+"""Standard deviation of the trace of the field's gradient, relative to what the rest of the prior implies, for bodies that flow and are
+seen in pictures: they flow at constant volume, so what would swell or squeeze them from all sides shows as little as in a stiff body."""
 SAMPLES_PER_MODE = 3
 JITTER = 1e-8
 """Variance of every mode relative to the mean one: none is ruled out, and the inverse exists."""
@@ -132,14 +136,20 @@ class Prior:
         full[range(len(field), self.count), range(len(field), self.count)] = 1.0 / self.velocity**2
         return full
 
-    def turning(self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, share: float = STRETCH) -> Prior:
-        """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it."""
-        rows = stretch_rows(basis, x, F, spacing)
+    def turning(
+        self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, share: float = STRETCH, volume_only: bool = False
+    ) -> Prior:
+        """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it.
+
+        `volume_only`: or at least that it does not swell it.
+        """
+        rows = stretch_rows(basis, x, F, spacing, volume_only)
         count = len(self.places.at)
         modes = self.places.covariance(self.kernel).reshape(count, len(self.places.project), count, -1)
         space = np.einsum("kmkn->kmn", modes)
         time = over_time(self.places.at, torch.tensor(self.kernel.duration, dtype=torch.float64)).numpy()
-        return replace(self, stretch=stretch_precision(rows, time, space, self.kernel.covariance, share))
+        extra = stretch_precision(rows, time, space, self.kernel.covariance, share)
+        return replace(self, stretch=extra if self.stretch is None else self.stretch + extra)
 
 
 def modes_worth(kernel: Kernel, basis: SpatialBasis, x: np.ndarray, share: float) -> int:

@@ -189,7 +189,7 @@ class Joint:
         return -np.linalg.solve(self.normal, self.gradient[:-2] + self.coupling @ dq)
 
     def chord(self, theta: np.ndarray, residual: np.ndarray, jacobian: np.ndarray, precision: np.ndarray) -> np.ndarray:
-        """(n,) a Gauss-Newton step of theta (n,) alone, from whitened residuals (m,) elsewhere, with the Jacobian (n, m) of the solution."""
+        """(n,) a Gauss-Newton step of theta (n,) alone, from whitened residuals (m,) there, with the Jacobian (n, m) of the solution."""
         return -np.linalg.solve(self.normal, jacobian @ residual + precision @ theta)
 
 

@@ -20,7 +20,7 @@ FLAT = 0.25
 """An axis along which the body reaches less than this share of its longest cannot be stretched to any effect."""
 
 
-def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float) -> np.ndarray:
+def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, volume_only: bool = False) -> np.ndarray:
     """How the coefficients of each knot stretch the body as it lies at that time.
 
     Along the axes on which the body reaches far: a plate's two, a post's one. A force across a plate that grows along it only tilts and
@@ -31,6 +31,7 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: flo
         x: (N, 3) rest positions [m].
         F: (T+1, N, 3, 3) deformation gradients of a nearby simulation; they turn the body's axes.
         spacing: frames between knots.
+        volume_only: only the part that would change the body's volume, the gradient's trace.
 
     Returns:
         (knots, M, modes, 3): row (k, m) dotted with the coefficients of knot k is the mean over the particles of a smooth function times
@@ -50,6 +51,8 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: flo
     if not pairs:  # a body of one particle
         return np.zeros((len(slope), 0, *slope.shape[-2:]))
     rows = np.stack([0.5 * (slope[:, :, a, b] + slope[:, :, b, a]) for a, b in pairs], axis=2)
+    if volume_only:
+        rows = rows[:, :, [a == b for a, b in pairs]].sum(axis=2, keepdims=True)
     return rows.reshape(len(slope), -1, *slope.shape[-2:])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.object.particles import fill
+from seeing_wind.engine.object.particles import fill, spread
 from seeing_wind.engine.object.relief import relief_of
 
 from .conftest import FOCAL, camera, observed
@@ -155,3 +155,16 @@ def test_holes_in_the_depth_are_filled(plate) -> None:
     whole, mended = relief_of(plate), relief_of(dataclasses.replace(plate, depth=holes))
     assert np.isfinite(mended.front).all()
     assert np.abs(mended.front - whole.front)[whole.mask].max() < 0.03
+
+
+def test_particles_have_the_second_moments_of_the_body_they_fill() -> None:
+    dots = (np.indices((40, 40, 80)).reshape(3, -1).T + 0.5) / 100.0  # a block of 0.4 x 0.4 x 0.8 m, in 4 x 2 x 4 cells
+    cell = np.unique(np.floor(dots / [0.1, 0.2, 0.2] + 1e-9).astype(int), axis=0, return_inverse=True)[1].ravel()
+    size = np.bincount(cell).astype(float)
+    centre = np.stack([np.bincount(cell, column) / size for column in dots.T], axis=1)
+    moved = spread(centre, size, dots, np.ones(len(dots)))
+    np.testing.assert_allclose(np.cov(moved.T, ddof=0), np.cov(dots.T, ddof=0), atol=1e-9)
+    np.testing.assert_allclose(moved.mean(axis=0), dots.mean(axis=0), atol=1e-12)
+    # One layer stays one layer.
+    flat = np.where(np.arange(3) == 2, 0.4, centre)
+    np.testing.assert_allclose(spread(flat, size, dots, np.ones(len(dots))), flat, atol=1e-12)
