@@ -143,8 +143,8 @@ class WindowSolver:
             self.joint = joint
             solution = self._solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
             used += solution.iterations
-            moved = self.stiffness.q - before.q
-            if moved @ np.linalg.solve(joint.covariance, moved) < SETTLED**2 or not known:
+            wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
+            if wanted @ np.linalg.solve(joint.covariance, wanted) < SETTLED**2 or not known:
                 break
         return forward, solution, used
 
