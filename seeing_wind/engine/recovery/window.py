@@ -39,7 +39,7 @@ LAST_TOLERANCE, LAST_PER_UNKNOWN = 2e-4, 2e-3
 SEGMENT = 16
 """Frames by which the followed part of the window grows."""
 SEGMENT_ITERATIONS = 1
-PLASTIC_SEGMENT, PLASTIC_ITERATIONS = 5, (2, 3)
+PLASTIC_SEGMENT, PLASTIC_ITERATIONS = 5, (4, 3)
 """The same and the coarse and fine solves' Jacobians for a body that flows and is seen in pixels: followed in one go, a plastic ball's
 16 frames ended 5 px off, in segments 1 px."""
 ROUGH = 0.5
