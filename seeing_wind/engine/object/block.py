@@ -167,7 +167,10 @@ def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | N
     if len(planes) < 2:
         return None
     face, on_face = planes.pop(int(np.argmax(areas)))
-    sides = [(side, on) for side, on in planes if abs(side.normal @ face.normal) < UPRIGHT]
+    sides: list[tuple[Plane, np.ndarray]] = []
+    for side, on in planes:  # a rounded edge between two sides can pass for a third one
+        if all(abs(side.normal @ other.normal) < UPRIGHT for other in (face, *(one for one, _ in sides))):
+            sides.append((side, on))
     behind = [face.behind(points[on]) for _, on in sides]
     if not sides or any(np.quantile(one, 1.0 - EDGE_QUANTILE) < -2.0 * tolerance for one in behind):
         return None
@@ -176,10 +179,11 @@ def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | N
     deepest = max(range(len(sides)), key=lambda number: np.quantile(behind[number], EDGE_QUANTILE))
     side, on_side = sides[deepest]
     depth = float(np.quantile(behind[deepest], EDGE_QUANTILE)) + _half_a_pixel(behind[deepest], on_side)
-    depth += _hidden_edge(_radius(face, side, points[on_face | on_side]), face, side, points[on_side].mean(axis=0) - eye)
+    pixel = float(np.median(front[mask])) / np.sqrt(camera.fx * camera.fy)
+    depth += _hidden_edge(_radius(face, side, points[on_face | on_side], pixel), face, side, points[on_side].mean(axis=0) - eye)
     along = (points[mask] - eye) @ face.normal
     silhouette = eye + (points[mask] - eye) * (face.behind(eye) / np.minimum(along, -1e-9))[:, None]
-    stretch = tuple(_stretch(face, one, points[on_face | on], silhouette, eye) for one, on in sides)
+    stretch = tuple(_stretch(face, one, _radius(face, one, points[on_face | on], pixel), silhouette, eye) for one, on in sides)
     return Block(face, tuple(one for one, _ in sides), depth, tolerance, camera, mask, stretch)
 
 
@@ -190,13 +194,14 @@ def _half_a_pixel(behind: np.ndarray, on: np.ndarray) -> float:
     return 0.5 * float(np.linalg.norm(slope))
 
 
-def _radius(face: Plane, side: Plane, points: np.ndarray) -> float:
-    """Radius [m] of the edge between a face and a side, of points (n, 3) on them."""
+def _radius(face: Plane, side: Plane, points: np.ndarray, pixel: float) -> float:
+    """Radius [m] of the edge between a face and a side, of points (n, 3) on them; one of less than a `pixel` [m] cannot be told from 0."""
     # On the arc between two planes at right angles a + b, the distances behind both, is least half way: (2 - sqrt 2) radii. At a sharp
     # edge it falls to nothing, though not in any pixel: the line through two quantiles says where to.
     share = 1.0 - EDGE_QUANTILE
     few, more = np.quantile(face.behind(points) + side.behind(points), (share, 2.0 * share))
-    return max(float(2.0 * few - more), 0.0) / (2.0 - float(np.sqrt(2.0)))
+    radius = float(2.0 * few - more) / (2.0 - float(np.sqrt(2.0)))
+    return radius if radius > pixel else 0.0
 
 
 def _hidden_edge(radius: float, face: Plane, side: Plane, sight: np.ndarray) -> float:
@@ -208,18 +213,18 @@ def _hidden_edge(radius: float, face: Plane, side: Plane, sight: np.ndarray) -> 
     return radius * (1.0 - float(np.sin(touched)))
 
 
-def _stretch(face: Plane, side: Plane, points: np.ndarray, silhouette: np.ndarray, eye: np.ndarray) -> float:
+def _stretch(face: Plane, side: Plane, radius: float, silhouette: np.ndarray, eye: np.ndarray) -> float:
     """Width of the silhouette on the face over the body's width, away from a side: the edge opposite it is taken to be as round.
 
     Args:
-        points: (m, 3) on the face and the side [m].
+        radius: of the edge [m].
         silhouette: (n, 3) where the outline's and all other pixels' rays cross the plane of the face [m]; eye: (3,) of the camera [m].
     """
     away = side.behind(silhouette)
     farthest = int(np.argmax(away))
     sight = silhouette[farthest] - eye
     forward, aside = -sight @ face.normal, -sight @ side.normal
-    touched, radius = np.arctan2(aside, forward), _radius(face, side, points)
+    touched = np.arctan2(aside, forward)
     # The line of sight that touches the arc does so before the arc's end, and crosses the face before that.
     lost = radius * (1.0 - np.cos(touched)) + radius * (1.0 - np.sin(touched)) * aside / max(forward, 1e-9)
     seen = max(float(away[farthest]), 1e-9)

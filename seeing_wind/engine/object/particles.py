@@ -21,10 +21,8 @@ MIN_SPACING_PIXELS = 2.0
 """Columns are never nearer to each other than this: more of them would invent detail."""
 THINNEST_LAYER = 0.25
 """A body gets a second layer only if layers stay this far apart, in units of the spacing; two layers can bend, one cannot."""
-
 COVERAGE = 0.3
 """A lattice cell becomes a column if the object covers this part of it; smaller pieces join the nearest column."""
-
 SOLID = ("block", "ball", "solid")
 """Kinds of bodies that are filled by cells instead of columns."""
 
@@ -140,13 +138,15 @@ def spread(centre: np.ndarray, volume: np.ndarray, dots: np.ndarray, weight: np.
     middle = np.average(dots, axis=0, weights=weight)
     body, cells = (np.cov(x.T, aweights=w, ddof=0) for x, w in ((dots, weight), (centre, volume)))
     values, axes = np.linalg.eigh(cells)
-    flat = values < FLAT * values[-1]
-    across = axes / np.sqrt(np.where(flat, 1.0, values))
+    wide = values > FLAT * values[-1]  # along an axis with one cell there is nothing to move apart
+    if not wide.any():
+        return centre
+    scale = np.sqrt(values[wide])
+    across = axes[:, wide] / scale
     ratio, turned = np.linalg.eigh(across.T @ body @ across)
-    # An axis with one cell has nothing to move apart.
-    factor = np.sqrt(np.clip(ratio, 1.0, MOST_SPREAD)) if not flat.any() else np.ones(3)
-    there = across @ (turned * factor) @ turned.T @ (axes * np.sqrt(np.where(flat, 1.0, values))).T
-    return middle + (centre - np.average(centre, axis=0, weights=volume)) @ there.T
+    more = (turned * (np.sqrt(np.clip(ratio, 1.0, MOST_SPREAD)) - 1.0)) @ turned.T
+    offset = centre - np.average(centre, axis=0, weights=volume)
+    return middle + offset + offset @ (across * scale**2 @ more @ across.T).T
 
 
 def _in_block(

@@ -73,6 +73,19 @@ def test_a_square_post_with_rounded_edges_is_as_wide_as_deep(turn) -> None:
     assert particles.volume.sum() == pytest.approx(0.06**2 * 0.38, rel=0.05)
 
 
+def test_a_rounded_edge_is_no_third_side() -> None:
+    particles = fill(relief_of(observed(*drawn((0.15, 0.15, 0.15), turned(10, 45), 0.02), camera=EYE)), 600)
+    assert 0.9 < particles.volume.sum() / 0.15**3 < 1.02
+    assert (np.abs((particles.x - [0.02, -0.01, 1.0]) @ turned(10, 45)) < 0.079).all()
+
+
+def test_a_small_sharp_box_is_not_taken_for_a_rounded_one() -> None:
+    for sides, turn, middle in ((PLATE, turned(50), (0.02, -0.01, 2.0)), (POST, turned(80, 0, 25), (0.02, -0.01, 2.0))):
+        relief = relief_of(observed(*drawn(sides, turn, middle=middle), camera=EYE))
+        assert relief.kind == "block" and set(relief.block.stretch) == {1.0}
+        assert relief.pixel_volume().sum() == pytest.approx(np.prod(sides), rel=0.1)
+
+
 def test_what_is_no_block_is_left_to_the_other_rules() -> None:
     assert block_of(*drawn(PLATE, np.eye(3))) is None  # face-on: no side is seen
     assert block_of(*drawn((0.2, 0.2, 0.2), np.eye(3), rounding=0.0999)) is None  # a ball

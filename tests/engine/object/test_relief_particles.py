@@ -165,6 +165,7 @@ def test_particles_have_the_second_moments_of_the_body_they_fill() -> None:
     moved = spread(centre, size, dots, np.ones(len(dots)))
     np.testing.assert_allclose(np.cov(moved.T, ddof=0), np.cov(dots.T, ddof=0), atol=1e-9)
     np.testing.assert_allclose(moved.mean(axis=0), dots.mean(axis=0), atol=1e-12)
-    # One layer stays one layer.
-    flat = np.where(np.arange(3) == 2, 0.4, centre)
-    np.testing.assert_allclose(spread(flat, size, dots, np.ones(len(dots))), flat, atol=1e-12)
+    # One layer stays one layer, spread within its plane; one cell stays where it is.
+    flat = spread(np.where(np.arange(3) == 2, 0.4, centre), size, dots, np.ones(len(dots)))
+    np.testing.assert_allclose(np.cov(flat.T, ddof=0), np.diag([*np.diag(np.cov(dots.T, ddof=0))[:2], 0.0]), atol=1e-9)
+    np.testing.assert_array_equal(spread(dots[:1], size[:1], dots[:1], size[:1]), dots[:1])
