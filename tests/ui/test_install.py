@@ -25,14 +25,15 @@ print(json.dumps({"type": "result", "outcome": "converged", "checks": [{"name": 
 """
 
 
-def wheel(folder: Path, name: str, version: str, code: str) -> Path:
-    """A pure wheel with one module."""
+def wheel(folder: Path, name: str, version: str, code: str, more: int = 0) -> Path:
+    """A pure wheel with one module, and `more` empty files, which take pip a while."""
     info, tag = f"{name}-{version}.dist-info", "py3-none-any"
     path = folder / f"{name}-{version}-{tag}.whl"
     files = {
         f"{name}.py": code,
         f"{info}/METADATA": f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n",
         f"{info}/WHEEL": f"Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: {tag}\n",
+        **{f"{name}_files/{number}.txt": "" for number in range(more)},
     }
     record = "".join(f"{each},,\n" for each in (*files, f"{info}/RECORD"))
     with zipfile.ZipFile(path, "w") as archive:
@@ -155,6 +156,7 @@ def test_a_broken_download_is_told_and_the_next_try_goes_on(place, index) -> Non
 
 
 def test_cancel_leaves_what_the_next_try_uses(place) -> None:
+    wheel(place.wheels, "torch", "2.5.0", "BUILD = 'from PyPI'", more=4000)  # or pip might be through before it is told
     messages = engine_install.run(place.base, place.environment, "CPU", str(place.wheels))
     next(messages)
     said: list[dict] = []
