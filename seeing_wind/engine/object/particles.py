@@ -175,18 +175,14 @@ def _in_block(
 
 def _cells(extent: np.ndarray, spacing: float, count: int, finest: float) -> tuple[float, np.ndarray]:
     """Spacing [m] and numbers of cells (3,) along a block's extent (3,) [m]: those near `spacing` whose product is nearest `count`."""
-    best, length = None, extent.copy()
+    length = extent.copy()
     for a, b in ((0, 1), (0, 2), (1, 2)):
         if abs(np.log(length[a] / length[b])) < SAME:
             length[[a, b]] = np.sqrt(length[a] * length[b])
-    for tried in spacing * np.exp(np.linspace(-RANGE, RANGE, 2 * TRIED + 1)):
-        tried = max(float(tried), finest)
-        cells = layers_of(length, tried)
-        miss = abs(np.log(cells.prod() / count))
-        if best is None or miss < best[0]:
-            best = miss, tried, cells
-    assert best is not None
-    return best[1], best[2]
+    tried = np.maximum(spacing * np.exp(np.linspace(-RANGE, RANGE, 2 * TRIED + 1)), finest)
+    cells = [layers_of(length, one) for one in tried]
+    best = int(np.argmin([abs(np.log(one.prod() / count)) for one in cells]))
+    return float(tried[best]), cells[best]
 
 
 def _border(along: np.ndarray, held: np.ndarray, held_below: bool) -> float:

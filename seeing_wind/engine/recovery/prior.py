@@ -35,7 +35,7 @@ MEASURED_STRETCH = 0.3
 """The same of points in 3D and of several cameras, if the clip does not speak against it (`evidence.held_to`): noise hides a stretch."""
 SWELLING = 0.1
 """Standard deviation of the trace of the field's gradient, relative to what the rest of the prior implies, for bodies that flow and are
-seen in pictures: they flow at constant volume, so what would swell or squeeze them from all sides shows as little as in a stiff body."""
+seen in pictures: what a guessed shape and a coarse grid get wrong of their flow looks like a pressure from all sides."""
 SAMPLES_PER_MODE = 3
 JITTER = 1e-8
 """Variance of every mode relative to the mean one: none is ruled out, and the inverse exists."""
