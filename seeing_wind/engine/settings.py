@@ -96,7 +96,7 @@ class RecoverSettings:
     clamp_depth: float = 0.0
     """Where a held part begins to be held: so many grid cells (1.6 particle spacings each) below the border of what is marked as held."""
     stiffness: str = "free"
-    """given, or free: of an elastic body that is held and seen in pictures it is found together with the force."""
+    """given, or free: of an elastic body that is held it is found together with the force."""
     representation: str = "causal_triplane"
     device: str = "auto"
     iterations: int = 12

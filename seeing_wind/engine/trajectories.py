@@ -14,8 +14,8 @@ from .materials import adjusted
 from .records import Attachment, Material, Particles, PointTargets
 from .take import DAMAGED
 
-FIXED_DEPTH = 0.75
-"""Grid cells (`RecoverSettings.clamp_depth`). A file's `fixed` is what hardly moved, and that reaches some way above what is held."""
+FIXED_DEPTH = 0.5
+"""Grid cells (`RecoverSettings.clamp_depth`) at first. A file's `fixed` is what hardly moved: that reaches some way above what is held."""
 
 
 @dataclass(frozen=True)

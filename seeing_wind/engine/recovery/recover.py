@@ -97,7 +97,7 @@ def recover(
     model, model_notes = model_for(
         particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth
     )
-    stiffness = Stiffness(free=is_free(particles, model, sources, settings))
+    stiffness = Stiffness(free=is_free(particles, model, settings))
     clip = _Clip(particles, model, Objective(channels), fps, settings, progress, notes + model_notes, stiffness)
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     return clip.result(clip.solved(), material, views, began)

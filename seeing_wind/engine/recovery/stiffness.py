@@ -1,10 +1,11 @@
 """How stiff a held body is, and where it is held, as two more unknowns of the solve.
 
-How far a force bends a held body is a matter of its stiffness, and pictures do not show that: it grows with the cube of a thickness that
-was guessed. A body that swings near its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself
-tells, so its stiffness is found with the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up
-makes it stiffer, but not in the same way to every swing: so that is found, too. With r the whitened residuals, J (n, m) their derivatives
-by the other unknowns theta, P the precision of theta's prior, and
+How far a force bends a held body is a matter of its stiffness, and nobody knows that well: it grows with the cube of a thickness that
+was guessed from pictures, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
+its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself tells, so its stiffness is found with
+the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up makes it stiffer, but not in the same
+way to every swing: so that is found, too. With r the whitened residuals, J (n, m) their derivatives by the other unknowns theta, P the
+precision of theta's prior, and
 
     q = (s, d)      s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
     C = dr/dq       (m, 2), central differences through the simulator
@@ -21,13 +22,12 @@ and after it theta alone is solved for again. s scales both of Lamé's parameter
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..mpm.model import MAX_SUBSTEPS_HELD, Model, with_clamp_depth
-from ..records import Particles, PointTargets, TrackTargets
+from ..records import Particles
 from ..settings import RecoverSettings
 from .forward import Forward
 from .gauss_newton import Solution
@@ -93,14 +93,12 @@ class Stiffness:
 _PRECISION = np.diag([SPREAD**-2, DEPTH_SPREAD**-2])
 
 
-def is_free(particles: Particles, model: Model, targets: Sequence[PointTargets | TrackTargets], settings: RecoverSettings) -> bool:
-    """Whether the stiffness is an unknown: of an elastic body that is held somewhere and seen in pictures, unless the settings forbid it.
+def is_free(particles: Particles, model: Model, settings: RecoverSettings) -> bool:
+    """Whether the stiffness is an unknown: of an elastic body that is held somewhere, unless the settings forbid it.
 
-    A free body hardly moves differently when it is stiffer. One that flows bends by its yield stress. Points in 3D come with a shape that
-    is not guessed; there the error of the clamp would be taken for one of the stiffness (on a post 11 % of error became 15 %).
+    A free body hardly moves differently when it is stiffer. One that flows bends by its yield stress.
     """
-    in_pictures = all(isinstance(one, TrackTargets) for one in targets)
-    return settings.stiffness == "free" and in_pictures and bool(particles.pinned.any()) and not model.plastic
+    return settings.stiffness == "free" and bool(particles.pinned.any()) and not model.plastic
 
 
 def scaled(model: Model, s: float) -> Model:
