@@ -1,6 +1,7 @@
 """Scores `recover-trajectories` and `recover` on data that nobody here made: benchmarks/truth.py SHARED [--takes DIR] [CASE ...]
 
-A case is one of those listed without arguments, or "all". SHARED holds truth/NAME.npz (bodies moved by known fields in another
+A case is one of those listed without arguments, or "all"; NAME and "NAME 0.5 mm" are cases, too, of a file SHARED/truth/NAME.npz (for
+further ones see `genesis_scenes.py`). SHARED holds truth/NAME.npz (bodies moved by known fields in another
 simulator), truth/rendered/NAME_vN (the same, rendered from two sides) and clips/ (real footage). Prints a row per case with its bar and
 exits with 1 when a bar is missed. With --takes the takes stay in DIR, a folder per case, and what is done there is kept.
 """
@@ -10,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 import subprocess
 import sys
 import tempfile
@@ -147,8 +149,9 @@ def ball(shared: Path, take: Path, name: str) -> str:
 
 
 BALL_BOX = (175, 150, 200, 175)
-CASES: dict[str, tuple[Callable[[Path, Path, str], str], str, float, float]] = {
-    # name: how, scene, bar in percent, bar in degrees
+Case = tuple[Callable[[Path, Path, str], str], str, float, float]
+"""How, scene, bar in percent, bar in degrees."""
+CASES: dict[str, Case] = {
     "sheet": (trajectories, "sheet", 3.0, 3.0),
     "banner": (trajectories, "banner", 11.0, 7.0),
     "clay": (trajectories, "clay", 8.0, 7.0),
@@ -178,6 +181,14 @@ QUICK = ("sheet", "banner", "sheet from pixels", "ball toss")
 """What runs when no case is named."""
 
 
+def further(shared: Path, name: str) -> Case | None:
+    """The case of a file that is not among `CASES`, without a bar: NAME, or NAME with so many millimetres of noise. None where none is."""
+    match = re.fullmatch(r"(\S+)(?: ([\d.]+) mm)?", name)
+    if match is None or not (shared / "truth" / f"{match[1]}.npz").is_file():
+        return None
+    return trajectories if match[2] is None else noisy(float(match[2])), match[1], math.inf, math.inf
+
+
 def main() -> int:
     """The quick cases, those named, or "all" of them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -185,12 +196,13 @@ def main() -> int:
     parser.add_argument("--takes", type=Path, metavar="DIR")
     parser.add_argument("case", nargs="*", metavar="CASE", default=QUICK, help=f'"all", or some of: {", ".join(CASES)}')
     arguments = parser.parse_intermixed_args()
-    unknown = sorted(set(arguments.case) - {*CASES, "all"})
+    names = list(CASES) if "all" in arguments.case else arguments.case
+    cases = {name: CASES.get(name) or further(arguments.shared, name) for name in names}
+    unknown = [name for name, case in cases.items() if case is None]
     if unknown:
-        parser.error(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}")
+        parser.error(f"no case {', '.join(unknown)}; there are {', '.join(CASES)}, and files in {arguments.shared / 'truth'}")
     missed = 0
-    for case in CASES if "all" in arguments.case else arguments.case:
-        how, scene, percent, degrees = CASES[case]
+    for case, (how, scene, percent, degrees) in cases.items():
         with tempfile.TemporaryDirectory() as folder:
             take = (arguments.takes or Path(folder)) / f"{case.replace(' ', '_')}.take"
             take.mkdir(parents=True, exist_ok=True)
