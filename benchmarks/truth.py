@@ -211,7 +211,8 @@ def main() -> int:
             took = time.perf_counter() - started
         good = scores.last[0] <= percent and scores.last[1] <= degrees  # type: ignore[attr-defined]
         missed += not good
-        print(f"{case:20} {line}   bar {percent:g} % {degrees:g} deg   {took:5.1f} s   {'ok' if good else 'MISSED'}", flush=True)
+        bar = f"bar {percent:g} % {degrees:g} deg" if math.isfinite(percent) else "no bar"
+        print(f"{case:20} {line}   {bar}   {took:5.1f} s   {'ok' if good else 'MISSED'}", flush=True)
     return 1 if missed else 0
 
 

@@ -163,12 +163,6 @@ def _recover(p: Parser) -> None:
         metavar="N",
         help=f"about how many particles stand for the body; else {PARTICLES}, or {FLOWING_PARTICLES} where the material flows",
     )
-    p.add_argument(
-        "--stiffness",
-        choices=("free", "given"),
-        default=RecoverSettings.stiffness,
-        help="free: that of a held elastic body is found with the force, where the clip tells it; given: the material's",
-    )
     _solve(p)
 
 
@@ -222,6 +216,12 @@ def _solve(p: Parser) -> None:
         default=RecoverSettings.refine,
         metavar="N",
         help="refine the stored field through the simulator, in N steps at most: its own simulation then strays less (default: off)",
+    )
+    group.add_argument(
+        "--stiffness",
+        choices=("free", "given"),
+        default=RecoverSettings.stiffness,
+        help="free: that of a held elastic body is found with the force, where the motion tells it; given: the material's",
     )
     group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     group.add_argument(

@@ -152,8 +152,9 @@ def test_it_is_free_only_for_elastic_held_bodies():
 
 def test_the_setting_on_the_command_line():
     for words, expected in (([], "free"), (["--stiffness", "given"], "given")):
-        arguments = parser().parse_args(["recover", "clip.mp4", "--take", "t", *words])
-        assert settings_of(RecoverSettings, arguments).stiffness == expected
+        for verb in (["recover", "clip.mp4"], ["recover-trajectories", "points.npz"]):
+            arguments = parser().parse_args([*verb, "--take", "t", *words])
+            assert settings_of(RecoverSettings, arguments).stiffness == expected
 
 
 def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
