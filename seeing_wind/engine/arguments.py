@@ -225,7 +225,11 @@ def _solve(p: Parser) -> None:
     )
     group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     group.add_argument(
-        "--iterations", type=whole(1, 1000), default=RecoverSettings.iterations, metavar="N", help="Gauss-Newton iterations at most"
+        "--iterations",
+        type=whole(1, 1000),
+        default=RecoverSettings.iterations,
+        metavar="N",
+        help="Gauss-Newton iterations at most (default: %(default)s); 1 gives a draft",
     )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, metavar="N")
 

@@ -100,7 +100,7 @@ class RecoverSettings:
     representation: str = "causal_triplane"
     device: str = "auto"
     iterations: int = 12
-    """Gauss-Newton iterations at most."""
+    """Gauss-Newton iterations of a window at most, once the body is followed; 1 gives a draft, with a knot every four frames."""
     schedule: str = "default"
     """default, or paper: gradient descent frame by frame."""
     objective: str = "tracking"

@@ -124,7 +124,7 @@ class ClipOptions:
     )  # fmt: skip
     iterations: IntProperty(
         name="Iterations", default=RecoverSettings.iterations, min=1, soft_max=50, options=KEPT, update=changed,
-        description="Gauss-Newton iterations at most",
+        description="Gauss-Newton iterations at most; 1 gives a draft",
     )  # fmt: skip
     refine: IntProperty(
         name="Refine", default=RecoverSettings.refine, min=0, max=10_000, soft_max=50, options=KEPT, update=changed,

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing
 from taichi.lang import impl
 
-_LARGEST = 32
-"""Bytes of the largest vectors used: eight numbers in single precision, four in double."""
+_LARGEST = 64
+"""Bytes of the largest vectors used: sixteen numbers in single precision, eight in double."""
 
 
 @contextlib.contextmanager

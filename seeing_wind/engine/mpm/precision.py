@@ -38,6 +38,18 @@ def compiled_in(real: object) -> Iterator[None]:
         runtime.default_fp = before
 
 
+@contextlib.contextmanager
+def contracted() -> Iterator[None]:
+    """Kernels traced inside may join a product and a sum into one instruction, and take every number for finite."""
+    config = impl.get_runtime().prog.config()
+    before = config.fast_math
+    config.fast_math = True
+    try:
+        yield
+    finally:
+        config.fast_math = before
+
+
 def is_double() -> bool:
     """Whether the kernel being traced is in double precision; use inside `ti.static`."""
     return impl.get_runtime().default_fp == ti.f64

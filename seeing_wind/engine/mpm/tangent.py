@@ -18,10 +18,10 @@ from .constitutive import ELASTIC_LAWS
 from .failure import diagnosis, failure
 from .model import MOST_NODES, Model
 from .native import aligned, aligned_zeros, native_vectors
-from .precision import compiled_in
+from .precision import compiled_in, contracted
 from .rollout import conditioned
 from .state import State
-from .tangent_kernels import LANES, RECORD, SOURCE, STATE
+from .tangent_kernels import RECORD, SOURCE, STATE, WIDTHS
 
 LEAST_MASS = 1e-12
 """Nodes with less than this share of the lightest particle's mass do not move: a particle on the edge between two cells gives the far node
@@ -76,30 +76,34 @@ def tangents(
 
 
 class _Carrier:
-    """One body, its changes in groups of LANES, a frame at a time."""
+    """One body, its changes in groups that are carried together, a frame at a time."""
 
     def __init__(self, model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, changes: Changes, progress: Progress) -> None:
         check_state(model.particles, model.offset, model.dx, start.x, start.v, start.C, start.F)
         self.model, self.state, self.progress = model, start, progress
         self.phi, self.dphi = torch.from_numpy(np.ascontiguousarray(phi)), torch.from_numpy(np.ascontiguousarray(dphi))
         count, n = len(changes.coefficients), model.particles
-        groups = -(-count // LANES)
+        # Few changes are spread over the cores rather than over the lanes.
+        self.width = next((width for width in WIDTHS if count <= 2 * width), WIDTHS[-1])
+        groups = -(-count // self.width)
         acting = (changes.coefficients != 0.0).any(axis=(2, 3))
         begin = np.where(acting.any(axis=1), acting.argmax(axis=1), acting.shape[1])
-        if changes.v0 is not None:
-            begin[:] = 0
+        for values in (changes.v0, changes.C0):
+            if values is not None:
+                begin[(values != 0.0).reshape(count, -1).any(axis=1)] = 0
         self.order = np.argsort(begin, kind="stable")
         self.begin = begin[self.order]
         """First acting frame of each change; later ones lie in later groups."""
         per_frame = torch.from_numpy(changes.coefficients[self.order]).float()
-        self.coefficients = torch.cat([per_frame, per_frame.new_zeros(groups * LANES - count, *per_frame.shape[1:])])
-        self.lanes = aligned_zeros((groups, n, STATE, LANES), np.float32)
+        self.coefficients = torch.cat([per_frame, per_frame.new_zeros(groups * self.width - count, *per_frame.shape[1:])])
+        self.lanes = aligned_zeros((groups, n, STATE, self.width), np.float32)
         for rows, values in ((slice(0, 3), changes.v0), (slice(3, 12), changes.C0)):
             if values is not None:
-                padded = np.zeros((groups * LANES, n, rows.stop - rows.start), np.float32)
+                padded = np.zeros((groups * self.width, n, rows.stop - rows.start), np.float32)
                 padded[:count] = values[self.order].reshape(count, n, -1)
-                self.lanes[:, :, rows] = padded.reshape(groups, LANES, n, -1).transpose(0, 2, 3, 1)
-        self.count, self.capacity = count, 0
+                self.lanes[:, :, rows] = padded.reshape(groups, self.width, n, -1).transpose(0, 2, 3, 1)
+        self.count, self.capacity, self.substeps = count, 0, 0
+        self.source = aligned((groups, n, SOURCE, self.width), np.float32)
 
     def run(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Frame by frame under coefficients (T, P, 3) [m/s²]: what `tangents` returns, and what it raises."""
@@ -111,11 +115,12 @@ class _Carrier:
             self.progress.check()
             acceleration = self.phi.numpy() @ coefficients[t] + self.model.gravity
             spatial = np.linalg.inv(self.state.F)
-            gradient = torch.einsum("pi,npj->nij", torch.from_numpy(coefficients[t]), self.dphi).numpy() @ spatial
+            gradient = coefficients[t].T @ self.dphi.numpy() @ spatial
             substeps = self._record(acceleration, gradient, t)
-            groups = -(-int((self.begin <= t).sum()) // LANES)
+            groups = -(-int((self.begin <= t).sum()) // self.width)
             if groups:
-                self._carry(groups, self._source(groups, t, substeps, spatial), substeps)
+                self._force(groups, t, substeps, spatial)
+                self._carry(groups, substeps)
                 moved = self.lanes[:groups, :, 21:].transpose(0, 3, 1, 2).reshape(-1, n, 3)[: self.count]
                 changed[self.order[: len(moved)], t + 1] = moved
             x[t + 1] = self.state.x
@@ -132,10 +137,11 @@ class _Carrier:
             at = int(status[2]) + (status[0] != substep.BURST)
             found = diagnosis(int(status[0]), m.frame_dt / substeps / m.dx, self.x[at], self.v[at], self.F[at])
             raise failure((*found, int(status[2])), frame, substeps)
-        tangent_kernels.linearise(
-            m.volume, m.mu, m.lam, m.law, m.offset, m.dx, m.frame_dt / substeps,
-            self.x, self.F, self.boxes, self.corner, self.record,
-        )  # fmt: skip
+        with contracted():
+            tangent_kernels.linearise(
+                m.volume, m.mu, m.lam, m.law, m.offset, m.dx, m.frame_dt / substeps,
+                self.x, self.F, self.boxes, self.corner, self.record,
+            )  # fmt: skip
         self.state = State(self.x[-1].copy(), self.v[-1].copy(), self.C[-1].copy(), self.F[-1].copy())
         return substeps
 
@@ -143,18 +149,20 @@ class _Carrier:
         m, n = self.model, self.model.particles
         if not self.capacity:
             self.capacity = int(min(np.prod(np.ceil(np.ptp(self.state.x, axis=0) / m.dx) + 4) * 1.5, MOST_NODES))
-        self.x, self.v = np.empty((substeps + 1, n, 3)), np.empty((substeps + 1, n, 3))
-        self.C, self.F = np.empty((substeps + 1, n, 3, 3)), np.empty((substeps + 1, n, 3, 3))
-        self.boxes, self.corner = np.zeros((substeps, 6), np.int32), np.zeros((substeps, n), np.int32)
-        self.record = np.empty(substeps * n * RECORD, np.float32)
+        if substeps != self.substeps:  # memory that is used again need not be fetched from the system again
+            self.substeps = substeps
+            self.x, self.v = np.empty((substeps + 1, n, 3)), np.empty((substeps + 1, n, 3))
+            self.C, self.F = np.empty((substeps + 1, n, 3, 3)), np.empty((substeps + 1, n, 3, 3))
+            self.boxes, self.corner = np.zeros((substeps, 6), np.int32), np.zeros((substeps, n), np.int32)
+            self.record = np.empty(substeps * n * RECORD, np.float32)
+            self._make_room()
         while True:
             self.x[0], self.v[0], self.C[0], self.F[0] = self.state.x, self.state.v, self.state.C, self.state.F
-            self.inverse_mass = np.empty((substeps, self.capacity), np.float32)
-            grid, status = np.empty((1, self.capacity, 4)), np.zeros(4, np.int32)
+            status = np.zeros(4, np.int32)
             tangent_kernels.record_frame(
                 m.plastic, m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role, m.clamp_lo, m.clamp,
                 m.offset, m.dx, m.frame_dt / substeps, acceleration[None], gradient[None], LEAST_MASS * float(m.mass.min()),
-                self.x, self.v, self.C, self.F, self.boxes, self.inverse_mass, grid, status,
+                self.x, self.v, self.C, self.F, self.boxes, self.inverse_mass, self.grid, status,
             )  # fmt: skip
             if status[0] != substep.GRID_FULL:
                 return status
@@ -162,28 +170,33 @@ class _Carrier:
                 status[0] = substep.BURST
                 return status
             self.capacity = int(status[3]) * 4 // 3
+            self._make_room()
 
-    def _source(self, groups: int, frame: int, substeps: int, spatial: np.ndarray) -> np.ndarray:
-        """What the changed force gives in a substep, (groups, N, SOURCE, LANES); `spatial` (N, 3, 3) is F^-1 at the frame's start."""
+    def _make_room(self) -> None:
+        """For `capacity` nodes and `substeps`."""
+        self.inverse_mass = np.empty((self.substeps, self.capacity), np.float32)
+        self.grid = np.empty((1, self.capacity, 4))
+
+    def _force(self, groups: int, frame: int, substeps: int, spatial: np.ndarray) -> None:
+        """What the changed force gives in a substep, into `source`; `spatial` (N, 3, 3) is F^-1 at the frame's start."""
         m, n = self.model, self.model.particles
-        source = aligned((groups, n, SOURCE, LANES), np.float32)
-        change = self.coefficients[: groups * LANES, frame].reshape(groups, LANES, -1, 3)
-        momentum = torch.from_numpy(m.mass * m.frame_dt / substeps).float()
-        slope = torch.einsum("npj,njk->npk", self.dphi, torch.from_numpy(spatial)).float() * (m.dx * momentum)[:, None, None]
-        torch.from_numpy(source)[:, :, :3] = torch.einsum("np,glpi->gnil", self.phi.float() * momentum[:, None], change)
-        torch.from_numpy(source)[:, :, 3:] = torch.einsum("npk,glpi->gnikl", slope, change).reshape(groups, n, 9, LANES)
-        return source
+        momentum = torch.from_numpy(m.mass * m.frame_dt / substeps)
+        slope = m.dx * torch.from_numpy(spatial).transpose(1, 2) @ self.dphi.transpose(1, 2)
+        given = (momentum[:, None, None] * torch.cat([self.phi[:, None], slope], dim=1)).float().reshape(4 * n, -1)
+        change = self.coefficients[: groups * self.width, frame].reshape(groups, self.width, -1, 3).permute(0, 2, 3, 1)
+        out = torch.from_numpy(self.source)[:groups].view(groups, 4 * n, 3 * self.width)
+        torch.matmul(given, change.reshape(groups, -1, 3 * self.width), out=out)
 
-    def _carry(self, groups: int, source: np.ndarray, substeps: int) -> None:
+    def _carry(self, groups: int, substeps: int) -> None:
         m, nodes = self.model, 3 * self.capacity
-        mass, flat = m.mass.astype(np.float32), lambda array: array.reshape(-1, LANES)
-        at_once = max(1, min(groups, _WORK_PER_CALL // (m.particles * substeps * LANES)))
+        mass, flat = m.mass.astype(np.float32), lambda array: array.reshape(-1, self.width)
+        at_once = max(1, min(groups, _WORK_PER_CALL // (m.particles * substeps * self.width)))
         at_once += at_once % 2
         for first in range(0, groups, at_once):
-            grid = aligned((min(at_once, groups - first) * nodes, LANES), np.float32)
+            grid = aligned((min(at_once, groups - first) * nodes, self.width), np.float32)
             self.progress.check()
-            with native_vectors(), compiled_in(np.float32):
-                tangent_kernels.carry(
+            with native_vectors(), contracted(), compiled_in(np.float32):
+                tangent_kernels.carry[self.width](
                     first, mass, m.role, m.dx, m.frame_dt / substeps, self.boxes, self.corner, self.record, self.inverse_mass,
-                    flat(source), flat(self.lanes), grid,
+                    flat(self.source), flat(self.lanes), grid,
                 )  # fmt: skip

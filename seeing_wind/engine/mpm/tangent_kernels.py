@@ -9,7 +9,7 @@ with D the change's velocity gradient in the unchanged body. It is the substep o
 that of the first Piola-Kirchhoff stress pushed forward (Bonet and Wood, "Nonlinear continuum mechanics", section 6.3). What the moving
 nodes neglect is of the order of the discretisation's own error: for a plate of 14 cells 0.2 %, for a block of 2 by 2 by 3 cells 10 %.
 
-LANES changes share weights and stress derivative; they are the lanes of a vector.
+Changes that are carried together share weights and stress derivative; they are the lanes of a vector.
 """
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -23,17 +23,16 @@ from .substep import GRID_FULL, RUNNING, STRIDE, grid_to_particles, grids, matri
 from .substep import flags as integers
 from .transfer import base_of, clear, momentum_to_velocity, spline, vec3
 
-LANES = 8
-"""Changes that are carried together: a vector register of single precision."""
+WIDTHS = (8, 16)
+"""Changes that may be carried together: one or two vector registers of single precision, or one of the wide ones."""
 STATE = 24
 """Numbers of a change per particle: dv 0..2, D 3..11, dF 12..20, dx 21..23, matrices row by row."""
 SOURCE = 12
-"""dt m da 0..2, dt m dx dG 3..11."""
+"""dt m da 0..2, dt m dx dG 3..11, dG column by column."""
 RECORD = 102
 """Numbers of a linearised particle: weights 0..8, place f in its cell 9..11, derivative of the stress 12..92, dt F 93..101."""
 
 records = ti.types.ndarray(dtype=ti.f32, ndim=1)
-lanes = ti.types.ndarray(element_shape=(LANES,), ndim=1)
 table = ti.types.ndarray(dtype=ti.i32, ndim=2)
 inverse_masses = ti.types.ndarray(dtype=ti.f32, ndim=2)
 
@@ -125,26 +124,30 @@ def linearise(
                     record[at + 12 + 9 * (3 * b + a) + 3 * i + d] = ti.cast(second, ti.f32)
 
 
-@ti.kernel
-def carry(
-    first: ti.i32, mass: ti.types.ndarray(dtype=ti.f32, ndim=1), role: integers, dx: ti.f32, dt: ti.f32, boxes: table, corner: table,
-    record: records, inverse_mass: inverse_masses, source: lanes, state: lanes, grid: lanes,
-):  # fmt: skip
-    """Brings state (groups N STATE,) of the groups from `first` on through a frame under source (groups N SOURCE,)."""
-    # Taichi runs loops of less than about a thousand turns on one thread: see `substep.run_substeps`.
-    ti.loop_config(block_dim=STRIDE)
-    for turn in range(grid.shape[0] // (3 * inverse_mass.shape[1]) * STRIDE):
-        if turn % STRIDE == 0:
-            g = turn // STRIDE
-            own = g * 3 * inverse_mass.shape[1]
-            count = mass.shape[0]
-            for s in range(boxes.shape[0]):
-                to_nodes(s, first + g, count, own, mass, role, dx, boxes, corner, record, source, state, grid)
-                for node in range(boxes[s, 3] * boxes[s, 4] * boxes[s, 5]):
-                    inverse = inverse_mass[s, node]
-                    for a in ti.static(range(3)):
-                        grid[own + 3 * node + a] = inverse * grid[own + 3 * node + a]
-                from_nodes(s, first + g, count, own, role, dx, dt, boxes, corner, record, state, grid)
+def _carry(width: int):
+    lanes = ti.types.ndarray(element_shape=(width,), ndim=1)
+
+    @ti.kernel
+    def carry(
+        first: ti.i32, mass: ti.types.ndarray(dtype=ti.f32, ndim=1), role: integers, dx: ti.f32, dt: ti.f32, boxes: table, corner: table,
+        record: records, inverse_mass: inverse_masses, source: lanes, state: lanes, grid: lanes,
+    ):  # fmt: skip
+        # Taichi runs loops of less than about a thousand turns on one thread: see `substep.run_substeps`.
+        ti.loop_config(block_dim=STRIDE)
+        for turn in range(grid.shape[0] // (3 * inverse_mass.shape[1]) * STRIDE):
+            if turn % STRIDE == 0:
+                g = turn // STRIDE
+                own = g * 3 * inverse_mass.shape[1]
+                count = mass.shape[0]
+                for s in range(boxes.shape[0]):
+                    to_nodes(s, first + g, count, own, mass, role, dx, boxes, corner, record, source, state, grid)
+                    for node in range(boxes[s, 3] * boxes[s, 4] * boxes[s, 5]):
+                        inverse = inverse_mass[s, node]
+                        for a in ti.static(range(3)):
+                            grid[own + 3 * node + a] = inverse * grid[own + 3 * node + a]
+                    from_nodes(s, first + g, count, own, role, dx, dt, boxes, corner, record, state, grid)
+
+    return carry
 
 
 @ti.func
@@ -163,7 +166,7 @@ def to_nodes(
             at, row, given = (s * count + p) * RECORD, (group * count + p) * STATE, (group * count + p) * SOURCE
             node = own + 3 * corner[s, p]
             for c in range(3):
-                B = [source[given + 3 + 3 * c + k] + (mass[p] * dx) * state[row + 3 + 3 * c + k] for k in ti.static(range(3))]
+                B = [source[given + 3 + 3 * k + c] + (mass[p] * dx) * state[row + 3 + 3 * c + k] for k in ti.static(range(3))]
                 for k in ti.static(range(9)):
                     F = state[row + 12 + k]
                     for d in ti.static(range(3)):
@@ -224,3 +227,7 @@ def from_nodes(
                 state[row + c] = v
                 if role[p] == FREE:
                     state[row + 21 + c] = state[row + 21 + c] + dt * v
+
+
+carry = {width: _carry(width) for width in WIDTHS}
+"""By the number of lanes: brings state (groups N STATE,) of the groups from `first` on through a frame under source (groups N SOURCE,)."""

@@ -15,7 +15,7 @@ from ..errors import SimulationError
 from ..mpm.model import Model
 from ..mpm.rollout import advance, rollout_batch
 from ..mpm.state import State, Trajectory
-from ..mpm.tangent import LANES, Changes, applies_to, tangents
+from ..mpm.tangent import Changes, applies_to, tangents
 from ..progress import Progress
 from .basis import SpatialBasis
 from .objective import Objective
@@ -24,8 +24,8 @@ OFFSET = 1e-4
 """Step of the finite differences, relative to the size that the prior expects. In double precision the quotient is good to 1e-5."""
 COLUMNS_AT_ONCE = 96
 """Simulations whose positions are held in memory together."""
-TANGENT_BYTES = 300_000_000
-"""Memory that the changed positions of one call of `tangents` may take."""
+TANGENT_BYTES, FEWEST = 300_000_000, 16
+"""Memory that the changed positions of one call of `tangents` may take, and unknowns that one is worth in any case."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class Forward:
 
     def _carried(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
         """Positions after small changes, by carrying the changes along one simulation (`mpm.tangent`)."""
-        coefficients, at_once = self.per_frame(theta), max(LANES, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x)))
+        coefficients, at_once = self.per_frame(theta), max(FEWEST, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x)))
         for some in _blocks(np.arange(len(which)), at_once):
             unit = np.zeros((len(some), len(theta)))
             unit[np.arange(len(some)), which[some]] = 1.0

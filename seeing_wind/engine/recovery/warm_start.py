@@ -52,6 +52,7 @@ def warm_start(
     state: State | None = None,
     begin: int = 0,
     end: int | None = None,
+    last: np.ndarray | None = None,
 ) -> WarmStart:
     """Track the targets through the frames begin ... end - 1.
 
@@ -62,6 +63,7 @@ def warm_start(
         speed: (V,) standard deviations of the initial velocities [m/s].
         state: at picture `begin`; None starts at rest in picture 0 and finds the initial velocity too.
         end: None is the clip's end.
+        last: (modes, 3) coefficients shortly before `begin` [m/s²], if they are known.
     """
     end = objective.frames if end is None else end
     deviation = np.outer(forward.basis.size, size)
@@ -72,6 +74,8 @@ def warm_start(
         unknown = _fit(forward, objective, None, 0, min(FIRST_WINDOW, objective.frames), np.zeros(len(spread)), spread, FIRST_STEPS)
         coefficients, velocity = unknown[:count], unknown[count:]
         state = forward.start(velocity)
+    elif last is not None:
+        coefficients = last.ravel()
     else:  # nothing is known of the field yet: let the first window find it
         window = min(WINDOW, objective.frames - begin)
         coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), FIRST_STEPS)

@@ -91,31 +91,42 @@ class WindowSolver:
     """Of the last solve with the stiffness free."""
 
     def run(self) -> Found:
-        """All parts in order."""
-        coarse, prior, theta, used = self._grow()
+        """All parts in order; where one iteration is all that is allowed, without the fine one."""
+        forward, prior, theta, used = self._grow()
         left = self.iterations
-        coarse_iterations, fine_iterations = PLASTIC_ITERATIONS if self._flows() else (COARSE_ITERATIONS, FINE_ITERATIONS)
-        first = self._solve(coarse, prior, theta, min(left, coarse_iterations), (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
-        left = max(0, left - first.iterations)
-        coarse, first, more = self._with_stiffness(coarse, prior, first, min(left, COARSE_ROUNDS), 0.45, COARSE_TOLERANCE)
-        left, used = max(0, left - more), used + first.iterations + more
-        kernel = learnt(prior, first.point.normal, first.pull, self.expected, self.progress.check)
+        most = PLASTIC_ITERATIONS[0] if self._flows() else COARSE_ITERATIONS
+        found = self._solve(forward, prior, theta, min(left, most), (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
+        left = max(0, left - found.iterations)
+        forward, found, more = self._with_stiffness(forward, prior, found, min(left, COARSE_ROUNDS), 0.45, COARSE_TOLERANCE)
+        left, used = max(0, left - more), used + found.iterations + more
+        draft = not left
+        if not draft:
+            forward, prior, found, more = self._finely(forward, prior, found, left)
+            left, used = max(0, left - more), used + more
+        prior, point, self.objective = learn_all(prior, forward, found, self.objective, self.expected, self.progress.check)
+        last = self._solve(
+            forward, prior, found.theta, min(left, 1), (0.8, 0.98), "Solving with what was learnt",
+            point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
+        )  # fmt: skip
+        last = replace(last, converged=last.converged and not draft)
+        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint)
 
+    def _finely(self, coarse: Forward, prior: Prior, first: Solution, left: int) -> tuple[Forward, Prior, Solution, int]:
+        """From the coarse solve on with as many modes and knots as the field is worth, which the coarse solve tells.
+
+        Returns forward model, prior, solution, and the Jacobians used.
+        """
+        kernel = learnt(prior, first.point.normal, first.pull, self.expected, self.progress.check)
         self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
         worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
         fine = self._forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
         prior = prior_along(kernel, fine, theta, self.expected, self.objective)
-        second = self._solve(fine, prior, theta, min(max(1, left), fine_iterations), (0.45, 0.8), "Solving finely")
+        most = PLASTIC_ITERATIONS[1] if self._flows() else FINE_ITERATIONS
+        second = self._solve(fine, prior, theta, min(left, most), (0.45, 0.8), "Solving finely")
         left = max(0, left - second.iterations)
         fine, second, more = self._with_stiffness(fine, prior, second, min(left, FINE_ROUNDS), 0.8, TOLERANCE)
-        left, used = max(0, left - more), used + second.iterations + more
-        prior, point, self.objective = learn_all(prior, fine, second, self.objective, self.expected, self.progress.check)
-        last = self._solve(
-            fine, prior, second.theta, min(left, 1), (0.8, 0.98), "Solving with what was learnt",
-            point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
-        )  # fmt: skip
-        return Found(fine, prior, last, fine.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint)
+        return fine, prior, second, second.iterations + more
 
     def _with_stiffness(
         self, forward: Forward, prior: Prior, solution: Solution, rounds: int, done: float, tolerance: float
@@ -202,18 +213,20 @@ class WindowSolver:
         segment = PLASTIC_SEGMENT if self._flows() else SEGMENT
         parts = math.ceil(frames / segment)
         ends = [round(frames * (part + 1) / parts) for part in range(parts)]
-        leader, found, used = self._forward(affine, 1.0, frames), np.zeros((0, modes.phi.shape[1], 3)), 0
-        forward, theta, velocity = self._forward(modes, knot, frames), np.zeros(0), np.zeros(0)
+        early = self._early()
+        leader, found, used = self._forward(affine, 1.0, frames, early), np.zeros((0, modes.phi.shape[1], 3)), 0
+        forward, theta, velocity = self._forward(modes, knot, frames, early), np.zeros(0), np.zeros(0)
         for part, end in enumerate(ends):
             begin = len(found)
             self.tell(0.02 + 0.28 * part / parts, f"Following the object, frame {begin} to {end} of {frames}", None)
             state = forward.trajectory(theta).state(begin) if begin else self.start
-            led = warm_start(leader, self.objective, size * np.sqrt(np.diag(component)), self.expected.speed, state, begin, end)
+            last = forward.per_frame(theta)[-1][: affine.phi.shape[1]] if begin else None
+            led = warm_start(leader, self.objective, size * np.sqrt(np.diag(component)), self.expected.speed, state, begin, end, last)
             velocity = velocity if begin else led.velocity
             fresh = np.zeros((end - begin, *found.shape[1:]))
             fresh[:, : affine.phi.shape[1]] = led.coefficients
             found = np.concatenate([found, fresh])
-            forward = self._forward(modes, knot, end)
+            forward = self._forward(modes, knot, end, early)
             theta = forward.pack(found, velocity)
             kernel = Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0)
             prior = prior_along(kernel, forward, theta, self.expected, self.objective)
@@ -227,12 +240,17 @@ class WindowSolver:
                 found, velocity = forward.per_frame(theta), theta[forward.size :]
         return forward, prior, theta, used
 
-    def _forward(self, basis: SpatialBasis, knot: float, frames: int) -> Forward:
+    def _early(self) -> Model:
+        """The body before the fine solve: rough, unless it is judged by how it answers, or flows, which hangs on the substeps."""
+        return self._model() if self.stiffness.free or self.model.plastic else self._rough()
+
+    def _forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
         if self.start is not None:
             velocity, gradient = velocity[:0], gradient[:0]
         x = self.particles.x
-        return Forward(self._model(), self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
+        model = model or self._model()
+        return Forward(model, self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
 
     def _solve(
         self,

@@ -10,7 +10,8 @@ import pytest
 from seeing_wind.engine.mpm import rollout_batch
 from seeing_wind.engine.mpm.model import model_for
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.mpm.tangent import LANES, Changes, applies_to, tangents
+from seeing_wind.engine.mpm.tangent import Changes, applies_to, tangents
+from seeing_wind.engine.mpm.tangent_kernels import WIDTHS
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.recovery.basis import spatial_basis
 from tests.engine.mpm.bodies import RUBBER, block
@@ -59,10 +60,11 @@ def largest_error(model, start, basis, force, change):
 
 @pytest.mark.parametrize("law", ["corotated", "neo_hookean"])
 @pytest.mark.parametrize("pinned_below", [None, 0.008])
-def test_agrees_with_differences_of_simulations(law, pinned_below):
+@pytest.mark.parametrize("count", [WIDTHS[0] + 3, 2 * WIDTHS[-1] + 3])  # few lanes and many; the last group not full
+def test_agrees_with_differences_of_simulations(law, pinned_below, count):
     """Random changes in every mode, of a body of 5 by 4 by 6 cells that turns and bends."""
     rng = np.random.default_rng(1)
-    change = rng.standard_normal((LANES + 3, FRAMES, 4, 3))  # more than one group, the last not full
+    change = rng.standard_normal((count, FRAMES, 4, 3))
     change[5:, :2] = 0.0  # these begin later
     model, start, basis = body(law, pinned_below, (8, 6, 10))
     assert largest_error(model, start, basis, coefficients(rng, 4, 3.0), change) < 0.03
@@ -70,7 +72,7 @@ def test_agrees_with_differences_of_simulations(law, pinned_below):
 
 def test_what_moving_nodes_neglect_is_of_second_order():
     """Twice the cells across the body: the error falls at least threefold."""
-    change = np.random.default_rng(3).standard_normal((LANES, FRAMES, 4, 3))
+    change = np.random.default_rng(3).standard_normal((8, FRAMES, 4, 3))
     force = coefficients(np.random.default_rng(1), 4, 3.0)
     small, large = (largest_error(*body(shape=shape), force, change) for shape in ((4, 3, 5), (8, 6, 10)))
     assert 3.0 * large < small < 0.2
@@ -107,6 +109,20 @@ def test_changes_of_the_start():
         assert np.linalg.norm(dx[k] - wanted[k]) < 0.03 * np.linalg.norm(wanted[k])
 
 
+def test_a_force_that_acts_late_is_the_same_beside_a_start_that_changes():
+    model, start, basis = body()
+    change = np.zeros((2, FRAMES, 4, 3))
+    change[0, 3:, 1] = 1.0
+    still, moving = np.zeros((2, *start.x.shape)), np.zeros((2, len(start.x), 3, 3))
+    still[1, :, 0] = 1.0
+    force, phi, dphi = np.zeros((FRAMES, 4, 3)), basis.phi, basis.gradient
+    alone = tangents(model, start, phi, dphi, force, Changes(change), NoProgress())[1]
+    beside = tangents(model, start, phi, dphi, force, Changes(change, still, moving), NoProgress())[1]
+    np.testing.assert_array_equal(beside[0], alone[0])
+    assert not beside[0, :4].any()
+    assert beside[1, 1:].any()
+
+
 def test_bodies_that_flow_are_refused():
     assert applies_to(body()[0])
     assert not applies_to(body("von_mises")[0])
@@ -117,7 +133,7 @@ def test_particles_on_the_edge_between_two_cells():
     particles = block((4, 3, 5))
     model, _ = model_for(particles, RUBBER, FPS, gravity=(0.0, 0.0, 0.0))
     basis = spatial_basis(particles.x, model.mass, 4)
-    change = np.random.default_rng(5).standard_normal((LANES, FRAMES, 4, 3))
+    change = np.random.default_rng(5).standard_normal((8, FRAMES, 4, 3))
     found = []
     for beside in (1e-15, 1e-6):
         on_edge = replace(model, offset=particles.x[0] - (0.5 + beside) * model.dx)

@@ -1,5 +1,7 @@
 """Known winds on small bodies, made by the same solver, must come back; what cannot be known must be said."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,18 @@ def test_an_affine_wind_on_a_body_in_motion_comes_back_with_its_initial_velocity
     # The deviation covers the error, with room for a simulator that is not the real body (here it is).
     error = np.sqrt(((found.force_density - 400.0 * wind) ** 2).mean())
     assert 0.1 < error / np.sqrt((found.deviation**2).mean()) < 1.5
+
+
+def test_one_iteration_gives_a_draft_that_says_so():
+    """After fewer linearisations than the whole solve, and not called converged."""
+    body = plate()
+    x, wind = blow(body, lambda X, t: [2.0, 0.0, 1.0 + 0.1 * t] + 5.0 * X, 10)
+    whole, draft = (
+        recover(body, RUBBER, points(body, x), FPS, replace(WEIGHTLESS, iterations=most), NoProgress()) for most in (12, 1)
+    )
+    assert whole.outcome is Outcome.CONVERGED and draft.outcome is Outcome.MAX_ITERATIONS
+    assert draft.iterations < whole.iterations
+    assert relative(draft.force_density, 400.0 * wind) < 0.2
 
 
 def test_a_wind_is_seen_in_pixels_against_gravity():
