@@ -241,8 +241,8 @@ class WindowSolver:
         return forward, prior, theta, used
 
     def _early(self) -> Model:
-        """The body before the fine solve: rough, unless it is judged by how it answers, or flows, which hangs on the substeps."""
-        return self._model() if self.stiffness.free or self.model.plastic else self._rough()
+        """The body before the fine solve: rough, unless it is held, and so judged by how it answers, or flows, which hangs on substeps."""
+        return self._model() if self.particles.pinned.any() or self.model.plastic else self._rough()
 
     def _forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
