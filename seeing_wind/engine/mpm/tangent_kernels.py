@@ -132,6 +132,7 @@ def _carry(width: int):
         first: ti.i32, mass: ti.types.ndarray(dtype=ti.f32, ndim=1), role: integers, dx: ti.f32, dt: ti.f32, boxes: table, corner: table,
         record: records, inverse_mass: inverse_masses, source: lanes, state: lanes, grid: lanes,
     ):  # fmt: skip
+        """Brings state (groups N STATE,) of the groups from `first` on through a frame under source (groups N SOURCE,)."""
         # Taichi runs loops of less than about a thousand turns on one thread: see `substep.run_substeps`.
         ti.loop_config(block_dim=STRIDE)
         for turn in range(grid.shape[0] // (3 * inverse_mass.shape[1]) * STRIDE):
@@ -230,4 +231,4 @@ def from_nodes(
 
 
 carry = {width: _carry(width) for width in WIDTHS}
-"""By the number of lanes: brings state (groups N STATE,) of the groups from `first` on through a frame under source (groups N SOURCE,)."""
+"""By the number of lanes."""

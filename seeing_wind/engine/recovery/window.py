@@ -100,7 +100,9 @@ class WindowSolver:
         forward, found, more = self._with_stiffness(forward, prior, found, min(left, COARSE_ROUNDS), 0.45, COARSE_TOLERANCE)
         left, used = max(0, left - more), used + found.iterations + more
         draft = not left
-        if not draft:
+        if draft:
+            forward = replace(forward, model=self._model())
+        else:
             forward, prior, found, more = self._finely(forward, prior, found, left)
             left, used = max(0, left - more), used + more
         prior, point, self.objective = learn_all(prior, forward, found, self.objective, self.expected, self.progress.check)
