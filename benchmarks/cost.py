@@ -26,21 +26,20 @@ BASE = 24, 128
 
 def one(frames: int, particles: int) -> dict:
     """A recovery in this process."""
-    from benchmarks.schedule import FPS, MATERIAL, scene, settings
+    from benchmarks.schedule import FPS, MATERIAL, scene
     from seeing_wind.engine.progress import NoProgress
     from seeing_wind.engine.recovery import recover
     from seeing_wind.engine.report.accuracy import field_errors
 
-    body, targets, force = scene(frames, particles, mean=(0.0, 0.0, 0.0))
-    if len(targets.x) > 6:  # compile first: a clip of six frames, not counted
-        short = type(targets)(targets.x[:7], targets.visible[:7], targets.attachment)
-        recover(body, MATERIAL, short, FPS, settings(), NoProgress())
+    case = scene(frames, particles, mean=(0.0, 0.0, 0.0), kind=True)
+    few = case.seen(min(frames, 6))  # compiles what is needed, not counted
+    recover(few.body, MATERIAL, few.targets, FPS, few.settings, NoProgress())
     before, began, started = held(), time.process_time(), time.perf_counter()
-    found = recover(body, MATERIAL, targets, FPS, settings(), NoProgress())
+    found = recover(case.body, MATERIAL, case.targets, FPS, case.settings, NoProgress())
     spent, took = time.process_time() - began, time.perf_counter() - started
-    percent, degrees = field_errors(force, found.force_density)
+    percent, degrees = field_errors(case.force, found.force_density)
     return {
-        "frames": frames, "particles": len(body.x), "cpu_seconds": spent, "seconds": took, "more_megabytes": held() - before,
+        "frames": frames, "particles": len(case.body.x), "cpu_seconds": spent, "seconds": took, "more_megabytes": held() - before,
         "magnitude_percent": percent, "direction_degrees": degrees,
     }  # fmt: skip
 

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from ..errors import UsageError
 from ..progress import NoProgress, Progress
 from ..records import Particles, Recovery
+from ..threads import one_torch_thread
 from .confidence import confidence_map
 from .force_field import ForceField
 from .kplanes import ForceFieldKPlanes, KPlanes
@@ -96,15 +97,9 @@ def distill(
     # without any force any scale will do
     scale = float(np.sqrt((recovery.force_density**2).sum(axis=-1).mean())) or 1.0
     samples = _samples(recovery, x, box, scale, seed)
-    threads = torch.get_num_threads()
-    with torch.random.fork_rng(devices=[]):
+    with torch.random.fork_rng(devices=[]), one_torch_thread():
         torch.manual_seed(seed)
-        # one thread: the matrices are small, and the result then does not depend on the machine's load or core count
-        torch.set_num_threads(1)
-        try:
-            module = _best(lambda: _module(representation, frames, box, x[0]), samples, _iterations(frames), progress or NoProgress())
-        finally:
-            torch.set_num_threads(threads)
+        module = _best(lambda: _module(representation, frames, box, x[0]), samples, _iterations(frames), progress or NoProgress())
     if isinstance(module, KPlanes):
         return ForceFieldKPlanes(box, fps, frames, module, scale, confidence)
     return ForceFieldTriPlane(box, fps, frames, module, scale, confidence)

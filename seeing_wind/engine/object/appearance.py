@@ -22,13 +22,13 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Recovery
+from ..threads import one_torch_thread
 from .contributions import contributions
 from .covering import joined, uncovered
 from .finer import finer
 from .gaussians import blended_gradients, view_camera
 from .harmonics import harmonics, polar_rotations
 from .look import FIT_PIXELS
-from .splatting import one_thread
 
 PICTURES = 25
 """Pictures of the clip that are fitted, spread evenly. Others come out 0.5 dB worse where the motion is right, and up to 3 dB where it is
@@ -96,7 +96,7 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
         return body.gaussians
     chosen = _spread(chosen, PICTURES)
     gaussians = body.gaussians
-    with one_thread():
+    with one_torch_thread():
         for t in _spread(chosen, SIGHTS):
             progress.check()
             new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.pictures[t], int(t), recovery.x[t])

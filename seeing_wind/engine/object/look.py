@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from ..progress import NoProgress, Progress
 from ..records import Camera, Gaussians
+from ..threads import one_torch_thread
 from . import gsplat_backend
 from .gaussians import SH0, view_camera
 from .relief import Relief
-from .splatting import NEAR, Tiles, blend, one_thread, project, tiles_of
+from .splatting import NEAR, Tiles, blend, project, tiles_of
 
 FIT_PIXELS = 60_000
 """A mask's box of more pixels is reduced by an integer factor for the fit."""
@@ -73,7 +74,7 @@ def fit_views(
 ) -> tuple[Gaussians, float]:
     """As `fit`, on the pictures of several posed cameras at one moment. The PSNR is that of the first."""
     progress = progress or NoProgress()
-    with one_thread():
+    with one_torch_thread():
         return _fit(gaussians, looks, iterations, progress)
 
 

@@ -7,14 +7,13 @@ rendered in batches, each tile with its own depth-sorted list, padded to the lon
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from ..records import Camera, Gaussians
+from ..threads import one_torch_thread
 from . import gsplat_backend
 from .gaussians import covariances, rest_covariances
 from .harmonics import seen_colours
@@ -159,7 +158,7 @@ def picture(
     """
     centres = gaussians.x if x is None else gaussians.attachment.follow(x)
     spread = rest_covariances(gaussians) if F is None else covariances(gaussians, F)
-    with one_thread(), torch.no_grad():
+    with one_torch_thread(), torch.no_grad():
         place, shape = torch.from_numpy(centres).float(), torch.from_numpy(spread).float()
         colour = torch.from_numpy(seen_colours(gaussians, centres, camera.pose(frame)[:3, 3], F)).float()
         opacity = torch.from_numpy(gaussians.opacity).float()
@@ -170,14 +169,3 @@ def picture(
             tiles = tiles_of(mean, flat, depth, camera.width, camera.height)
             image, alpha = blend(mean, flat, opacity, colour, tiles, camera.width, camera.height)
     return image.numpy(), alpha.numpy()
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Torch on one thread: these tensors are so small that threads mostly wait for each other, six times slower on a busy machine."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)

@@ -23,6 +23,7 @@ from ..mpm.model import Model, model_for
 from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery
 from ..settings import RecoverSettings
+from ..threads import one_torch_thread
 from .descent_field import DescentField, descent_field
 from .descent_losses import MotionLoss, Targets, TrackingLoss
 from .descent_start import first_look
@@ -85,20 +86,15 @@ def recover_by_descent(
     start = first_look(particles, targets, fps, model.gravity)
     reach = 0.5 * start.acceleration * model.frame_dt**2
     tracking = TrackingLoss(particles, targets, reach)
-    threads = torch.get_num_threads()
-    with torch.random.fork_rng(devices=[]):
+    with torch.random.fork_rng(devices=[]), one_torch_thread():
         torch.manual_seed(settings.seed)
-        torch.set_num_threads(1)  # small matrices; and the result then does not depend on the machine's cores
-        try:
-            field = descent_field(settings.representation, frames, start.box, particles.spacing, start.acceleration)
-            motion = tracking if loss is None else loss(reach)
-            first = tuple(torch.from_numpy(np.array(array)) for array in (particles.x, start.velocity, start.spin))
-            state: State = (*first, torch.eye(3, dtype=torch.float64).repeat(len(particles.x), 1, 1))  # type: ignore[assignment]
-            descent = _Descent(model, field, motion, settings.frame_iterations, frames, progress)
-            for t in range(frames):
-                state = descent.frame(t, state)
-        finally:
-            torch.set_num_threads(threads)
+        field = descent_field(settings.representation, frames, start.box, particles.spacing, start.acceleration)
+        motion = tracking if loss is None else loss(reach)
+        first = tuple(torch.from_numpy(np.array(array)) for array in (particles.x, start.velocity, start.spin))
+        state: State = (*first, torch.eye(3, dtype=torch.float64).repeat(len(particles.x), 1, 1))  # type: ignore[assignment]
+        descent = _Descent(model, field, motion, settings.frame_iterations, frames, progress)
+        for t in range(frames):
+            state = descent.frame(t, state)
     acceleration = np.stack(descent.accelerations)
     x = np.stack([particles.x, *descent.x])
     residual = tracking.distance(x)

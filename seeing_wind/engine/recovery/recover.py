@@ -21,6 +21,7 @@ from ..mpm.state import Trajectory
 from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
+from ..threads import one_torch_thread
 from .basis import SpatialBasis, spatial_basis
 from .beliefs import Expected
 from .objective import Channels, Objective
@@ -48,6 +49,7 @@ WINDOW, OVERLAP = 32, 8
 """Most frames that are solved together, and those of them that the next window solves again."""
 
 
+@one_torch_thread()
 def recover(
     particles: Particles,
     material: Material,
