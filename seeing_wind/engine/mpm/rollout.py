@@ -257,7 +257,7 @@ def rollout_batch(
         Cancelled: when the user asked to stop.
     """
     progress = progress or NoProgress()
-    path = nominal if isinstance(nominal, Trajectory) else Trajectory.of(nominal)
+    path = nominal if isinstance(nominal, Trajectory) else Trajectory.of([nominal])
     count = model.particles
     if phi.ndim != 2 or phi.shape[0] != count or dphi.shape != (*phi.shape, 3) or coefficients.shape[2:] != (phi.shape[1], 3):
         raise UsageError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,9 +55,10 @@ class Trajectory:
     """(T,) substeps that each frame took: the model's, or twice that where they were too long."""
 
     @staticmethod
-    def of(state: State) -> Trajectory:
-        """The trajectory of no frames."""
-        return Trajectory(state.x[None], state.v[None], state.C[None], state.F[None], np.zeros(0, np.int64))
+    def of(states: Sequence[State], substeps: int = 0) -> Trajectory:
+        """Through these states, each frame in so many substeps."""
+        x, v, C, F = (np.stack([getattr(one, name) for one in states]) for name in ("x", "v", "C", "F"))
+        return Trajectory(x, v, C, F, np.full(len(states) - 1, substeps))
 
     def turned(self, axes: np.ndarray) -> Trajectory:
         """As `State.turned`."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..mpm.state import Trajectory
 from .evidence import FAITH, held_to, learn, mismatch_scale
 from .forward import Forward
 from .gauss_newton import Linearisation, Solution
@@ -38,9 +39,8 @@ def one_camera(objective: Objective) -> bool:
     return len(objective.channels) == 1 and isinstance(objective.channels[0], TrackChannels)
 
 
-def prior_along(kernel: Kernel, forward: Forward, theta: np.ndarray, expected: Expected, objective: Objective) -> Prior:
-    """The prior of these sizes along the simulation under theta, with what cameras must believe of stretch."""
-    path = forward.trajectory(theta, forward.rough)
+def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Expected, objective: Objective) -> Prior:
+    """The prior of these sizes along a simulation, with what cameras must believe of stretch."""
     prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), expected.speed[: len(forward.velocity)])
     plastic = forward.model.plastic
     if plastic and any(isinstance(one, TrackChannels) for one in objective.channels):
@@ -69,23 +69,23 @@ def learn_all(
         the prior, the linearisation, and the objective with the mismatch learnt.
     """
     point = solution.point
-    prior = prior_along(learnt(prior, point.normal, solution.pull, expected, check), forward, solution.theta, expected, objective)
+    path = forward.trajectory(solution.theta, forward.rough)
+    prior = prior_along(learnt(prior, point.normal, solution.pull, expected, check), forward, path, expected, objective)
     if forward.model.pinned.any() or not all(isinstance(one, PointChannels) for one in objective.channels):
-        return _believing(prior, forward, point, objective), point, objective
+        return _believing(prior, forward, path, point, objective), point, objective
     other = objective.mismatched(ABSORBED * mismatch_scale(prior, objective, point, MISMATCH_SCALES))
     white = other.whiten(objective.unwhitened(np.concatenate([point.jacobian, point.residual[None]])))
     point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
     pull = point.normal @ point.theta - point.jacobian @ point.residual
     prior = replace(prior, kernel=learnt(prior, point.normal, pull, expected, check))
-    return _believing(prior, forward, point, other), point, other
+    return _believing(prior, forward, path, point, other), point, other
 
 
-def _believing(prior: Prior, forward: Forward, point: Linearisation, objective: Objective) -> Prior:
+def _believing(prior: Prior, forward: Forward, path: Trajectory, point: Linearisation, objective: Objective) -> Prior:
     """The prior with a belief about stretch, unless the clip speaks against it; that of one camera is given."""
     if one_camera(objective) or forward.basis.phi.shape[1] == 1:
         return prior
-    F = forward.trajectory(point.theta, forward.rough).F
-    belief = prior.turning(forward.basis, forward.x, F, forward.knot_spacing, MEASURED_STRETCH)
+    belief = prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, MEASURED_STRETCH)
     return held_to(belief, prior, point, FAITH * noise_share(objective))
 
 

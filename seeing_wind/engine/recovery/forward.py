@@ -91,14 +91,12 @@ class Forward:
     def trajectory(self, theta: np.ndarray, model: Model | None = None) -> Trajectory:
         """The simulation under theta (n,). Raises SimulationError when it breaks down."""
         coefficients, state = self.per_frame(theta), self.start(theta[self.size :])
-        states, substeps = [state], []
+        states = [state]
         for t in range(len(coefficients)):
             state = self.advance(state, coefficients[t], t, model)
             states.append(state)
-            substeps.append(self.model.substeps)
             self.progress.check()
-        x, v, C, F = (np.stack([getattr(one, name) for one in states]) for name in ("x", "v", "C", "F"))
-        return Trajectory(x, v, C, F, np.array(substeps))
+        return Trajectory.of(states, (model or self.model).substeps)
 
     def positions(self, theta: np.ndarray) -> np.ndarray:
         """Candidates (B, n) -> (B, T+1, N, 3), NaN after a breakdown."""

@@ -42,6 +42,8 @@ class WarmStart:
     """(frames, modes, 3) accelerations per frame [m/s²]."""
     velocity: np.ndarray
     """(V,) initial velocities [m/s]; empty when the part does not begin with picture 0."""
+    states: list[State]
+    """The body on the way, at the part's first picture, too."""
 
 
 def warm_start(
@@ -80,14 +82,15 @@ def warm_start(
         window = min(WINDOW, objective.frames - begin)
         coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), FIRST_STEPS)
 
-    found = []
+    found, states = [], [state]
     for t in range(begin, end):
         if (t - begin) % HOP == 0:
             window = min(WINDOW, objective.frames - t)
             coefficients = _fit(forward, objective, state, t, window, coefficients, JUMP * deviation.ravel(), STEPS)
         state = forward.advance(state, coefficients.reshape(-1, 3), t)
         found.append(coefficients.reshape(-1, 3))
-    return WarmStart(np.stack(found), velocity)
+        states.append(state)
+    return WarmStart(np.stack(found), velocity, states)
 
 
 def _fit(

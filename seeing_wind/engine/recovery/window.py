@@ -119,11 +119,12 @@ class WindowSolver:
         Returns forward model, prior, solution, and the Jacobians used.
         """
         kernel = learnt(prior, first.point.normal, first.pull, self.expected, self.progress.check)
-        self.objective = self.objective.reweighted(self.objective.residual(coarse.positions(first.theta[None]))[0])
+        path = coarse.trajectory(first.theta)
+        self.objective = self.objective.reweighted(self.objective.residual(path.x[None])[0])
         worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
         fine = self._forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
-        prior = prior_along(kernel, fine, theta, self.expected, self.objective)
+        prior = prior_along(kernel, fine, path, self.expected, self.objective)
         most = PLASTIC_ITERATIONS[1] if self._flows() else FINE_ITERATIONS
         second = self._solve(fine, prior, theta, min(left, most), (0.45, 0.8), "Solving finely")
         left = max(0, left - second.iterations)
@@ -221,7 +222,8 @@ class WindowSolver:
         for part, end in enumerate(ends):
             begin = len(found)
             self.tell(0.02 + 0.28 * part / parts, f"Following the object, frame {begin} to {end} of {frames}", None)
-            state = forward.trajectory(theta).state(begin) if begin else self.start
+            solved = forward.trajectory(theta) if begin else None
+            state = solved.state(begin) if solved else self.start
             last = forward.per_frame(theta)[-1][: affine.phi.shape[1]] if begin else None
             led = warm_start(leader, self.objective, size * np.sqrt(np.diag(component)), self.expected.speed, state, begin, end, last)
             velocity = velocity if begin else led.velocity
@@ -231,14 +233,15 @@ class WindowSolver:
             forward = self._forward(modes, knot, end, early)
             theta = forward.pack(found, velocity)
             kernel = Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0)
-            prior = prior_along(kernel, forward, theta, self.expected, self.objective)
+            way = [solved.state(t) for t in range(begin)] if solved else []
+            prior = prior_along(kernel, forward, Trajectory.of(way + led.states), self.expected, self.objective)
             if end < frames:
                 settled = begin - segment / 2
                 open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
                 active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
                 share = 0.02 + 0.28 * part / parts
-                solved = self._solve(forward, prior, theta, SEGMENT_ITERATIONS, (share, share), "Following the object", active)
-                theta, used = solved.theta, used + solved.iterations
+                part_solved = self._solve(forward, prior, theta, SEGMENT_ITERATIONS, (share, share), "Following the object", active)
+                theta, used = part_solved.theta, used + part_solved.iterations
                 found, velocity = forward.per_frame(theta), theta[forward.size :]
         return forward, prior, theta, used
 
