@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,10 @@ FAITH = 20.0
 wrong one hundreds."""
 LARGEST = 30.0
 """Logarithms of sizes that a line search may try are no further from zero than this."""
+COARSELY = 3
+"""Of the scales of the mismatch so many steps apart are looked at before those between."""
+TELLING = 1e-3
+"""Variance that the prior gives a direction of the whitened clip, relative to the noise; directions of less hardly change the evidence."""
 SMALLEST = 1e-12
 """Directions of the unknowns that the data see less than this, relative to the best seen, are not seen."""
 
@@ -55,11 +60,7 @@ def learn(
         check: called at every evaluation; may raise to stop.
     """
     size = len(normal) - len(prior.velocity)
-    values, vectors = np.linalg.eigh(normal)
-    seen = values > SMALLEST * values[-1]
-    root = np.sqrt(values[seen])
-    R = torch.from_numpy(root[:, None] * vectors[:, seen].T)
-    z = torch.from_numpy((vectors[:, seen].T @ pull) / root)
+    R, z = (torch.from_numpy(array) for array in _told(prior, normal, pull))
     velocity = R[:, size:] @ torch.diag(torch.from_numpy(prior.velocity**2)) @ R[:, size:].T
     by_component = R[:, :size].reshape(len(R), -1, 3)
     shape = np.eye(3) if component is None else component
@@ -87,6 +88,19 @@ def learn(
     covariance = (root @ factor @ factor.T @ root.T).numpy()
     covariance += FLOOR * np.trace(covariance) / np.trace(shape) * shape
     return Kernel(covariance, *(float(value) for value in sizes))
+
+
+def _told(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """R (k, n) and z (k,) of the directions that tell of the prior: there it moves the clip by more than a small part of the noise."""
+    values, vectors = np.linalg.eigh(normal)
+    seen = values > SMALLEST * values[-1]
+    root = np.sqrt(values[seen])
+    R, z = root[:, None] * vectors[:, seen].T, (vectors[:, seen].T @ pull) / root
+    size = len(normal) - len(prior.velocity)
+    field = R[:, :size] @ np.kron(prior.places.covariance(prior.kernel), prior.kernel.covariance) @ R[:, :size].T
+    signal, turn = np.linalg.eigh(field + (R[:, size:] * prior.velocity**2) @ R[:, size:].T)
+    telling = turn[:, signal > TELLING].T
+    return telling @ R, telling @ z
 
 
 def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
@@ -148,20 +162,28 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         prior: with its sizes learnt.
         objective: that whitened the residuals of `point`.
         point: the linearisation.
-        scales: factors to choose from.
+        scales: factors to choose from, in order.
     """
     raw = objective.unwhitened(np.concatenate([point.jacobian, (point.jacobian.T @ point.theta - point.residual)[None]]))
-    covariance = np.linalg.inv(prior.precision())
-    evidence = []
-    for scale in scales:
-        other = objective.mismatched(scale)
+    precision = prior.precision()
+
+    @cache
+    def evidence(index: int) -> float:
+        other = objective.mismatched(scales[index])
         white = other.whiten(raw).astype(np.float64)
         jacobian, data = white[:-1], white[-1]
-        inner = np.eye(len(covariance)) + covariance @ (jacobian @ jacobian.T)
-        mean = np.linalg.solve(inner, covariance @ (jacobian @ data))
-        volume = np.linalg.slogdet(inner)[1] - 2.0 * other.log_volume
-        evidence.append(-0.5 * (data @ (data - jacobian.T @ mean) + volume))
-    return scales[int(np.argmax(evidence))]
+        pull = torch.from_numpy(jacobian @ data)
+        factor = torch.linalg.cholesky(torch.from_numpy(precision + jacobian @ jacobian.T))
+        explained = float(pull @ torch.cholesky_solve(pull[:, None], factor)[:, 0])
+        volume = float(torch.log(torch.diagonal(factor)).sum()) - other.log_volume
+        return 0.5 * (explained - float(data @ data)) - volume
+
+    best = max(range(0, len(scales), COARSELY), key=evidence)
+    while True:  # uphill from the best of a few
+        better = max((index for index in (best - 1, best, best + 1) if 0 <= index < len(scales)), key=evidence)
+        if better == best:
+            return scales[best]
+        best = better
 
 
 def held_to(belief: Prior, other: Prior, point: Linearisation, faith: float = FAITH) -> Prior:
