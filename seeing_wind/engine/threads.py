@@ -1,4 +1,4 @@
-"""One thread for torch, where tensors are small."""
+"""How many threads torch takes: one where tensors are small."""
 
 from __future__ import annotations
 
@@ -15,9 +15,16 @@ def one_torch_thread() -> Iterator[None]:
     The threads of a pool mostly wait for each other then, on the spot: six times slower on a busy machine, and even on an idle one the
     solver's own threads miss the cores that they wait on. The result does not depend on the number of cores, either.
     """
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
+    with torch_threads(1):
+        yield
+
+
+@contextlib.contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """So many of them inside."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
     try:
         yield
     finally:
-        torch.set_num_threads(threads)
+        torch.set_num_threads(before)

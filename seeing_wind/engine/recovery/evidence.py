@@ -19,12 +19,14 @@ from typing import Any
 import numpy as np
 import torch
 
+from ..mpm.device import cores
+from ..threads import torch_threads
 from .gauss_newton import Linearisation
 from .objective import Objective
 from .prior import DURATION, LENGTH, SLOPE, UNIFORM, Kernel, Prior
 
 ITERATIONS = 25
-SETTLED = 0.03
+SETTLED = 0.01
 """Sizes are learnt when a step gains less than so much log evidence: differences of one could be chance."""
 BELIEFS = {"length": (LENGTH, 1.0), "duration": (DURATION, 0.5), "uniform": (UNIFORM, 1.5), "slope": (SLOPE, 1.5)}
 """Median and standard deviation of the logarithm of each size."""
@@ -41,10 +43,12 @@ LARGEST = 30.0
 """Logarithms of sizes that a line search may try are no further from zero than this."""
 COARSELY = 3
 """Of the scales of the mismatch so many steps apart are looked at before those between."""
-TELLING = 1e-3
+LARGE = 250
+"""Directions from which the matrices are worth all cores."""
+TELLING = 1e-4
 """Variance that the prior gives a direction of the whitened clip, relative to the noise; directions of less hardly change the evidence."""
 SMALLEST = 1e-12
-"""Directions of the unknowns that the data see less than this, relative to the best seen, are not seen."""
+"""What is added to J'J, relative to its largest entry, for unknowns that the clip does not tell apart."""
 
 
 def learn(
@@ -60,7 +64,7 @@ def learn(
         check: called at every evaluation; may raise to stop.
     """
     size = len(normal) - len(prior.velocity)
-    R, z = (torch.from_numpy(array) for array in _told(prior, normal, pull))
+    R, z = _told(prior, normal, pull)
     velocity = R[:, size:] @ torch.diag(torch.from_numpy(prior.velocity**2)) @ R[:, size:].T
     by_component = R[:, :size].reshape(len(R), -1, 3)
     shape = np.eye(3) if component is None else component
@@ -82,7 +86,8 @@ def learn(
         value.backward()
         return value
 
-    optimiser.step(objective)
+    with torch_threads(cores() if len(z) > LARGE else 1):
+        optimiser.step(objective)
     found = parameters.detach() if bool(torch.isfinite(parameters).all()) else begin
     factor, sizes = _unpack(found)
     covariance = (root @ factor @ factor.T @ root.T).numpy()
@@ -90,17 +95,16 @@ def learn(
     return Kernel(covariance, *(float(value) for value in sizes))
 
 
-def _told(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _told(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
     """R (k, n) and z (k,) of the directions that tell of the prior: there it moves the clip by more than a small part of the noise."""
-    values, vectors = np.linalg.eigh(normal)
-    seen = values > SMALLEST * values[-1]
-    root = np.sqrt(values[seen])
-    R, z = root[:, None] * vectors[:, seen].T, (vectors[:, seen].T @ pull) / root
-    size = len(normal) - len(prior.velocity)
+    floor = SMALLEST * float(normal.diagonal().max())
+    root = torch.linalg.cholesky(torch.from_numpy(normal + floor * np.eye(len(normal))))
+    z = torch.linalg.solve_triangular(root, torch.from_numpy(pull)[:, None], upper=False)[:, 0]
+    R, size = root.T.numpy(), len(normal) - len(prior.velocity)
     field = R[:, :size] @ np.kron(prior.places.covariance(prior.kernel), prior.kernel.covariance) @ R[:, :size].T
-    signal, turn = np.linalg.eigh(field + (R[:, size:] * prior.velocity**2) @ R[:, size:].T)
+    signal, turn = torch.linalg.eigh(torch.from_numpy(field + (R[:, size:] * prior.velocity**2) @ R[:, size:].T))
     telling = turn[:, signal > TELLING].T
-    return telling @ R, telling @ z
+    return telling @ root.T, telling @ z
 
 
 def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
