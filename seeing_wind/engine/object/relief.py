@@ -6,7 +6,8 @@ One picture shows a front only. The back is a guess by rules that a user can che
 - a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere;
   a given thickness that is much less than its diameter makes it a disc,
 - a measured front that bulges towards the camera is inflated by as much behind (`inflate`),
-- a silhouette much longer than broad is a post, as thick as it is broad,
+- a silhouette much longer than broad is a post, as thick as it is broad, and round where no depth was measured; a given thickness that
+  is much less than its breadth makes it a strip,
 - everything else is a plate, a few percent of its size thick.
 """
 
@@ -20,7 +21,7 @@ from scipy import ndimage
 from ..errors import ObjectError
 from ..records import Camera, Observation
 from .block import Block, find_block
-from .inflate import LEAK, inflate
+from .inflate import LEAK, balls, inflate
 
 MIN_PIXELS = 16
 """Fewer pixels than this carry no shape."""
@@ -47,7 +48,7 @@ THINNEST = 0.5
 """Least thickness of a ball's rim in pixels' widths: its outline on whole pixels reaches a little beyond the sphere's."""
 
 DISC = 0.5
-"""Given thickness in diameters under which a round silhouette is that of a disc."""
+"""Given thickness in diameters under which a round silhouette is that of a disc, and one of a post that of a strip."""
 
 STRAY = 3.0
 """Depths farther from the object's 5th to 95th percentile than this many times what these are apart are not its own."""
@@ -117,7 +118,7 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         block = block if thickness is None else replace(block, depth=thickness)
         front = _fill(front, mask)
         return Relief(mask, front, _fill(block.exits(front), mask), camera, kind, block.depth, block)
-    if kind == "ball" and flat and thickness is not None and thickness < DISC * 2.0 * radius:
+    if kind in ("ball", "post") and flat and thickness is not None and thickness < DISC * 2.0 * radius:
         kind = "plate"
     if kind == "ball":
         near, far = sphere_depths(mask, camera)
@@ -126,6 +127,9 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         front = middle * near if flat else front
         largest = float((far - near)[mask].max()) * middle
         profile = np.maximum(middle * far - front, THINNEST * metre_per_pixel) * (1.0 if thickness is None else thickness / largest)
+    elif kind == "post" and flat:
+        half = np.maximum(balls(mask).half, 0.5 * THINNEST) * metre_per_pixel * (1.0 if thickness is None else 0.5 * thickness / radius)
+        front, profile = front + np.median(half[mask]) - half, 2.0 * half
     elif kind == "solid":
         assert rounded is not None  # only a measured front bulges
         profile = rounded.thickness * (1.0 if thickness is None else thickness / rounded.thickness.max())
@@ -133,7 +137,8 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         guess = 2.0 * radius if kind == "post" else PLATE_THICKNESS * np.sqrt(area)
         profile = (guess if thickness is None else thickness) * slant(front, camera)
     front, back = _fill(front, mask), _fill(front + profile, mask)
-    return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if kind in ("post", "plate") else profile[mask].max()))
+    even = kind == "plate" or (kind == "post" and not flat)
+    return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if even else profile[mask].max()))
 
 
 def sphere_depths(mask: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

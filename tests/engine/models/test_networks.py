@@ -23,6 +23,7 @@ from seeing_wind.engine.models.depth import normalised, predict_depth  # noqa: E
 from seeing_wind.engine.models.masks import MaskModel, find_box  # noqa: E402
 from seeing_wind.engine.models.points import LEAST_SIGMA, UNKNOWN_SIGMA, follow_points, noise  # noqa: E402
 from seeing_wind.engine.progress import NoProgress, Progress  # noqa: E402
+from seeing_wind.engine.threads import one_torch_thread  # noqa: E402
 
 PICTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8), (0, 0), 3)
 
@@ -30,10 +31,8 @@ PICTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (48, 64, 3)
 @pytest.fixture(scope="module", autouse=True)
 def one_thread() -> Iterator[None]:
     """Threads of a busy machine wait for each other longer than these networks think."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+    with one_torch_thread():
+        yield
 
 
 @pytest.fixture(scope="module")

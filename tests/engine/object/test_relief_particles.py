@@ -40,6 +40,21 @@ def test_kinds_of_bodies(plate, ball) -> None:
     assert relief_of(observed(disc, tilt)).kind == "plate"
 
 
+def test_a_post_of_unknown_depth_is_round() -> None:
+    long = np.zeros((72, 96), bool)
+    long[10:60, 38:48] = True
+    seen = observed(long, 1.0)
+    post, breadth = relief_of(seen), 10.0 / FOCAL
+    assert post.kind == "post" and post.thickness == pytest.approx(breadth, rel=0.12)
+    assert post.pixel_volume().sum() == pytest.approx(np.pi / 4 * breadth**2 * 50.0 / FOCAL, rel=0.1)
+    middle, rim = post.front[35, 42:44].mean(), post.front[35, [38, 47]].mean()
+    assert 0.2 * breadth < rim - middle < 0.5 * breadth and np.median(post.front[post.mask]) == pytest.approx(1.0, abs=1e-3)
+    strip = relief_of(seen, thickness=0.1 * breadth)
+    assert strip.kind == "plate" and np.ptp(strip.front[strip.mask]) < 1e-6
+    thick = relief_of(seen, thickness=0.8 * breadth)
+    assert thick.kind == "post" and thick.thickness == pytest.approx(0.8 * breadth, rel=0.06)
+
+
 def test_a_thin_round_thing_is_a_disc() -> None:
     rows, columns = np.mgrid[:72, :96]
     puck = observed((rows - 36) ** 2 + (columns - 48) ** 2 <= 400, 1.0)

@@ -11,9 +11,10 @@ from seeing_wind.engine.object.gaussians import pixel_aligned, rest_covariances,
 from seeing_wind.engine.object.look import fit
 from seeing_wind.engine.object.particles import fill
 from seeing_wind.engine.object.relief import relief_of
-from seeing_wind.engine.object.splatting import PIXEL_FILTER, blend, one_thread, picture, project, tiles_of
+from seeing_wind.engine.object.splatting import PIXEL_FILTER, blend, picture, project, tiles_of
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Camera
+from seeing_wind.engine.threads import one_torch_thread
 
 from .test_gaussians_ply import some
 
@@ -63,7 +64,7 @@ def test_gradients_against_finite_differences() -> None:
         mean, flat, _ = project(x, root @ root.transpose(1, 2), camera)
         return blend(mean, flat, opacity, colour, tiles, camera.width, camera.height)
 
-    with one_thread():
+    with one_torch_thread():
         assert torch.autograd.gradcheck(render, (x, root, opacity, colour), eps=1e-6, atol=1e-6)
 
 
