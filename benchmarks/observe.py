@@ -155,12 +155,20 @@ def together_figures(folder: Path, first: str, second: str) -> dict[str, float]:
     return {name: 1e3 * float(np.median(np.concatenate(values))) for name, values in zip(names, (across, along))}
 
 
+def true_distance(seen: Observation, scene: Path) -> float:
+    """The one distance [m] that stands for a measured depth: to the surface, or to the middle of a ball (see `relief_of`)."""
+    if relief_of(seen).kind != "ball":
+        return float(np.median(seen.depth[seen.masks[0]]))
+    with np.load(scene.parents[1] / f"{scene.name.split('_')[0]}.npz", allow_pickle=False) as data:
+        return float(seen.camera.project(data["x"][0])[1].mean())
+
+
 def figures_of(scene: Path) -> dict[str, float]:
     """Everything measured on one scene."""
     truth = read_truth(scene)
     seen, seconds = seen_in(scene, truth)
     arap: Arap = "previous" if scene.name.startswith("clay") else "rest"
-    flat = np.where(seen.masks[0], np.float32(np.median(seen.depth[seen.masks[0]])), np.float32(np.inf))
+    flat = np.where(seen.masks[0], np.float32(true_distance(seen, scene)), np.float32(np.inf))
     return {
         **mask_figures(seen, truth),
         **track_figures(seen, truth),
