@@ -167,16 +167,16 @@ def _recover(p: Parser) -> None:
 
 
 def _recover_trajectories(p: Parser) -> None:
-    p.add_argument("truth", metavar="TRUTH.npz", help="x (T+1,N,3) m, fps, rho, E, nu; optional fixed, gravity, yield_stress")
+    p.add_argument("truth", metavar="TRUTH.npz", help="x (T+1,N,3) m, fps; optional rho, E, nu, fixed, gravity, yield_stress")
     p.add_argument("--take", required=True, metavar="DIR")
-    _gravity(p)
+    _gravity(p, "the file's, or none")
     _material(p, default=None)
     _solve(p)
 
 
-def _gravity(p: Parser) -> None:
+def _gravity(p: Parser, default: str = str(GRAVITY)) -> None:
     which = p.add_mutually_exclusive_group()
-    which.add_argument("--gravity", type=finite, nargs=3, metavar=("GX", "GY", "GZ"), help=f"known acceleration [m/s²], default {GRAVITY}")
+    which.add_argument("--gravity", type=finite, nargs=3, metavar=("GX", "GY", "GZ"), help=f"known acceleration [m/s²], default {default}")
     which.add_argument("--no-gravity", action="store_true", help="gravity counts as part of the field")
 
 

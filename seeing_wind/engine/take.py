@@ -13,6 +13,7 @@ import hashlib
 import json
 import os
 import re
+import tempfile
 import tomllib
 import zipfile
 import zlib
@@ -42,6 +43,19 @@ class Take:
     def file(self, name: str) -> Path:
         """Path of a file in the take."""
         return self.path / name
+
+    def prepare(self) -> None:
+        """Make the folder and see that it can be written, before hours of work are to be kept in it.
+
+        Raises:
+            TakeError: when it cannot.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=self.path):
+                pass
+        except OSError as error:
+            raise TakeError(f"{self.path} cannot be written: {error.strerror or error}.", "Choose another folder with --take.") from error
 
     @contextlib.contextmanager
     def writing(self, name: str) -> Iterator[Path]:

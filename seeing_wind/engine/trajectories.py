@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,10 @@ from .take import DAMAGED
 
 FIXED_DEPTH = 0.5
 """Grid cells (`RecoverSettings.clamp_depth`) at first. A file's `fixed` is what hardly moved: that reaches some way above what is held."""
+DENSITY, YOUNGS_MODULUS, POISSON_RATIO = 300.0, 1e5, 0.3
+"""Of a body whose file does not say [kg/m³], [Pa]: those of foam."""
+HELD_WAY = 0.2
+"""Particle spacings that held particles may move without a word."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,8 @@ class Trajectories:
     fps: float
     gravity: tuple[float, float, float]
     clamp_depth: float = FIXED_DEPTH
+    notes: tuple[str, ...] = ()
+    """What was assumed because the file does not say it, and what contradicts itself."""
 
 
 def read_trajectories(path: str | os.PathLike[str]) -> Trajectories:
@@ -57,9 +64,10 @@ def read_trajectories(path: str | os.PathLike[str]) -> Trajectories:
     if not np.isfinite(x).all():
         t, n, _ = np.argwhere(~np.isfinite(x))[0]
         raise ObjectError(f"{path}: the position of particle {n} in picture {t} is not finite.", "Remove that particle or mend the file.")
-    fixed = np.asarray(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), dtype=bool)
-    if fixed.shape != (x.shape[1],):
-        raise UsageError(f"{path}: fixed has shape {fixed.shape}.", f"It must be ({x.shape[1]},).")
+    fixed = np.asarray(values.get("fixed", np.zeros(x.shape[1], dtype=bool)))
+    if fixed.shape != (x.shape[1],) or fixed.dtype.kind not in "biu":
+        raise UsageError(f"{path}: fixed is {fixed.dtype} of shape {fixed.shape}.", f"It must be ({x.shape[1]},) of true and false.")
+    fixed = fixed.astype(bool)
     gravity = _numbers(values.get("gravity", np.zeros(3)), "gravity", path)
     if gravity.shape not in ((), (3,)) or not np.isfinite(gravity).all() or (gravity.shape == () and gravity != 0.0):
         raise UsageError(f"{path}: gravity is {gravity.tolist()}.", "It must be three finite numbers in m/s².")
@@ -71,7 +79,24 @@ def read_trajectories(path: str | os.PathLike[str]) -> Trajectories:
     everyone = Attachment(index=np.arange(x.shape[1], dtype=np.int32)[:, None], weight=np.ones((x.shape[1], 1)))
     targets = PointTargets(x=x, visible=np.ones(x.shape[:2], dtype=bool), attachment=everyone)
     down = tuple(float(g) for g in np.broadcast_to(gravity, (3,)))
-    return Trajectories(particles, _material(values, path), targets, fps, down)  # type: ignore[arg-type]
+    notes = tuple(_assumed(values)) + tuple(_moving(x[:, fixed], spacing))
+    return Trajectories(particles, _material(values, path), targets, fps, down, notes=notes)  # type: ignore[arg-type]
+
+
+def _assumed(values: dict[str, np.ndarray]) -> Iterator[str]:
+    defaults = {"rho": f"{DENSITY:g} kg/m³", "E": f"{YOUNGS_MODULUS:g} Pa", "nu": f"{POISSON_RATIO:g}"}
+    missing = [f"{key} ({value})" for key, value in defaults.items() if key not in values]
+    if missing:
+        yield f"The file lacks {', '.join(missing)}: assumed where no option says otherwise. Forces are in proportion to the density."
+    if "gravity" not in values:
+        yield "The file has no gravity: unless --gravity gives it, it counts as part of the field."
+
+
+def _moving(x: np.ndarray, spacing: float) -> Iterator[str]:
+    """A note where held particles x (T+1, M, 3) move further than those do that are only near a clamp."""
+    way = float(np.linalg.norm(x - x[0], axis=2).max()) if x.size else 0.0
+    if way > HELD_WAY * spacing:
+        yield f"Particles that `fixed` marks as held move by up to {1e3 * way:.2g} mm; they are simulated standing still."
 
 
 def _numbers(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> np.ndarray:
@@ -111,7 +136,8 @@ def _material(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Ma
     yield stress that `Material` and the literature speak of is sqrt(3/2) times that.
     """
     yield_stress = float(np.sqrt(1.5)) * _number(values.get("yield_stress", np.zeros(())), "yield_stress", path)
-    base = Material("trajectories", "von_mises" if yield_stress > 0.0 else "corotated", 300.0, 1e5, 0.3, source="the trajectory file")
+    law = "von_mises" if yield_stress > 0.0 else "corotated"
+    base = Material("trajectories", law, DENSITY, YOUNGS_MODULUS, POISSON_RATIO, source="the trajectory file")
     numbers = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
     given: dict[str, Any] = {name: _number(values[key], key, path) for name, key in numbers.items() if key in values}
     return adjusted(base, **given, yield_stress=yield_stress if yield_stress != 0.0 else None)

@@ -98,6 +98,7 @@ def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     check_solve(settings, clip=True, views=len(arguments.view))
     endpoint = _endpoint(arguments)
     take, seconds = Take(arguments.take), dict[str, float]()
+    take.prepare()
     points = tuple(value for point in arguments.points for value in point) if arguments.points else None
     observing = settings_of(ObserveSettings, arguments, points=points)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
@@ -143,6 +144,9 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
         RecoverSettings, arguments, gravity=gravity_of(arguments, default=source.gravity), clamp_depth=source.clamp_depth
     )
     check_solve(settings, clip=False)
+    take.prepare()
+    for note in source.notes:
+        progress.warn(note)
     upstream = stamp_of("trajectories", Path(arguments.truth), material)
     recovery, field, seconds = recover_stage(take, source.particles, material, source.targets, source.fps, upstream, settings, progress)
     if field is None:

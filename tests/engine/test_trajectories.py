@@ -45,12 +45,22 @@ def test_what_the_file_says(tmp_path: Path) -> None:
         {"x": np.where(np.arange(6)[:, None, None] == 2, np.nan, FALL)},
         {"x": np.zeros((6, 27, 3))},
         {"fixed": np.ones(3, bool)},
+        {"fixed": ["False"] * 27},
+        {"fixed": np.full(27, np.nan)},
     ],
 )
 def test_wrong_values_are_refused(tmp_path: Path, wrong: dict[str, Any]) -> None:
     with pytest.raises(SeeingWindError) as caught:
         read_trajectories(write(tmp_path / "t.npz", **wrong))
     assert caught.value.message and caught.value.hint
+
+
+def test_what_is_assumed_or_contradicts_itself_is_told(tmp_path: Path) -> None:
+    assert read_trajectories(write(tmp_path / "t.npz", rho=500.0, E=1e4, nu=0.2, gravity=np.zeros(3))).notes == ()
+    lacking, weightless = read_trajectories(write(tmp_path / "t.npz", E=1e4)).notes
+    assert "rho (300 kg/m³), nu (0.3)" in lacking and "no gravity" in weightless
+    fixed = np.arange(27) < 5
+    assert any("held move by up to 2.1e+02 mm" in note for note in read_trajectories(write(tmp_path / "t.npz", fixed=fixed)).notes)
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"PK\x03\x04garbage"])

@@ -65,6 +65,8 @@ def learn(
     """
     size = len(normal) - len(prior.velocity)
     R, z = _told(prior, normal, pull)
+    if not len(z):
+        return prior.kernel
     velocity = R[:, size:] @ torch.diag(torch.from_numpy(prior.velocity**2)) @ R[:, size:].T
     by_component = R[:, :size].reshape(len(R), -1, 3)
     shape = np.eye(3) if component is None else component

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from ..errors import ObjectError, UsageError
 from ..mpm.constitutive import LAWS
-from ..mpm.model import Model, model_for
+from ..mpm.model import DEFAULT_SPEED, Model, model_for
 from ..mpm.state import Trajectory
 from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
@@ -43,6 +43,12 @@ RAY_SHRINK = 0.03
 UNSEEN_SPIN = 1e-3
 """Prior size of the initial spin of a body that is seen as a point, relative to the one that its speed suggests: nothing tells of it, and
 a track a little off the centre of mass would set it turning."""
+HASTE = 3.0
+"""How much faster than the points were seen to move the simulated body may have to be followed."""
+UNEXPLAINED = 0.1
+"""Median distance of points from the simulation, relative to how far they moved, from which there is a note."""
+SUDDEN, SUDDEN_WAY = 6.0, 1e-4
+"""Largest distance of points from the simulation, relative to the median and to how far they moved, from which there is a note."""
 STILL = 0.02
 """A body whose observed points move less than this share of its radius hardly moves [m/m]."""
 WINDOW, OVERLAP = 32, 8
@@ -97,12 +103,19 @@ def recover(
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
         material = replace(material, law="corotated")
     model, model_notes = model_for(
-        particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth
-    )
+        particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth,
+        speed=min([DEFAULT_SPEED, *(HASTE * _fastest(one, fps) for one in sources if isinstance(one, PointTargets))]),
+    )  # fmt: skip
     stiffness = Stiffness(free=is_free(particles, model, settings))
     clip = _Clip(particles, model, Objective(channels), fps, settings, progress, notes + model_notes, stiffness)
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     return clip.result(clip.solved(), material, views, began)
+
+
+def _fastest(targets: PointTargets, fps: float) -> float:
+    """Speed [m/s] of the fastest point between pictures that both show it."""
+    step = np.linalg.norm(np.diff(targets.x, axis=0), axis=2)
+    return fps * float(np.where(targets.visible[1:] & targets.visible[:-1], step, 0.0).max(initial=0.0))
 
 
 def _check(particles: Particles, fps: float) -> None:
@@ -234,7 +247,8 @@ class _Clip:
         """What the windows add up to."""
         x = np.concatenate([one.trajectory.x[:-1] for one in kept] + [kept[-1].trajectory.x[-1:]])
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
-        self._remark(x, views)
+        residual = self.objective.root_mean_square(x)
+        self._remark(x, residual, views)
         self.notes += remark(self.stiffness, self.model)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
@@ -243,7 +257,7 @@ class _Clip:
             x=x,
             F=F,
             v0=kept[0].trajectory.v[0],
-            residual=self.objective.root_mean_square(x),
+            residual=residual,
             residual_unit="px" if views else "m",
             iterations=sum(one.iterations for one in kept),
             seconds=time.monotonic() - began,
@@ -254,12 +268,24 @@ class _Clip:
             substeps=scaled(self.model, self.stiffness.s).substeps,
         )
 
-    def _remark(self, x: np.ndarray, views: int) -> None:
+    def _remark(self, x: np.ndarray, residual: np.ndarray, views: int) -> None:
         """Notes on what the clip does not show."""
         moved = np.linalg.norm(x - x[0], axis=-1).max()
         radius = np.linalg.norm(self.particles.x - self.particles.x.mean(axis=0), axis=1).max()
         if moved < STILL * max(radius, self.particles.spacing):
             self.notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
+        far = float(np.median(residual[1:]))
+        if not views and far > UNEXPLAINED * moved:
+            self.notes.append(
+                f"The simulated body stays {1000 * far:.2g} mm (median) off points that move by {1000 * moved:.2g} mm: no force that was "
+                "found explains the motion. Check units, axes and the material."
+            )
+        peak = int(residual.argmax())
+        if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
+            self.notes.append(
+                f"At picture {peak} the simulated body is {1000 * residual[peak]:.2g} mm off, else {1000 * far:.2g} mm: where the force "
+                "changes suddenly, it is smoothed over about four frames."
+            )
         if views == 1:
             self.notes.append(
                 "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
