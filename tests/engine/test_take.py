@@ -55,6 +55,14 @@ def test_a_folder_that_cannot_be_made_is_a_take_error(tmp_path: Path) -> None:
         Take(tmp_path / "file" / "take").write_json("report.json", {})
 
 
+def test_a_take_is_seen_to_be_writable_first(tmp_path: Path) -> None:
+    Take(tmp_path / "deep" / "take").prepare()
+    assert (tmp_path / "deep" / "take").is_dir() and not list((tmp_path / "deep" / "take").iterdir())
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(TakeError, match="cannot be written"):
+        Take(tmp_path / "file").prepare()
+
+
 def test_pickles_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "evil.npz", a=np.array([{"x": 1}], dtype=object))
     (tmp_path / "worse.npz").write_bytes(pickle.dumps([1, 2]))

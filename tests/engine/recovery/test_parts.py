@@ -132,6 +132,13 @@ def test_sizes_of_the_prior_are_learnt_from_a_draw():
     assert modes_worth(learnt, basis, body.x, 1e-4) > modes_worth(replace(learnt, length=8.0), basis, body.x, 1e-4)
 
 
+def test_a_clip_that_tells_nothing_leaves_the_sizes_as_they_were():
+    body = block((4, 4, 2))
+    basis = spatial_basis(body.x, body.volume, 4)
+    blind = Prior(Kernel(np.diag([1.0, 2.0, 3.0]), length=1.5), Places.along(basis, still(body, 4), 2.0), np.zeros(0))
+    assert learn(blind, 1e-12 * np.eye(blind.count), np.zeros(blind.count)) is blind.kernel
+
+
 def test_a_squeeze_is_learnt_as_a_slope_and_not_as_a_huge_net_force():
     body = block((7, 7, 7))
     basis = spatial_basis(body.x, body.volume, 10)

@@ -82,6 +82,29 @@ def test_one_centroid_of_a_small_ball_gives_a_uniform_force():
     assert any("variation across the body is not known" in note for note in found.notes)
 
 
+def test_a_sudden_change_of_the_force_is_named():
+    body = plate((3, 3, 2))
+    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0 if t < 10 else -3.0, 0.0, 0.0], 20)
+    found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
+    assert relative(found.force_density[[3, 4, 15, 16]], RUBBER.density * wind[[3, 4, 15, 16]]) < 0.2
+    assert any(f"At picture {picture} " in note for note in found.notes for picture in (9, 10, 11))
+
+
+def test_motion_that_no_force_explains_is_named():
+    body = plate((3, 3, 2))
+    x = body.x + 0.1 * np.random.default_rng(0).standard_normal((10, 1, 1)) * np.sign(body.x[:, :1]) * [1.0, 0.0, 0.0]
+    x[0] = body.x  # the halves jump apart and together, through each other
+    found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
+    assert any("no force that was found explains the motion" in note for note in found.notes)
+
+
+def test_small_slow_bodies_need_no_substeps_for_speeds_they_do_not_have():
+    body = plate((4, 4, 2), spacing=6e-4)
+    x = np.stack([body.x + [0.5 * 0.01 * (t / 10.0) ** 2, 0.0, 0.0] for t in range(9)])  # 1 cm/s², 10 pictures a second
+    found = recover(body, replace(RUBBER, youngs_modulus=20.0), points(body, x), 10.0, WEIGHTLESS, NoProgress())
+    assert relative(found.force_density, np.zeros_like(found.force_density) + [RUBBER.density * 0.01, 0.0, 0.0]) < 0.01
+
+
 def test_a_held_body_keeps_its_foot():
     body = plate((3, 3, 8), pinned=lambda X: X[:, 2] < -0.05)
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [0.8 + 0.1 * t, 0.0, 0.0], 8)
