@@ -132,6 +132,13 @@ def test_sizes_of_the_prior_are_learnt_from_a_draw():
     assert modes_worth(learnt, basis, body.x, 1e-4) > modes_worth(replace(learnt, length=8.0), basis, body.x, 1e-4)
 
 
+def test_the_derivative_of_the_evidence_is_that_of_its_difference_quotient():
+    rng = torch.Generator().manual_seed(0)
+    root, z = (torch.randn(shape, generator=rng, dtype=torch.float64) for shape in ((6, 6), (6,)))
+    unit = torch.eye(6, dtype=torch.float64)
+    assert torch.autograd.gradcheck(lambda A: _log_evidence(A @ A.T + 0.1 * unit, z), (root.requires_grad_(),))
+
+
 def test_a_clip_that_tells_nothing_leaves_the_sizes_as_they_were():
     body = block((4, 4, 2))
     basis = spatial_basis(body.x, body.volume, 4)
