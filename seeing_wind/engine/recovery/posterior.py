@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
+from ..records import PointTargets
+from .channels import attachment_matrix
 from .forward import Forward
+
+USUAL = 4.0
+"""What is missed in a frame is not the noise and the mismatch of all frames when it is so many times the median."""
+SMOOTHED = 5
+"""Frames over which a sudden change is smoothed."""
 
 
 def posterior_deviation(forward: Forward, covariance: np.ndarray) -> np.ndarray:
@@ -23,3 +31,16 @@ def posterior_deviation(forward: Forward, covariance: np.ndarray) -> np.ndarray:
         block = sum(weights[k] * weights[j] * per_component[k, :, j] for k in active for j in active)
         deviation.append(np.sqrt(np.maximum(np.einsum("pm,mn,pn->p", forward.basis.phi, block, forward.basis.phi), 0.0)))
     return np.stack(deviation)
+
+
+def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.ndarray:
+    """Acceleration of the points' mean that the simulation x (T+1, N, 3) lacks in a frame beyond the usual, (T,) [m/s²].
+
+    A force has knots, so one that changes suddenly is smoothed, of which the posterior, which takes knots for the truth, knows nothing.
+    """
+    both = targets.visible[1:] & targets.visible[:-1]
+    step = np.diff(targets.x - attachment_matrix(targets.attachment, x.shape[1]) @ x, axis=0)
+    step = np.where(both[..., None], step, 0.0).sum(axis=1) / np.maximum(both.sum(axis=1), 1)[:, None]
+    size = fps**2 * np.linalg.norm(np.diff(step, axis=0), axis=1)  # between pictures 1 ... T-1 and their neighbours
+    beyond = np.where(size > USUAL * np.median(size), size, 0.0)
+    return maximum_filter1d(np.concatenate([beyond, [0.0]]), SMOOTHED)

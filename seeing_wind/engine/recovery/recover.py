@@ -25,8 +25,8 @@ from ..threads import one_torch_thread
 from .basis import SpatialBasis, spatial_basis
 from .beliefs import Expected
 from .objective import Channels, Objective
-from .point_channels import point_channels
-from .posterior import posterior_deviation
+from .point_channels import PointChannels, point_channels
+from .posterior import missed_acceleration, posterior_deviation
 from .stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .track_channels import TrackChannels, track_channels
 from .window import FULL_KNOT, Found, WindowSolver
@@ -249,11 +249,15 @@ class _Clip:
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
         residual = self.objective.root_mean_square(x)
         self._remark(x, residual, views)
+        deviation = np.concatenate([one.deviation for one in kept])
+        for one in self.objective.channels:
+            if isinstance(one, PointChannels):
+                deviation = np.hypot(deviation, missed_acceleration(one.targets, x, self.fps)[:, None])
         self.notes += remark(self.stiffness, self.model)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
             force_density=material.density * np.concatenate([one.acceleration for one in kept]),
-            deviation=material.density * np.concatenate([one.deviation for one in kept]),
+            deviation=material.density * deviation,
             x=x,
             F=F,
             v0=kept[0].trajectory.v[0],

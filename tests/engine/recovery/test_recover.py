@@ -88,6 +88,7 @@ def test_a_sudden_change_of_the_force_is_named():
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
     assert relative(found.force_density[[3, 4, 15, 16]], RUBBER.density * wind[[3, 4, 15, 16]]) < 0.2
     assert any(f"At picture {picture} " in note for note in found.notes for picture in (9, 10, 11))
+    assert found.deviation[9:11].min() > 5.0 * found.deviation[[2, 3, 16, 17]].max()  # and not known there
 
 
 def test_motion_that_no_force_explains_is_named():
