@@ -98,7 +98,6 @@ def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     check_solve(settings, clip=True, views=len(arguments.view))
     endpoint = _endpoint(arguments)
     take, seconds = Take(arguments.take), dict[str, float]()
-    take.prepare()
     points = tuple(value for point in arguments.points for value in point) if arguments.points else None
     observing = settings_of(ObserveSettings, arguments, points=points)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
