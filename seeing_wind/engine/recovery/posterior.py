@@ -10,7 +10,9 @@ from .channels import attachment_matrix
 from .forward import Forward
 
 USUAL = 4.0
-"""What is missed in a frame is not the noise and the mismatch of all frames when it is so many times the median."""
+"""What is missed in a frame is not noise when it is so many times the usual."""
+INDEPENDENT = 4.0
+"""Parts of a body whose points' noise is their own: the noise of their mean is that of a point over the root of this."""
 SMOOTHED = 5
 """Frames over which a sudden change is smoothed."""
 
@@ -37,10 +39,19 @@ def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.
     """Acceleration of the points' mean that the simulation x (T+1, N, 3) lacks in a frame beyond the usual, (T,) [m/s²].
 
     A force has knots, so one that changes suddenly is smoothed, of which the posterior, which takes knots for the truth, knows nothing.
+    The usual is the median, or what is expected of noise that the points do not share: a kick in a short clip is missed in all its frames.
     """
+    count = targets.visible.sum(axis=1)
+    missed = np.where(targets.visible[..., None], targets.x - attachment_matrix(targets.attachment, x.shape[1]) @ x, 0.0)
+    mean = missed.sum(axis=1) / np.maximum(count, 1)[:, None]
     both = targets.visible[1:] & targets.visible[:-1]
-    step = np.diff(targets.x - attachment_matrix(targets.attachment, x.shape[1]) @ x, axis=0)
-    step = np.where(both[..., None], step, 0.0).sum(axis=1) / np.maximum(both.sum(axis=1), 1)[:, None]
+    step = np.where(both[..., None], np.diff(missed, axis=0), 0.0).sum(axis=1) / np.maximum(both.sum(axis=1), 1)[:, None]
     size = fps**2 * np.linalg.norm(np.diff(step, axis=0), axis=1)  # between pictures 1 ... T-1 and their neighbours
-    beyond = np.where(size > USUAL * np.median(size), size, 0.0)
+    usual = float(np.median(size))
+    many = count > INDEPENDENT
+    if many[1:].any():
+        apart = np.where(targets.visible[..., None], missed - mean[:, None], 0.0)
+        scatter = np.median(np.sqrt((apart**2).sum(axis=(1, 2)) / np.maximum(count, 1))[1:][many[1:]])
+        usual = min(usual, fps**2 * float(np.sqrt(6.0 / INDEPENDENT) * scatter))  # a second difference of noise has six times its variance
+    beyond = np.where(size > USUAL * usual, size, 0.0)
     return maximum_filter1d(np.concatenate([beyond, [0.0]]), SMOOTHED)
