@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent)]  # a script of the source tree: it runs with the package installed or not
 
 from seeing_wind.engine.field import ForceField, load_field  # noqa: E402
+from seeing_wind.engine.materials import as_found  # noqa: E402
 from seeing_wind.engine.mpm.model import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
@@ -82,7 +84,9 @@ def outside(field: ForceField, x: np.ndarray) -> float:
 def drift(field: ForceField, body: Trajectories, take: Path) -> float:
     """How far a free run ends off the true particles, in percent of how far they travelled, both root mean square."""
     found = read_recovery(Take(take))
-    model, _ = model_for(body.particles, body.material, body.fps, gravity=body.gravity, clamp_depth=found.clamp_depth)
+    particles, material = replace(body.particles, stiffness=found.stiffness), as_found(body.material, found)
+    model, _ = model_for(particles, material, body.fps, gravity=body.gravity, clamp_depth=found.clamp_depth)
+    model = replace(model, substeps=found.substeps or model.substeps)
     start = State.at_rest(body.particles.x)
     state, density = State(start.x, found.v0, start.C, start.F), body.material.density
     for t in range(field.frames):

@@ -131,6 +131,8 @@ class Particles:
     """(N,) bool: held where they are."""
     spacing: float
     """Mean distance of neighbouring particles [m]; the grid's dx follows from it."""
+    stiffness: np.ndarray | None = None
+    """(N,) factor on the material's Young's modulus; None is one everywhere."""
 
 
 @dataclass(frozen=True)
@@ -249,6 +251,8 @@ class Recovery:
     """What the motion of a held body fits [Pa]; None where it was not free or the clip does not tell it: then the material's holds."""
     stiffness_deviation: float | None = None
     """Standard deviation of the logarithm of `youngs_modulus`, by the fit itself."""
+    stiffness: np.ndarray | None = None
+    """(N,) factor on Young's modulus besides, of a held body whose section is stiffer one way than the other; None is one everywhere."""
     clamp_depth: float = 0.0
     """As in the settings: where the held part began to be held."""
     substeps: int | None = None

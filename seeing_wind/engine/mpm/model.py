@@ -251,12 +251,13 @@ def _body_columns(body: Particles, material: Material, mass_scale: float, youngs
     """mass, volume, mu, lam, yield_stress, viscosity, law of one body's particles."""
     count = len(body.x)
     mu, lam = lame(youngs_modulus, material.poisson_ratio)
+    factor = np.ones(count) if body.stiffness is None else np.asarray(body.stiffness, dtype=np.float64)
     volume = np.array(np.broadcast_to(body.volume, (count,)), dtype=np.float64)
     return (
         volume * material.density * mass_scale,
         volume,
-        np.full(count, mu),
-        np.full(count, lam),
+        mu * factor,
+        lam * factor,
         np.full(count, float(material.yield_stress)),
         np.full(count, float(material.viscosity)),
         np.full(count, LAWS[material.law], np.int32),

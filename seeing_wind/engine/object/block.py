@@ -114,12 +114,12 @@ class Block:
     def held(self, points: np.ndarray, pin: np.ndarray) -> np.ndarray:
         """Which of the points (M, 3) [m] of the body lie behind what `pin` (H, W) holds, straight behind the plane where it is painted."""
         result = np.zeros(len(points), bool)
-        shown = self._shown()
+        shown = self.shown()
         for number, plane in enumerate((self.face, *self.sides)):
             result |= self._at(pin & (shown == number), points + plane.behind(points)[:, None] * plane.normal)
         return result
 
-    def _shown(self) -> np.ndarray:
+    def shown(self) -> np.ndarray:
         """(H, W) int which plane a pixel shows, the face (0) or a side: the last one that a ray into a convex body crosses. -1 off it."""
         rows, columns = np.nonzero(self.mask)
         xy = np.stack([columns, rows], axis=1).astype(float)

@@ -1,8 +1,9 @@
 """What of a solid is held: the painted part of the picture shows the border on the visible side only, and the border runs on inside.
 
 A pot is held up to its rim, also behind the rim, where the rays of unpainted pixels pass over it and go down. So the border is the plane
-that parts the painted front from the rest, and, as far as that does not say how it is tilted, runs along the view. What is painted on
-the face of a block is held straight behind that face.
+that parts the painted front from the rest, and, as far as that does not say how it is tilted, runs along the view. A block is held
+straight across if the paint allows it: paint is rough, and a border that is tilted by a few degrees makes a post answer to a wind with a
+swing across it. Otherwise what is painted on its face is held straight behind that face.
 """
 
 from __future__ import annotations
@@ -12,14 +13,19 @@ from scipy import ndimage
 from scipy.optimize import minimize
 from scipy.special import expit
 
+from .block import Block
 from .relief import Relief
 
 RIM = 2
 """Pixels so near to the outline are not asked on which side of the border they are: paint seldom reaches the outline exactly."""
 SOFT, TILTED = 1e-4, 3.0
 """Penalty on the sharpness of the border, and how much more on its tilt against the view."""
+GRAZING = 0.05
+"""Least cosine between a pixel's ray and the surface that it shows."""
 MISPLACED = 0.1
 """Share of the smaller part of the front that may lie on the wrong side; else every layer behind a painted pixel is held."""
+SLANTED = 0.25
+"""The same share for a border straight across a block: paint that slants by as much as the block is broad may be rough."""
 
 
 def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndarray) -> np.ndarray:
@@ -39,6 +45,9 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
         return float((guess != painted).sum() / max(1, min(painted.sum(), (~painted).sum())))
 
     plane, block = _border_plane(relief, held & relief.mask), relief.block
+    straight = None if block is None else _across(block, held & relief.mask, relief)
+    if straight is not None:
+        return dots @ straight[0] < straight[1]
     by_plane = np.inf if plane is None else misplaced(front @ plane[0] < plane[1])
     by_block = np.inf if block is None else misplaced(block.held(front, held))
     if plane is not None and by_plane <= min(by_block, MISPLACED):
@@ -46,6 +55,30 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
     if block is not None and by_block <= MISPLACED:
         return block.held(dots, held)
     return painted[pixel]
+
+
+def _across(block: Block, held: np.ndarray, relief: Relief) -> tuple[np.ndarray, float] | None:
+    """The plane across one of the block's edges that leaves as much of its surface on the held side as is painted.
+
+    Returns:
+        normal (3,) away from what is held, and offset [m]; None where too much of the paint, or of the rest, would lie on the wrong side.
+    """
+    rows, columns = np.nonzero(relief.mask)
+    front = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.0)
+    ray = front - relief.camera.pose(0)[:3, 3]
+    normal = np.stack([plane.normal for plane in (block.face, *block.sides)])[np.maximum(block.shown()[rows, columns], 0)]
+    distance = np.linalg.norm(ray, axis=1)
+    area = distance**3 / np.maximum(np.abs((ray * normal).sum(axis=1)), GRAZING * distance)  # of the surface behind a pixel
+    painted = held[rows, columns]
+    smaller, best = min(area[painted].sum(), area[~painted].sum()), None
+    for axis in (*block.frame(), *-block.frame()):
+        height = front @ axis
+        order = np.argsort(height)
+        offset = float(height[order[min(np.searchsorted(np.cumsum(area[order]), area[painted].sum()), len(order) - 1)]])
+        wrong = float(area[(height < offset) != painted].sum())
+        if wrong <= SLANTED * smaller and (best is None or wrong < best[0]):
+            best = (wrong, axis, offset)
+    return None if best is None else best[1:]
 
 
 def _border_plane(relief: Relief, held: np.ndarray) -> tuple[np.ndarray, float] | None:

@@ -268,6 +268,7 @@ class _Clip:
             notes=self.notes,
             youngs_modulus=youngs_modulus(self.model, self.stiffness.s) if self.stiffness.known else None,
             stiffness_deviation=self.stiffness.deviation if self.stiffness.known else None,
+            stiffness=self.stiffness.spread(self.particles) if self.stiffness.known else None,
             clamp_depth=self.settings.clamp_depth + self.stiffness.deeper,
             substeps=scaled(self.model, self.stiffness.s).substeps,
         )

@@ -98,8 +98,9 @@ class _Run:
     ) -> None:
         self.module, self.box, self.scale = module, field.box, field.scale / material.density
         model, _ = model_for(
-            particles, material, field.fps, gravity=settings.gravity, device=settings.device, clamp_depth=recovery.clamp_depth
-        )
+            replace(particles, stiffness=recovery.stiffness), material, field.fps,
+            gravity=settings.gravity, device=settings.device, clamp_depth=recovery.clamp_depth,
+        )  # fmt: skip
         self.model: Model = replace(model, substeps=recovery.substeps or model.substeps)
         self.path = torch.from_numpy(np.asarray(recovery.x, np.float64))
         self.force = torch.from_numpy(recovery.force_density / material.density)

@@ -4,12 +4,13 @@ How far a force bends a held body is a matter of its stiffness, and nobody knows
 was guessed from pictures, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
 its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself tells, so its stiffness is found with
 the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up makes it stiffer, but not in the same
-way to every swing: so that is found, too. With r the whitened residuals, J (n, m) their derivatives by the other unknowns theta, P the
-precision of theta's prior, and
+way to every swing: so that is found, too, and how the stiffness is spread over the section (`section`). With r the whitened residuals,
+J (n, m) their derivatives by the other unknowns theta, P the precision of theta's prior, and
 
-    q = (s, d)      s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
-    C = dr/dq       (m, 2), central differences through the simulator
-    Q = diag(1 / SPREAD², 1 / DEPTH_SPREAD²)
+    q = (s, d, a, b)    s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
+                        a, b ~ N(0, SECTION_SPREAD²), sizes of the section's two shapes
+    C = dr/dq           (m, 4), central differences through the simulator
+    Q                   the diagonal matrix of these priors' precisions
 
 a Gauss-Newton step for all
 
@@ -32,6 +33,7 @@ from ..settings import RecoverSettings
 from .forward import Forward
 from .gauss_newton import Solution
 from .objective import Objective
+from .section import section_shapes
 
 SPREAD = 0.3
 """Standard deviation of s before the clip is seen: a guessed thickness alone makes as much."""
@@ -39,10 +41,12 @@ DEPTH_SPREAD = 0.5
 """Standard deviation of d before the clip is seen [grid cells]: what is painted as held is uncertain by about a particle."""
 FIXED = 0.5
 """The clip tells the stiffness when it leaves at most this share of SPREAD. Otherwise the one given stays."""
-OFFSETS = (0.02, 0.05)
-"""Half the central difference's step of s and d."""
-STEPS = (0.4, 0.5)
-"""Largest step of s and d at a time."""
+SECTION_SPREAD = 0.2
+"""Standard deviation of a and b before the clip is seen: a square with one side 8 % longer than the other has an a of as much."""
+OFFSETS = (0.02, 0.05, 0.03, 0.03)
+"""Half the central difference's step of s, d, a and b."""
+STEPS = (0.4, 0.5, 0.2, 0.2)
+"""Largest step of each at a time."""
 SHARES = (1.0, 0.5, 0.25, 0.125)
 """Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what the step takes it for."""
 SETTLED = 0.25
@@ -53,7 +57,7 @@ COARSE_ROUNDS, FINE_ROUNDS = 5, 2
 
 @dataclass(frozen=True)
 class Stiffness:
-    """What is held to be true of s and d."""
+    """What is held to be true of s, d, a and b."""
 
     free: bool
     """Still to be found; else they stay."""
@@ -62,6 +66,8 @@ class Stiffness:
     """Standard deviation of s, by the fit itself."""
     deeper: float = 0.0
     """d [grid cells]."""
+    uneven: tuple[float, float] = (0.0, 0.0)
+    """a and b."""
 
     @property
     def known(self) -> bool:
@@ -70,12 +76,12 @@ class Stiffness:
 
     @property
     def q(self) -> np.ndarray:
-        """(2,) s and d."""
-        return np.array([self.s, self.deeper])
+        """(4,) s, d, a and b."""
+        return np.array([self.s, self.deeper, *self.uneven])
 
     def at(self, q: np.ndarray, deviation: float) -> Stiffness:
-        """The same with other values (2,)."""
-        return replace(self, s=float(q[0]), deeper=float(q[1]), deviation=deviation)
+        """The same with other values (4,)."""
+        return replace(self, s=float(q[0]), deeper=float(q[1]), uneven=(float(q[2]), float(q[3])), deviation=deviation)
 
     def settled(self) -> Stiffness:
         """The same from now on."""
@@ -83,14 +89,21 @@ class Stiffness:
 
     def of(self, model: Model, body: Particles) -> Model:
         """The model given with this stiffness, held where this says."""
-        return with_clamp_depth(scaled(model, self.s), body, model.clamp_depth + self.deeper)
+        factor, model = self.spread(body), scaled(model, self.s)
+        if factor is not None:
+            model = replace(model, mu=factor * model.mu, lam=factor * model.lam)
+        return with_clamp_depth(model, body, model.clamp_depth + self.deeper)
+
+    def spread(self, body: Particles) -> np.ndarray | None:
+        """(N,) factor on the particles' stiffness besides e^s; None where it is even."""
+        return np.exp(np.array(self.uneven) @ section_shapes(body)) if any(self.uneven) else None
 
     def penalty(self) -> float:
-        """What s and d add to the cost, twice their negative log prior."""
+        """What q adds to the cost, twice their negative log prior."""
         return float(self.q @ _PRECISION @ self.q)
 
 
-_PRECISION = np.diag([SPREAD**-2, DEPTH_SPREAD**-2])
+_PRECISION = np.diag([SPREAD**-2, DEPTH_SPREAD**-2, SECTION_SPREAD**-2, SECTION_SPREAD**-2])
 
 
 def is_free(particles: Particles, model: Model, settings: RecoverSettings) -> bool:
@@ -144,11 +157,11 @@ class Joint:
     normal: np.ndarray
     """(n, n) J J' + P."""
     coupling: np.ndarray
-    """(n, 2) J C."""
+    """(n, 4) J C."""
     own: np.ndarray
-    """(2, 2) C'C + Q."""
+    """(4, 4) C'C + Q."""
     gradient: np.ndarray
-    """(n + 2,) right side, its sign turned."""
+    """(n + 4,) right side, its sign turned."""
 
     @staticmethod
     def about(
@@ -159,15 +172,19 @@ class Joint:
         def white(dq: np.ndarray) -> np.ndarray:
             return _white(forward, body, objective, solution.theta, dq)
 
-        here = white(np.zeros(2))
+        here = white(np.zeros(len(there.q)))
         C = np.stack([(white(step) - white(-step)) / (2.0 * step.sum()) for step in np.diag(OFFSETS)], axis=1)
         jacobian = solution.point.jacobian.astype(np.float64)
         pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + _PRECISION @ there.q])
         return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + _PRECISION, pull)
 
     @property
+    def _count(self) -> int:
+        return len(self.normal)
+
+    @property
     def covariance(self) -> np.ndarray:
-        """(2, 2) of q when nothing but the priors is known of theta."""
+        """(4, 4) of q when nothing but the priors is known of theta."""
         # What theta's freedom leaves of `own` is positive definite but for rounding, and no less than the prior.
         left: np.ndarray = self.own - self.coupling.T @ np.linalg.solve(self.normal, self.coupling)
         values, vectors = np.linalg.eigh(0.5 * (left + left.T) - _PRECISION)
@@ -179,12 +196,13 @@ class Joint:
         return math.sqrt(self.covariance[0, 0])
 
     def step(self) -> np.ndarray:
-        """(2,) the Gauss-Newton step of q."""
-        return -self.covariance @ (self.gradient[-2:] - self.coupling.T @ np.linalg.solve(self.normal, self.gradient[:-2]))
+        """(4,) the Gauss-Newton step of q."""
+        followed = self.coupling.T @ np.linalg.solve(self.normal, self.gradient[: self._count])
+        return -self.covariance @ (self.gradient[self._count :] - followed)
 
     def follow(self, dq: np.ndarray) -> np.ndarray:
-        """(n,) the step of theta that goes best with a step (2,) of q."""
-        return -np.linalg.solve(self.normal, self.gradient[:-2] + self.coupling @ dq)
+        """(n,) the step of theta that goes best with a step (4,) of q."""
+        return -np.linalg.solve(self.normal, self.gradient[: self._count] + self.coupling @ dq)
 
     def chord(self, theta: np.ndarray, residual: np.ndarray, jacobian: np.ndarray, precision: np.ndarray) -> np.ndarray:
         """(n,) a Gauss-Newton step of theta (n,) alone, from whitened residuals (m,) there, with the Jacobian (n, m) of the solution."""
@@ -192,7 +210,7 @@ class Joint:
 
 
 def shortened(step: np.ndarray) -> np.ndarray:
-    """The step (2,) of q, or as much of it as is taken at a time."""
+    """The step (4,) of q, or as much of it as is taken at a time."""
     return step / max(1.0, *(np.abs(step) / STEPS))
 
 
@@ -206,7 +224,8 @@ def covariance_with(normal: np.ndarray, joint: Joint | None) -> np.ndarray:
 
 
 def _white(forward: Forward, body: Particles, objective: Objective, theta: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """(m,) whitened residuals a step dq (2,) away. The substeps stay, or the difference would be one of substeps too."""
-    factor, model = math.exp(dq[0]), with_clamp_depth(forward.model, body, forward.model.clamp_depth + float(dq[1]))
+    """(m,) whitened residuals a step dq (4,) away. The substeps stay, or the difference would be one of substeps too."""
+    factor = np.exp(dq[0] + dq[2:] @ section_shapes(body))
+    model = with_clamp_depth(forward.model, body, forward.model.clamp_depth + float(dq[1]))
     other = replace(forward, model=replace(model, mu=factor * model.mu, lam=factor * model.lam))
     return objective.whiten(objective.residual(other.positions(theta[None])))[0].astype(np.float64)

@@ -144,7 +144,7 @@ class WindowSolver:
             before = self.stiffness
             joint = Joint.about(forward, self.particles, self.objective, prior.precision(), solution, before)
             known = before.at(before.q, joint.deviation).known
-            after = before.q + shortened(joint.step()) if known else np.zeros(2)
+            after = before.q + shortened(joint.step()) if known else np.zeros(len(before.q))
             after[0] = min(after[0], stiffest(self.model))
             changed = self._towards(after - before.q, forward, prior, solution, joint, SHARES if known else (1.0,))
             if changed is None:
@@ -165,7 +165,7 @@ class WindowSolver:
     def _towards(
         self, dq: np.ndarray, forward: Forward, prior: Prior, solution: Solution, joint: Joint, shares: tuple[float, ...]
     ) -> tuple[Stiffness, Forward, np.ndarray] | None:
-        """The first of these shares of the joint step by dq (2,) that lowers the cost (any, if there is one share only that does not break
+        """The first of these shares of the joint step by dq (4,) that lowers the cost (any, if there is one share only that does not break
         down): stiffness, forward model and theta there. None when none does."""
         before = self.stiffness
         most = solution.cost + before.penalty() if len(shares) > 1 else np.inf

@@ -155,7 +155,7 @@ def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] |
 
 def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor:
     material = as_found(source.material, recovery) if body.material is None else find(body.material)
-    particles, surface = source.particles, source.surface
+    particles, surface = dataclasses.replace(source.particles, stiffness=recovery.stiffness), source.surface
     velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
     rider = Rider(surface.vertices, surface.attachment, particles.x)
     return _Actor(

@@ -13,6 +13,7 @@ from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Body, Gaussians, Surface, TrackTargets
 from seeing_wind.engine.recovery import recover, stiffness
 from seeing_wind.engine.recovery import window as windows
+from seeing_wind.engine.recovery.section import section_shapes
 from seeing_wind.engine.recovery.stiffness import FIXED, SPREAD, is_free, scaled, stiffest, youngs_modulus
 from seeing_wind.engine.resimulate import simulate_bodies
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
@@ -134,10 +135,44 @@ def test_a_stiffness_that_the_clip_does_not_tell_stays():
 def test_a_step_that_makes_it_worse_is_not_taken(swing, monkeypatch):
     body, tracks, _, _ = swing
     given = recover(body, TOO_STIFF, tracks, FPS, GIVEN, NoProgress())
-    monkeypatch.setattr(stiffness.Joint, "step", lambda self: np.array([0.4, 0.0]))  # stiffer still
+    monkeypatch.setattr(stiffness.Joint, "step", lambda self: np.array([0.4, 0.0, 0.0, 0.0]))  # stiffer still
     misled = recover(body, TOO_STIFF, tracks, FPS, WEIGHTLESS, NoProgress())
     assert misled.youngs_modulus is None and not any("Young's modulus" in note for note in misled.notes)
     np.testing.assert_allclose(misled.force_density, given.force_density)
+
+
+def test_a_push_along_one_side_bends_an_uneven_section_along_the_other():
+    # The moment of a bend along x is E times the section's sum of x y exp(b u v): to first order b of that of x².
+    even = plate((3, 3, 9), pinned=lambda X: X[:, 2] < -0.07)
+    shapes = section_shapes(even)
+    assert shapes.shape == (2, 81) and np.abs(shapes).max() <= 2.0
+    x, _ = blow(even, gust, 6)
+    tip = even.x[:, 2] > 0.07
+    u, v = (even.x[:, i] / even.x[:, i].std() for i in (0, 1))
+    off = []
+    for b in (-0.2, 0.2):
+        uneven, _ = blow(replace(even, stiffness=np.exp(b * u * v)), gust, 6)
+        off.append((uneven - even.x)[-1, tip, 1].mean() / (x - even.x)[-1, tip, 0].mean())
+    assert off[0] == pytest.approx(-off[1], rel=0.05) and 0.01 < -off[1] < 0.2  # softer along the diagonal it is stiffer across
+
+
+def test_an_uneven_section_is_found_with_the_force():
+    even = plate((3, 3, 9), pinned=lambda X: X[:, 2] < -0.07)
+    sizes = np.array([0.0, 0.2])
+    body = replace(even, stiffness=np.exp(sizes @ section_shapes(even)))
+    x, wind = blow(body, gust, 14)
+    found = recover(even, RUBBER, [points(even, x)], FPS, WEIGHTLESS, NoProgress())
+    got = np.linalg.lstsq(section_shapes(even).T, np.log(found.stiffness), rcond=None)[0]
+    assert 0.1 < got[1] < 0.25 and abs(got[0]) < 0.1  # a force across, which could do the same, is believed to be small
+    across = np.abs(found.force_density[:, ~even.pinned, 1]).mean()
+    assert across < 0.15 * np.abs(RUBBER.density * wind[:, ~even.pinned, 0]).mean()
+    given = recover(even, RUBBER, [points(even, x)], FPS, GIVEN, NoProgress())
+    assert given.stiffness is None and across < 0.7 * np.abs(given.force_density[:, ~even.pinned, 1]).mean()
+
+
+def test_only_what_is_held_has_a_section():
+    with pytest.raises(ValueError, match="held in part"):
+        section_shapes(plate((3, 3, 3)))
 
 
 def test_it_is_free_only_for_elastic_held_bodies():
