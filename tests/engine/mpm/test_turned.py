@@ -68,6 +68,16 @@ def test_axes_are_those_of_the_border():
         assert border_axes(x, pinned, SPACING) is None
 
 
+def test_half_a_layer_more_does_not_tilt_the_border():
+    upright = post(np.eye(3))
+    ragged = upright.pinned | ((upright.x[:, 2] < 3.5 * SPACING) & (upright.x[:, 0] < upright.x[:, 0].mean()))
+    assert 0 < (ragged & ~upright.pinned).sum() == 8
+    assert border_axes(upright.x, ragged, SPACING) is None
+    leaning = Rotation.from_rotvec([0.0, np.radians(20), 0.0]).as_matrix()
+    axes = border_axes(upright.x @ leaning.T, ragged, SPACING)
+    assert (axes.T @ leaning[:, 2]).max() > np.cos(np.radians(2.0))  # it runs across the post, not along the steps
+
+
 def test_a_floor_keeps_the_lattice_upright():
     body = post(ASKEW)
     assert model_for(body, POST, 30.0, colliders=[Plane((0, 0, -1), (0, 0, 1))])[0].axes is None

@@ -119,6 +119,21 @@ def test_it_is_held_straight_behind_what_is_painted() -> None:
     assert free < 0.10 < held and 0.5 * (held + free) == pytest.approx(0.10, abs=0.002)
 
 
+def test_paint_that_slants_holds_a_block_straight_across() -> None:
+    turn = turned(80, 0, 25)
+    mask, depth = drawn(POST, turn)
+    points = EYE.unproject(np.argwhere(mask)[:, ::-1].astype(float), depth[mask])
+    local = (points - [0.02, -0.01, 1.0]) @ turn
+    face = np.abs(local[:, 0]) > 0.0299  # as large as the side beside it, of which the view shows less
+    pin = np.zeros_like(mask)
+    pin[mask] = local[:, 2] > np.where(face, 0.11, 0.09)
+    assert 0.2 < face.mean() < 0.8
+    particles = fill(relief_of(observed(mask, depth, camera=EYE)), 600, pin)
+    height = ((particles.x - [0.02, -0.01, 1.0]) @ turn)[:, 2]
+    held, free = height[particles.pinned].min(), height[~particles.pinned].max()
+    assert free < held and 0.5 * (held + free) == pytest.approx(0.10, abs=0.003)
+
+
 def test_the_mesh_of_a_block_is_closed_and_has_its_volume() -> None:
     trimesh = pytest.importorskip("trimesh")
     relief = relief_of(observed(*drawn(PLATE, turned(40, 25)), camera=EYE))
