@@ -15,9 +15,9 @@ MISMATCH_PIXELS, MISMATCH_PIXELS_TAU = (0.02, 0.33), 24.0
 slow part's correlation time [frames]. It is an error of the whole body's motion (a stretch of a thousandth, a plate that bends too easily),
 which more tracks see better but do not average out: its variance per track grows with their number. Chosen between two scenes: a plate
 from another solver does best with a third of it, a plate whose layers and stiffness are guessed with three times as much."""
-PLASTIC_MISMATCH_PIXELS = (0.042, 0.085)
-"""The same for bodies that flow, 0.6 and 1.2 px with 200 tracks: looser in each picture, as flow differs between solvers, but not in the
-long run, or a force that is wrong for good could hide in it, as nothing springs back."""
+PLASTIC_MISMATCH_PIXELS = (0.021, 0.043)
+"""The same for bodies that flow, 0.3 and 0.6 px with 200 tracks: as loose in each picture, as flow differs between solvers, but not in the
+long run, or a force that is wrong for good could hide in it, as nothing springs back. Depth is seen by these pixels alone."""
 LATE_OFFSET = 0.5
 """Standard deviation [px] of the attachment of a track that was not there in picture 0."""
 HUBER = 2.0
