@@ -13,8 +13,8 @@ from .channels import PLASTIC_FACTOR, attachment_matrix, check, first_speed, mis
 MISMATCH_SPACINGS, MISMATCH_SPACINGS_TAU = (0.001, 0.002), 8.0
 """The same for points in 3D, in particle spacings."""
 PINNED_FACTOR = 20.0
-"""How much more variance the mismatch has on a held body, whose clamp moves all of it like a lever. The clamp's depth, the stiffness and how
-it is spread over the section are unknowns (`stiffness`); this is for what they leave. In pixels, the mismatch of tracks covers it."""
+"""How much more variance the mismatch has on a held body, whose clamp moves all of it like a lever. The clamp's depth, the stiffness and
+how it is spread over the section are unknowns (`stiffness`); this is for what they leave. In pixels, the mismatch of tracks covers it."""
 MODES = 20
 """Most displacement modes that points in 3D are reduced to."""
 WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
