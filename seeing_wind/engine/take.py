@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import errno
 import hashlib
 import json
 import os
@@ -76,9 +77,9 @@ class Take:
             os.replace(aside, target)
         except OSError as error:
             reason = error.strerror or str(error)
-            raise TakeError(
-                f"Cannot write {target}: {reason}.", "Free some space or choose another folder; the last good files are kept."
-            ) from error
+            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+            hint = "Free some space or choose another folder" if full else "Choose another folder"
+            raise TakeError(f"Cannot write {target}: {reason}.", f"{hint}; the last good files are kept.") from error
         finally:
             with contextlib.suppress(OSError):
                 aside.unlink(missing_ok=True)

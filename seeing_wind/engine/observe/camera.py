@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,15 @@ NEAREST, FARTHEST = 1e-3, 1e6
 
 ROTATION_TOLERANCE = 1e-3
 """How far R^T R may be from the identity: exporters write six digits or fewer."""
+
+SHORTEST, LONGEST = 0.05, 1000.0
+"""Picture widths between which a focal length can be: 169 degrees of view, and 0.06."""
+STRETCHED = 4.0
+"""Largest ratio of fx and fy, for the oblongest pixels."""
+OFF_CENTRE = 1.0
+"""Picture sizes by which the centre may lie outside the picture, as of a crop."""
+BENT = 0.5
+"""Largest way, in picture diagonals, by which a lens moves a point of the picture."""
 
 KEYS = ("width", "height", "fx", "fy", "cx", "cy", "camera_to_world")
 
@@ -83,6 +93,9 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
             "Scale fx, fy, cx, cy and the size with the picture, or use the camera of this clip.",
         )
     try:
+        wrong = [key for key in (*KEYS[2:6], *LENS) if isinstance(values.get(key), bool)]
+        if wrong:
+            raise TypeError(f"{wrong[0]} is {json.dumps(values[wrong[0]])}")
         fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
         poses = np.array(values["camera_to_world"], dtype=np.float64)
         lens = tuple(float(values.get(key, 0.0)) for key in LENS)
@@ -94,16 +107,46 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
         raise UsageError(
             f"The camera {path} has a focal length or centre that is not usable.", "fx and fy must be positive, all four finite."
         )
-    return Camera(width, height, fx, fy, cx, cy, _poses(path, poses, pictures, first_frame), _distortion(path, lens, fx, width, height))
+    _check_pinhole(path, width, height, fx, fy, cx, cy)
+    camera = Camera(width, height, fx, fy, cx, cy, _poses(path, poses, pictures, first_frame))
+    return replace(camera, distortion=_distortion(path, lens, camera))
 
 
-def _distortion(path: str, lens: tuple[float, ...], focal: float, width: int, height: int) -> tuple[float, ...]:
+def _check_pinhole(path: str, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
+    """UsageError for a focal length or a centre that no camera of this picture has."""
+    for name, focal in (("fx", fx), ("fy", fy)):
+        if not SHORTEST * width <= focal <= LONGEST * width:
+            raise UsageError(
+                f"The camera {path} has {name} = {focal:g}, a picture of {width} pixels across.", "Give the focal length in pixels."
+            )
+    if not 1.0 / STRETCHED <= fx / fy <= STRETCHED:
+        raise UsageError(f"The camera {path} has fx = {fx:g} and fy = {fy:g}: pixels are not so oblong.", "Give both in pixels.")
+    for name, centre, size in (("cx", cx, width), ("cy", cy, height)):
+        if not -OFF_CENTRE * size <= centre <= (1.0 + OFF_CENTRE) * size:
+            raise UsageError(
+                f"The camera {path} has {name} = {centre:g}, far outside a picture of {size} pixels.",
+                "It is where the view's axis meets the picture, in pixels from its upper left corner: about half its size.",
+            )
+
+
+def _distortion(path: str, lens: tuple[float, ...], camera: Camera) -> tuple[float, ...]:
     """The lens's five numbers, () where they are all zero; checked to map the picture one to one."""
     if not any(lens):
         return ()
-    k1, k2, _, _, k3 = lens
+    k1, k2, p1, p2, k3 = lens
+    focal, diagonal = camera.fx, float(np.hypot(camera.width, camera.height))
+    rim = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9)), axis=-1).reshape(-1, 2)
+    x, y = ((rim - [camera.cx, camera.cy]) / [camera.fx, camera.fy]).T
+    r2 = x**2 + y**2
+    radial = k1 * r2 + k2 * r2**2 + k3 * r2**3
+    way = np.hypot(x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y).max() * focal
+    if not way <= BENT * diagonal:
+        raise UsageError(
+            f"The lens of {path} moves a point of the picture by {way:.3g} of {diagonal:.0f} pixels.",
+            "Calibrate it again; k1, k2, p1, p2 and k3 are OpenCV's, for lengths in focal lengths.",
+        )
     # The radial formula turns back on itself where d(r (1 + k1 r² + k2 r⁴ + k3 r⁶))/dr is no longer positive.
-    r2 = np.linspace(0.0, (0.5 * np.hypot(width, height) / focal) ** 2, 200)
+    r2 = np.linspace(0.0, (0.5 * diagonal / focal) ** 2, 200)
     if not np.isfinite(lens).all() or (1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3 <= 0.0).any():
         raise UsageError(f"The lens of {path} (k1 {k1:g}, k2 {k2:g}, k3 {k3:g}) folds the picture over.", "Calibrate it again.")
     return lens

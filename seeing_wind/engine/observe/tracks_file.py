@@ -42,7 +42,8 @@ def read_tracks(
             "Mark such points as not visible.",
         )
     height, width = mask.shape
-    nearest = np.round(np.nan_to_num(xy[0], nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(int)
+    far = float(max(width, height))
+    nearest = np.round(np.clip(np.nan_to_num(xy[0], nan=-1.0, posinf=-1.0, neginf=-1.0), -1.0, far)).astype(int)
     inside = (nearest >= 0).all(axis=1) & (nearest[:, 0] < width) & (nearest[:, 1] < height)
     on = visible[0] & inside & mask[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
     if not on.any():

@@ -34,7 +34,9 @@ def from_transforms(path: str, values: dict[str, Any], width: int, height: int) 
     if model not in PINHOLES:
         raise UsageError(f"{path} has the camera model {model}.", "Undistort the pictures to OPENCV or PINHOLE first.")
     frames = sorted(values["frames"], key=lambda frame: _natural(str(frame.get("file_path", "")) if isinstance(frame, dict) else ""))
-    if not frames or not all(isinstance(frame, dict) and "transform_matrix" in frame for frame in frames):
+    if not frames:
+        raise UsageError(f"{path} has no frames.", "Export it again from nerfstudio or COLMAP.")
+    if not all(isinstance(frame, dict) and "transform_matrix" in frame for frame in frames):
         raise UsageError(f"{path} has a frame without transform_matrix.", "Export it again from nerfstudio or COLMAP.")
     own = [{key: frame[key] for key in ("fl_x", "fl_y", "cx", "cy", "w", "h", *LENS) if key in frame} for frame in frames]
     if any(one != own[0] for one in own):

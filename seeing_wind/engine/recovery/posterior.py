@@ -13,6 +13,8 @@ USUAL = 4.0
 """What is missed in a frame is not noise when it is so many times the usual."""
 INDEPENDENT = 4.0
 """Parts of a body whose points' noise is their own: the noise of their mean is that of a point over the root of this."""
+VARYING = 0.5
+"""Size of a force's variation over a body, relative to the force, where the clip shows none of it."""
 SMOOTHED = 5
 """Frames over which a sudden change is smoothed."""
 
@@ -55,3 +57,12 @@ def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.
         usual = min(usual, fps**2 * float(np.sqrt(6.0 / INDEPENDENT) * scatter))  # a second difference of noise has six times its variance
     beyond = np.where(size > USUAL * usual, size, 0.0)
     return maximum_filter1d(np.concatenate([beyond, [0.0]]), SMOOTHED)
+
+
+def unseen_variation(acceleration: np.ndarray) -> np.ndarray:
+    """Standard deviation (T, N) [m/s²] of what a force on the particles (T, N, 3) varies by over a body that is seen as a point.
+
+    The posterior is that of a uniform force, as more could not be told: a plain sheet of which only the outline's middle is followed.
+    """
+    size = np.sqrt((acceleration**2).mean(axis=(1, 2)))
+    return np.repeat(VARYING * size[:, None], acceleration.shape[1], axis=1)

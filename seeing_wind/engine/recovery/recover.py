@@ -26,7 +26,8 @@ from .basis import SpatialBasis, spatial_basis
 from .beliefs import Expected
 from .objective import Channels, Objective
 from .point_channels import PointChannels, point_channels
-from .posterior import missed_acceleration, posterior_deviation
+from .posterior import missed_acceleration, posterior_deviation, unseen_variation
+from .remarks import held_remarks, motion_remarks
 from .stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .track_channels import TrackChannels, track_channels
 from .window import FULL_KNOT, Found, WindowSolver
@@ -45,12 +46,6 @@ UNSEEN_SPIN = 1e-3
 a track a little off the centre of mass would set it turning."""
 HASTE = 3.0
 """How much faster than the points were seen to move the simulated body may have to be followed."""
-UNEXPLAINED = 0.1
-"""Median distance of points from the simulation, relative to how far they moved, from which there is a note."""
-SUDDEN, SUDDEN_WAY = 6.0, 1e-4
-"""Largest distance of points from the simulation, relative to the median and to how far they moved, from which there is a note."""
-STILL = 0.02
-"""A body whose observed points move less than this share of its radius hardly moves [m/m]."""
 WINDOW, OVERLAP = 32, 8
 """Most frames that are solved together, and those of them that the next window solves again."""
 
@@ -248,7 +243,7 @@ class _Clip:
         x = np.concatenate([one.trajectory.x[:-1] for one in kept] + [kept[-1].trajectory.x[-1:]])
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
         residual = self.objective.root_mean_square(x)
-        self._remark(x, residual, views)
+        self.notes += motion_remarks(self.particles, x, residual, views) + held_remarks(self.particles, self.objective.channels)
         deviation = np.concatenate([one.deviation for one in kept])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):
@@ -273,38 +268,18 @@ class _Clip:
             substeps=scaled(self.model, self.stiffness.s).substeps,
         )
 
-    def _remark(self, x: np.ndarray, residual: np.ndarray, views: int) -> None:
-        """Notes on what the clip does not show."""
-        moved = np.linalg.norm(x - x[0], axis=-1).max()
-        radius = np.linalg.norm(self.particles.x - self.particles.x.mean(axis=0), axis=1).max()
-        if moved < STILL * max(radius, self.particles.spacing):
-            self.notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
-        far = float(np.median(residual[1:]))
-        if not views and far > UNEXPLAINED * moved:
-            self.notes.append(
-                f"The simulated body stays {1000 * far:.2g} mm (median) off points that move by {1000 * moved:.2g} mm: no force that was "
-                "found explains the motion. Check units, axes and the material."
-            )
-        peak = int(residual.argmax())
-        if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
-            self.notes.append(
-                f"At picture {peak} the simulated body is {1000 * residual[peak]:.2g} mm off, else {1000 * far:.2g} mm: where the force "
-                "changes suddenly, it is smoothed over about four frames."
-            )
-        if views == 1:
-            self.notes.append(
-                "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
-            )
-
 
 def _keep(found: Found, frames: int) -> _Kept:
     """The first frames of a window's solution, with the posterior deviation."""
     # What was only assumed of stretch is not known: the deviation leaves that assumption out.
     covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
-    path = found.trajectory
+    path, acceleration = found.trajectory, found.forward.acceleration(found.last.theta)[:frames]
+    deviation = posterior_deviation(found.forward, covariance)[:frames]
+    if found.forward.shape[1] == 1:
+        deviation = np.hypot(deviation, unseen_variation(acceleration))
     return _Kept(
-        found.forward.acceleration(found.last.theta)[:frames],
-        posterior_deviation(found.forward, covariance)[:frames],
+        acceleration,
+        deviation,
         Trajectory(path.x[: frames + 1], path.v[: frames + 1], path.C[: frames + 1], path.F[: frames + 1], path.substeps[:frames]),
         found.iterations,
         found.last.converged,

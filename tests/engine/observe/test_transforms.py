@@ -58,7 +58,7 @@ def test_lens_scale_and_angle(tmp_path: Path) -> None:
     [
         ({"camera_model": "OPENCV_FISHEYE"}, "FISHEYE"),
         ({"w": 600}, "600x480"),
-        ({"frames": []}, "frame without"),
+        ({"frames": []}, "no frames"),
         ({"frames": [{"file_path": "a"}]}, "frame without"),
         ({"frames": [7]}, "frame without"),
         ({"frames": [{"transform_matrix": [[1, 0], [0, 1]]}]}, "4x4"),

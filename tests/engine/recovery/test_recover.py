@@ -80,6 +80,7 @@ def test_one_centroid_of_a_small_ball_gives_a_uniform_force():
     across = [0, 2]
     assert relative(found.force_density[..., across].mean(axis=0), 400.0 * wind[..., across].mean(axis=0)) < 0.2
     assert any("variation across the body is not known" in note for note in found.notes)
+    assert (found.deviation > 0.2 * np.abs(found.force_density).mean(axis=(1, 2))[:, None]).all()
 
 
 def test_a_sudden_change_of_the_force_is_named():
@@ -122,6 +123,19 @@ def test_a_held_body_keeps_its_foot():
     free = ~body.pinned
     assert np.abs(found.x[:, body.pinned] - body.x[body.pinned]).max() < 1e-12
     assert relative(found.force_density[:, free, 0].mean(axis=1), 400.0 * wind[:, free, 0].mean(axis=1)) < 0.3
+
+
+def test_pins_on_what_moves_in_the_clip_are_named():
+    body = plate((3, 3, 8), pinned=lambda X: X[:, 2] < -0.05)
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [2.0, 0.0, 0.0], 8)
+
+    def notes(pinned):
+        xy = np.stack([camera().project(picture, t)[0] for t, picture in enumerate(x)])
+        tracks = TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.1), camera(), every(body))
+        return recover(replace(body, pinned=pinned), RUBBER, [tracks], FPS, WEIGHTLESS, NoProgress()).notes
+
+    assert not any("What is held moves" in note for note in notes(body.pinned))
+    assert any("What is held moves by" in note and "--pin" in note for note in notes(body.x[:, 2] > 0.05))
 
 
 def test_a_body_that_does_not_move_is_held_up_by_the_force_against_gravity():

@@ -1,0 +1,68 @@
+"""Notes on what a clip does not show, or shows to be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..records import Particles
+from .objective import Channels
+from .track_channels import TrackChannels
+
+UNEXPLAINED = 0.1
+"""Median distance of points from the simulation, relative to how far they moved, from which there is a note."""
+SUDDEN, SUDDEN_WAY = 6.0, 1e-4
+"""Largest distance of points from the simulation, relative to the median and to how far they moved, from which there is a note."""
+STILL = 0.02
+"""A body that is moved by less than this share of its radius hardly moves [m/m]."""
+HELD = 0.9
+"""A track rides on what is held when so much of its weight does."""
+LOOSE = 3.0
+"""Pixels by which half the tracks on what is held leave their place, from which there is a note."""
+
+
+def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, views: int) -> list[str]:
+    """On a simulation x (T+1, N, 3) [m] that misses what was seen by residual (T+1,): [px] with views (how many), [m] without."""
+    notes = []
+    moved = np.linalg.norm(x - x[0], axis=-1).max()
+    radius = np.linalg.norm(particles.x - particles.x.mean(axis=0), axis=1).max()
+    if moved < STILL * max(radius, particles.spacing):
+        notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
+    far, peak = float(np.median(residual[1:])), int(residual.argmax())
+    if not views and far > UNEXPLAINED * moved:
+        notes.append(
+            f"The simulated body stays {1000 * far:.2g} mm (median) off points that move by {1000 * moved:.2g} mm: no force that was "
+            "found explains the motion. Check units, axes and the material."
+        )
+    if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
+        notes.append(
+            f"At picture {peak} the simulated body is {1000 * residual[peak]:.2g} mm off, else {1000 * far:.2g} mm: where the force "
+            "changes suddenly, it is smoothed over about four frames."
+        )
+    if views == 1:
+        notes.append(
+            "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
+        )
+    return notes
+
+
+def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str]:
+    """On tracks that leave what is said to be held."""
+    farthest = 0.0
+    for one in channels:
+        if not isinstance(one, TrackChannels):
+            continue
+        on = one.points @ particles.pinned.astype(float) > HELD
+        rest = one.points[on] @ particles.x
+        for t, (xy, visible) in enumerate(zip(one.targets.xy, one.targets.visible, strict=True)):
+            seen = visible[on]
+            if seen.any():
+                off = np.linalg.norm(one.camera.project(rest[seen], t)[0] - xy[on][seen], axis=1)
+                farthest = max(farthest, float(np.median(off)))
+    if farthest < LOOSE:
+        return []
+    return [
+        f"What is held moves by {farthest:.2g} pixels in the clip: the force is that on a body which does not move there. Check --pin, and "
+        "that the camera stands still or its motion is given."
+    ]
