@@ -20,7 +20,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar, get_origin, get_type_hints
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -186,7 +186,7 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
             continue  # a take from before the field was there
         elif key not in arrays:
             raise TakeError(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
-        elif kind is np.ndarray:
+        elif kind is np.ndarray or (np.ndarray in get_args(kind) and arrays[key].dtype.kind != "U"):  # None is JSON
             values[field.name] = arrays[key]
         else:
             value = json.loads(str(arrays[key]))

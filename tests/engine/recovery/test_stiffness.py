@@ -10,13 +10,14 @@ from seeing_wind.engine.arguments import parser, settings_of
 from seeing_wind.engine.materials import as_found
 from seeing_wind.engine.mpm.model import MAX_SUBSTEPS_HELD, model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
-from seeing_wind.engine.records import Body, Gaussians, Surface, TrackTargets
+from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets
 from seeing_wind.engine.recovery import recover, stiffness
 from seeing_wind.engine.recovery import window as windows
 from seeing_wind.engine.recovery.section import section_shapes
 from seeing_wind.engine.recovery.stiffness import FIXED, SPREAD, is_free, scaled, stiffest, youngs_modulus
 from seeing_wind.engine.resimulate import simulate_bodies
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
+from seeing_wind.engine.take import from_arrays, to_arrays
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
 TOO_STIFF = replace(RUBBER, youngs_modulus=1.3 * RUBBER.youngs_modulus)
@@ -77,6 +78,15 @@ def test_the_stiffness_of_a_post_that_swings_is_found_with_the_force(swing):
     assert not any("Young's modulus" in note for note in given.notes)
     # What stands for the stiffness in everything after the recovery.
     assert as_found(TOO_STIFF, found).youngs_modulus == found.youngs_modulus and as_found(TOO_STIFF, given) == TOO_STIFF
+
+
+def test_what_was_found_is_kept_in_the_take(swing):
+    for found in (swing[3], replace(swing[3], stiffness=None)):
+        again = from_arrays(Recovery, to_arrays(found))
+        assert again.youngs_modulus == found.youngs_modulus and (again.stiffness is None) == (found.stiffness is None)
+        if found.stiffness is not None:
+            np.testing.assert_array_equal(again.stiffness, found.stiffness)
+    assert swing[3].stiffness is not None
 
 
 def test_points_in_3d_tell_the_stiffness_too(swing):
