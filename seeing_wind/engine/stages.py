@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 
-VERSION = 9
+VERSION = 10
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 FILES = ("mask", "tracks", "depth", "camera", "pin")

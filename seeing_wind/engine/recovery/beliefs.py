@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,12 @@ MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
 """Factors on the mismatch of points in 3D that are tried."""
 ABSORBED = 4.0
 """How much of the mismatch looks like a force: what the residuals still show of it must be taken times this."""
+STRAYED = 3.0
+"""Misfit that all tracks of a mode show together, in standard deviations, beyond which a window is followed again, finely: 0.1 to 0.4 of
+leaves, posts and plants, 1.4 of a banner that turns edge-on, 6 of a flag that was lost."""
+UNEXPLAINED = 0.5
+"""The same of a solution, beyond which the mismatch of tracks is larger than believed, as of soft sheets that swing far: 0.1 to 0.2 of the
+sheet and the post of another solver, 0.3 of the banner."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +67,7 @@ def learnt(prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expecte
 def learn_all(
     prior: Prior, forward: Forward, solution: Solution, objective: Objective, expected: Expected, check: Callable[[], None]
 ) -> tuple[Prior, Linearisation, Objective]:
-    """The prior's sizes, and, for points of a free body, how far the solver is from the real one; the linearisation with that known.
-
-    For pixels the mismatch is known better than it can be learnt: that of tracks which all lie on one slightly wrong body. That of a
-    clamp cannot be learnt either: all of it looks like a force.
+    """The prior's sizes, and how far the solver is from the real body; the linearisation with that known.
 
     Returns:
         the prior, the linearisation, and the objective with the mismatch learnt.
@@ -71,14 +75,51 @@ def learn_all(
     point = solution.point
     path = forward.trajectory(solution.theta, forward.rough)
     prior = prior_along(learnt(prior, point.normal, solution.pull, expected, check), forward, path, expected, objective)
-    if forward.model.pinned.any() or not all(isinstance(one, PointChannels) for one in objective.channels):
-        return _believing(prior, forward, path, point, objective), point, objective
-    other = objective.mismatched(ABSORBED * mismatch_scale(prior, objective, point, MISMATCH_SCALES))
-    white = other.whiten(objective.unwhitened(np.concatenate([point.jacobian, point.residual[None]])))
-    point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
-    pull = point.normal @ point.theta - point.jacobian @ point.residual
-    prior = replace(prior, kernel=learnt(prior, point.normal, pull, expected, check))
-    return _believing(prior, forward, path, point, other), point, other
+    scale = _mismatch(prior, forward, solution, objective)
+    if scale is not None:
+        other = objective.mismatched(scale)
+        white = other.whiten(objective.unwhitened(np.concatenate([point.jacobian, point.residual[None]])))
+        point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
+        pull = point.normal @ point.theta - point.jacobian @ point.residual
+        objective = other
+        prior = prior_along(learnt(prior, point.normal, pull, expected, check), forward, path, expected, objective)
+    return _believing(prior, forward, path, point, objective), point, objective
+
+
+def _mismatch(prior: Prior, forward: Forward, solution: Solution, objective: Objective) -> float | None:
+    """Factor on the mismatch that was believed; None leaves it.
+
+    For pixels it is known better than it can be learnt, that of tracks which all lie on one slightly wrong body, unless even the solution
+    does not come near them. That of a clamp, seen by points, cannot be learnt either: all of it looks like a force.
+    """
+    if all(isinstance(one, PointChannels) for one in objective.channels):
+        if forward.model.pinned.any():
+            return None
+        return ABSORBED * mismatch_scale(prior, objective, solution.point, MISMATCH_SCALES)
+    left = 0.0 if forward.model.plastic else strayed(objective, forward.basis.up_to(2).phi, solution.residual)
+    return ABSORBED * left if left > UNEXPLAINED else None
+
+
+def strayed(objective: Objective, modes: np.ndarray, white: np.ndarray) -> float:
+    """How far a simulation is from what was seen of the modes, in standard deviations (root mean square); 0 without tracks.
+
+    The errors of single tracks are left out: the mismatch with the real body is one of all tracks together, and spread over them.
+
+    Args:
+        objective: that whitened the residuals.
+        modes: (N, M) on the particles.
+        white: (channels (T+1),) whitened residuals.
+    """
+    series = white.reshape(objective.used.shape[1], -1)
+    squares, count, at = 0.0, 0, 0
+    for one in objective.channels:
+        rows = slice(at, at + one.count)
+        at += one.count
+        if isinstance(one, TrackChannels):
+            directions = np.linalg.qr(one.points @ modes)[0]  # (K, M)
+            together = np.einsum("km,kct->mct", directions, series[rows].reshape(len(directions), 2, -1))[:, :, 1:]
+            squares, count = squares + float((together**2).sum()), count + together.size
+    return math.sqrt(squares / count) if count else 0.0
 
 
 def _believing(prior: Prior, forward: Forward, path: Trajectory, point: Linearisation, objective: Objective) -> Prior:

@@ -7,7 +7,7 @@ The Jacobian comes from changes carried along one simulation, or, for bodies tha
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -145,7 +145,7 @@ class Forward:
         return rollout_batch(model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress).points
 
     def jacobian(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
-        """d (raw residuals) / d theta[active], (number active, T+1, channels), with the rough model.
+        """d (raw residuals) / d theta[active], (number active, T+1, channels), with the rough model or, where that breaks, the fine one.
 
         Args:
             theta: (n,) the point.
@@ -156,6 +156,15 @@ class Forward:
         Raises:
             SimulationError: when a simulation breaks down.
         """
+        try:
+            return self._columns(theta, active, objective, scale)
+        except SimulationError:
+            if self.rough.substeps >= self.model.substeps:
+                raise
+            return replace(self, rough=self.model).jacobian(theta, active, objective, scale)
+
+    def _columns(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
+        """`jacobian` with the rough model, if it holds."""
         which = np.flatnonzero(active)
         offset = OFFSET * scale[which]
         moved = self._carried if applies_to(self.rough) else self._shaken

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import SimulationError
+
 DAMPING = ((0.0, 1.0), (5.0, 30.0, 200.0, 1e3, 3e4, 1e6))
 """Candidates of lambda: those that mostly serve, and those tried when they do not. Those of a group are simulated in parallel."""
 CHORD_STEPS = 6
@@ -90,16 +92,22 @@ def solve(
         theta: start, at which the simulation must not break down.
         mean, precision: (n,) and (n, n) of the prior.
         residuals: of several candidates at once.
-        linearise: residual and Jacobian at one point.
+        linearise: residual and Jacobian at one point; where it breaks down, what was found before stands.
         iterations: Jacobians at most, the one given not counted.
         report: called with the number of Jacobians so far and the cost.
         point: a linearisation near `theta` to begin with.
         tolerance, per_unknown: what a step must promise, as a share of the cost and per unknown.
     """
-    used, residual = 0, residuals(theta[None])[0] if point else np.zeros(0)
+    used, cost, before = 0, np.inf, point
+    residual = residuals(theta[None])[0] if point else np.zeros(0)
     while True:
         if point is None:
-            point, used = linearise(theta), used + 1
+            try:
+                point, used = linearise(theta), used + 1
+            except SimulationError:
+                if before is None:
+                    raise
+                return Solution(theta, residual, cost, used, False, before)
             residual = point.residual
         cost = float(cost_of(residual[None], (theta - mean)[None], precision)[0])
         report(used, cost)
@@ -123,4 +131,4 @@ def solve(
                 break
         if used >= iterations or (used and not cost < (1.0 - tolerance) * at_start):
             return Solution(theta, residual, cost, used, False, point)
-        point = None
+        point, before = None, point

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import SimulationError
 from ..mpm.state import State
 from .forward import Forward
 from .objective import Objective
@@ -30,6 +31,8 @@ BROKEN = 1e6
 """Residual [m or px] of a simulation that broke down."""
 DAMPING = ((0.0, 1.0), (10.0, 100.0))
 """Tried at once, one pair after the other until one of them is better: two cores simulate a pair in the time of one."""
+SHARES = (1.0, 0.5, 0.0)
+"""Of the force so far, tried in turn where the body breaks down under it."""
 STRAIN = 0.2
 """Size of the force's symmetric gradient while following, relative to that of its rotation."""
 
@@ -102,7 +105,7 @@ def _fit(
     """
     unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward, state, spread)
     for _ in range(steps):
-        x, changed = forward.window_changes(state, unknown, offset, window)
+        unknown, x, changed = _bearable(forward, state, unknown, offset, window)
         white = _whiten(objective, np.concatenate([x[None], changed]), frame)
         before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
         jacobian = (white[1:] - white[0]) / offset[:, None]
@@ -121,6 +124,22 @@ def _fit(
         if before - costs[best] < 0.01 * before:
             break
     return unknown
+
+
+def _bearable(
+    forward: Forward, state: State | None, unknown: np.ndarray, offset: np.ndarray, window: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first of `unknown` (n,), a half and none of it under which the body does not break down, and `Forward.window_changes` there.
+
+    What moved a soft body so far may tear it when it goes on for a whole window.
+    """
+    for share in SHARES:
+        try:
+            return share * unknown, *forward.window_changes(state, share * unknown, offset, window)
+        except SimulationError:
+            if share == SHARES[-1] or not unknown.any():
+                raise
+    raise AssertionError
 
 
 def _whiten(objective: Objective, x: np.ndarray, frame: int) -> np.ndarray:

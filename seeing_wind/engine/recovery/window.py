@@ -13,35 +13,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..errors import SimulationError
 from ..mpm.model import Model
 from ..mpm.state import State, Trajectory
 from ..progress import Progress
 from ..records import Particles
 from .basis import SpatialBasis, hats, velocity_basis
-from .beliefs import Expected, learn_all, learnt, prior_along
+from .beliefs import STRAYED, Expected, learn_all, learnt, prior_along, strayed
+from .following import FINELY, FLOWING, USUAL, Pace, follow
 from .forward import Forward
-from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of, solve
+from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of
+from .gauss_newton import solve as gauss_newton
 from .objective import Objective
-from .prior import Kernel, Prior, modes_worth
+from .prior import Prior, modes_worth
 from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
 from .track_channels import TrackChannels
-from .warm_start import warm_start
 
-COARSE_DEGREE, COARSE_KNOT = 2, 4.0
-"""Degree of the modes and frames between knots of the first solve."""
 FULL_KNOT = 2.0
-COARSE_ITERATIONS, FINE_ITERATIONS = 1, 2
-"""Jacobians at most; settings.iterations may lower them. Few are needed: each serves several chord steps."""
+"""Frames between knots of the last solves."""
 COARSE_TOLERANCE = 0.1
 """A coarse solve has done its work when a step promises less than this share of the cost: the fine one goes on from there."""
 LAST_TOLERANCE, LAST_PER_UNKNOWN = 2e-4, 2e-3
 """The last solve, with the sizes learnt, is settled more finely: its steps are cheap, as no Jacobian is missing."""
-SEGMENT = 16
-"""Frames by which the followed part of the window grows."""
-SEGMENT_ITERATIONS = 1
-PLASTIC_SEGMENT, PLASTIC_ITERATIONS = 5, (4, 3)
-"""The same and the coarse and fine solves' Jacobians for a body that flows and is seen in pixels: followed in one go, a plastic ball's
-16 frames ended 5 px off, in segments 1 px."""
 ROUGH = 0.5
 """Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
 FOLLOWING = 3
@@ -92,28 +85,51 @@ class WindowSolver:
 
     def run(self) -> Found:
         """All parts in order; where one iteration is all that is allowed, without the fine one."""
-        forward, prior, theta, used = self._grow()
-        left = self.iterations
-        most = PLASTIC_ITERATIONS[0] if self._flows() else COARSE_ITERATIONS
-        found = self._solve(forward, prior, theta, min(left, most), (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
-        left = max(0, left - found.iterations)
+        pace, forward, prior, found, used = self._followed()
+        left = max(0, self.iterations - found.iterations)
         forward, found, more = self._with_stiffness(forward, prior, found, min(left, COARSE_ROUNDS), 0.45, COARSE_TOLERANCE)
-        left, used = max(0, left - more), used + found.iterations + more
+        left, used = max(0, left - more), used + more
         draft = not left
         if draft:
             forward = replace(forward, model=self._model())
         else:
-            forward, prior, found, more = self._finely(forward, prior, found, left)
+            forward, prior, found, more = self._finely(forward, prior, found, min(left, pace.fine_iterations), left)
             left, used = max(0, left - more), used + more
         prior, point, self.objective = learn_all(prior, forward, found, self.objective, self.expected, self.progress.check)
-        last = self._solve(
-            forward, prior, found.theta, min(left, 1), (0.8, 0.98), "Solving with what was learnt",
+        last = self.solve(
+            forward, prior, found.theta, min(left, pace.last_iterations), (0.8, 0.98), "Solving with what was learnt",
             point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
         )  # fmt: skip
         last = replace(last, converged=last.converged and not draft)
         return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint)
 
-    def _finely(self, coarse: Forward, prior: Prior, first: Solution, left: int) -> tuple[Forward, Prior, Solution, int]:
+    def _followed(self) -> tuple[Pace, Forward, Prior, Solution, int]:
+        """A coarse solution of the whole window, found at the usual pace, or finely where that one strays and finely it does less.
+
+        Returns the pace, forward model, prior, solution, and the Jacobians used.
+        """
+        pace = FLOWING if self._flows() else USUAL
+        modes = self.basis.up_to(2).phi
+        best, lost, used = None, math.inf, 0
+        for one in (pace, FINELY):
+            most = min(self.iterations, one.coarse_iterations)
+            try:
+                forward, prior, theta, more = follow(self, one)
+                found = self.solve(forward, prior, theta, most, (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
+            except SimulationError:
+                if best is None:
+                    raise
+                break  # what the usual pace found stands
+            used += more + found.iterations
+            misfit = strayed(self.objective, modes, found.residual)
+            if misfit < lost:
+                best, lost = (one, forward, prior, found), misfit
+            if misfit < STRAYED or pace is FLOWING or self.iterations == 1:
+                break
+        assert best is not None
+        return *best, used
+
+    def _finely(self, coarse: Forward, prior: Prior, first: Solution, most: int, left: int) -> tuple[Forward, Prior, Solution, int]:
         """From the coarse solve on with as many modes and knots as the field is worth, which the coarse solve tells.
 
         Returns forward model, prior, solution, and the Jacobians used.
@@ -122,11 +138,10 @@ class WindowSolver:
         path = coarse.trajectory(first.theta)
         self.objective = self.objective.reweighted(self.objective.residual(path.x[None])[0])
         worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
-        fine = self._forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
+        fine = self.forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
         prior = prior_along(kernel, fine, path, self.expected, self.objective)
-        most = PLASTIC_ITERATIONS[1] if self._flows() else FINE_ITERATIONS
-        second = self._solve(fine, prior, theta, min(left, most), (0.45, 0.8), "Solving finely")
+        second = self.solve(fine, prior, theta, most, (0.45, 0.8), "Solving finely")
         left = max(0, left - second.iterations)
         fine, second, more = self._with_stiffness(fine, prior, second, min(left, FINE_ROUNDS), 0.8, TOLERANCE)
         return fine, prior, second, second.iterations + more
@@ -155,7 +170,7 @@ class WindowSolver:
                 break
             self.stiffness, forward, theta = changed
             self.joint = joint
-            solution = self._solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
+            solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
             used += solution.iterations
             wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
             if wanted @ np.linalg.solve(joint.covariance, wanted) < SETTLED**2 or not known:
@@ -194,7 +209,7 @@ class WindowSolver:
         return self.model.plastic and any(isinstance(one, TrackChannels) for one in self.objective.channels)
 
     def knot(self, wanted: float) -> float:
-        """Frames between knots: COARSE_KNOT, or a whole fraction or multiple of it, so that a field on coarse knots is one on finer too.
+        """Frames between knots: `wanted`, or a power of two times it, so that a field on coarse knots is one on finer too.
 
         Sparser than wanted when the dense solve would become too large.
         """
@@ -204,53 +219,11 @@ class WindowSolver:
             knot *= 2.0
         return knot
 
-    def _grow(self) -> tuple[Forward, Prior, np.ndarray, int]:
-        """A coarse field that keeps the simulation near the targets through the whole window, found a segment at a time.
-
-        In each segment the receding horizon leads on from the simulation so far; then its knots and those shortly before it are solved.
-        Returns forward model, prior, unknowns, and the Jacobians used.
-        """
-        frames, size, component = self.objective.frames, self.expected.size, self.expected.component
-        modes, affine = self.basis.up_to(COARSE_DEGREE), self.basis.up_to(1)
-        knot = self.knot(COARSE_KNOT)
-        segment = PLASTIC_SEGMENT if self._flows() else SEGMENT
-        parts = math.ceil(frames / segment)
-        ends = [round(frames * (part + 1) / parts) for part in range(parts)]
-        early = self._early()
-        leader, found, used = self._forward(affine, 1.0, frames, early), np.zeros((0, modes.phi.shape[1], 3)), 0
-        forward, theta, velocity = self._forward(modes, knot, frames, early), np.zeros(0), np.zeros(0)
-        for part, end in enumerate(ends):
-            begin = len(found)
-            self.tell(0.02 + 0.28 * part / parts, f"Following the object, frame {begin} to {end} of {frames}", None)
-            solved = forward.trajectory(theta) if begin else None
-            state = solved.state(begin) if solved else self.start
-            # A body that flows answers to a force so differently from part to part that the one before leads astray.
-            last = forward.per_frame(theta)[-1][: affine.phi.shape[1]] if begin and not self._flows() else None
-            led = warm_start(leader, self.objective, size * np.sqrt(np.diag(component)), self.expected.speed, state, begin, end, last)
-            velocity = velocity if begin else led.velocity
-            fresh = np.zeros((end - begin, *found.shape[1:]))
-            fresh[:, : affine.phi.shape[1]] = led.coefficients
-            found = np.concatenate([found, fresh])
-            forward = self._forward(modes, knot, end, early)
-            theta = forward.pack(found, velocity)
-            kernel = Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0)
-            way = [solved.state(t) for t in range(begin)] if solved else []
-            prior = prior_along(kernel, forward, Trajectory.of(way + led.states), self.expected, self.objective)
-            if end < frames:
-                settled = begin - segment / 2
-                open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
-                active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
-                share = 0.02 + 0.28 * part / parts
-                part_solved = self._solve(forward, prior, theta, SEGMENT_ITERATIONS, (share, share), "Following the object", active)
-                theta, used = part_solved.theta, used + part_solved.iterations
-                found, velocity = forward.per_frame(theta), theta[forward.size :]
-        return forward, prior, theta, used
-
-    def _early(self) -> Model:
+    def early_model(self) -> Model:
         """The body before the fine solve: rough, unless it is held, and so judged by how it answers, or flows, which hangs on substeps."""
         return self._model() if self.particles.pinned.any() or self.model.plastic else self._rough()
 
-    def _forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
+    def forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
         if self.start is not None:
             velocity, gradient = velocity[:0], gradient[:0]
@@ -258,7 +231,7 @@ class WindowSolver:
         model = model or self._model()
         return Forward(model, self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
 
-    def _solve(
+    def solve(
         self,
         forward: Forward,
         prior: Prior,
@@ -305,10 +278,5 @@ class WindowSolver:
             done = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1)
             self.tell(done, f"{what}, iteration {iteration}", misfit)
 
-        solution = solve(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance, per_unknown)
+        solution = gauss_newton(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance, per_unknown)
         return replace(solution, theta=whole(solution.theta[None])[0])
-
-
-def rms(values: np.ndarray) -> float:
-    """Root mean square length of vectors (..., 3)."""
-    return float(np.sqrt((values**2).sum(axis=-1).mean()))

@@ -25,9 +25,9 @@ def every(particles):
     return Attachment(np.arange(len(particles.x), dtype=np.int32)[:, None], np.ones((len(particles.x), 1)))
 
 
-def blow(body, wind, frames, gravity=(0.0, 0.0, 0.0), velocity=None, spin=None):
+def blow(body, wind, frames, gravity=(0.0, 0.0, 0.0), velocity=None, spin=None, material=RUBBER):
     """Trajectory x (T+1, N, 3) under wind(X, t) [m/s²] of rest positions, and the wind at the particles (T, N, 3)."""
-    model, _ = model_for(body, RUBBER, FPS, gravity=gravity)
+    model, _ = model_for(body, material, FPS, gravity=gravity)
     state, xs, winds = State.at_rest(body.x, velocity, spin), [body.x], []
     for t in range(frames):
         slope = np.stack([(wind(body.x + 1e-5 * e, t) - wind(body.x - 1e-5 * e, t)) / 2e-5 for e in np.eye(3)], axis=-1)
