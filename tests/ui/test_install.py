@@ -156,7 +156,7 @@ def test_a_broken_download_is_told_and_the_next_try_goes_on(place, index) -> Non
 
 
 def test_cancel_leaves_what_the_next_try_uses(place) -> None:
-    wheel(place.wheels, "torch", "2.5.0", "BUILD = 'from PyPI'", more=4000)  # or pip might be through before it is told
+    wheel(place.wheels, "torch", "2.5.0", "BUILD = 'from PyPI'", more=40_000)  # or pip would be through before it is told
     messages = engine_install.run(place.base, place.environment, "CPU", str(place.wheels))
     next(messages)
     said: list[dict] = []

@@ -73,7 +73,7 @@ def learn_all(
         the prior, the linearisation, and the objective with the mismatch learnt.
     """
     point = solution.point
-    path = forward.trajectory(solution.theta, forward.rough)
+    path = forward.nearby(solution.theta)
     prior = prior_along(learnt(prior, point.normal, solution.pull, expected, check), forward, path, expected, objective)
     scale = _mismatch(prior, forward, solution, objective)
     if scale is not None:
@@ -103,7 +103,8 @@ def _mismatch(prior: Prior, forward: Forward, solution: Solution, objective: Obj
 def strayed(objective: Objective, modes: np.ndarray, white: np.ndarray) -> float:
     """How far a simulation is from what was seen of the modes, in standard deviations (root mean square); 0 without tracks.
 
-    The errors of single tracks are left out: the mismatch with the real body is one of all tracks together, and spread over them.
+    The mismatch with the real body is one of all tracks together, and spread over them, so only what they show together counts, less what
+    the noise of each is expected to leave of it.
 
     Args:
         objective: that whitened the residuals.
@@ -111,15 +112,20 @@ def strayed(objective: Objective, modes: np.ndarray, white: np.ndarray) -> float
         white: (channels (T+1),) whitened residuals.
     """
     series = white.reshape(objective.used.shape[1], -1)
-    squares, count, at = 0.0, 0, 0
+    squares, count, at = 0.0, 0.0, 0
+    seen = slice(objective.first, objective.first + len(objective.used))
     for one in objective.channels:
         rows = slice(at, at + one.count)
         at += one.count
         if isinstance(one, TrackChannels):
             directions = np.linalg.qr(one.points @ modes)[0]  # (K, M)
-            together = np.einsum("km,kct->mct", directions, series[rows].reshape(len(directions), 2, -1))[:, :, 1:]
-            squares, count = squares + float((together**2).sum()), count + together.size
-    return math.sqrt(squares / count) if count else 0.0
+            together = np.einsum("km,kct->mct", directions, series[rows].reshape(len(directions), 2, -1))
+            share = directions.shape[1] / len(directions)
+            variance = np.where(one.targets.visible, one.targets.sigma, 0.0)[seen] ** 2  # (T+1, K)
+            noise = np.einsum("ktu,uk->", objective.whitener[rows] ** 2, np.repeat(variance, 2, axis=1))
+            squares += float((together**2).sum()) - share * float(noise)
+            count += share * float(objective.used[:, rows].sum())
+    return math.sqrt(max(squares, 0.0) / count) if count else 0.0
 
 
 def _believing(prior: Prior, forward: Forward, path: Trajectory, point: Linearisation, objective: Objective) -> Prior:

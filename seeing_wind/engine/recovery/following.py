@@ -36,8 +36,11 @@ class Pace:
     """Frames by which the followed part of the window grows."""
     behind: float
     """Frames before a segment whose knots are solved with it."""
+    leads_on: bool
+    """Whether the force at a segment's end is the first guess of the next. A body that flows answers to a force so differently from part
+    to part that it leads astray."""
     segment_iterations: int
-    """Jacobians per segment at most. Few are needed, here and after: each serves several chord steps."""
+    """Jacobians per segment at most; each serves several chord steps."""
     coarse_iterations: int
     """Jacobians of the solve with these modes and knots."""
     fine_iterations: int
@@ -50,18 +53,25 @@ class Pace:
     """The same in time [frames]."""
 
 
-USUAL = Pace(degree=2, knot=4.0, segment=16, behind=8.0, segment_iterations=1, coarse_iterations=1, fine_iterations=2)
-FLOWING = Pace(degree=2, knot=4.0, segment=5, behind=2.5, segment_iterations=1, coarse_iterations=4, fine_iterations=3)
+USUAL = Pace(degree=2, knot=4.0, segment=16, behind=8.0, leads_on=True, segment_iterations=1, coarse_iterations=1, fine_iterations=2)
+FLOWING = Pace(degree=2, knot=4.0, segment=5, behind=2.5, leads_on=False, segment_iterations=1, coarse_iterations=4, fine_iterations=3)
 """Of a body that flows and is seen in pixels: followed in one go, a plastic ball's 16 frames ended 5 px off, in segments 1 px."""
 FINELY = Pace(
-    degree=None, knot=2.0, segment=6, behind=12.0, segment_iterations=5, coarse_iterations=3, fine_iterations=6, last_iterations=4,
-    length=0.5, duration=4.0,
+    degree=None, knot=2.0, segment=6, behind=12.0, leads_on=True, segment_iterations=5, coarse_iterations=3, fine_iterations=6,
+    last_iterations=4, length=0.5, duration=4.0,
 )  # fmt: skip
 """Of a body that strayed at the usual pace."""
 
 
-def follow(solver: WindowSolver, pace: Pace) -> tuple[Forward, Prior, np.ndarray, int]:
-    """Forward model, prior, unknowns that track the whole window, and the Jacobians used."""
+def follow(solver: WindowSolver, pace: Pace, share: tuple[float, float]) -> tuple[Forward, Prior, np.ndarray, int]:
+    """Forward model, prior, unknowns that track the whole window, and the Jacobians used.
+
+    Args:
+        solver: the window.
+        pace: how finely.
+        share: of the window's progress, from and to.
+    """
+    what = "Following the object again, finely" if pace is FINELY else "Following the object"
     objective, expected = solver.objective, solver.expected
     frames, size, component = objective.frames, expected.size, expected.component
     affine = solver.basis.up_to(1)
@@ -73,12 +83,11 @@ def follow(solver: WindowSolver, pace: Pace) -> tuple[Forward, Prior, np.ndarray
     leader, found, used = solver.forward(affine, 1.0, frames, early), np.zeros((0, modes.phi.shape[1], 3)), 0
     forward, theta, velocity = solver.forward(modes, knot, frames, early), np.zeros(0), np.zeros(0)
     for part, end in enumerate(ends):
-        begin, done = len(found), 0.02 + 0.28 * part / parts
-        solver.tell(done, f"Following the object, frame {begin} to {end} of {frames}", None)
+        begin, done = len(found), share[0] + (share[1] - share[0]) * part / parts
+        solver.tell(done, f"{what}, frame {begin} to {end} of {frames}", None)
         solved = forward.trajectory(theta) if begin else None
         state = solved.state(begin) if solved else solver.start
-        # A body that flows answers to a force so differently from part to part that the one before leads astray.
-        last = forward.per_frame(theta)[-1][: affine.phi.shape[1]] if begin and pace is not FLOWING else None
+        last = forward.per_frame(theta)[-1][: affine.phi.shape[1]] if begin and pace.leads_on else None
         led = warm_start(leader, objective, size * np.sqrt(np.diag(component)), expected.speed, state, begin, end, last)
         velocity = velocity if begin else led.velocity
         fresh = np.zeros((end - begin, *found.shape[1:]))
@@ -93,7 +102,8 @@ def follow(solver: WindowSolver, pace: Pace) -> tuple[Forward, Prior, np.ndarray
             settled = begin - pace.behind
             open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
             active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
-            part_solved = solver.solve(forward, prior, theta, pace.segment_iterations, (done, done), "Following the object", active)
+            most = min(pace.segment_iterations, solver.iterations)
+            part_solved = solver.solve(forward, prior, theta, most, (done, done), what, active)
             theta, used = part_solved.theta, used + part_solved.iterations
             found, velocity = forward.per_frame(theta), theta[forward.size :]
     return forward, prior, theta, used

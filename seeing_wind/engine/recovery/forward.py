@@ -98,6 +98,13 @@ class Forward:
             self.progress.check()
         return Trajectory.of(states, (model or self.model).substeps)
 
+    def nearby(self, theta: np.ndarray) -> Trajectory:
+        """`trajectory` of the rough model or, where that breaks, of the fine one."""
+        try:
+            return self.trajectory(theta, self.rough)
+        except SimulationError:
+            return self.trajectory(theta)
+
     def positions(self, theta: np.ndarray) -> np.ndarray:
         """Candidates (B, n) -> (B, T+1, N, 3), NaN after a breakdown."""
         if self.begin is not None:

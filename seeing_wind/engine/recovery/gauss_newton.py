@@ -92,7 +92,7 @@ def solve(
         theta: start, at which the simulation must not break down.
         mean, precision: (n,) and (n, n) of the prior.
         residuals: of several candidates at once.
-        linearise: residual and Jacobian at one point; where it breaks down, what was found before stands.
+        linearise: residual and Jacobian at one point; where it breaks down, what was found before stands, if anything was.
         iterations: Jacobians at most, the one given not counted.
         report: called with the number of Jacobians so far and the cost.
         point: a linearisation near `theta` to begin with.

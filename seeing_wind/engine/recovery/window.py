@@ -1,8 +1,9 @@
 """The solve over one window of the clip, coarse to fine, because a body that turns makes the problem curved.
 
 Follow the targets with a receding horizon, solve with few modes and sparse knots, learn the prior's sizes, then solve with all modes
-that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle. Where the
-body's stiffness is free (`stiffness`), each solve is followed by steps of both.
+that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle. A body
+that the first field loses is followed again, finely (`following`). Where the body's stiffness is free (`stiffness`), each solve is
+followed by steps of both.
 """
 
 from __future__ import annotations
@@ -111,18 +112,18 @@ class WindowSolver:
         pace = FLOWING if self._flows() else USUAL
         modes = self.basis.up_to(2).phi
         best, lost, used = None, math.inf, 0
-        for one in (pace, FINELY):
-            most = min(self.iterations, one.coarse_iterations)
+        for one, (begin, solving, end) in ((pace, (0.02, 0.15, 0.2)), (FINELY, (0.2, 0.4, 0.45))):
+            most = min(max(1, self.iterations - 1), one.coarse_iterations)
             try:
-                forward, prior, theta, more = follow(self, one)
-                found = self.solve(forward, prior, theta, most, (0.3, 0.45), "Solving coarsely", tolerance=COARSE_TOLERANCE)
+                forward, prior, theta, more = follow(self, one, (begin, solving))
+                found = self.solve(forward, prior, theta, most, (solving, end), "Solving coarsely", tolerance=COARSE_TOLERANCE)
             except SimulationError:
                 if best is None:
                     raise
                 break  # what the usual pace found stands
             used += more + found.iterations
             misfit = strayed(self.objective, modes, found.residual)
-            if misfit < lost:
+            if best is None or misfit < lost:
                 best, lost = (one, forward, prior, found), misfit
             if misfit < STRAYED or pace is FLOWING or self.iterations == 1:
                 break
@@ -224,6 +225,7 @@ class WindowSolver:
         return self._model() if self.particles.pinned.any() or self.model.plastic else self._rough()
 
     def forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
+        """Simulations of the window's first `frames` with these modes, and the fine model of the stiffness so far unless told otherwise."""
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
         if self.start is not None:
             velocity, gradient = velocity[:0], gradient[:0]

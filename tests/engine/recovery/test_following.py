@@ -8,7 +8,7 @@ import pytest
 from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm.model import model_for
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.records import Particles, PointTargets, TrackTargets
+from seeing_wind.engine.records import Attachment, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery import beliefs, recover, warm_start, window
 from seeing_wind.engine.recovery.basis import hats, spatial_basis, velocity_basis
 from seeing_wind.engine.recovery.beliefs import strayed
@@ -50,6 +50,23 @@ def test_what_all_tracks_miss_together_is_straying_and_the_noise_of_each_is_not(
     assert strayed(points, modes, points.whiten(np.ones((1, 9, points.used.shape[1])))[0]) == 0.0
 
 
+@pytest.mark.parametrize("count", [1, 3, 12, 60])
+def test_noise_as_it_was_declared_is_not_straying_however_few_the_tracks(count):
+    body = sheet()
+    some = np.arange(0, len(body.x), len(body.x) // count)[:count]
+    at = Attachment(some[:, None].astype(np.int32), np.ones((count, 1)))
+    modes, still = spatial_basis(body.x, body.volume, 6).phi, np.repeat(body.x[None], 25, axis=0)
+    xy = np.repeat(camera().project(body.x[some], 0)[0][None], 25, axis=0)
+    squares = []
+    for seed in range(20):
+        noisy = xy + np.concatenate([0.0 * xy[:1], 0.4 * np.random.default_rng(seed).standard_normal(xy[1:].shape)])
+        visible = np.random.default_rng(seed).random(xy.shape[:2]) < 0.8
+        visible[0] = True
+        objective = Objective([track_channels(body, TrackTargets(noisy, visible, np.full(visible.shape, 0.4), camera(), at), False)])
+        squares.append(strayed(objective, modes, objective.whiten(objective.residual(still[None]))[0]) ** 2)
+    assert np.mean(squares) < 0.15
+
+
 @pytest.fixture(scope="module")
 def rippling():
     """A soft sheet in a wave that runs along it, seen in pixels: body, rubber, trajectory, targets."""
@@ -69,33 +86,53 @@ def found(rippling, **changed):
 
 
 def test_a_sheet_that_was_lost_is_followed_again_finely(rippling, monkeypatch):
+    """What was seen is met; what that is worth in force, `benchmarks/rippling.py` and the sample flag show."""
     finely = found(rippling)
     monkeypatch.setattr(window, "STRAYED", np.inf)
     usual = found(rippling)
     assert np.median(finely.residual) < 0.7 * np.median(usual.residual)
-    assert finely.iterations > usual.iterations
 
 
-def test_a_sheet_that_strays_finely_too_or_breaks_keeps_what_was_found_before(rippling, monkeypatch):
-    def breaks(solver, pace):
+def test_a_sheet_that_strays_finely_more_or_breaks_keeps_what_was_found_before(rippling, monkeypatch):
+    def breaks(solver, pace, share):
         if pace is window.FINELY:
             raise SimulationError("Burst.", "None.")
-        return follow(solver, pace)
+        return follow(solver, pace, share)
 
     follow = window.follow
     monkeypatch.setattr(window, "STRAYED", np.inf)
     usual = found(rippling)
     monkeypatch.setattr(window, "STRAYED", 0.0)
+    misfits = iter([5.0, 9.0])
+    with monkeypatch.context() as worse:
+        worse.setattr(window, "strayed", lambda *given: next(misfits))
+        np.testing.assert_array_equal(found(rippling).force_density, usual.force_density)
     monkeypatch.setattr(window, "follow", breaks)
     np.testing.assert_array_equal(found(rippling).force_density, usual.force_density)
 
 
-def test_a_draft_is_followed_once(rippling, monkeypatch):
-    paces = []
-    follow = window.follow
-    monkeypatch.setattr(window, "follow", lambda solver, pace: paces.append(pace) or follow(solver, pace))
+def test_a_draft_is_followed_once_and_two_iterations_are_more_than_a_draft(rippling, monkeypatch):
+    paces, solved = [], []
+    follow, finely = window.follow, window.WindowSolver._finely
+    monkeypatch.setattr(window, "follow", lambda solver, pace, share: paces.append(pace) or follow(solver, pace, share))
+    monkeypatch.setattr(window.WindowSolver, "_finely", lambda *given: solved.append(1) or finely(*given))
     found(rippling, iterations=1)
-    assert paces == [window.USUAL]
+    assert paces == [window.USUAL] and not solved
+    found(rippling, iterations=2)
+    assert paces[1:] == [window.USUAL, window.FINELY] and solved
+
+
+def test_progress_goes_on_while_a_sheet_is_followed_again(rippling):
+    told = []
+
+    class Listener(NoProgress):
+        def update(self, fraction, message, **figures):
+            told.append((fraction, message))
+
+    body, soft, _, _, seen = rippling
+    recover(body, soft, [seen], FPS, replace(WEIGHTLESS, stiffness="given"), Listener())
+    fractions = [fraction for fraction, _ in told]
+    assert fractions == sorted(fractions) and any("again, finely" in message for _, message in told)
 
 
 def forward_of(body, material, frames, substeps=None):
@@ -105,14 +142,15 @@ def forward_of(body, material, frames, substeps=None):
     return Forward(model, rough, body.x, basis, hats(frames, 2.0), 2.0, *velocity_basis(body.x, basis, body.pinned), NoProgress(), None)
 
 
-def test_a_force_that_tears_the_body_is_halved_before_it_is_looked_ahead():
+@pytest.mark.parametrize(("size", "share"), [(180.0, 0.5), (1e6, 0.0)])
+def test_a_force_that_tears_the_body_is_halved_before_it_is_looked_ahead(size, share):
     forward = forward_of(sheet(), replace(RUBBER, youngs_modulus=1e3), 4)
     unknown = np.zeros(3 * 6 + 3)
-    unknown[0] = 3e4  # [m/s²]
+    unknown[0] = size  # [m/s²]
     with pytest.raises(SimulationError):
         forward.window_changes(None, unknown, np.full(21, 1e-3), 4)
     bearable, x, changed = warm_start._bearable(forward, None, unknown, np.full(21, 1e-3), 4)
-    assert bearable[0] in (0.0, 1.5e4) and np.isfinite(x).all() and np.isfinite(changed).all()
+    assert bearable[0] == share * size and np.isfinite(x).all() and np.isfinite(changed).all()
 
 
 def test_a_jacobian_that_the_rough_model_cannot_give_is_the_fine_one_s():
@@ -127,6 +165,7 @@ def test_a_jacobian_that_the_rough_model_cannot_give_is_the_fine_one_s():
     with pytest.raises(SimulationError):
         rough.trajectory(theta, rough.rough)
     np.testing.assert_array_equal(rough.jacobian(theta, active, objective, scale), fine.jacobian(theta, active, objective, scale))
+    np.testing.assert_array_equal(rough.nearby(theta).x, fine.trajectory(theta).x)
 
 
 def test_where_the_linearisation_breaks_down_what_was_found_before_stands():
