@@ -84,6 +84,8 @@ def all_rows() -> list[Row]:
             paper = PAPER2[kind, representation]
             rows.append(Row(2, f"{kind}, {representation}", thing, representation, options, 0, paper, 240))
             rows.append(Row(2, f"{kind}, {representation}, true particles", thing, representation, options, 0, paper, 400, own=True))
+            if kind == "Elastic":
+                rows.append(Row(2, f"{kind}, {representation}, from pixels", thing, representation, options, 1, paper, 150))
         paper = PAPER2[kind, "causal_triplane"]
         rows.append(Row(2, f"{kind}, default", thing, "causal_triplane, default", (), 0, paper, 60))
         rows.append(Row(2, f"{kind}, default, true particles", thing, "causal_triplane, default", (), 0, paper, 400, own=True))
