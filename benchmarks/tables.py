@@ -2,7 +2,8 @@
 
 Six objects made by scripts, six force fields, two cameras (`paper_tables`). Every row runs the engine's command line, is kept as
 JSON in DIR and skipped when it is there, so an interrupted run goes on where it stopped. The tables are written beside the paper's
-numbers to DIR/tables.md (with --docs also to docs/tables.md), tables.json and figures. A whole run takes an hour or two on two cores.
+numbers to DIR/tables.md, tables.json and figures. With --docs also to docs/tables.md, docs/tables and benchmarks/results/tables.json;
+rows that DIR lacks are then those published there before, so one row can be run again alone. A whole run takes an hour or two on two cores.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from paper_tables.report import compare, write_report  # noqa: E402
 from paper_tables.rows import VERSION, Row, all_rows, run_row, short_rows  # noqa: E402
 
 SHORT_FRAMES = 8
+DOCS, RESULTS = HERE.parent / "docs", HERE / "results" / "tables.json"
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -42,11 +44,16 @@ def main(argv: list[str] | None = None) -> int:
     failed = 0
     for number, row in enumerate(missing):
         failed += not run(row, out, missing[number:], SHORT_FRAMES if options.short else None)
-    found = [figures for row in (short_rows() if options.short else all_rows()) if (figures := kept(out, row)) is not None]
+    before = published(out) if options.docs and not options.short else {}
+    found = [
+        figures
+        for row in (short_rows() if options.short else all_rows())
+        if (figures := kept(out, row) or before.get(row.key)) is not None
+    ]
     if found:
         text = write_report(out, found)
         if options.docs:
-            publish(out, HERE.parent / "docs", text)
+            publish(out, text)
         print(text)
         print(compare(found))
     return 1 if failed else 0
@@ -97,12 +104,24 @@ def run(row: Row, out: Path, left: list[Row], frames: int | None) -> bool:
     return True
 
 
-def publish(out: Path, docs: Path, text: str) -> None:
-    """Copy Markdown and figures to the documentation."""
-    (docs / "tables").mkdir(parents=True, exist_ok=True)
+def published(out: Path) -> dict[str, dict]:
+    """Figures of the rows in benchmarks/results/tables.json, by key; its picture of the scenes goes to `out` where that has none."""
+    if not RESULTS.is_file():
+        return {}
+    scenes = DOCS / "tables" / "scenes.png"
+    if scenes.is_file() and not (out / "scenes.png").exists():
+        (out / "scenes.png").write_bytes(scenes.read_bytes())
+    figures = json.loads(RESULTS.read_text(encoding="utf-8"))
+    return {Row(**one["row"]).key: one for one in figures}
+
+
+def publish(out: Path, text: str) -> None:
+    """Copy Markdown and figures to the documentation, and the rows to benchmarks/results."""
+    (DOCS / "tables").mkdir(parents=True, exist_ok=True)
     for figure in out.glob("*.png"):
-        (docs / "tables" / figure.name).write_bytes(figure.read_bytes())
-    (docs / "tables.md").write_text(text.replace("](", "](tables/"), encoding="utf-8")
+        (DOCS / "tables" / figure.name).write_bytes(figure.read_bytes())
+    (DOCS / "tables.md").write_text(text.replace("](", "](tables/"), encoding="utf-8")
+    RESULTS.write_bytes((out / "tables.json").read_bytes())
 
 
 if __name__ == "__main__":

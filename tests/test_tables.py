@@ -1,6 +1,8 @@
 """The parts of benchmarks/tables.py that can be checked without running a row: rows, objects, pictures, and that no bad row is hidden."""
 
+import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -9,15 +11,17 @@ import pytest
 pytest.importorskip("skimage", reason="the benchmarks' extra is not installed")
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
+import tables  # noqa: E402
 from paper_tables.fields import FIELDS, gradient  # noqa: E402
 from paper_tables.metrics import psnr, ssim  # noqa: E402
 from paper_tables.objects import THINGS  # noqa: E402
 from paper_tables.painter import depth_of, look_at, paint  # noqa: E402
 from paper_tables.report import compare, markdown  # noqa: E402
-from paper_tables.rows import all_rows, short_rows  # noqa: E402
+from paper_tables.rows import VERSION, all_rows, short_rows  # noqa: E402
 
 from seeing_wind.engine.arguments import parser  # noqa: E402
 from seeing_wind.engine.records import Camera  # noqa: E402
+from seeing_wind.engine.stages import VERSION as ENGINE  # noqa: E402
 
 
 def test_every_table_and_kind_of_object_has_its_rows():
@@ -82,3 +86,27 @@ def test_a_row_above_the_paper_is_named():
     assert "None of the 1" in compare([good])
     assert "Lego, one view: direction 8.0 against 7.0" in compare([good, bad]) and "magnitude" not in compare([good, bad])
     assert "5.0 (19.53)" in markdown([good]) and "20 / 9" in markdown([good])
+
+
+def test_a_row_of_an_earlier_engine_is_marked():
+    row = {"row": {"table": 1, "name": "Lego, one view", "thing": "Lego", "paper": [33.7, 0.98, 0.01, 19.53, 7.02]}, "kind": "elastic"}
+    row |= {"psnr": 30.0, "ssim": 0.9, "lpips": None, "magnitude": 5.0, "direction": 6.0}
+    row |= {"uniform_magnitude": 20.0, "uniform_direction": 9.0, "engine_seconds": 5.0}
+    assert "| Lego, one view |" in markdown([row | {"engine": ENGINE}])
+    assert "| Lego, one view * |" in markdown([row | {"engine": ENGINE - 1}])
+
+
+def test_rows_published_before_stand_where_a_run_lacks_them(tmp_path, monkeypatch):
+    rows = [row for row in all_rows() if row.thing == "Lego" and row.table == 1]
+    figures = {"version": VERSION, "engine": ENGINE, "kind": "elastic", "psnr": 30.0, "ssim": 0.9, "lpips": None, "direction": 6.0}
+    figures |= {"uniform_magnitude": 20.0, "uniform_direction": 9.0, "engine_seconds": 5.0, "seconds": 6.0}
+    results = tmp_path / "tables.json"
+    results.write_text(json.dumps([figures | {"row": asdict(row), "magnitude": 5.0} for row in rows]))
+    monkeypatch.setattr(tables, "RESULTS", results)
+    monkeypatch.setattr(tables, "DOCS", tmp_path / "docs")
+    monkeypatch.setattr(tables, "run_row", lambda row, out, say: figures | {"row": asdict(row), "magnitude": 7.0})
+    assert tables.main(["--out", str(tmp_path / "out"), "--row", rows[0].key, "--docs"]) == 0
+    text = (tmp_path / "docs" / "tables.md").read_text()
+    assert f"| {rows[0].name} | elastic | 30.00 (33.7) | 0.900 (0.98) | – (0.01) | 7.0" in text
+    assert f"| {rows[1].name} | elastic | 30.00 (33.7) | 0.900 (0.98) | – (0.01) | 5.0" in text
+    assert [one["magnitude"] for one in json.loads(results.read_text())] == [7.0, 5.0]

@@ -8,6 +8,10 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
+from seeing_wind.engine.stages import VERSION as ENGINE
+
+from .rows import Row
+
 matplotlib.use("Agg")
 from matplotlib import pyplot  # noqa: E402
 
@@ -43,13 +47,14 @@ what is held, and the material.
 *Magnitude* and *direction* are the paper's two errors, of the stored field at the true particle positions, held particles left out.
 *Uniform* is what a uniform field with the right net force in every frame would score: a recovery that is not well below it has found no
 spatial variation. PSNR, SSIM and LPIPS compare the input clip with the motion simulated under the recovered force (from pixels: splatted
-Gaussians over the true background). LPIPS stands where its weights are installed.
+Gaussians over the true background). LPIPS stands where its weights are installed. Seconds are of machines that did other things too.
 """
+OLDER = "Rows with an asterisk were run with an earlier state of the engine."
 
 
 def write_report(out: Path, rows: list[dict]) -> str:
     """Write tables.md, tables.json and figures into `out`; returns the Markdown."""
-    parts = [HEAD]
+    parts = [HEAD] + ([OLDER] if any(map(_older, rows)) else [])
     for table, title in TITLES.items():
         own = [row for row in rows if row["row"]["table"] == table]
         if not own:
@@ -58,7 +63,8 @@ def write_report(out: Path, rows: list[dict]) -> str:
         figure = f"table{table}.png"
         bars(out / figure, own, title)
         parts.append(f"![errors beside the paper's]({figure})")
-    if sheet(out / "scenes.png", out / "pictures", rows):
+    sheet(out / "scenes.png", out / "pictures", rows)
+    if (out / "scenes.png").is_file():
         parts += [
             "## Scenes",
             "Input, the same motion simulated again, and the force on it: true (black), recovered (red).",
@@ -82,7 +88,8 @@ def markdown(rows: list[dict]) -> str:
         cells = [_beside(row["psnr"], paper[0], 2), _beside(row["ssim"], paper[1], 3), _beside(row["lpips"], paper[2], 3)]
         cells += [_beside(row["magnitude"], paper[3], 1), _beside(row["direction"], paper[4], 1)]
         flat = f"{row['uniform_magnitude']:.0f} / {row['uniform_direction']:.0f}"
-        lines.append(f"| {row['row']['name']} | {row['kind']} | {' | '.join(cells)} | {flat} | {row['engine_seconds'] or 0:.0f} |")
+        name = row["row"]["name"] + (" *" if _older(row) else "")
+        lines.append(f"| {name} | {row['kind']} | {' | '.join(cells)} | {flat} | {row['engine_seconds'] or 0:.0f} |")
     return "\n".join(lines)
 
 
@@ -118,16 +125,15 @@ def bars(path: Path, rows: list[dict], title: str) -> None:
     pyplot.close(figure)
 
 
-def sheet(path: Path, pictures: Path, rows: list[dict]) -> bool:
-    """One line per object of Table 1 (or what there is): input, again, forces. False when no row left pictures."""
+def sheet(path: Path, pictures: Path, rows: list[dict]) -> None:
+    """One line per object: input, again, forces. Nothing is drawn when no row left pictures of one of the objects."""
     shown: dict[str, Path] = {}
     for row in rows:
-        name = row["row"]["name"].lower().replace(" ", "_").replace(",", "").replace("+", "_")
-        file = pictures / f"{row['row']['table']}_{name}.npz"
+        file = pictures / f"{Row(**row['row']).key}.npz"
         if file.is_file():
             shown.setdefault(row["row"]["thing"], file)
-    if not shown:
-        return False
+    if len(shown) < len({row["row"]["thing"] for row in rows}):
+        return
     figure, axes = pyplot.subplots(len(shown), 3, figsize=(9.6, 2.7 * len(shown)), layout="constrained", squeeze=False)
     for line, (thing, file) in zip(axes, shown.items()):
         with np.load(file, allow_pickle=False) as data:
@@ -142,7 +148,10 @@ def sheet(path: Path, pictures: Path, rows: list[dict]) -> bool:
             line[2].quiver(*start.T, *(tip - start).T, color=colour, angles="xy", scale_units="xy", scale=1.0, width=width)
     figure.savefig(path, dpi=100)
     pyplot.close(figure)
-    return True
+
+
+def _older(row: dict) -> bool:
+    return row.get("engine") != ENGINE
 
 
 def _beside(value: float | None, paper: float, digits: int) -> str:

@@ -17,6 +17,7 @@ import numpy as np
 from seeing_wind.engine.object.splatting import picture
 from seeing_wind.engine.records import Body
 from seeing_wind.engine.report.accuracy import field_errors, uniform_errors
+from seeing_wind.engine.stages import VERSION as ENGINE
 from seeing_wind.engine.take import Take, from_arrays
 
 from .metrics import lpips, psnr, ssim
@@ -161,7 +162,7 @@ def run_row(row: Row, folder: Path, say: Callable[[str], None], frames: int = FR
     flat_magnitude, flat_direction = uniform_errors(scene.force, free)
     _keep(folder / "pictures" / f"{row.key}.npz", scene, want, seen, got)
     return {
-        "version": VERSION, "row": asdict(row), "kind": scene.thing.kind, "field": scene.thing.field, "frames": frames,
+        "version": VERSION, "engine": ENGINE, "row": asdict(row), "kind": scene.thing.kind, "field": scene.thing.field, "frames": frames,
         "psnr": psnr(want, seen), "ssim": ssim(want, seen), "lpips": lpips(want, seen),
         "magnitude": magnitude, "direction": direction, "uniform_magnitude": flat_magnitude, "uniform_direction": flat_direction,
         "confidence": float(confidence.mean()), "outcome": result["outcome"], "iterations": result.get("iterations"),
