@@ -45,7 +45,7 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
         return float((guess != painted).sum() / max(1, min(painted.sum(), (~painted).sum())))
 
     plane, block = _border_plane(relief, held & relief.mask), relief.block
-    straight = None if block is None else _across(block, held & relief.mask, relief)
+    straight = None if block is None else _across(block, painted, front, relief)
     if straight is not None:
         return dots @ straight[0] < straight[1]
     by_plane = np.inf if plane is None else misplaced(front @ plane[0] < plane[1])
@@ -57,19 +57,21 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
     return painted[pixel]
 
 
-def _across(block: Block, held: np.ndarray, relief: Relief) -> tuple[np.ndarray, float] | None:
+def _across(block: Block, painted: np.ndarray, front: np.ndarray, relief: Relief) -> tuple[np.ndarray, float] | None:
     """The plane across one of the block's edges that leaves as much of its surface on the held side as is painted.
+
+    Args:
+        painted: (P,) bool, which pixels of the mask are painted as held.
+        front: (P, 3) what they show [m].
 
     Returns:
         normal (3,) away from what is held, and offset [m]; None where too much of the paint, or of the rest, would lie on the wrong side.
     """
     rows, columns = np.nonzero(relief.mask)
-    front = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.0)
     ray = front - relief.camera.pose(0)[:3, 3]
     normal = np.stack([plane.normal for plane in (block.face, *block.sides)])[np.maximum(block.shown()[rows, columns], 0)]
     distance = np.linalg.norm(ray, axis=1)
     area = distance**3 / np.maximum(np.abs((ray * normal).sum(axis=1)), GRAZING * distance)  # of the surface behind a pixel
-    painted = held[rows, columns]
     smaller, best = min(area[painted].sum(), area[~painted].sum()), None
     for axis in (*block.frame(), *-block.frame()):
         height = front @ axis

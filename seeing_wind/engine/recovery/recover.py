@@ -27,7 +27,7 @@ from .beliefs import Expected
 from .objective import Channels, Objective
 from .point_channels import PointChannels, point_channels
 from .posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .remarks import held_remarks, motion_remarks
+from .remarks import force_remarks, held_remarks, motion_remarks
 from .stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .track_channels import TrackChannels, track_channels
 from .window import FULL_KNOT, Found, WindowSolver
@@ -244,6 +244,9 @@ class _Clip:
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
         residual = self.objective.root_mean_square(x)
         self.notes += motion_remarks(self.particles, x, residual, views) + held_remarks(self.particles, self.objective.channels)
+        acceleration = np.concatenate([one.acceleration for one in kept])
+        if not self.particles.pinned.any():
+            self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
         deviation = np.concatenate([one.deviation for one in kept])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):
@@ -251,7 +254,7 @@ class _Clip:
         self.notes += remark(self.stiffness, self.model)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
-            force_density=material.density * np.concatenate([one.acceleration for one in kept]),
+            force_density=material.density * acceleration,
             deviation=material.density * deviation,
             x=x,
             F=F,

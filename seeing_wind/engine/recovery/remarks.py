@@ -16,6 +16,8 @@ SUDDEN, SUDDEN_WAY = 6.0, 1e-4
 """Largest distance of points from the simulation, relative to the median and to how far they moved, from which there is a note."""
 STILL = 0.02
 """A body that is moved by less than this share of its radius hardly moves [m/m]."""
+COASTING = 0.01
+"""A force that moves a body less far than this share of its way, in the time of the clip, hardly acts on it."""
 HELD = 0.9
 """A track rides on what is held when so much of its weight does."""
 LOOSE = 3.0
@@ -45,6 +47,16 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
             "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
         )
     return notes
+
+
+def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: float, gravity: Sequence[float]) -> list[str]:
+    """On an acceleration (T, N, 3) [m/s²], besides gravity [m/s²], that hardly matters to the motion x (T+1, N, 3) [m]."""
+    size, way = float(np.sqrt((acceleration**2).sum(axis=-1).mean())), float(np.linalg.norm(x - x[0], axis=-1).max())
+    duration = len(acceleration) / fps
+    if not 0.5 * size * duration**2 < COASTING * way:
+        return []
+    alone = "only the given gravity" if np.any(gravity) else "no force"
+    return [f"The body moves as if {alone} acted on it: the force found is {density * size:.2g} N/m³, and so little is not known well."]
 
 
 def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str]:

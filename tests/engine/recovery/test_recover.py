@@ -146,6 +146,19 @@ def test_a_body_that_does_not_move_is_held_up_by_the_force_against_gravity():
     assert any("hardly moves" in note for note in found.notes)
 
 
+def test_a_body_that_nothing_moves_says_so():
+    body, t = plate((4, 4, 3)), np.arange(9)[:, None, None] / FPS
+    thrown = body.x + t * np.array([1.0, 0.0, 0.5])
+    falling = thrown + 0.5 * t**2 * np.array([0.0, 0.0, -9.81])
+
+    def notes(x, settings):
+        return [note for note in recover(body, RUBBER, points(body, x), FPS, settings, NoProgress()).notes if "as if" in note]
+
+    assert "no force" in notes(thrown, WEIGHTLESS)[0]
+    assert "only the given gravity" in notes(falling, RecoverSettings())[0]
+    assert not notes(falling, WEIGHTLESS)
+
+
 def test_three_pictures_are_enough_and_two_are_not():
     body = plate((4, 4, 3))
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 2)
