@@ -1,8 +1,9 @@
 """What the recovery should follow, tracks in pixels or the points lifted from them: benchmarks/targets.py SHARED TAKES CASE ...
 
 For takes that `truth.py SHARED --takes TAKES CASE ...` left ("sheet from pixels", "banner from pixels", "sheet from the side" ...): the
-same body and the same tracks once as they were seen, residual = projection of the simulated points less the track, and once lifted to 3D
-(`object/lifting.py`) as points without a covariance along the view. Both solves run here and are scored on the stored field.
+same body and the same tracks once as they were seen, residual = projection of the simulated points less the track, and twice lifted to 3D
+(`object/lifting.py`): as points whose noise is measured, and as points with a covariance, ALONG times as uncertain along the view as across
+it, where it is the tracks' own. All solves run here and are scored on the stored field.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
 from seeing_wind.engine.stages import read_body, track_targets  # noqa: E402
 from seeing_wind.engine.take import Take, from_arrays  # noqa: E402
 
+ALONG = 10.0
+"""Standard deviation of a lifted point along the view, over that across it."""
+
 
 def main() -> int:
     """A row per case; 1 when points did better, as tracks are the default of `recover`."""
@@ -34,7 +38,7 @@ def main() -> int:
     parser.add_argument("takes", type=Path, metavar="TAKES")
     parser.add_argument("case", nargs="+", metavar="CASE")
     options = parser.parse_args()
-    sums = np.zeros((2, 2))
+    sums = np.zeros((3, 2))
     for case in options.case:
         truth = np.load(options.shared / f"truth/{case.split()[0]}.npz", allow_pickle=False)
         take = Take(options.takes / f"{case.replace(' ', '_')}.take")
@@ -42,12 +46,21 @@ def main() -> int:
         tracks = track_targets(observation, body)
         seen = tracks.visible
         points = PointTargets(np.where(seen[..., None], body.lifted, np.nan), seen, tracks.attachment)
-        found = np.array([errors(truth, body, targets, observation.fps) for targets in ([tracks], points)])
+        told = replace(points, covariance=covariance(tracks, body))
+        found = np.array([errors(truth, body, targets, observation.fps) for targets in ([tracks], points, told)])
         flat = uniform_errors(truth["acc"] * float(truth["rho"]), ~truth["fixed"])
         sums += found
-        row = "   ".join(f"{name} {e[0]:5.1f} % {e[1]:5.1f} deg" for name, e in zip(("tracks", "lifted points"), found))
+        row = "   ".join(f"{name} {e[0]:5.1f} % {e[1]:5.1f} deg" for name, e in zip(("tracks", "lifted points", "with covariance"), found))
         print(f"{case:20} {row}   uniform field {flat[0]:.1f} % {flat[1]:.1f} deg", flush=True)
-    return 0 if (sums[0] <= sums[1]).all() else 1
+    return 0 if (sums[0] <= sums[1:]).all() else 1
+
+
+def covariance(tracks: TrackTargets, body: Body) -> np.ndarray:
+    """(K, 3, 3) [m²] of the lifted points: the tracks' noise at their depth, ALONG times as much along the view of the first picture."""
+    ray = np.nanmean(body.lifted, axis=0) - tracks.camera.pose(0)[:3, 3]
+    distance = np.linalg.norm(ray, axis=1)
+    ray, across = ray / distance[:, None], np.nanmedian(tracks.sigma, axis=0) * distance / tracks.camera.fx
+    return across[:, None, None] ** 2 * (np.eye(3) + (ALONG**2 - 1.0) * ray[:, :, None] * ray[:, None, :])
 
 
 def errors(truth: np.lib.npyio.NpzFile, body: Body, targets: list[TrackTargets] | PointTargets, fps: float) -> tuple[float, float]:

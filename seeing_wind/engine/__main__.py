@@ -6,6 +6,7 @@ Windows) stops at the next safe point. Exit code 0 done, 1 failed with a message
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -74,7 +75,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed(protocol, SeeingWindError("Out of memory.", "Use fewer particles or fewer frames."))
     except OSError as error:
-        traceback.print_exc()
+        if error.errno not in (errno.ENOSPC, errno.EDQUOT):  # a full disk is nobody's defect
+            traceback.print_exc()
         return _failed(
             protocol,
             SeeingWindError(f"{error.strerror or error}: {error.filename or ''}".rstrip(": ") + ".", "Check the path and the disk."),

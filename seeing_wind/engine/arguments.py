@@ -73,6 +73,13 @@ def whole(least: int, most: int) -> Callable[[str], int]:
     return parse
 
 
+def path(text: str) -> str:
+    """A path that is not blank: that would be the current folder."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"'{text}' is no path")
+    return text
+
+
 def pixel(text: str) -> tuple[float, float]:
     """'X,Y' -> (X, Y)."""
     parts = text.split(",")
@@ -96,22 +103,22 @@ def parser() -> Parser:
     _recover(verbs.add_parser("recover", help="a clip becomes a force field", allow_abbrev=False))
     _recover_trajectories(verbs.add_parser("recover-trajectories", help="3D trajectories become a force field", allow_abbrev=False))
     sample = verbs.add_parser("sample", help="the force density at given points", allow_abbrev=False)
-    sample.add_argument("take", metavar="DIR")
+    sample.add_argument("take", type=path, metavar="DIR")
     sample.add_argument("--points", required=True, metavar="P.npy", help="(N,3) m for one frame, or (T,N,3) m, one row per frame")
     sample.add_argument("--frame", type=int, metavar="T", help="the frame for (N,3) points")
     sample.add_argument("--out", required=True, metavar="OUT.npz")
     resimulate = verbs.add_parser("resimulate", help="insert, pin, scale and simulate in the recovered field", allow_abbrev=False)
-    resimulate.add_argument("source", metavar="DIR")
+    resimulate.add_argument("source", type=path, metavar="DIR")
     resimulate.add_argument("--edit", required=True, metavar="EDIT.toml")
-    resimulate.add_argument("--take", required=True, metavar="OUT")
+    resimulate.add_argument("--take", type=path, required=True, metavar="OUT")
     resimulate.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
     export = verbs.add_parser("export", help="the field for other programs", allow_abbrev=False)
-    export.add_argument("take", metavar="DIR")
+    export.add_argument("take", type=path, metavar="DIR")
     export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"))
-    export.add_argument("--out", required=True, metavar="PATH")
+    export.add_argument("--out", type=path, required=True, metavar="PATH")
     identify = verbs.add_parser("identify", help="ask a vision-language model what is in the first picture", allow_abbrev=False)
     identify.add_argument("clip", metavar="CLIP")
-    identify.add_argument("--take", required=True, metavar="DIR", help="gets objects.json and a mask per object")
+    identify.add_argument("--take", type=path, required=True, metavar="DIR", help="gets objects.json and a mask per object")
     identify.add_argument("--frames", type=frame_range, metavar="A:B", help="first and last picture, both inclusive, counted from 0")
     identify.add_argument("--material-endpoint", required=True, metavar="URL")
     identify.add_argument("--material-model", required=True, metavar="NAME")
@@ -123,7 +130,7 @@ def parser() -> Parser:
 
 def _recover(p: Parser) -> None:
     p.add_argument("clip", metavar="CLIP")
-    p.add_argument("--take", required=True, metavar="DIR", help="folder of the results; made if need be")
+    p.add_argument("--take", type=path, required=True, metavar="DIR", help="folder of the results; made if need be")
     seen = p.add_argument_group("what is seen")
     seen.add_argument("--fps", type=positive, metavar="F", help="frames per second, if the file's number is wrong")
     seen.add_argument("--frames", type=frame_range, metavar="A:B", help="first and last picture, both inclusive, counted from 0")
@@ -167,8 +174,13 @@ def _recover(p: Parser) -> None:
 
 
 def _recover_trajectories(p: Parser) -> None:
-    p.add_argument("truth", metavar="TRUTH.npz", help="x (T+1,N,3) m, fps; optional rho, E, nu, fixed, gravity, yield_stress")
-    p.add_argument("--take", required=True, metavar="DIR")
+    p.add_argument(
+        "truth",
+        metavar="TRUTH.npz",
+        help="x (T+1,N,3) m, fps; optional rho kg/m³, E Pa, nu, fixed (N,) bool, gravity (3,) m/s², yield_stress Pa, "
+        "visible (T+1,N) bool, all true in picture 0, and the errors of x, else measured: sigma m, or covariance (3,3) or (N,3,3) m²",
+    )
+    p.add_argument("--take", type=path, required=True, metavar="DIR")
     _gravity(p, "the file's, or none")
     _material(p, default=None)
     _solve(p)
@@ -242,6 +254,12 @@ def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:
         if value is not None:
             values[field.name] = tuple(value) if isinstance(value, list) else value
     return cls(**values)
+
+
+def properties_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What the options say of the material, as `materials.adjusted` takes it; None where they do not."""
+    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")
+    return {name: getattr(arguments, name) for name in names}
 
 
 def gravity_of(arguments: argparse.Namespace, default: tuple[float, float, float] = GRAVITY) -> tuple[float, float, float]:

@@ -82,8 +82,8 @@ def adjusted(
     given = {"law": law, "density": density, "youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
     given |= {"yield_stress": yield_stress, "viscosity": viscosity}
     changes = {key: value if key == "law" else _number(key, value) for key, value in given.items() if value is not None}
-    source = f"{material.source}; given by the user: {', '.join(changes)}" if changes else material.source
-    result = dataclasses.replace(material, **changes, source=source)  # type: ignore[arg-type]
+    sources = [material.source, f"given by the user: {', '.join(changes)}" if changes else ""]
+    result = dataclasses.replace(material, **changes, source="; ".join(filter(None, sources)))  # type: ignore[arg-type]
     _check(result)
     return result
 

@@ -207,6 +207,8 @@ class PointTargets:
     attachment: Attachment
     sigma: float | None = None
     """Standard deviation [m] per coordinate, or None to estimate it from the data."""
+    covariance: np.ndarray | None = None
+    """(K, 3, 3) [m²] of every point's errors, the same in all pictures, in the place of `sigma`: depth is seen less well than place."""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ where it stopped and a changed setting redoes only what depends on it.
 from __future__ import annotations
 
 import dataclasses
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -27,6 +28,9 @@ R = TypeVar("R")
 
 VERSION = 10
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
+
+SOLVED = "solve.npz"
+"""A solve whose field is not there yet."""
 
 FILES = ("mask", "tracks", "depth", "camera", "pin")
 """Fields of `ObserveSettings` that are paths of files."""
@@ -122,9 +126,10 @@ def recover_stage(
     if kept is not None:
         return *kept, {}
     seconds: dict[str, float] = {}
-    # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it.
+    # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it. Until the field is
+    # there, it has a file of its own, too: a trajectory belongs to the field beside it.
     solved = stamp_of("recover", VERSION, upstream, dataclasses.replace(settings, refine=0))
-    recovery = _kept(take, "solve", solved, lambda: read_recovery(take), progress)
+    recovery = _kept(take, "solve", solved, lambda: _read_solve(take), progress)
     if recovery is None:
         progress.begin("recover", "recovering the force")
         started = time.perf_counter()
@@ -136,7 +141,8 @@ def recover_stage(
         seconds["recover"] = time.perf_counter() - started
         if recovery.outcome == Outcome.DIVERGED:
             return recovery, None, seconds
-        take.write_arrays("trajectory.npz", to_arrays(recovery) | {"fps": _array(fps)})
+        take.withdraw("solve")
+        take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": _array(fps)})
         take.finish("solve", solved, to_mapping(settings))
     progress.begin("distill", "fitting the field")
     started = time.perf_counter()
@@ -152,6 +158,9 @@ def recover_stage(
             progress.update(1.0, f"the field's own simulation strays {off} from the recovered motion")
     with take.writing("field.safetensors") as path:
         field.save(path)
+        take.withdraw("recover")
+        if take.file(SOLVED).is_file():
+            os.replace(take.file(SOLVED), take.file("trajectory.npz"))
     take.finish("recover", stamp, to_mapping(settings))
     return recovery, field, seconds
 
@@ -219,6 +228,11 @@ def read_body(take: Take) -> Body:
 def read_recovery(take: Take) -> Recovery:
     """The recovery of a take."""
     return from_arrays(Recovery, take.read_arrays("trajectory.npz"))
+
+
+def _read_solve(take: Take) -> Recovery:
+    """The last solve: in its own file while it has no field, else that of the field."""
+    return from_arrays(Recovery, take.read_arrays(SOLVED if take.file(SOLVED).is_file() else "trajectory.npz"))
 
 
 def require_take(path: str) -> Take:

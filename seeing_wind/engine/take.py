@@ -11,6 +11,7 @@ import contextlib
 import dataclasses
 import errno
 import hashlib
+import io
 import json
 import os
 import re
@@ -19,7 +20,9 @@ import tomllib
 import zipfile
 import zlib
 from collections.abc import Iterator
+from enum import StrEnum
 from pathlib import Path
+from types import UnionType
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -62,15 +65,19 @@ class Take:
     def writing(self, name: str) -> Iterator[Path]:
         """Write a file of the take through a neighbour that takes its place only when the block ends without an error.
 
-        The neighbour keeps the file's suffix (writers such as FFmpeg choose the format by it).
+        The neighbour keeps the file's suffix (writers such as FFmpeg choose the format by it). A link to a file is itself replaced.
 
         Raises:
-            TakeError: when the folder cannot be written or the disk is full; the former file is untouched.
+            TakeError: when the folder cannot be written, the disk is full, or what is there is no file (a folder, a device, a pipe); it is
+                untouched.
         """
         target = self.file(name)
         aside = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
+            if target.exists() and not target.is_file():
+                # a rename would put a file in the place of /dev/null
+                raise TakeError(f"Cannot write {target}: it is there already and is no regular file.", "Choose another path.")
             yield aside
             with open(aside, "rb+") as handle:
                 os.fsync(handle.fileno())
@@ -90,39 +97,59 @@ class Take:
             path.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
     def read_json(self, name: str) -> dict[str, Any]:
-        """Read a JSON file of the take. Raises TakeError when it is missing or unreadable."""
+        """Read a JSON file of the take. Raises TakeError when it is missing, unreadable, or no mapping."""
         try:
-            return json.loads(self.file(name).read_text(encoding="utf-8"))
+            values = json.loads(self.file(name).read_text(encoding="utf-8"))
+            if not isinstance(values, dict):
+                raise ValueError("it is no mapping")
         except (OSError, ValueError) as error:
             raise TakeError(f"{self.file(name)} cannot be read: {error}.", "Run `recover` for this take first.") from error
+        return values
 
     def write_arrays(self, name: str, arrays: dict[str, np.ndarray]) -> None:
         """Write a compressed NPZ; object arrays are refused (they would need pickle)."""
         for key, array in arrays.items():
             if np.asarray(array).dtype == object:
                 raise TypeError(f"{name}: {key} is an object array")
-        with self.writing(name) as path, open(path, "wb") as handle:
-            np.savez_compressed(handle, **arrays)  # type: ignore[arg-type]
+        # In memory first: an archive that meets a full disk complains once more, with a traceback, when it is thrown away.
+        content = io.BytesIO()
+        np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+        with self.writing(name) as path:
+            path.write_bytes(content.getbuffer())
 
     def read_arrays(self, name: str) -> dict[str, np.ndarray]:
         """Read an NPZ of the take without pickle. Raises TakeError when it is missing or damaged."""
         try:
             with np.load(self.file(name), allow_pickle=False) as data:
-                return {key: data[key] for key in data.files}
+                arrays = {key: data[key] for key in data.files}
+            for key, array in arrays.items():
+                if not isinstance(array, np.ndarray):
+                    raise ValueError(f"{key} is no array")
         except DAMAGED as error:
             raise TakeError(f"{self.file(name)} cannot be read: {error}.", "Run `recover` for this take first.") from error
+        return arrays
 
     # -- stamps ---------------------------------------------------------------------------------------------------------------
 
     def description(self) -> dict[str, Any]:
-        """take.toml as a mapping; empty for a take that is not there yet."""
+        """take.toml as a mapping; empty for a take that is not there yet.
+
+        Raises:
+            TakeError: when it cannot be read, or its stages are no tables.
+        """
         path = self.file("take.toml")
         if not path.exists():
             return {}
         try:
-            return tomllib.loads(path.read_text(encoding="utf-8"))
+            values = tomllib.loads(path.read_text(encoding="utf-8"))
+            stages = values.get("stages", {})
+            if not isinstance(stages, dict) or not all(isinstance(stage, dict) for stage in stages.values()):
+                raise ValueError("its stages are no tables")
+            if not all(isinstance(stage.get("settings", {}), dict) for stage in stages.values()):
+                raise ValueError("its stages' settings are no tables")
         except (OSError, ValueError) as error:
             raise TakeError(f"{path} cannot be read: {error}.", "Remove it to start the take afresh; the other files are kept.") from error
+        return values
 
     def is_done(self, stage: str, stamp: str) -> bool:
         """Whether `stage` was finished with exactly these inputs and settings."""
@@ -133,6 +160,15 @@ class Take:
         description = self.description()
         description["format"] = FORMAT
         description.setdefault("stages", {})[stage] = {"stamp": stamp, "settings": settings}
+        self._describe(description)
+
+    def withdraw(self, stage: str) -> None:
+        """Take back a stage's stamp, before its files are replaced: a job that ends in between leaves none that is wrong."""
+        description = self.description()
+        if description.get("stages", {}).pop(stage, None) is not None:
+            self._describe(description)
+
+    def _describe(self, description: dict[str, Any]) -> None:
         with self.writing("take.toml") as path:
             path.write_text(toml_text(description), encoding="utf-8")
 
@@ -174,7 +210,7 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
     """The inverse of `to_arrays`.
 
     Raises:
-        TakeError: when a field is missing (a take of another version).
+        TakeError: when a field is missing (a take of another version) or is not what `to_arrays` writes (a damaged take).
     """
     hints: dict[str, Any] = get_type_hints(cls)
     values: dict[str, Any] = {}
@@ -186,13 +222,35 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
             continue  # a take from before the field was there
         elif key not in arrays:
             raise TakeError(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
-        elif kind is np.ndarray or (np.ndarray in get_args(kind) and arrays[key].dtype.kind != "U"):  # None is JSON
+        elif np.ndarray in (kind, *get_args(kind)) and arrays[key].dtype.kind != "U":  # None is JSON
             values[field.name] = arrays[key]
         else:
-            value = json.loads(str(arrays[key]))
-            value = tuple(value) if get_origin(kind) is tuple else value
-            values[field.name] = kind(value) if isinstance(kind, type) and issubclass(kind, str) else value
+            try:
+                values[field.name] = _plain(str(arrays[key]), kind)
+            except ValueError as error:
+                raise TakeError(f"The take's {key} cannot be read: {error}.", "It is damaged: run `recover` again.") from error
     return cls(**values)
+
+
+def _plain(text: str, kind: Any) -> Any:
+    """The value of the type `kind` that is written in JSON. Raises ValueError where it is none."""
+    value = json.loads(text)
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return kind(value)
+    if not _fits(value, kind):
+        raise ValueError(f"{text[:40]} is no {getattr(kind, '__name__', kind)}")
+    return tuple(value) if get_origin(kind) is tuple else value
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Whether what JSON gave is of the type `kind`: a plain one, None, a list or tuple of one of them, or a choice of these."""
+    if isinstance(kind, UnionType):
+        return any(_fits(value, one) for one in get_args(kind))
+    if get_origin(kind) in (list, tuple):
+        return isinstance(value, list) and all(_fits(item, get_args(kind)[0]) for item in value)
+    if kind in (int, float):
+        return isinstance(value, (int, kind)) and not isinstance(value, bool)
+    return isinstance(value, kind)
 
 
 def toml_text(values: dict[str, Any]) -> str:

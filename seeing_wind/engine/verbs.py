@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .arguments import gravity_of, settings_of
+from .arguments import gravity_of, properties_of, settings_of
 from .conventions import GRAVITY
 from .errors import SeeingWindError, TakeError, UsageError
 from .materials import adjusted, find
@@ -137,21 +137,22 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
     from .report import write_trajectory_report
     from .trajectories import read_trajectories
 
-    take, source = Take(arguments.take), read_trajectories(arguments.truth)
-    material = _material(find(arguments.material) if arguments.material else source.material, arguments)
-    settings = settings_of(
-        RecoverSettings, arguments, gravity=gravity_of(arguments, default=source.gravity), clamp_depth=source.clamp_depth
-    )
+    take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
+    gravity = gravity_of(arguments) if arguments.gravity or arguments.no_gravity else None
+    source = read_trajectories(arguments.truth, preset, gravity, **properties_of(arguments))
+    particles, material = source.particles, source.material
+    settings = settings_of(RecoverSettings, arguments, gravity=source.gravity, clamp_depth=source.clamp_depth)
     check_solve(settings, clip=False)
     take.prepare()
     for note in source.notes:
         progress.warn(note)
-    upstream = stamp_of("trajectories", Path(arguments.truth), material)
-    recovery, field, seconds = recover_stage(take, source.particles, material, source.targets, source.fps, upstream, settings, progress)
+    upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)
+    recovery, field, seconds = recover_stage(take, particles, material, source.targets, source.fps, upstream, settings, progress)
+    recovery = dataclasses.replace(recovery, notes=[*source.notes, *recovery.notes])
     if field is None:
         return _diverged(recovery)
     progress.begin("report", "drawing the report")
-    report = write_trajectory_report(take, source.particles, material, recovery, field, seconds, settings)
+    report = write_trajectory_report(take, particles, material, recovery, field, seconds, settings)
     return _summary(report, take)
 
 
@@ -288,8 +289,7 @@ def _endpoint(arguments: argparse.Namespace) -> Endpoint | None:
 
 def _material(base: Material, arguments: argparse.Namespace) -> Material:
     """The material with the properties that the options give. Raises MaterialError as `materials.adjusted`."""
-    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")
-    return adjusted(base, **{name: getattr(arguments, name) for name in names})
+    return adjusted(base, **properties_of(arguments))
 
 
 def _timed(seconds: dict[str, float], stage: str, work: Callable[[], Any]) -> Any:

@@ -15,6 +15,7 @@ import pytest
 
 from seeing_wind.engine.arguments import parser
 from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.field import GustField
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
@@ -107,6 +108,58 @@ def test_a_take_without_a_field_cannot_be_sampled(tmp_path: Path) -> None:
     assert "no recovered field" in error["message"] and not (tmp_path / "o.npz").exists()
 
 
+@pytest.fixture
+def windy(tmp_path: Path) -> Path:
+    """A take with a field of 4 frames, and points p.npy of the first beside it."""
+    (tmp_path / "windy.take").mkdir()
+    box = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    GustField(1, box, 25.0, 4, np.zeros(3), 2.0).save(tmp_path / "windy.take" / "field.safetensors")
+    np.save(tmp_path / "p.npy", np.random.default_rng(0).uniform(size=(20_000, 3)))
+    return tmp_path / "windy.take"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+def test_results_do_not_replace_what_is_no_file(windy: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.npz")
+    for verb in (["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0], ["export", windy, "--format", "npz"]):
+        error = engine(*verb, "--out", tmp_path / "pipe.npz", expect=1)[-2]
+        assert "no regular file" in error["message"] and error["hint"]
+    assert (tmp_path / "pipe.npz").is_fifo()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of a file's size")
+def test_a_full_disk_leaves_no_traceback(windy: Path, tmp_path: Path) -> None:
+    """A limit of the file's size stops a write half-way, as a full disk does."""
+    limited = (
+        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000));"
+        "sys.argv[0] = 'engine'; runpy.run_module('seeing_wind.engine', run_name='__main__')"
+    )
+    out = tmp_path / "o.npz"
+    command = [sys.executable, "-c", limited, "sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", out]
+    run = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=300)
+    error = json.loads(run.stdout.splitlines()[-2])
+    assert run.returncode == 1 and "Cannot write" in error["message"] and error["hint"]
+    assert "Traceback" not in run.stderr and not out.exists()
+
+
+BLANK = [
+    ["recover", "c.mp4", "--take", ""],
+    ["recover-trajectories", "t.npz", "--take", " "],
+    ["resimulate", "s.take", "--edit", "e.toml", "--take", ""],
+    ["resimulate", "", "--edit", "e.toml", "--take", "r.take"],
+    ["identify", "c.mp4", "--take", "", "--material-endpoint", "http://localhost", "--material-model", "m"],
+    ["sample", "", "--points", "p.npy", "--out", "o.npz"],
+    ["export", "", "--format", "npz", "--out", "o.npz"],
+    ["export", "s.take", "--format", "ply", "--out", ""],
+]
+
+
+@pytest.mark.parametrize("words", BLANK)
+def test_a_blank_path_is_not_the_current_folder(words: list[str]) -> None:
+    with pytest.raises(UsageError, match="is no path"):
+        parser().parse_args(words)
+
+
 def test_doctor_says_that_the_solver_runs() -> None:
     result = engine("doctor", expect=0)[-1]
     assert {"taichi kernel", "torch", "video codec"} <= {check["name"] for check in result["checks"] if check["ok"]}
@@ -144,11 +197,15 @@ def test_edits_that_are_none(tmp_path: Path, text: str) -> None:
     assert caught.value.hint
 
 
-def test_a_finished_stage_whose_file_is_damaged_is_done_again(square: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("damage", ["cut", "no JSON"])
+def test_a_finished_stage_whose_file_is_damaged_is_done_again(square: Path, tmp_path: Path, damage: str) -> None:
     take, told = Take(tmp_path / "t.take"), []
     settings = ObserveSettings(box=(12.0, 10.0, 32.0, 30.0), distance=1.0)
     first, stamp = observe_stage(take, str(square), settings, NoProgress())
-    take.file("observation.npz").write_bytes(take.file("observation.npz").read_bytes()[:300])
+    if damage == "cut":
+        take.file("observation.npz").write_bytes(take.file("observation.npz").read_bytes()[:300])
+    else:
+        take.write_arrays("observation.npz", take.read_arrays("observation.npz") | {"fps": np.array("{")})
     second, again = observe_stage(take, str(square), settings, Progress(told.append))
     assert stamp == again and np.array_equal(first.xy, second.xy)
     assert [message for message in told if message["type"] == "warning" and "done again" in message["message"]]

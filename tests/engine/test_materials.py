@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,7 @@ def test_adjusted_replaces_and_records() -> None:
     assert (leaf.density, leaf.youngs_modulus, leaf.poisson_ratio) == (500.0, 1e5, find("leaf").poisson_ratio)
     assert "density, youngs_modulus" in leaf.source
     assert adjusted(find("leaf")) == find("leaf")
+    assert adjusted(replace(find("leaf"), source=""), density=500.0).source == "given by the user: density"
 
 
 @pytest.mark.parametrize(

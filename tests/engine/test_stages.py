@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
+from seeing_wind.engine.records import Material, Recovery
 from seeing_wind.engine.settings import ObserveSettings
-from seeing_wind.engine.stages import observation_stamp
+from seeing_wind.engine.stages import SOLVED, observation_stamp, read_recovery, recover_stage
+from seeing_wind.engine.take import Take, stamp_of
+from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
 
 
 @pytest.fixture
@@ -48,3 +55,31 @@ def test_settings_count_and_pictures_outside_the_range_do_not(project: Path) -> 
     (project / "pictures/shot_0003.png").write_bytes(b"another")
     assert first == stamp(project, "pictures", frames=(0, 2)) != stamp(project, "pictures", frames=(0, 3))
     assert len({stamp(project, "clip.mp4", **more) for more in ({}, {"mask": None}, {"mask": None, "pin": str(project / "mask.png")})}) == 3
+
+
+def test_a_job_cancelled_while_the_field_is_fitted_leaves_the_last_field_and_its_motion(tmp_path: Path) -> None:
+    body = plate((4, 4, 3))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 5)
+    take = Take(tmp_path / "leaf.take")
+    take.prepare()
+    heavy = replace(RUBBER, density=4.0 * RUBBER.density)
+    fitting = Progress(cancelled=lambda: fitting.stage == "distill")
+
+    def job(material: Material, progress: Progress) -> Recovery:
+        upstream = stamp_of(material.density)
+        return recover_stage(take, body, material, points(body, x), FPS, upstream, WEIGHTLESS, progress)[0]
+
+    first = job(RUBBER, NoProgress())
+    field = take.file("field.safetensors").read_bytes()
+    with pytest.raises(Cancelled):
+        job(heavy, fitting)
+    assert take.file("field.safetensors").read_bytes() == field
+    np.testing.assert_array_equal(read_recovery(take).force_density, first.force_density)
+    np.testing.assert_array_equal(job(RUBBER, NoProgress()).force_density, first.force_density)
+    # What was solved before the cancel is not solved again.
+    events: list[dict[str, Any]] = []
+    again = job(heavy, Progress(emit=events.append))
+    assert not any("iteration" in event["message"] for event in events if event["stage"] != "distill")
+    np.testing.assert_allclose(again.force_density.mean(axis=(0, 1)), 4.0 * first.force_density.mean(axis=(0, 1)), rtol=0.05, atol=20.0)
+    np.testing.assert_array_equal(read_recovery(take).force_density, again.force_density)
+    assert not take.file(SOLVED).exists()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +51,29 @@ def test_a_full_disk_is_a_take_error(tmp_path: Path) -> None:
     assert take.read_json("report.json") == {"good": 1}
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
+def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path) -> None:
+    take = Take(tmp_path)
+    os.mkfifo(take.file("pipe.npz"))
+    take.file("folder.npz").mkdir()
+    take.file("link.npz").symlink_to("pipe.npz")
+    before = {path.name: path.lstat().st_mode for path in tmp_path.iterdir()}
+    for name in before:
+        with pytest.raises(TakeError, match="no regular file"):
+            take.write_arrays(name, {"a": np.zeros(3)})
+    assert {path.name: path.lstat().st_mode for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="making links needs a right of its own on Windows")
+def test_a_link_to_a_file_is_itself_replaced(tmp_path: Path) -> None:
+    take = Take(tmp_path)
+    take.write_json("before.json", {"good": 1})
+    take.file("link.json").symlink_to("before.json")
+    take.write_json("link.json", {"good": 2})
+    assert not take.file("link.json").is_symlink() and take.read_json("link.json") == {"good": 2}
+    assert take.read_json("before.json") == {"good": 1}
+
+
 def test_a_folder_that_cannot_be_made_is_a_take_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(TakeError, match="Cannot write"):
@@ -83,9 +108,10 @@ def test_a_stage_is_done_only_with_its_own_stamp(tmp_path: Path) -> None:
 
 
 def test_a_damaged_description_is_an_error_that_says_so(tmp_path: Path) -> None:
-    (tmp_path / "take.toml").write_text("= broken")
-    with pytest.raises(TakeError, match=r"take\.toml cannot be read"):
-        Take(tmp_path).description()
+    for text in ("= broken", "stages = 3", "[stages]\nrecover = 3", "[stages.recover]\nsettings = 3"):
+        (tmp_path / "take.toml").write_text(text)
+        with pytest.raises(TakeError, match=r"take\.toml cannot be read"):
+            Take(tmp_path).is_done("recover", "a")
 
 
 def test_stamps_follow_settings_and_file_contents(tmp_path: Path) -> None:
@@ -106,10 +132,43 @@ def test_an_older_take_is_refused_with_advice(tmp_path: Path) -> None:
         from_arrays(Recovery, arrays)
 
 
+DAMAGE = [
+    ("outcome", "{"),
+    ("outcome", '"perfect"'),
+    ("outcome", "[]"),
+    ("residual_unit", "3"),
+    ("iterations", '"3"'),
+    ("iterations", "true"),
+    ("seconds", "null"),
+    ("seconds", "x"),
+    ("notes", '"capped"'),
+    ("notes", "[1]"),
+    ("substeps", "2.5"),
+    ("stiffness", "[1.0]"),
+    ("x", "[1.0]"),
+]
+
+
+@pytest.mark.parametrize(("key", "text"), DAMAGE)
+def test_a_value_that_is_not_what_was_written_is_a_take_error(key: str, text: str) -> None:
+    arrays = to_arrays(recovery())
+    arrays[key] = np.array(text)
+    with pytest.raises(TakeError, match=rf"{key} cannot be read.*run `recover` again"):
+        from_arrays(Recovery, arrays)
+
+
+def test_an_archive_of_something_else_is_a_take_error(tmp_path: Path) -> None:
+    with zipfile.ZipFile(tmp_path / "trajectory.npz", "w") as archive:
+        archive.writestr("x", "no array")
+    with pytest.raises(TakeError, match="x is no array"):
+        Take(tmp_path).read_arrays("trajectory.npz")
+
+
 def test_unreadable_json_is_a_take_error(tmp_path: Path) -> None:
-    (tmp_path / "report.json").write_text("{")
-    with pytest.raises(TakeError, match="cannot be read"):
-        Take(tmp_path).read_json("report.json")
+    for text in ("{", "3"):
+        (tmp_path / "report.json").write_text(text)
+        with pytest.raises(TakeError, match="cannot be read"):
+            Take(tmp_path).read_json("report.json")
 
 
 @pytest.mark.parametrize("damage", ["empty", "cut", "garbled", "no archive"])

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from seeing_wind.engine.errors import SeeingWindError, UsageError
-from seeing_wind.engine.trajectories import read_trajectories
+from seeing_wind.engine.arguments import parser
+from seeing_wind.engine.errors import ObjectError, SeeingWindError, UsageError
+from seeing_wind.engine.materials import find
+from seeing_wind.engine.progress import Progress
+from seeing_wind.engine.trajectories import READ, TRUTH, read_trajectories
+from seeing_wind.engine.verbs import VERBS
 
 LATTICE = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
 FALL = np.stack([LATTICE - [0, 0, 4.9 * (t / 24) ** 2] for t in range(6)])
@@ -47,6 +52,17 @@ def test_what_the_file_says(tmp_path: Path) -> None:
         {"fixed": np.ones(3, bool)},
         {"fixed": ["False"] * 27},
         {"fixed": np.full(27, np.nan)},
+        {"visible": np.ones(27, bool)},
+        {"visible": np.ones((6, 27))},
+        {"visible": np.zeros((6, 27), bool)},
+        {"visible": np.arange(6)[:, None] * np.ones(27, int) == 0},
+        {"sigma": 0.0},
+        {"sigma": -1e-3},
+        {"sigma": np.inf},
+        {"sigma": np.full(27, 1e-3)},
+        {"covariance": np.eye(2)},
+        {"covariance": np.tile(np.eye(3), (5, 1, 1))},
+        {"covariance": np.eye(3) * 1e-6, "sigma": 1e-3},
     ],
 )
 def test_wrong_values_are_refused(tmp_path: Path, wrong: dict[str, Any]) -> None:
@@ -58,9 +74,106 @@ def test_wrong_values_are_refused(tmp_path: Path, wrong: dict[str, Any]) -> None
 def test_what_is_assumed_or_contradicts_itself_is_told(tmp_path: Path) -> None:
     assert read_trajectories(write(tmp_path / "t.npz", rho=500.0, E=1e4, nu=0.2, gravity=np.zeros(3))).notes == ()
     lacking, weightless = read_trajectories(write(tmp_path / "t.npz", E=1e4)).notes
-    assert "rho (300 kg/m³), nu (0.3)" in lacking and "no gravity" in weightless
+    assert "rho (300 kg/m³), nu (0.3)" in lacking and "in proportion to the density" in lacking and "no gravity" in weightless
     fixed = np.arange(27) < 5
     assert any("held move by up to 2.1e+02 mm" in note for note in read_trajectories(write(tmp_path / "t.npz", fixed=fixed)).notes)
+    seen = np.arange(6)[:, None] < np.where(fixed, 3, 6)  # what held particles did unseen is not known
+    source = read_trajectories(write(tmp_path / "t.npz", x=np.where(seen[..., None], FALL, np.nan), visible=seen, fixed=fixed))
+    assert any("held move by up to 34 mm" in note for note in source.notes)
+
+
+def test_points_that_are_not_visible_are_left_out(tmp_path: Path) -> None:
+    visible = np.ones((6, 27), dtype=bool)
+    visible[2:4, 7], visible[5, 3] = False, False
+    x = np.where(visible[..., None], FALL, np.nan)
+    x[5, 3] = 99.0  # some write the last guess, some NaN
+    targets = read_trajectories(write(tmp_path / "t.npz", x=x, visible=visible.astype(np.uint8), sigma=np.array([2e-3]))).targets
+    assert targets.visible.dtype == bool and (targets.visible == visible).all() and targets.sigma == 2e-3
+    assert (targets.x[visible] == FALL[visible]).all() and np.isnan(targets.x[~visible]).all()
+    plain = read_trajectories(write(tmp_path / "t.npz")).targets
+    assert plain.visible.all() and plain.sigma is None
+
+
+def test_the_errors_of_points_may_have_a_direction(tmp_path: Path) -> None:
+    one, each = np.diag([1e-8, 4e-6, 1e-8]), np.random.default_rng(0).uniform(1e-8, 1e-6, 27)[:, None, None] * np.eye(3)
+    for given in (one, each):
+        targets = read_trajectories(write(tmp_path / "t.npz", covariance=given)).targets
+        assert targets.sigma is None and (targets.covariance == given).all() and targets.covariance.shape == (27, 3, 3)
+
+
+def test_what_visible_must_not_say(tmp_path: Path) -> None:
+    visible = np.ones((6, 27), dtype=bool)
+    visible[0, [4, 9]] = False
+    with pytest.raises(ObjectError, match="2 of 27 points are not visible in picture 0, the first of them point 4") as caught:
+        read_trajectories(write(tmp_path / "t.npz", visible=visible))
+    assert "picture 0" in caught.value.hint
+    lost = FALL.copy()
+    lost[3, 8, 1] = np.nan
+    with pytest.raises(ObjectError, match="particle 8 in picture 3 is not finite"):
+        read_trajectories(write(tmp_path / "t.npz", x=lost, visible=np.ones((6, 27), bool)))
+
+
+def test_keys_that_are_not_read_are_named(tmp_path: Path) -> None:
+    known = {"rho": 500.0, "E": 1e4, "nu": 0.2, "gravity": np.zeros(3)}
+    quiet = {"v": np.zeros(1), "acc": np.zeros(1), "material": "elastic", "name": "sheet", "field": "breeze"}
+    assert set(quiet) == set(TRUTH) and read_trajectories(write(tmp_path / "t.npz", **known, **quiet)).notes == ()
+    # Not opened either: it may hold what needs pickle.
+    (note,) = read_trajectories(write(tmp_path / "t.npz", **known, foo=np.array([{}], dtype=object))).notes
+    assert "foo is not read" in note and "id you mean" not in note and all(key in note for key in READ)
+    more = {"density": 1.0, "pinned": np.zeros(27, bool), "Yield_Stress": 1.0, "visibel": 1.0, "foo": 1.0}
+    (note,) = read_trajectories(write(tmp_path / "t.npz", **known, **more)).notes
+    assert "density, pinned, Yield_Stress, visibel, foo are not read" in note
+    assert "Did you mean rho by density, fixed by pinned, yield_stress by Yield_Stress, visible by visibel?" in note
+
+
+def test_the_source_tells_file_options_and_assumptions_apart(tmp_path: Path) -> None:
+    path = write(tmp_path / "t.npz", E=1e4, gravity=np.zeros(3))
+    plain = read_trajectories(path)
+    assert plain.material.source == "from the trajectory file: youngs_modulus; assumed: density, poisson_ratio"
+    given = read_trajectories(path, density=500.0, youngs_modulus=2e4, poisson_ratio=None)
+    assert (given.material.density, given.material.youngs_modulus, given.material.poisson_ratio) == (500.0, 2e4, 0.3)
+    assert given.material.source == "assumed: poisson_ratio; given by the user: density, youngs_modulus"
+    assert len(given.notes) == 1 and "nu (0.3)" in given.notes[0] and "rho" not in given.notes[0] and "E (" not in given.notes[0]
+    options = read_trajectories(path, density=500.0, youngs_modulus=2e4, poisson_ratio=0.1)
+    assert options.material.source == "given by the user: density, youngs_modulus, poisson_ratio" and options.notes == ()
+    preset = read_trajectories(path, find("rubber"), density=500.0)
+    assert preset.material.source == f"{find('rubber').source}; given by the user: density"
+    assert preset.notes == ("The material rubber replaces what the file says: E.",)
+    whole = read_trajectories(write(tmp_path / "t.npz", rho=1.0, E=1.0, nu=0.1, yield_stress=2.0), gravity=(0.0, 0.0, -1.0))
+    assert whole.material.source == "from the trajectory file: density, youngs_modulus, poisson_ratio, yield_stress"
+    assert whole.notes == () and whole.gravity == (0.0, 0.0, -1.0)
+
+
+def test_assumptions_and_visible_reach_the_result_and_the_report(tmp_path: Path) -> None:
+    visible = np.ones((6, 27), dtype=bool)
+    visible[3:5, 20] = False
+    path = write(tmp_path / "t.npz", x=np.where(visible[..., None], FALL, np.nan), visible=visible, sigma=1e-4, pinned=np.zeros(27))
+    told: list[dict[str, Any]] = []
+    arguments = parser().parse_args(["recover-trajectories", str(path), "--take", str(tmp_path / "t.take"), "--density", "100"])
+    for _ in range(2):  # the second time, the take has it all
+        result = VERBS["recover-trajectories"](arguments, Progress(told.append))
+        report = json.loads((tmp_path / "t.take" / "report.json").read_text())
+        assert result["notes"] == report["notes"]
+        for words in ("pinned is not read", "lacks E (100000 Pa), nu (0.3)", "no gravity"):
+            assert sum(words in note for note in result["notes"]) == 1
+            assert any(words in message["message"] for message in told if message["type"] == "warning")
+        assert report["material"]["source"] == "assumed: youngs_modulus, poisson_ratio; given by the user: density"
+    force = np.array(report["mean_net_force"]) / report["mass"]
+    np.testing.assert_allclose(force, [0.0, 0.0, -9.8], atol=0.3)
+
+
+@pytest.mark.parametrize("key", ["fps", "rho", "yield_stress", "sigma"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_number_that_is_not_finite_is_named(tmp_path: Path, key: str, value: float) -> None:
+    with pytest.raises(UsageError, match=f"{key} is {value}, which is not finite") as caught:
+        read_trajectories(write(tmp_path / "t.npz", **{key: value}))
+    assert "shape" not in caught.value.message
+
+
+def test_an_array_of_objects_is_named(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="x cannot be read") as caught:
+        read_trajectories(write(tmp_path / "t.npz", x=FALL.astype(object)))
+    assert "dtype must be a plain number type" in caught.value.hint
 
 
 @pytest.mark.parametrize("content", [b"", b"garbage", b"PK\x03\x04garbage"])

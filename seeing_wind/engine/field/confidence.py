@@ -9,6 +9,8 @@ Confidence is the product of two factors:
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -26,20 +28,29 @@ FALL = 0.25
 FAR = 1e12
 """Metres beyond which nothing is known in any clip."""
 
+ZERO = np.zeros(3)
+
 
 class ConfidenceMap:
     """Support points with values, per frame.
 
     Args:
-        points: (T, K, 3) [m]; kept as float32, as in the file.
+        points: (T, K, 3) [m] from `origin`; kept as float32, as in the file.
         value: (T, K) signal to noise factor, 0..1.
         reach: distance [m] over which confidence falls off.
+        origin: (3,) [m], near the points: in map coordinates float32 would tell nothing finer than half a metre.
+
+    Raises:
+        ValueError: for shapes that do not fit, values outside 0..1, or a reach that is not positive and finite.
     """
 
-    def __init__(self, points: np.ndarray, value: np.ndarray, reach: float) -> None:
+    def __init__(self, points: np.ndarray, value: np.ndarray, reach: float, origin: np.ndarray = ZERO) -> None:
         self.points, self.value, self.reach = np.asarray(points, np.float32), np.asarray(value, np.float32), float(reach)
-        if self.points.shape != (*self.value.shape, 3) or not self.value.size or not self.reach > 0:
-            raise ValueError(f"confidence points {self.points.shape} and values {self.value.shape} do not fit")
+        self.origin = np.asarray(origin, np.float64)
+        if self.points.shape != (*self.value.shape, 3) or not self.value.size or self.origin.shape != (3,):
+            raise ValueError(f"confidence points {self.points.shape}, values {self.value.shape} and origin {self.origin.shape} do not fit")
+        if not 0 < self.reach < np.inf or not ((self.value >= 0) & (self.value <= 1)).all():
+            raise ValueError(f"confidence values outside 0..1, or a reach of {self.reach} m")
         self._trees: dict[int, cKDTree] = {}
 
     def at(self, points: np.ndarray, frame: int) -> np.ndarray:
@@ -48,7 +59,7 @@ class ConfidenceMap:
             self._trees[frame] = cKDTree(self.points[frame].astype(np.float64))
         count = min(NEIGHBOURS, self.value.shape[1])
         # Squared distances beyond 1e150 overflow, and the tree then finds nobody.
-        distance, index = self._trees[frame].query(np.clip(points, -FAR, FAR), k=count)
+        distance, index = self._trees[frame].query(np.clip(points, -FAR, FAR) - self.origin, k=count)
         distance, index = distance.reshape(len(points), count), index.reshape(len(points), count)
         nearest = distance[:, :1]
         # relative to the nearest, so that far away the weights do not all vanish
@@ -59,7 +70,13 @@ class ConfidenceMap:
 
     def tensors(self) -> dict[str, np.ndarray]:
         """What the field's file must hold besides `reach`."""
-        return {"confidence.points": self.points, "confidence.value": self.value}
+        return {"confidence.points": self.points, "confidence.value": self.value, "confidence.origin": self.origin}
+
+    @classmethod
+    def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str]) -> Self:
+        """The map of a field's file. Raises KeyError or ValueError for what is missing or does not fit."""
+        origin = tensors.get("confidence.origin", ZERO)  # files of version 1 have none
+        return cls(tensors["confidence.points"], tensors["confidence.value"], float(metadata["reach"]), origin)
 
 
 def confidence_map(recovery: Recovery, particles: Particles) -> ConfidenceMap:
@@ -72,7 +89,8 @@ def confidence_map(recovery: Recovery, particles: Particles) -> ConfidenceMap:
     value = signal / (signal + 3 * recovery.deviation**2 + np.finfo(float).tiny)
     # supports are sparser than particles, so their reach covers the gaps between them
     gap = float(cKDTree(x[0][chosen]).query(x[0])[0].max())
-    return ConfidenceMap(x[:, chosen], value[:, chosen], 2 * max(particles.spacing, gap))
+    origin = x[0].mean(axis=0)
+    return ConfidenceMap(x[:, chosen] - origin, value[:, chosen], 2 * max(particles.spacing, gap), origin)
 
 
 def farthest_points(x: np.ndarray, count: int) -> np.ndarray:

@@ -13,8 +13,8 @@ from safetensors.numpy import save
 
 from ..errors import TakeError, UsageError
 
-VERSION = 1
-"""Version of the field file."""
+VERSION = 2
+"""Version of the field file. 2: the confidence's points count from an origin; files of version 1 are read, too."""
 
 UNITS = "N/m3"
 

@@ -58,6 +58,9 @@ class ForceFieldNeural(ForceField):
         module: float32 weights; evaluated in double precision.
         scale: force density [N/m³] of a normalised force of one.
         confidence: where the field can be trusted.
+
+    Raises:
+        ValueError: for a scale that is not finite; else as `ForceField`.
     """
 
     module_class: ClassVar[type[NeuralModule]]
@@ -66,6 +69,8 @@ class ForceFieldNeural(ForceField):
         super().__init__(box, fps, frames)
         self.module = module.double().requires_grad_(False)
         self.scale, self.confidence = float(scale), confidence
+        if not np.isfinite(self.scale):
+            raise ValueError(f"a scale of {scale} N/m³")
 
     def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
         with torch.no_grad():
@@ -95,5 +100,5 @@ class ForceFieldNeural(ForceField):
         module = cls.module_class(frames=frames, **json.loads(metadata["shape"]))  # type: ignore[call-arg]
         weights = {key.removeprefix("module."): torch.from_numpy(value) for key, value in tensors.items() if key.startswith("module.")}
         module.load_state_dict(weights)
-        confidence = ConfidenceMap(tensors["confidence.points"], tensors["confidence.value"], float(metadata["reach"]))
+        confidence = ConfidenceMap.from_file(tensors, metadata)
         return cls(box, fps, frames, module, float(metadata["scale"]), confidence)

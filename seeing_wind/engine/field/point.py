@@ -48,5 +48,5 @@ class ForceFieldPoint(ForceField):
 
     @classmethod
     def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
-        confidence = ConfidenceMap(tensors["confidence.points"], tensors["confidence.value"], float(metadata["reach"]))
+        confidence = ConfidenceMap.from_file(tensors, metadata)
         return cls(box, fps, frames, tensors["x"], tensors["force_density"], confidence)

@@ -95,7 +95,7 @@ def export_field(
         The files written.
 
     Raises:
-        UsageError: for an unknown format, and for VDB, whose library cannot be had here.
+        UsageError: for an unknown format or a path without a name, and for VDB, whose library cannot be had here.
         TakeError: when `out` cannot be written.
     """
     if kind not in FORMATS:
@@ -108,6 +108,8 @@ def export_field(
     progress = progress or NoProgress()
     out, (points, shape) = Path(out), lattice(field.box, nodes)
     if kind == "npz":
+        if not out.name:
+            raise UsageError(f"'{out}' is no file's name.", "Give --out a path such as field.npz.")
         values = sample_points(field, np.broadcast_to(points, (field.frames, *points.shape)), None, progress)
         name = out.name if out.suffix == ".npz" else out.name + ".npz"
         arrays = {"points": points, "shape": np.array(shape), "force_density": values[0], "confidence": values[1]}

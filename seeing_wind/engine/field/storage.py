@@ -6,6 +6,7 @@ import json
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
 from safetensors import SafetensorError, safe_open
 
 from ..errors import TakeError, UsageError
@@ -25,7 +26,7 @@ def load_field(path: str | PathLike[str]) -> ForceField:
     """Read a field that `ForceField.save` wrote. Nothing in the file can execute code.
 
     Raises:
-        TakeError: when the file is missing, damaged, incomplete, or of another version.
+        TakeError: when the file is missing, damaged, incomplete, of another version, or holds numbers that are not finite.
     """
     path = Path(path)
     again = "Run `recover` for this take again."
@@ -35,12 +36,15 @@ def load_field(path: str | PathLike[str]) -> ForceField:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}
-    except (OSError, SafetensorError, ValueError) as error:
+    except (OSError, SafetensorError, ValueError, TypeError, AttributeError) as error:  # the last two: number types that NumPy lacks
         raise TakeError(f"{path} is no readable field: {error}.", again) from error
     try:
         name, version, units = metadata["representation"], int(metadata["version"]), metadata["units"]
         if version > VERSION or units != UNITS or name not in REPRESENTATIONS:
             raise ValueError(f"representation {name}, version {version}, units {units}")
+        for key, tensor in tensors.items():
+            if not np.isfinite(tensor).all():
+                raise ValueError(f"{key} holds numbers that are not finite")
         box, fps, frames = json.loads(metadata["box"]), float(metadata["fps"]), int(metadata["frames"])
         return REPRESENTATIONS[name].from_file(tensors, metadata, box, fps, frames)
     except (KeyError, ValueError, TypeError, RuntimeError, UsageError) as error:

@@ -71,8 +71,12 @@ def check(values: np.ndarray, visible: np.ndarray, width: int, attachment: Attac
             f"Targets {values.shape}, visible {visible.shape} and attachment {attachment.index.shape} do not belong together.",
             f"Expected (T+1,K,{width}), (T+1,K) and (K,J).",
         )
-    if len(visible) < 3:
-        raise ObjectError(f"{len(visible)} pictures show no acceleration.", "Give a clip of at least three pictures.")
+    if visible.dtype != bool:
+        raise UsageError(f"What is visible is of dtype {visible.dtype}.", "Give bool: True where a target is seen.")
+    shown = np.count_nonzero(visible.any(axis=1))
+    if shown < 3:
+        what = f"{shown} pictures" if shown == len(visible) else f"{shown} pictures in which something is visible"
+        raise ObjectError(f"{what} show no acceleration.", "Give a clip that shows the object in at least three pictures.")
     if not np.isfinite(values[visible]).all():
         raise UsageError("A target that is marked visible is not a number.", "Mark it not visible, or give its position.")
     if attachment.index.min(initial=0) < 0 or attachment.index.max(initial=0) >= particles:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..errors import UsageError
 from ..records import Particles, PointTargets
 from .basis import spatial_basis
 from .channels import PLASTIC_FACTOR, attachment_matrix, check, first_speed, mismatch_covariance, noise_of, second_derivative
@@ -23,24 +24,29 @@ WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
 
 @dataclass(frozen=True)
 class PointChannels:
-    """Smooth displacement modes of points in 3D; channel 3 m + i is component i of mode m."""
+    """Smooth displacement modes of points in 3D; channel 3 m + i is component i of mode m, in `frame`."""
 
     operator: np.ndarray
     """(T+1, modes, N): particles -> mode amplitudes, least squares over the points seen at that picture."""
     points: np.ndarray
     """(K, N): particles -> points."""
     observed: np.ndarray
-    """(T+1, modes, 3) amplitudes of the observed points [m]."""
+    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes."""
     targets: PointTargets
+    """What was observed, wild points marked as not visible."""
+    wild: np.ndarray
+    """(T+1, K) bool, observed but wild."""
     used: np.ndarray
     sigma: np.ndarray
-    """(modes,) noise of one amplitude [m]."""
+    """(channels,) noise of one amplitude [m]."""
     mismatch: np.ndarray
     """(T+1, T+1) covariance shared by all channels."""
     inflation: np.ndarray
     """(T+1, channels) factor >= 1 on the noise variance."""
     turned: np.ndarray
-    """(T+1, 3, 3) how the body has turned since picture 0, as the points show it."""
+    """(T+1, 3, 3) how the body has turned since picture 0, as the points show it; in `frame`."""
+    frame: np.ndarray
+    """(3, 3) axes of the channels in its columns: those in which the points' errors are independent."""
     mismatch_scale: float = 1.0
     """Factor on the mismatch's standard deviation."""
 
@@ -50,17 +56,18 @@ class PointChannels:
 
     def residual(self, x: np.ndarray, frame: int) -> np.ndarray:
         amplitudes = np.tensordot(x, self.operator[frame], axes=([1], [1]))  # (B, 3, modes)
-        difference = amplitudes.transpose(0, 2, 1) - self.observed[frame]
+        difference = (amplitudes.transpose(0, 2, 1) - self.observed[frame]) @ self.frame
         return difference.reshape(len(x), -1) * self.used[frame]
 
     def covariance(self, channel: int) -> np.ndarray:
         """(T+1, T+1) [m²] of a channel's errors over the pictures: noise, that of picture 0 included, and the solver's mismatch."""
-        noise = self.sigma[channel // 3] ** 2
+        mode, component = divmod(channel, 3)
         marginal = np.sqrt(self.inflation[:, channel])
         # Picture 0 is where the body was built from: its noise is in every displacement, turned with the body.
-        first = self.turned[:, channel % 3]
+        first = self.turned[:, component] * self.sigma[3 * mode : 3 * mode + 3]
         mismatch = self.mismatch_scale**2 * self.mismatch
-        return (noise * np.eye(len(marginal)) + mismatch) * np.outer(marginal, marginal) + noise * (first @ first.T)
+        noise = self.sigma[channel] ** 2 * np.eye(len(marginal))
+        return (noise + mismatch) * np.outer(marginal, marginal) + first @ first.T
 
     def variances(self) -> tuple[float, float]:
         """Of one amplitude in one picture [m²]: noise, of the middle mode, and mismatch."""
@@ -99,13 +106,15 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     modes = np.ones((count, 1)) if spread < 0.1 * particles.spacing else spatial_basis(start, np.ones(count), MODES).phi
     modes = modes[:, : max(1, int(targets.visible.sum(axis=1).max()) // 2)]
 
-    visible = targets.visible & ~wild(targets, start, modes, particles.spacing)
+    astray = wild(targets, start, modes, particles.spacing)
+    targets = replace(targets, visible=targets.visible & ~astray)
+    weight = _weights(targets, count)
     operator, observed = np.zeros((pictures, modes.shape[1], len(particles.x))), np.zeros((pictures, modes.shape[1], 3))
     used = np.zeros((pictures, modes.shape[1]), bool)
-    for t, seen in enumerate(visible):
+    for t, seen in enumerate(targets.visible):
         fitted = min(modes.shape[1], int(seen.sum()))
         if fitted:  # fewer points than modes still tell of the smoothest ones
-            inverse = np.linalg.pinv(modes[seen, :fitted], rcond=1e-3)
+            inverse = _inverse(modes[seen, :fitted], weight[seen])
             operator[t, :fitted] = inverse @ points[seen]
             observed[t, :fitted] = inverse @ targets.x[t, seen]
             used[t, :fitted] = t > 0
@@ -113,14 +122,52 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     held = bool(particles.pinned.any())
     factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held else 1.0)
     mismatch = mismatch_covariance(pictures, white, slow, MISMATCH_SPACINGS_TAU, factor)
-    if targets.sigma is not None:
-        sigma = np.full(modes.shape[1], targets.sigma / np.sqrt(count))
+    frame = np.eye(3)
+    if targets.covariance is not None:
+        frame, sigma = _propagated(targets.covariance, _inverse(modes, weight))
+    elif targets.sigma is not None:
+        sigma = np.full(3 * modes.shape[1], targets.sigma / np.sqrt(count))
     else:
         whole = np.flatnonzero(used[1:].all(axis=1)) + 1
-        sigma = np.array([noise_of(observed[whole, m]) for m in range(modes.shape[1])])
+        sigma = np.repeat([noise_of(observed[whole, m]) for m in range(modes.shape[1])], 3)
     inflation = np.ones((pictures, 3 * modes.shape[1]))
-    turned = rotations(targets.x, visible)
-    return PointChannels(operator, points, observed, targets, np.repeat(used, 3, axis=1), sigma, mismatch, inflation, turned)
+    turned = frame.T @ rotations(targets.x, targets.visible) @ frame
+    used = np.repeat(used, 3, axis=1)
+    return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame)
+
+
+def _weights(targets: PointTargets, count: int) -> np.ndarray:
+    """(K,) how much each point counts: less, the larger its errors are said to be.
+
+    Raises:
+        UsageError: a sigma or a covariance that is none.
+    """
+    sigma, covariance = targets.sigma, targets.covariance
+    if sigma is not None and (np.ndim(sigma) != 0 or not 0.0 <= sigma < np.inf):
+        raise UsageError(f"The noise of the points, sigma, is {sigma}.", "Give one number [m], zero or more, or none: it is measured.")
+    if covariance is None:
+        return np.ones(count)
+    if covariance.shape != (count, 3, 3) or not np.isfinite(covariance).all():
+        raise UsageError(f"Covariances {covariance.shape} of {count} points.", f"Give finite ones ({count}, 3, 3) in square metres.")
+    if not np.allclose(covariance, covariance.transpose(0, 2, 1)) or not (np.linalg.eigvalsh(covariance) > 0.0).all():
+        raise UsageError("A point's covariance is not symmetric and positive definite.", "Give every direction some uncertainty.")
+    return 1.0 / np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+
+
+def _inverse(modes: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(M, K): displacements of points -> amplitudes of modes (K, M), least squares with weights (K,)."""
+    return np.linalg.pinv(weight[:, None] * modes, rcond=1e-3) * weight
+
+
+def _propagated(covariance: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of amplitudes = inverse (M, K) points, from the points' covariance (K, 3, 3) [m²].
+
+    Returns:
+        axes (3, 3), in columns, those of the mean covariance, as of one camera's depth; deviations (3 M,) [m] along them.
+    """
+    frame = np.linalg.eigh(covariance.mean(axis=0))[1]
+    amplitudes = np.einsum("mk,kij->mij", inverse**2, covariance)
+    return frame, np.sqrt(np.einsum("ia,mij,ja->ma", frame, amplitudes, frame)).ravel()
 
 
 def rotations(x: np.ndarray, visible: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ from .beliefs import Expected
 from .objective import Channels, Objective
 from .point_channels import PointChannels, point_channels
 from .posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .remarks import force_remarks, held_remarks, motion_remarks
+from .remarks import force_remarks, held_remarks, motion_remarks, wild_remarks
 from .stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .track_channels import TrackChannels, track_channels
 from .window import FULL_KNOT, Found, WindowSolver
@@ -99,7 +99,7 @@ def recover(
         material = replace(material, law="corotated")
     model, model_notes = model_for(
         particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth,
-        speed=min([DEFAULT_SPEED, *(HASTE * _fastest(one, fps) for one in sources if isinstance(one, PointTargets))]),
+        speed=min([DEFAULT_SPEED, *(HASTE * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
     )  # fmt: skip
     stiffness = Stiffness(free=is_free(particles, model, settings))
     clip = _Clip(particles, model, Objective(channels), fps, settings, progress, notes + model_notes, stiffness)
@@ -116,14 +116,16 @@ def _fastest(targets: PointTargets, fps: float) -> float:
 def _check(particles: Particles, fps: float) -> None:
     if not (np.isfinite(particles.x).all() and np.isfinite(particles.volume).all() and (particles.volume > 0.0).all()):
         raise ObjectError("A particle of the body has no finite position or no volume.", "Build the body again.")
+    if not 0.0 < particles.spacing < np.inf:
+        raise ObjectError(f"The particles' spacing is {particles.spacing} m.", "Build the body again.")
     if particles.pinned.all():
-        raise ObjectError("All particles of the body are held: nothing can move.", "Paint a smaller region to hold.")
+        raise ObjectError("All particles of the body are held: nothing can move.", "Paint a smaller region, or mark fewer as fixed.")
     if not fps > 0.0:
         raise UsageError(f"{fps} pictures per second.", "Give the clip's frame rate with --fps.")
     if len(particles.x) > 1:
         distance = cKDTree(particles.x).query(particles.x, k=2)[0][:, 1]
         if (distance < 1e-3 * particles.spacing).any():
-            raise ObjectError("Some particles of the body are in the same place as another.", "Build the body again.")
+            raise ObjectError("Some particles of the body are in the same place as another.", "Give each a place of its own.")
 
 
 def windows(frames: int) -> list[tuple[int, int]]:
@@ -244,6 +246,7 @@ class _Clip:
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
         residual = self.objective.root_mean_square(x)
         self.notes += motion_remarks(self.particles, x, residual, views) + held_remarks(self.particles, self.objective.channels)
+        self.notes += wild_remarks(self.objective.channels)
         acceleration = np.concatenate([one.acceleration for one in kept])
         if not self.particles.pinned.any():
             self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..records import Particles
 from .objective import Channels
+from .point_channels import PointChannels
 from .track_channels import TrackChannels
 
 UNEXPLAINED = 0.1
@@ -29,12 +30,13 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     notes = []
     moved = np.linalg.norm(x - x[0], axis=-1).max()
     radius = np.linalg.norm(particles.x - particles.x.mean(axis=0), axis=1).max()
-    if moved < STILL * max(radius, particles.spacing):
-        notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
     far, peak = float(np.median(residual[1:])), int(residual.argmax())
-    if not views and far > UNEXPLAINED * moved:
+    small = STILL * max(radius, particles.spacing)
+    if moved < small and (views or far < small):
+        notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
+    elif not views and far > UNEXPLAINED * moved:
         notes.append(
-            f"The simulated body stays {1000 * far:.2g} mm (median) off points that move by {1000 * moved:.2g} mm: no force that was "
+            f"The simulated body moves by {1000 * moved:.2g} mm and stays {1000 * far:.2g} mm (median) off the points: no force that was "
             "found explains the motion. Check units, axes and the material."
         )
     if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
@@ -57,6 +59,16 @@ def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: 
         return []
     alone = "only the given gravity" if np.any(gravity) else "no force"
     return [f"The body moves as if {alone} acted on it: the force found is {density * size:.2g} N/m³, and so little is not known well."]
+
+
+def wild_remarks(channels: Sequence[Channels]) -> list[str]:
+    """On points that were left out, as they do not move with the others."""
+    astray = [one.wild for one in channels if isinstance(one, PointChannels) and one.wild.any()]
+    return [
+        f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some pictures "
+        f"({np.count_nonzero(wild.any(axis=1))} of {len(wild)}) and are left out there."
+        for wild in astray
+    ]
 
 
 def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str]:

@@ -133,6 +133,8 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
         UsageError, ObjectError: as `point_channels`.
     """
     check(targets.xy, targets.visible, 2, targets.attachment, len(particles.x))
+    if targets.sigma.shape != targets.visible.shape or not np.isfinite(targets.sigma[targets.visible]).all():
+        raise UsageError("The tracks' sigma is not a finite number of pixels for every track and picture.", "Give (T+1, K).")
     if not (targets.sigma[targets.visible] > 0.0).all():
         raise UsageError("A track has no positive standard deviation.", "Give sigma (T+1,K) in pixels, about 0.2 for a good tracker.")
     visible = targets.visible & ~edge_on(targets.xy, targets.visible)

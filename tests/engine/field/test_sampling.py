@@ -86,6 +86,8 @@ def test_formats_that_cannot_be_written(known_wind, tmp_path):
     with pytest.raises(UsageError, match="OpenVDB"):
         export_field(known_wind, "vdb", tmp_path / "x")
     assert not (tmp_path / "x").exists()
+    with pytest.raises(UsageError, match="no file's name"):
+        export_field(known_wind, "npz", ".")
 
 
 def test_points_at_the_end_of_the_world_have_no_confidence(tmp_path):

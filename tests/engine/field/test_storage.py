@@ -6,6 +6,8 @@ import json
 
 import numpy as np
 import pytest
+import safetensors.torch
+import torch
 from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 
@@ -70,6 +72,8 @@ CONTRADICTIONS = [
     {"fps": "0"},
     {"fps": None},
     {"scale": None},
+    {"scale": "nan"},
+    {"reach": "inf"},
     {"shape": '{"nodes": [[5,5,5]]}'},
     {"shape": '{"surprise": 1}'},
 ]
@@ -98,6 +102,72 @@ def test_missing_tensors(fields, tmp_path, name, missing):
     save_file({key: value for key, value in load_file(path).items() if key != missing}, path, metadata)
     with pytest.raises(TakeError):
         load_field(path)
+
+
+NUMBERS = [
+    ("causal_triplane", "module.decoder.2.bias", np.nan),
+    ("causal_triplane", "module.planes.table", -np.inf),
+    ("kplanes", "confidence.value", np.nan),
+    ("kplanes", "confidence.value", 1.5),
+    ("causal_triplane", "confidence.points", np.inf),
+    ("causal_triplane", "confidence.origin", np.nan),
+    ("point", "force_density", np.nan),
+    ("analytic", "amplitude", np.nan),
+]
+
+
+@pytest.mark.parametrize("name, key, value", NUMBERS)
+def test_numbers_that_cannot_be(fields, tmp_path, name, key, value):
+    path = tmp_path / "field.safetensors"
+    fields[name].save(path)
+    with safe_open(path, framework="numpy") as file:
+        metadata = file.metadata()
+    tensors = load_file(path)
+    tensors[key].flat[-1] = value
+    save_file(tensors, path, metadata)
+    with pytest.raises(TakeError, match=key if not np.isfinite(value) else "outside 0..1"):
+        load_field(path)
+
+
+@pytest.mark.parametrize("kind", [torch.bfloat16, torch.float8_e4m3fn])
+def test_number_types_that_numpy_lacks(known_wind, tmp_path, kind):
+    path = tmp_path / "field.safetensors"
+    known_wind.save(path)
+    with safe_open(path, framework="pt") as file:
+        tensors, metadata = {key: file.get_tensor(key) for key in file.keys()}, file.metadata()
+    safetensors.torch.save_file(tensors | {"phase": tensors["phase"].to(kind)}, path, metadata)
+    with pytest.raises(TakeError, match="no readable field"):
+        load_field(path)
+
+
+@pytest.mark.parametrize("name", ["causal_triplane", "kplanes", "point"])
+def test_a_file_of_the_first_version_samples_the_same(fields, tumbling, tmp_path, name):
+    """Its confidence's points are world positions in float32, without an origin."""
+    field, path = fields[name], tmp_path / "field.safetensors"
+    field.save(path)
+    with safe_open(path, framework="numpy") as file:
+        metadata = file.metadata()
+    tensors = load_file(path)
+    tensors["confidence.points"] = (tensors["confidence.points"] + tensors.pop("confidence.origin")).astype(np.float32)
+    save_file(tensors, path, {**metadata, "version": "1"})
+    again, x = load_field(path), np.concatenate([tumbling[0].x[1], tumbling[0].x[1] + 0.03])
+    assert np.array_equal(again.sample(x, 1)[0], field.sample(x, 1)[0])
+    assert np.allclose(again.sample(x, 1)[1], field.sample(x, 1)[1], atol=1e-4)
+    again.save(path)
+    assert np.array_equal(load_field(path).sample(x, 1)[1], again.sample(x, 1)[1])
+
+
+@pytest.mark.parametrize("name", ["causal_triplane", "kplanes", "point"])
+def test_a_field_in_map_coordinates_is_the_same_field(fields, tumbling, hasty, tmp_path, name):
+    """float32 has steps of half a metre there, more than the body's size."""
+    recovery, field, away = tumbling[0], fields[name], np.array([500000.0, 4649776.0, 100.0])
+    moved = distill(*recovery_of(recovery.force_density[:2], recovery.x[:3] + away), FPS, name)
+    moved.save(tmp_path / "field.safetensors")
+    points = np.concatenate([recovery.x[1], recovery.x[1] + [0.0, 0.05, 0.0]])
+    for there in (moved, load_field(tmp_path / "field.safetensors")):
+        for want, got in zip(field.sample(points, 1), there.sample(points + away, 1)):
+            assert np.abs(want - got).max() < 1e-5 * np.abs(want).max()
+        assert there.sample(recovery.x[1] + away, 1)[1].min() > 0.99
 
 
 def test_a_folder_that_is_not_there(known_wind, tmp_path):
