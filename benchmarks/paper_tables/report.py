@@ -54,7 +54,7 @@ OLDER = "Rows with an asterisk were run with an earlier state of the engine."
 
 def write_report(out: Path, rows: list[dict]) -> str:
     """Write tables.md, tables.json and figures into `out`; returns the Markdown."""
-    parts = [HEAD] + ([OLDER] if any(map(_older, rows)) else [])
+    parts = [HEAD.rstrip()] + ([OLDER] if any(map(_older, rows)) else [])
     for table, title in TITLES.items():
         own = [row for row in rows if row["row"]["table"] == table]
         if not own:

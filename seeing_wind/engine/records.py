@@ -208,7 +208,8 @@ class PointTargets:
     sigma: float | None = None
     """Standard deviation [m] per coordinate, or None to estimate it from the data."""
     covariance: np.ndarray | None = None
-    """(K, 3, 3) [m²] of every point's errors, the same in all pictures, in the place of `sigma`: depth is seen less well than place."""
+    """(K, 3, 3) [m²] of every point's errors, the same in all pictures, in the place of `sigma`: depth is seen less well than place.
+    Where the data show more noise than that, theirs counts."""
 
 
 @dataclass(frozen=True)

@@ -122,14 +122,16 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     held = bool(particles.pinned.any())
     factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held else 1.0)
     mismatch = mismatch_covariance(pictures, white, slow, MISMATCH_SPACINGS_TAU, factor)
-    frame = np.eye(3)
+    frame, whole = np.eye(3), observed[1:][used[1:].all(axis=1)]
     if targets.covariance is not None:
         frame, sigma = _propagated(targets.covariance, _inverse(modes, weight))
+        # A covariance of each point alone knows nothing of errors that neighbours share; what is measured does.
+        measured = [noise_of(series) for series in (whole @ frame).reshape(len(whole), -1).T]
+        sigma = np.maximum(sigma, measured)
     elif targets.sigma is not None:
         sigma = np.full(3 * modes.shape[1], targets.sigma / np.sqrt(count))
     else:
-        whole = np.flatnonzero(used[1:].all(axis=1)) + 1
-        sigma = np.repeat([noise_of(observed[whole, m]) for m in range(modes.shape[1])], 3)
+        sigma = np.repeat([noise_of(whole[:, m]) for m in range(modes.shape[1])], 3)
     inflation = np.ones((pictures, 3 * modes.shape[1]))
     turned = frame.T @ rotations(targets.x, targets.visible) @ frame
     used = np.repeat(used, 3, axis=1)
