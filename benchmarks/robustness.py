@@ -45,6 +45,15 @@ def wild_points(source: Trajectories) -> Trajectories:
     return replace(source, targets=replace(source.targets, x=x))
 
 
+def slipped_points(source: Trajectories) -> Trajectories:
+    """A tenth of the points jumps 5 cm aside in the middle of the clip, each its own way, and rides on from there."""
+    rng, x = np.random.default_rng(0), source.targets.x.copy()
+    lost = rng.random(x.shape[1]) < 0.1
+    aside = rng.standard_normal((int(lost.sum()), 3))
+    x[len(x) // 2 :, lost] += 0.05 * aside / np.linalg.norm(aside, axis=1)[:, None]
+    return replace(source, targets=replace(source.targets, x=x))
+
+
 def a_third_unseen(source: Trajectories) -> Trajectories:
     """The third of the body at one end of its longest axis is never seen."""
     rest = source.particles.x
@@ -61,6 +70,7 @@ CASES: dict[str, tuple[Variant, float]] = {
     "density x 1.5": (density(1.5), 1.5),
     "density / 1.5": (density(1.0 / 1.5), 1.0 / 1.5),
     "10 % of the points wild": (wild_points, 1.0),
+    "10 % of the points slip and stay": (slipped_points, 1.0),
     "a third of the body unseen": (a_third_unseen, 1.0),
 }
 
