@@ -209,7 +209,7 @@ class PointTargets:
     """Standard deviation [m] per coordinate, or None to estimate it from the data."""
     covariance: np.ndarray | None = None
     """(K, 3, 3) [m²] of every point's errors, the same in all pictures, in the place of `sigma`: depth is seen less well than place.
-    Where the data show more noise than that, theirs counts."""
+    Where neighbouring pictures differ by more, which is noise that points share or a motion too fast to tell from it, that counts."""
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,8 @@ R = TypeVar("R")
 VERSION = 10
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
-SOLVED = "solve.npz"
-"""A solve whose field is not there yet."""
+SOLVED, FITTED = "solve.npz", "fitted.safetensors"
+"""A solve whose field is not there yet, and that field for the moment before both take their places."""
 
 FILES = ("mask", "tracks", "depth", "camera", "pin")
 """Fields of `ObserveSettings` that are paths of files."""
@@ -122,13 +122,14 @@ def recover_stage(
     from .recovery import recover, recover_by_descent, refine
 
     stamp = stamp_of("recover", VERSION, upstream, settings)
-    kept = _kept(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
-    if kept is not None:
-        return *kept, {}
-    seconds: dict[str, float] = {}
     # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it. Until the field is
-    # there, it has a file of its own, too: a trajectory belongs to the field beside it.
+    # there, it has a file of its own, too: a trajectory belongs to the field beside it. Engines before that left another solve's there.
     solved = stamp_of("recover", VERSION, upstream, dataclasses.replace(settings, refine=0))
+    if take.file(SOLVED).is_file() or take.is_done("solve", solved):
+        kept = _kept(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
+        if kept is not None:
+            return *kept, {}
+    seconds: dict[str, float] = {}
     recovery = _kept(take, "solve", solved, lambda: _read_solve(take), progress)
     if recovery is None:
         progress.begin("recover", "recovering the force")
@@ -156,11 +157,13 @@ def recover_stage(
         if refined.before:
             off = f"{1e3 * refined.after:.3g} mm ({1e3 * refined.before:.3g} mm before)"
             progress.update(1.0, f"the field's own simulation strays {off} from the recovered motion")
-    with take.writing("field.safetensors") as path:
+    with take.writing(FITTED) as path:
         field.save(path)
-        take.withdraw("recover")
-        if take.file(SOLVED).is_file():
-            os.replace(take.file(SOLVED), take.file("trajectory.npz"))
+    # From here on two files are renamed, and nothing is written that a full disk could stop.
+    take.withdraw("recover")
+    if take.file(SOLVED).is_file():
+        os.replace(take.file(SOLVED), take.file("trajectory.npz"))
+    os.replace(take.file(FITTED), take.file("field.safetensors"))
     take.finish("recover", stamp, to_mapping(settings))
     return recovery, field, seconds
 

@@ -165,7 +165,8 @@ class Take:
     def withdraw(self, stage: str) -> None:
         """Take back a stage's stamp, before its files are replaced: a job that ends in between leaves none that is wrong."""
         description = self.description()
-        if description.get("stages", {}).pop(stage, None) is not None:
+        if stage in description.get("stages", {}):
+            description["stages"][stage]["stamp"] = ""
             self._describe(description)
 
     def _describe(self, description: dict[str, Any]) -> None:

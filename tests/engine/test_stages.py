@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from seeing_wind.engine.errors import TakeError
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Material, Recovery
 from seeing_wind.engine.settings import ObserveSettings
-from seeing_wind.engine.stages import SOLVED, observation_stamp, read_recovery, recover_stage
-from seeing_wind.engine.take import Take, stamp_of
+from seeing_wind.engine.stages import FITTED, SOLVED, observation_stamp, read_recovery, recover_stage
+from seeing_wind.engine.take import Take, stamp_of, to_arrays
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
 
 
@@ -82,4 +84,43 @@ def test_a_job_cancelled_while_the_field_is_fitted_leaves_the_last_field_and_its
     assert not any("iteration" in event["message"] for event in events if event["stage"] != "distill")
     np.testing.assert_allclose(again.force_density.mean(axis=(0, 1)), 4.0 * first.force_density.mean(axis=(0, 1)), rtol=0.05, atol=20.0)
     np.testing.assert_array_equal(read_recovery(take).force_density, again.force_density)
-    assert not take.file(SOLVED).exists()
+    assert not take.file(SOLVED).exists() and not take.file(FITTED).exists()
+
+
+def test_a_disk_that_fills_up_while_the_field_is_written_leaves_the_last_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    body = plate((4, 4, 3))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 5)
+    take = Take(tmp_path / "leaf.take")
+    take.prepare()
+
+    def job(density: float) -> Recovery:
+        material = replace(RUBBER, density=density)
+        return recover_stage(take, body, material, points(body, x), FPS, stamp_of(density), WEIGHTLESS, NoProgress())[0]
+
+    first = job(400.0)
+    field = take.file("field.safetensors").read_bytes()
+
+    def full(*unused: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched, pytest.raises(TakeError, match="No space"):
+        patched.setattr("seeing_wind.engine.field.force_field.ForceField.save", full)
+        job(800.0)
+    assert take.file("field.safetensors").read_bytes() == field
+    np.testing.assert_array_equal(read_recovery(take).force_density, first.force_density)
+    np.testing.assert_array_equal(job(400.0).force_density, first.force_density)
+
+
+def test_a_take_that_an_older_engine_left_with_two_runs_in_it_is_done_again(tmp_path: Path) -> None:
+    body = plate((4, 4, 3))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 5)
+    take = Take(tmp_path / "leaf.take")
+    take.prepare()
+
+    def job() -> Recovery:
+        return recover_stage(take, body, RUBBER, points(body, x), FPS, stamp_of("one"), WEIGHTLESS, NoProgress())[0]
+
+    first = job()
+    take.write_arrays("trajectory.npz", to_arrays(replace(first, force_density=4.0 * first.force_density)))
+    take.finish("solve", "another", {})
+    np.testing.assert_array_equal(job().force_density, first.force_density)

@@ -21,6 +21,9 @@ MODES = 20
 WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
 """A point in 3D is wild when it misses the smooth motion of the others by more than so many medians and so many particle spacings."""
 
+LEAST_WEIGHT = 0.02
+"""Weight of the least certain point, relative to that of the most certain, at least."""
+
 
 @dataclass(frozen=True)
 class PointChannels:
@@ -31,7 +34,8 @@ class PointChannels:
     points: np.ndarray
     """(K, N): particles -> points."""
     observed: np.ndarray
-    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes."""
+    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes; where too few were seen, between those of the pictures
+    before and after."""
     targets: PointTargets
     """What was observed, wild points marked as not visible."""
     wild: np.ndarray
@@ -110,23 +114,24 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     targets = replace(targets, visible=targets.visible & ~astray)
     weight = _weights(targets, count)
     operator, observed = np.zeros((pictures, modes.shape[1], len(particles.x))), np.zeros((pictures, modes.shape[1], 3))
-    used = np.zeros((pictures, modes.shape[1]), bool)
+    known = np.zeros((pictures, modes.shape[1]), bool)
     for t, seen in enumerate(targets.visible):
         fitted = min(modes.shape[1], int(seen.sum()))
         if fitted:  # fewer points than modes still tell of the smoothest ones
             inverse = _inverse(modes[seen, :fitted], weight[seen])
             operator[t, :fitted] = inverse @ points[seen]
             observed[t, :fitted] = inverse @ targets.x[t, seen]
-            used[t, :fitted] = t > 0
+            known[t, :fitted] = True
+    observed = _between(observed, known)
     white, slow = (share * particles.spacing for share in MISMATCH_SPACINGS)
     held = bool(particles.pinned.any())
     factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held else 1.0)
     mismatch = mismatch_covariance(pictures, white, slow, MISMATCH_SPACINGS_TAU, factor)
-    frame, whole = np.eye(3), observed[1:][used[1:].all(axis=1)]
+    frame, whole = np.eye(3), observed[1:][_longest_run(known[1:].all(axis=1))]
     if targets.covariance is not None:
         frame, sigma = _propagated(targets.covariance, _inverse(modes, weight))
         # A covariance of each point alone knows nothing of errors that neighbours share; what is measured does.
-        measured = [noise_of(series) for series in (whole @ frame).reshape(len(whole), -1).T]
+        measured = [noise_of(series) for series in (whole @ frame).reshape(len(whole), len(sigma)).T]
         sigma = np.maximum(sigma, measured)
     elif targets.sigma is not None:
         sigma = np.full(3 * modes.shape[1], targets.sigma / np.sqrt(count))
@@ -134,8 +139,27 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
         sigma = np.repeat([noise_of(whole[:, m]) for m in range(modes.shape[1])], 3)
     inflation = np.ones((pictures, 3 * modes.shape[1]))
     turned = frame.T @ rotations(targets.x, targets.visible) @ frame
-    used = np.repeat(used, 3, axis=1)
+    used = np.repeat(known & (np.arange(pictures) > 0)[:, None], 3, axis=1)
     return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame)
+
+
+def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Amplitudes (T+1, modes, 3), those that are not known (T+1, modes) put between the nearest that are, in time."""
+    filled, time = observed.copy(), np.arange(len(observed))
+    for mode in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)):
+        at = np.flatnonzero(known[:, mode])
+        filled[:, mode] = np.stack([np.interp(time, at, series) for series in observed[at, mode].T], axis=1)
+    return filled
+
+
+def _longest_run(whole: np.ndarray) -> slice:
+    """The most pictures (T,) bool in a row: differences in time across a gap would be taken for noise."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], whole.astype(int), [0]])))
+    begins, ends = edges[::2], edges[1::2]
+    if not len(begins):
+        return slice(0, 0)
+    longest = int(np.argmax(ends - begins))
+    return slice(int(begins[longest]), int(ends[longest]))
 
 
 def _weights(targets: PointTargets, count: int) -> np.ndarray:
@@ -151,9 +175,12 @@ def _weights(targets: PointTargets, count: int) -> np.ndarray:
         return np.ones(count)
     if covariance.shape != (count, 3, 3) or not np.isfinite(covariance).all():
         raise UsageError(f"Covariances {covariance.shape} of {count} points.", f"Give finite ones ({count}, 3, 3) in square metres.")
-    if not np.allclose(covariance, covariance.transpose(0, 2, 1)) or not (np.linalg.eigvalsh(covariance) > 0.0).all():
+    slack = 1e-6 * float(np.abs(covariance).max())
+    if not np.allclose(covariance, covariance.transpose(0, 2, 1), rtol=0.0, atol=slack) or not (np.linalg.eigvalsh(covariance) > 0.0).all():
         raise UsageError("A point's covariance is not symmetric and positive definite.", "Give every direction some uncertainty.")
-    return 1.0 / np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    weight = 1.0 / np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    # Of points that hardly count, the least-squares fit would leave modes to chance.
+    return np.maximum(weight, LEAST_WEIGHT * weight.max())
 
 
 def _inverse(modes: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -30,7 +30,8 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     notes = []
     moved = np.linalg.norm(x - x[0], axis=-1).max()
     radius = np.linalg.norm(particles.x - particles.x.mean(axis=0), axis=1).max()
-    far, peak = float(np.median(residual[1:])), int(residual.argmax())
+    shown = residual[1:][residual[1:] > 0.0]  # nothing was seen in the others
+    far, peak = float(np.median(shown)) if len(shown) else 0.0, int(residual.argmax())
     small = STILL * max(radius, particles.spacing)
     if moved < small and (views or far < small):
         notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")

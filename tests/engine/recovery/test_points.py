@@ -70,6 +70,39 @@ def test_a_round_covariance_is_a_sigma():
     assert relative(other.force_density, one.force_density) < 0.02
 
 
+@pytest.mark.parametrize("errors", [{}, {"sigma": 2e-5}, {"covariance": np.tile(4e-10 * np.eye(3), (60, 1, 1))}])
+def test_a_picture_that_shows_nothing_tells_nothing(errors):
+    body, rng = plate((5, 4, 3)), np.random.default_rng(0)
+    x, force = blow(body, wind, 12, velocity=[2.0, 0.0, 0.0])
+    seen = points(body, x + 2e-5 * rng.normal(size=x.shape))
+    visible = seen.visible.copy()
+    visible[3] = False
+    hidden = replace(seen, x=np.where(visible[..., None], seen.x, np.nan), visible=visible)
+    channels = point_channels(body, replace(hidden, **errors), False)
+    assert channels.acceleration(body.x, FPS) == pytest.approx(point_channels(body, seen, False).acceleration(body.x, FPS), rel=0.2)
+    found = recover(body, RUBBER, replace(hidden, **errors), FPS, WEIGHTLESS, NoProgress())
+    assert relative(found.force_density, 400.0 * force) < 0.03
+
+
+def test_fewer_points_than_modes_in_all_pictures():
+    body = plate((4, 4, 4))
+    x, _ = blow(body, wind, 6)
+    visible = np.ones(x.shape[:2], bool)
+    visible[1:, 19:] = False
+    targets = replace(points(body, x), visible=visible, covariance=np.tile(1e-10 * np.eye(3), (64, 1, 1)))
+    assert np.isfinite(recover(body, RUBBER, targets, FPS, WEIGHTLESS, NoProgress()).force_density).all()
+
+
+def test_poor_points_do_not_count_as_good_ones():
+    body, rng = plate((4, 4, 4)), np.random.default_rng(0)
+    x, _ = blow(body, wind, 8)
+    sigma = np.where(np.arange(64) < 4, 1e-6, 3e-3)
+    shaken = x + sigma[:, None] * rng.normal(size=x.shape)
+    channels = point_channels(body, replace(points(body, shaken), covariance=sigma[:, None, None] ** 2 * np.eye(3)), False)
+    off = channels.residual(x[5][None], 5)[0] / channels.sigma
+    assert np.sqrt((off**2).mean()) < 1.5
+
+
 BODY = plate((4, 4, 3))
 STILL = np.repeat(BODY.x[None], 6, axis=0)
 ONE = np.eye(3) * 1e-8
@@ -83,6 +116,7 @@ ONE = np.eye(3) * 1e-8
         ({"sigma": np.eye(3)}, UsageError, "sigma"),
         ({"covariance": ONE}, UsageError, r"\(3, 3\)"),
         ({"covariance": np.tile(-ONE, (48, 1, 1))}, UsageError, "positive definite"),
+        ({"covariance": np.tile(1e-10 * np.array([[1, 0.9, 0], [0, 1, 0], [0, 0, 1]]), (48, 1, 1))}, UsageError, "symmetric"),
         ({"covariance": np.full((48, 3, 3), np.nan)}, UsageError, "Covariances"),
         ({"visible": np.ones((6, 48), int)}, UsageError, "int64"),
         ({"visible": np.arange(6)[:, None] % 5 + np.zeros((6, 48)) == 0}, ObjectError, "2 pictures"),
