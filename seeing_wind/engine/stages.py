@@ -159,7 +159,7 @@ def recover_stage(
             progress.update(1.0, f"the field's own simulation strays {off} from the recovered motion")
     with take.writing(FITTED) as path:
         field.save(path)
-    # From here on two files are renamed, and nothing is written that a full disk could stop.
+    # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
     take.withdraw("recover")
     if take.file(SOLVED).is_file():
         os.replace(take.file(SOLVED), take.file("trajectory.npz"))
