@@ -22,10 +22,7 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
         MissingPackage: when it has none.
         TakeError: when nothing was written.
     """
-    level = cv2.getLogLevel()
-    # OpenCV reports every codec it lacks as an error of its own
-    cv2.setLogLevel(0)
-    try:
+    with _quiet():
         for codec in CODECS:
             writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), fps, size)  # type: ignore[attr-defined]
             if writer.isOpened():
@@ -33,11 +30,24 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
         else:
             message = f"This OpenCV can write none of the video codecs {', '.join(CODECS)}."
             raise MissingPackage(message, "Install opencv-python-headless from PyPI.")
-    finally:
-        cv2.setLogLevel(level)
     try:
         yield writer
     finally:
         writer.release()
     if not path.is_file() or path.stat().st_size == 0:
         raise TakeError(f"Cannot write {path.name}: the encoder left nothing.", "Free some space or choose another folder.")
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence OpenCV, which logs an error of its own for every codec it lacks.
+
+    The functions moved to `cv2.utils.logging` in 4.12; 4.11 has them in `cv2` only.
+    """
+    log = getattr(getattr(cv2, "utils", None), "logging", cv2)
+    level = log.getLogLevel()
+    log.setLogLevel(0)
+    try:
+        yield
+    finally:
+        log.setLogLevel(level)
