@@ -8,6 +8,8 @@ DEMO := build/demo
 help:
 	@echo "make demo       build a clip, recover its wind, edit, bake; prints where the results are"
 	@echo "make test       lint, types, all tests"
+	@echo "make lock       the engine's locked requirements anew"
+	@echo "make quick-recover  a short clip recovered in the engine's locked environment, without bpy"
 	@echo "make setup      only make $(VENV) with everything that the two need"
 	@echo "make extension  build/seeing_wind-*.zip for Blender"
 	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
@@ -21,6 +23,21 @@ setup: $(VENV)/.complete
 $(VENV)/.complete: pyproject.toml seeing_wind/engine/requirements.txt
 	@bash scripts/make_venv.sh $(VENV)
 	@touch $@
+
+# The engine's own environment as Install Engine makes it: locked, without bpy.
+engine-environment: .venv-engine/.complete
+
+.venv-engine/.complete: seeing_wind/engine/requirements.lock seeing_wind/engine/torch.lock
+	@bash scripts/make_engine_venv.sh .venv-engine
+	@touch $@
+
+# Newest versions that requirements.txt admits, with their hashes.
+lock:
+	bash scripts/lock_engine.sh
+
+# A short clip, recovered in the engine's own environment.
+quick-recover: setup engine-environment
+	bash scripts/quick_recover.sh .venv-engine/bin/python build/quick_recover
 
 demo: setup
 	$(PY) sample_scenes/falling_leaf/demo.py --out $(DEMO)
@@ -57,4 +74,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup demo scenes lint test extension tables benchmark-mpm screenshots clean
+.PHONY: help setup engine-environment lock quick-recover demo scenes lint test extension tables benchmark-mpm screenshots clean

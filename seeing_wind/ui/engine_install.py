@@ -23,7 +23,7 @@ CACHE = "downloads"
 """Folder of pip's cache inside the environment's."""
 
 CPU_INDEX = "https://download.pytorch.org/whl/cpu"
-CUDA_INDEX = "https://download.pytorch.org/whl/cu128"
+CUDA_INDEX = "https://download.pytorch.org/whl/cu130"
 """PyTorch's own indexes of builds. On Linux the build on PyPI has CUDA; on Windows it has none."""
 
 TRYING = "Trying the engine"
@@ -89,22 +89,27 @@ def programs(base: str, folder: Path, torch: str, wheels: str) -> list[Program]:
     """
     python = str(executable(folder))
     pip = [python, "-m", "pip", "install", "--no-input", "--disable-pip-version-check", "--progress-bar", "off"]
-    requirements = engine_environment.ROOT / "seeing_wind" / "engine" / "requirements.txt"
+    engine = engine_environment.ROOT / "seeing_wind" / "engine"
     # --clear empties the folder with the cache in it: only an environment that is no good loses it
     made = [] if _runs(python) else [Program("Making the environment", 0.01, 0.03, [base, "-m", "venv", "--clear", str(folder)])]
     trying = Program(TRYING, 0.95, 1.0, command(python, "doctor"))
+    pytorch, packages = ["-r", str(engine / "torch.lock")], ["--require-hashes", "-r", str(engine / "requirements.lock")]
+    if not (torch == "CUDA" and sys.platform == "linux"):
+        pytorch.insert(0, "--no-deps")  # all that it needs but CUDA's libraries is locked with the rest
     if wheels:
-        packages = [*pip, "--no-index", "--find-links", wheels, "-r", str(requirements)]
-        return [*made, Program("Installing packages", 0.04, 0.94, packages), trying]
+        local = [*pip, "--no-index", "--find-links", wheels]
+        return [
+            *made,
+            Program("Installing PyTorch", 0.04, 0.5, [*local, *pytorch]),
+            Program("Installing packages", 0.5, 0.94, [*local, *packages]),
+            trying,
+        ]
     fetch = [*pip, "--cache-dir", str(folder / CACHE), *RETRIES]
-    index = torch_index(torch)
-    # what PyTorch itself needs comes from PyPI with the rest: where its own index cannot be reached, one wait is enough
-    first = [Program("Downloading PyTorch", 0.06, 0.5, [*fetch, "--no-deps", *index, wanted_torch(requirements)])] if index else []
     return [
         *made,
         Program("Updating pip", 0.04, 0.06, [*fetch, "--upgrade", "pip"]),
-        *first,
-        Program("Downloading packages", 0.5 if first else 0.06, 0.94, [*fetch, "-r", str(requirements)]),
+        Program("Downloading PyTorch", 0.06, 0.5, [*fetch, *torch_index(torch), *pytorch]),
+        Program("Downloading packages", 0.5, 0.94, [*fetch, *packages]),
         trying,
     ]
 
@@ -114,11 +119,6 @@ def torch_index(torch: str, platform: str = sys.platform) -> list[str]:
     if platform == "darwin" or (torch == "CUDA" and platform != "win32"):
         return []
     return ["--index-url", CPU_INDEX if torch == "CPU" else CUDA_INDEX]
-
-
-def wanted_torch(requirements: Path) -> str:
-    """The line of the requirements that asks for PyTorch."""
-    return next(line for line in requirements.read_text(encoding="utf-8").splitlines() if line.startswith("torch"))
 
 
 def _runs(python: str) -> bool:

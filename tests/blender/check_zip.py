@@ -13,7 +13,7 @@ AT_ROOT = {"__init__.py", "blender_manifest.toml", "LICENSE", "README.md", "CHAN
 def check(archive: str) -> None:
     """Raises AssertionError for a missing or a superfluous file."""
     names = {name for name in zipfile.ZipFile(archive).namelist() if not name.endswith("/")}
-    package = {p.relative_to(ROOT).as_posix() for p in (ROOT / "seeing_wind").rglob("*") if p.suffix in (".py", ".toml", ".txt")}
+    package = {p.relative_to(ROOT).as_posix() for p in (ROOT / "seeing_wind").rglob("*") if p.suffix in (".py", ".toml", ".txt", ".lock")}
     missing = (package | {"__init__.py", "blender_manifest.toml"}) - names
     surplus = {name for name in names if name not in AT_ROOT and not name.startswith("seeing_wind/")}
     if missing or surplus:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import http.server
 import os
+import re
 import sys
 import threading
 import zipfile
@@ -51,8 +53,9 @@ def place(tmp_path, monkeypatch) -> SimpleNamespace:
     for name in ("__init__.py", "engine/__init__.py"):
         (source / "seeing_wind" / name).write_text("")
     (source / "seeing_wind" / "engine" / "__main__.py").write_text(DOCTOR)
-    (source / "seeing_wind" / "engine" / "requirements.txt").write_text("one_package>=1\ntorch>=2.4,<2.14\n")
-    wheel(wheels, "one_package", "1.0", "")
+    locked = hashlib.sha256(wheel(wheels, "one_package", "1.0", "").read_bytes()).hexdigest()
+    (source / "seeing_wind" / "engine" / "requirements.lock").write_text(f"one_package==1.0 --hash=sha256:{locked}\n")
+    (source / "seeing_wind" / "engine" / "torch.lock").write_text("torch==2.5.0\n")
     wheel(wheels, "torch", "2.5.0", "BUILD = 'from PyPI'")
     for module in (engine_environment, worker_calls):
         monkeypatch.setattr(module, "ROOT", source)
@@ -91,7 +94,7 @@ def test_from_a_folder_of_wheels_without_network(place) -> None:
     assert fractions == sorted(fractions) and fractions[-1] >= 0.95
     # a second time nothing has to be made
     programs = engine_install.programs(place.base, place.environment, "CPU", str(place.wheels))
-    assert [program.title for program in programs] == ["Installing packages", "Trying the engine"]
+    assert [program.title for program in programs] == ["Installing PyTorch", "Installing packages", "Trying the engine"]
 
 
 class Index(http.server.SimpleHTTPRequestHandler):
@@ -162,7 +165,7 @@ def test_cancel_leaves_what_the_next_try_uses(place) -> None:
     said: list[dict] = []
     try:
         while True:
-            asked = any("Installing packages" in str(message.get("message")) for message in said)
+            asked = any("Installing PyTorch" in str(message.get("message")) for message in said)
             said += messages.send(asked)
     except StopIteration as end:
         assert end.value["outcome"] == "cancelled", said
@@ -172,12 +175,24 @@ def test_cancel_leaves_what_the_next_try_uses(place) -> None:
 
 @pytest.mark.parametrize(
     ("torch", "platform", "index"),
-    [("CPU", "linux", "cpu"), ("CPU", "win32", "cpu"), ("CUDA", "linux", ""), ("CUDA", "win32", "cu128"), ("CPU", "darwin", "")],
+    [("CPU", "linux", "cpu"), ("CPU", "win32", "cpu"), ("CUDA", "linux", ""), ("CUDA", "win32", "cu130"), ("CPU", "darwin", "")],
 )
 def test_each_system_gets_the_build_that_was_asked_for(torch, platform, index) -> None:
     options = engine_install.torch_index(torch, platform)
     assert options == (["--index-url", f"https://download.pytorch.org/whl/{index}"] if index else [])
-    assert engine_install.wanted_torch(Path(ui.__file__).parents[1] / "engine" / "requirements.txt").startswith("torch>=")
+
+
+def test_a_package_that_is_not_the_locked_one_is_refused(place) -> None:
+    wheel(place.wheels, "one_package", "1.0", "OTHER = True")
+    last, said = outcome(engine_install.run(place.base, place.environment, "CPU", str(place.wheels)))
+    assert last["outcome"] == "failed" and not (place.environment / engine_environment.MARKER).is_file()
+
+
+def test_the_lock_pins_every_requirement() -> None:
+    engine = Path(ui.__file__).parents[1] / "engine"
+    names = {re.split(r"[<>=]", line)[0] for line in (engine / "requirements.txt").read_text().split()}
+    locked = re.findall(r"^([a-z0-9-]+)==", (engine / "requirements.lock").read_text() + (engine / "torch.lock").read_text(), re.MULTILINE)
+    assert names <= set(locked) and not any(name.startswith("nvidia") for name in locked)
 
 
 def test_wheels_need_no_online_access_and_a_wrong_folder_is_told(place, monkeypatch) -> None:
