@@ -61,7 +61,7 @@ def engine_python() -> str:
     for folder in (ROOT, *ROOT.parents):
         if executable(folder / ".venv").is_file():
             return str(executable(folder / ".venv"))
-    raise MissingPackage("The engine is not installed yet.", "Install it once; its CPU build downloads about 400 MB and takes 1.6 GB of disk.")
+    raise MissingPackage("The engine is not installed yet.", "Install it once: 400 MB to download, 1.6 GB on disk (CPU build).")
 
 
 def user_environment(create: bool) -> Path | None:

@@ -9,7 +9,7 @@ TEXT = "Seeing Wind Doctor"
 
 
 class SEEING_WIND_OT_install_engine(JobOperator, bpy.types.Operator):
-    """Make the engine's own Python environment and download its packages (about 2 GB); Blender's Python is not touched"""
+    """Make the engine's own Python environment and download its packages (CPU build: 400 MB); Blender's Python is not touched"""
 
     bl_idname = "seeing_wind.install_engine"
     bl_label = "Install Engine"
