@@ -18,7 +18,7 @@ from .field_kernels import between, lattice
 from .field_legend import create_legend
 from .field_object import create_field_object
 from .native.clips import absolute, as_pattern, opened_by
-from .take_reading import FieldSummary, Seen, field_summary, read_seen, simulated_motion, trajectory
+from .take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion, trajectory
 from .units import metres_per_unit
 
 COLLECTION = "Seeing Wind"
@@ -49,6 +49,11 @@ class Places:
     def split(self, samples: np.ndarray) -> list[np.ndarray]:
         """Samples (T, M + P + R, ...) -> one array per group."""
         return np.split(samples, [len(self.nodes), len(self.nodes) + len(self.probes)], axis=1)
+
+
+def notes(folder: Path) -> list[str]:
+    """What the recovery in `folder` says of itself, the worst first."""
+    return recovery_notes(Take(folder))
 
 
 def places(take: Take, resolution: int) -> Places:

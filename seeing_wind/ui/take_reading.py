@@ -31,6 +31,14 @@ class FieldSummary:
     """Index in the video of picture 0."""
 
 
+def recovery_notes(take: Take) -> list[str]:
+    """What the recovery of a take says of itself, the worst first; empty for a take without a report."""
+    if not take.file("report.json").is_file():
+        return []
+    notes = take.read_json("report.json").get("notes", [])
+    return [str(note) for note in notes] if isinstance(notes, list) else []
+
+
 @dataclass(frozen=True)
 class Seen:
     """What a clip showed; a field from trajectories has none of it."""

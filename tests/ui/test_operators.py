@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import bpy
 import numpy as np
 import pytest
@@ -26,6 +28,16 @@ def test_recover_builds_the_scene(workplace, scene) -> None:
         ends.append(np.array([recovered.matrix_world @ vertex.co for vertex in evaluated.data.vertices]))
     np.testing.assert_allclose(ends[1] - ends[0], np.broadcast_to([0.24, 0.0, 0.12], ends[0].shape), atol=1e-5)
     assert now(scene)["recover"].state == "done" and status.of(scene.session_uid).running == ""
+
+
+def test_what_the_recovery_says_of_itself_is_in_the_panel(workplace, scene) -> None:
+    recover(workplace)
+    report = workplace / "out.take" / "report.json"
+    said = json.loads(report.read_text())
+    report.write_text(json.dumps({**said, "notes": ["Nothing was marked as held.", "One camera."]}))
+    bpy.ops.seeing_wind.build_scene(take=str(workplace / "out.take"))
+    assert status.of(scene.session_uid).warnings == ["Nothing was marked as held.", "One camera."]
+    assert status.of(scene.session_uid).warned == "recover"
 
 
 def test_a_failure_for_want_of_an_earlier_step_goes_when_that_step_is_done(workplace, scene) -> None:

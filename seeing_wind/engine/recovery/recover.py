@@ -27,7 +27,7 @@ from .beliefs import Expected
 from .objective import Channels, Objective
 from .point_channels import PointChannels, point_channels
 from .posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .remarks import force_remarks, held_remarks, motion_remarks, wild_remarks
+from .remarks import force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
 from .stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .track_channels import TrackChannels, track_channels
 from .window import FULL_KNOT, Found, WindowSolver
@@ -250,6 +250,7 @@ class _Clip:
         acceleration = np.concatenate([one.acceleration for one in kept])
         if not self.particles.pinned.any():
             self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
+        self.notes[:0] = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
         deviation = np.concatenate([one.deviation for one in kept])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):

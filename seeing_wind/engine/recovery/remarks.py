@@ -19,6 +19,8 @@ STILL = 0.02
 """A body that is moved by less than this share of its radius hardly moves [m/m]."""
 COASTING = 0.01
 """A force that moves a body less far than this share of its way, in the time of the clip, hardly acts on it."""
+REACTION = 0.1
+"""A mean force this near to the body's weight, relative to it, holds the body up."""
 HELD = 0.9
 """A track rides on what is held when so much of its weight does."""
 LOOSE = 3.0
@@ -60,6 +62,24 @@ def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: 
         return []
     alone = "only the given gravity" if np.any(gravity) else "no force"
     return [f"The body moves as if {alone} acted on it: the force found is {density * size:.2g} N/m³, and so little is not known well."]
+
+
+def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarray, gravity: Sequence[float]) -> list[str]:
+    """On a body that stays in its place though nothing was marked as held: what the mean acceleration (T, N, 3) [m/s²] answers is gravity.
+
+    A body that glides also has its weight carried, by air, but leaves its place x (T+1, N, 3) [m] by more than its own radius.
+    """
+    down = np.asarray(gravity, dtype=np.float64)
+    centre = x.mean(axis=1)
+    radius = max(float(np.linalg.norm(particles.x - particles.x.mean(axis=0), axis=1).max()), particles.spacing)
+    leaves = float(np.linalg.norm(centre - centre[0], axis=1).max()) > radius
+    carried = np.linalg.norm(acceleration.mean(axis=(0, 1)) + down) < REACTION * np.linalg.norm(down)
+    if particles.pinned.any() or leaves or not carried:
+        return []
+    return [
+        "Nothing was marked as held; the force found is what holds the body up against gravity, not a wind. Mark what is held, or recover "
+        "without gravity."
+    ]
 
 
 def wild_remarks(channels: Sequence[Channels]) -> list[str]:

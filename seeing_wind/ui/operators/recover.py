@@ -6,7 +6,7 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...engine.errors import TakeError, UsageError
-from .. import engine_environment, freshness, job, native, results, takes, worker_calls
+from .. import engine_environment, freshness, job, native, results, status, takes, worker_calls
 from ..job_operator import JobOperator
 from ..properties import ClipOptions, adopt
 from ..property_kinds import PATH
@@ -51,6 +51,7 @@ class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
         """The field object, the arrows, the camera and the object itself."""
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
+        status.of(scene.session_uid).warnings += results.notes(self.folder)
         return f"Recovered into {self.folder.name}"
 
 
@@ -92,6 +93,7 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         settings = scene.seeing_wind
         if not takes.is_shown(settings, self.folder):
             takes.show(settings, self.folder, "loaded")
+        status.of(scene.session_uid).warnings += results.notes(self.folder)
         return f"Loaded {self.folder.name}"
 
 

@@ -144,6 +144,14 @@ def test_a_body_that_does_not_move_is_held_up_by_the_force_against_gravity():
     found = recover(body, RUBBER, points(body, still), FPS, RecoverSettings(), NoProgress())
     np.testing.assert_allclose(found.force_density.mean(axis=(0, 1)), [0.0, 0.0, 400.0 * 9.81], atol=60.0)
     assert any("hardly moves" in note for note in found.notes)
+    assert "Nothing was marked as held" in found.notes[0]
+
+
+def test_a_body_in_a_draught_that_carries_it_away_is_not_said_to_be_held_up():
+    body = plate((4, 4, 3))
+    drifting = body.x + np.arange(9)[:, None, None] / FPS * np.array([1.0, 0.0, 0.0])
+    found = recover(body, RUBBER, points(body, drifting), FPS, RecoverSettings(), NoProgress())
+    assert not any("marked as held" in note for note in found.notes)
 
 
 def test_a_body_that_nothing_moves_says_so():
