@@ -21,15 +21,15 @@ from scipy.spatial import cKDTree
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent)]  # a script of the source tree: it runs with the package installed or not
 
+from seeing_wind.engine.command.trajectories import Trajectories, read_trajectories  # noqa: E402
 from seeing_wind.engine.field import ForceField, load_field  # noqa: E402
-from seeing_wind.engine.materials import as_found  # noqa: E402
-from seeing_wind.engine.mpm.model import model_for  # noqa: E402
+from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
-from seeing_wind.engine.resimulate.simulate import continued  # noqa: E402
+from seeing_wind.engine.records import as_found  # noqa: E402
+from seeing_wind.engine.recovery.resimulate.simulate import continued  # noqa: E402
 from seeing_wind.engine.stages import read_recovery  # noqa: E402
 from seeing_wind.engine.take import Take  # noqa: E402
-from seeing_wind.engine.trajectories import Trajectories, read_trajectories  # noqa: E402
 
 SCENES = ("sheet", "banner", "pole", "clay")
 FIFTHS, RATIO = 5, 2.0

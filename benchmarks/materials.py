@@ -26,8 +26,8 @@ import cv2  # noqa: E402
 import numpy as np  # noqa: E402
 
 from seeing_wind.engine.errors import ModelError, SeeingWindError, UsageError  # noqa: E402
-from seeing_wind.engine.models.endpoint import endpoint_of  # noqa: E402
-from seeing_wind.engine.models.language import TYPES, estimate  # noqa: E402
+from seeing_wind.engine.observe.models.endpoint import endpoint_of  # noqa: E402
+from seeing_wind.engine.observe.models.language import TYPES, estimate  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 
 HERE = Path(__file__).resolve().parent / "everyday_objects"

@@ -16,13 +16,13 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
-from seeing_wind.engine.object import build
-from seeing_wind.engine.object.keypoints import held, place
-from seeing_wind.engine.object.lifting import Arap, lift
-from seeing_wind.engine.object.particles import fill
-from seeing_wind.engine.object.relief import relief_of
-from seeing_wind.engine.object.views import lifted_together, view_targets
 from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.object import build
+from seeing_wind.engine.observe.object.motion.keypoints import held, place
+from seeing_wind.engine.observe.object.motion.lifting import Arap, lift
+from seeing_wind.engine.observe.object.motion.views import lifted_together, view_targets
+from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Observation, TrackTargets
 from seeing_wind.engine.settings import BuildSettings, ObserveSettings

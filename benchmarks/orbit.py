@@ -19,7 +19,7 @@ from paper_tables.painter import depth_of, over, paint
 from paper_tables.shapes import Part, Solid, box
 from truth import engine, scores
 
-from seeing_wind.engine.object.control import attach
+from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.records import Camera
 
 FRAMES, DEGREES = 16, 20.0

@@ -82,7 +82,7 @@ def switching_on(place: str) -> float:
 
 def full() -> None:
     """A scene in which every panel has much to draw."""
-    from seeing_wind.ui import status
+    from seeing_wind.ui.job import status
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
@@ -164,9 +164,9 @@ def nothing(scene):
 
 def arrows(scene):
     """The field object with its samples, arrows and 64 riding ones, as Recover makes them."""
-    from seeing_wind.ui.field_arrows import create_arrows
-    from seeing_wind.ui.field_kernels import lattice
-    from seeing_wind.ui.field_object import create_field_object
+    from seeing_wind.ui.field.arrows import create_arrows
+    from seeing_wind.ui.field.field_object import create_field_object
+    from seeing_wind.ui.field.kernels import lattice
 
     rng = np.random.default_rng(0)
     nodes = lattice(np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]), NODES)
@@ -180,7 +180,7 @@ def arrows(scene):
 
 def baked(scene):
     """A grid with absolute shape keys, one per frame."""
-    from seeing_wind.ui.bake import bake_shape_keys
+    from seeing_wind.ui.bake.bake.bake import bake_shape_keys
 
     side = int(np.sqrt(VERTICES))
     x, y = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, VERTICES // side))

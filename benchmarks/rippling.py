@@ -3,7 +3,7 @@
 The hardest bodies for one camera: they sway towards it, which hardly shows, and swing far beyond what a solver's grid gets right. A sheet
 of 28 x 20 cm is held along one edge and simulated with particles one and a half times as fine as the recovery's; its force is recovered
 from tracks of noise 0.08 px (0.1 px are declared), stiffness given. Prints the errors as recovered, as without the finer following and the
-doubt of tracks that even the solution misses (`recovery/following.py`, `recovery/beliefs.py`), and of a uniform field, and how far the
+doubt of tracks that even the solution misses (`recovery/solve/following.py`, `recovery/prior/learning.py`), and of a uniform field, and how far the
 sheets are off in depth.
 """
 
@@ -21,14 +21,16 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]  # a script of the source tree: it runs with the package installed or not
 
 from seeing_wind.engine.conventions import front_view  # noqa: E402
-from seeing_wind.engine.mpm.model import model_for  # noqa: E402
+from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
+from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
-from seeing_wind.engine.object.control import attach  # noqa: E402
+from seeing_wind.engine.observe.object.motion.control import attach  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 from seeing_wind.engine.records import Camera, Material, Particles, Recovery, TrackTargets  # noqa: E402
-from seeing_wind.engine.recovery import beliefs, recover, window  # noqa: E402
-from seeing_wind.engine.report.accuracy import field_errors, uniform_errors  # noqa: E402
+from seeing_wind.engine.recovery import recover  # noqa: E402
+from seeing_wind.engine.recovery.prior import learning as beliefs  # noqa: E402
+from seeing_wind.engine.recovery.solve import window  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
 
 FPS, LENGTH, THICKNESS, DENSITY = 30.0, 0.28, 0.016, 400.0

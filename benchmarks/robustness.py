@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
+from seeing_wind.engine.command.trajectories import Trajectories, read_trajectories
+from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.recovery import recover
-from seeing_wind.engine.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.settings import RecoverSettings
-from seeing_wind.engine.trajectories import Trajectories, read_trajectories
 
 Variant = Callable[[Trajectories], Trajectories]
 

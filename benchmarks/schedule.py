@@ -27,16 +27,16 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent)]  # a script of the source tree: it runs with the package installed or not
 
+from seeing_wind.engine.command.trajectories import read_trajectories  # noqa: E402
 from seeing_wind.engine.field.analytic import GustField  # noqa: E402
-from seeing_wind.engine.mpm.model import model_for  # noqa: E402
+from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
+from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 from seeing_wind.engine.records import Attachment, Material, Particles, PointTargets, Recovery  # noqa: E402
 from seeing_wind.engine.recovery import recover, recover_by_descent  # noqa: E402
-from seeing_wind.engine.report.accuracy import field_errors, uniform_errors  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
-from seeing_wind.engine.trajectories import read_trajectories  # noqa: E402
 
 FPS = 30.0
 SIDES = (0.16, 0.10, 0.04)

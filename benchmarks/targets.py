@@ -2,7 +2,7 @@
 
 For takes that `truth.py SHARED --takes TAKES CASE ...` left ("sheet from pixels", "banner from pixels", "sheet from the side" ...): the
 same body and the same tracks once as they were seen, residual = projection of the simulated points less the track, and twice lifted to 3D
-(`object/lifting.py`): as points whose noise is measured, and as points with a covariance, ALONG times as uncertain along the view as across
+(`observe/object/motion/lifting.py`): as points whose noise is measured, and as points with a covariance, ALONG times as uncertain along the view as across
 it, where it is the tracks' own. All solves run here and are scored on the stored field.
 """
 
@@ -19,10 +19,10 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent)]  # a script of the source tree: it runs with the package installed or not
 
 from seeing_wind.engine.field.distillation import distill  # noqa: E402
+from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 from seeing_wind.engine.records import Body, Observation, PointTargets, TrackTargets  # noqa: E402
 from seeing_wind.engine.recovery import recover  # noqa: E402
-from seeing_wind.engine.report.accuracy import field_errors, uniform_errors  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
 from seeing_wind.engine.stages import read_body, track_targets  # noqa: E402
 from seeing_wind.engine.take import Take, from_arrays  # noqa: E402

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from seeing_wind.engine.report.accuracy import field_errors, uniform_errors
+from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 
 
 def engine(*arguments: str | Path) -> dict:

@@ -25,7 +25,7 @@ from in_blender import BlenderFailed, run  # noqa: E402
 
 from seeing_wind.engine.field.sampling import sample_points  # noqa: E402
 from seeing_wind.engine.field.storage import load_field  # noqa: E402
-from seeing_wind.engine.report.accuracy import field_errors, uniform_errors  # noqa: E402
+from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
 
 SCENES = ("falling_leaf", "flag", "potted_plant")
 QUICK_CLIP = ("--frames", "4", "--size", "160x120", "--samples", "1", "--spacing", "0.016")

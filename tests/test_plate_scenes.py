@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.field import load_field
-from seeing_wind.engine.report.accuracy import uniform_errors
+from seeing_wind.engine.look.report.accuracy import uniform_errors
 
 SCENES = Path(__file__).resolve().parents[1] / "sample_scenes"
 

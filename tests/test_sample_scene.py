@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from seeing_wind.engine.command.trajectories import read_trajectories
 from seeing_wind.engine.field import load_field
-from seeing_wind.engine.report.accuracy import uniform_errors
-from seeing_wind.engine.trajectories import read_trajectories
+from seeing_wind.engine.look.report.accuracy import uniform_errors
 
 SCENE = Path(__file__).resolve().parents[1] / "sample_scenes" / "falling_leaf"
 sys.path[:0] = [str(SCENE), str(SCENE.parent / "common")]
@@ -50,7 +50,7 @@ def test_the_leaf_is_one_flat_piece_that_covers_its_outline():
     assert area.sum() == pytest.approx(outline, rel=0.03)
     assert 0.25 < np.ptp(leaf.vertices[:, 1]) < 0.40
     assert leaf.uv.min() > 0.0 and leaf.uv.max() < 1.0
-    from seeing_wind.engine.resimulate.fill import connected_parts
+    from seeing_wind.engine.recovery.resimulate.fill import connected_parts
 
     assert connected_parts(leaf.triangles, len(leaf.vertices)).max() == 0
 

@@ -19,7 +19,7 @@ from paper_tables.painter import depth_of, look_at, paint  # noqa: E402
 from paper_tables.report import compare, markdown  # noqa: E402
 from paper_tables.rows import VERSION, all_rows, short_rows  # noqa: E402
 
-from seeing_wind.engine.arguments import parser  # noqa: E402
+from seeing_wind.engine.command.arguments import parser  # noqa: E402
 from seeing_wind.engine.records import Camera  # noqa: E402
 from seeing_wind.engine.stages import VERSION as ENGINE  # noqa: E402
 

@@ -32,7 +32,7 @@ def launch_all(laws: list[str], forward_only: bool) -> None:
     from seeing_wind.engine.conventions import GRAVITY
     from seeing_wind.engine.mpm import State, model_for
     from seeing_wind.engine.mpm.body import Body
-    from seeing_wind.engine.mpm.native import aligned_zeros
+    from seeing_wind.engine.mpm.kernels.native import aligned_zeros
     from seeing_wind.engine.progress import NoProgress
     from seeing_wind.engine.records import Material, Particles
 

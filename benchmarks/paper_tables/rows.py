@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from seeing_wind.engine.object.splatting import picture
+from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
+from seeing_wind.engine.look.splatting import picture
 from seeing_wind.engine.records import Body
-from seeing_wind.engine.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.stages import VERSION as ENGINE
 from seeing_wind.engine.take import Take, from_arrays
 

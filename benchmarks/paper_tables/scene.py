@@ -14,10 +14,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from seeing_wind.engine.mpm.model import model_for
+from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.object.control import attach
+from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.records import Camera, Particles
 
 from .fields import FIELDS, gradient

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import numpy as np
 
 from seeing_wind.engine.mpm import State
-from seeing_wind.engine.mpm.boundary import FREE
-from seeing_wind.engine.mpm.constitutive import LAWS as NUMBERS
+from seeing_wind.engine.mpm.lattice.boundary import FREE
+from seeing_wind.engine.mpm.laws.constitutive import LAWS as NUMBERS
 from seeing_wind.engine.mpm.model import Model
 
 from .problem import Problem

@@ -16,7 +16,10 @@ from mathutils import Euler, Vector
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind import ui  # noqa: E402
-from seeing_wind.ui import freshness, panel_field, panels, status  # noqa: E402
+from seeing_wind.ui import panels
+from seeing_wind.ui.field import panel as panel_field
+from seeing_wind.ui.job import status  # noqa: E402
+from seeing_wind.ui.recover import freshness
 
 SHOT = os.environ["SEEING_WIND_SHOT"]
 FOLDER = Path(os.environ["SEEING_WIND_CLIP"]).parent

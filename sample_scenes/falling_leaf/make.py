@@ -23,7 +23,7 @@ from leaf import make_leaf, make_picture  # noqa: E402
 from motion import START, THICKNESS, fly, tilt  # noqa: E402
 
 from seeing_wind.engine.errors import SeeingWindError  # noqa: E402
-from seeing_wind.engine.report.accuracy import uniform_errors  # noqa: E402
+from seeing_wind.engine.look.report.accuracy import uniform_errors  # noqa: E402
 
 DISTANCE = 2.0
 """From the camera to the leaf in picture 0 [m]."""

@@ -12,10 +12,10 @@ from wind import Wind
 from seeing_wind.engine.conventions import GRAVITY
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 from seeing_wind.engine.materials import adjusted, find
-from seeing_wind.engine.mpm.model import model_for
+from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.object.control import attach
+from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.records import Material, Particles
 
 MATERIAL = "leaf"

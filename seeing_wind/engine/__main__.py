@@ -20,7 +20,7 @@ from typing import Any, TextIO
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 
-from .arguments import parser  # noqa: E402
+from .command.arguments import parser  # noqa: E402
 from .errors import MissingPackage, SeeingWindError  # noqa: E402
 from .progress import Cancelled, Progress  # noqa: E402
 from .records import Outcome  # noqa: E402
@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         arguments = parser().parse_args(argv)
         # The heavy floors are imported only once the options are known to make sense.
-        from .verbs import VERBS
+        from .command.verbs import VERBS
 
         result = VERBS[arguments.verb](arguments, Progress(protocol.send, lambda: protocol.cancelled))
     except Cancelled:

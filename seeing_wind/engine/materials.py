@@ -11,12 +11,8 @@ import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .errors import MaterialError
-
-if TYPE_CHECKING:  # no NumPy here: Blender reads the library when it switches the extension on
-    from .records import Recovery
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
 """Constitutive laws that the simulator knows."""
@@ -86,14 +82,6 @@ def adjusted(
     result = dataclasses.replace(material, **changes, source="; ".join(filter(None, sources)))  # type: ignore[arg-type]
     _check(result)
     return result
-
-
-def as_found(material: Material, recovery: Recovery) -> Material:
-    """`material` with the stiffness that the recovery found for the body: its field belongs to that one."""
-    if recovery.youngs_modulus is None:
-        return material
-    source = f"{material.source}; Young's modulus: found from the motion, given {material.youngs_modulus:g} Pa"
-    return dataclasses.replace(material, youngs_modulus=recovery.youngs_modulus, source=source)
 
 
 def _number(key: str, value: object) -> float:

@@ -5,7 +5,7 @@ Letters and units are those of `conventions`. Arrays are float64 unless a field 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -189,7 +189,7 @@ class Body:
     gaussians: Gaussians
     surface: Surface
     keypoints: Attachment
-    """The K tracked points of the observation on the particles (the paper's control, Eq. (13), generalised: see object/control.py)."""
+    """The K tracked points of the observation on the particles (the paper's control, Eq. (13), generalised: see observe/object/motion/control.py)."""
     lifted: np.ndarray
     """(T+1, K, 3) key points P^t lifted to 3D [m], NaN where never seen or not placed: a display and a start, not the target of the fit."""
     tie_sigma: tuple[float, ...] = ()
@@ -260,3 +260,11 @@ class Recovery:
     """As in the settings: where the held part began to be held."""
     substeps: int | None = None
     """Per frame. A solver's damping hangs on them: the same force swings a body differently with others."""
+
+
+def as_found(material: Material, recovery: Recovery) -> Material:
+    """`material` with the stiffness that the recovery found for the body: its field belongs to that one."""
+    if recovery.youngs_modulus is None:
+        return material
+    source = f"{material.source}; Young's modulus: found from the motion, given {material.youngs_modulus:g} Pa"
+    return replace(material, youngs_modulus=recovery.youngs_modulus, source=source)

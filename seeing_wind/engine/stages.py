@@ -21,8 +21,8 @@ from .take import Take, from_arrays, stamp_of, to_arrays
 
 if TYPE_CHECKING:
     from .field import ForceField
+    from .paper.losses import MotionLoss
     from .records import Material, Particles, PointTargets
-    from .recovery.descent_losses import MotionLoss
 
 R = TypeVar("R")
 
@@ -68,7 +68,7 @@ def _kept(take: Take, stage: str, stamp: str, read: Callable[[], R], progress: P
 
 def observation_stamp(clip: str, settings: ObserveSettings) -> str:
     """Stamp of an observation: settings, and the content of the clip and of the files, wherever they are: a project can be moved."""
-    from .observe.clip import files_of
+    from .observe.clip.frames import files_of
 
     names = [getattr(settings, field) for field in FILES]
     contents = [(field, Path(name)) for field, name in zip(FILES, names, strict=True) if name]
@@ -78,7 +78,7 @@ def observation_stamp(clip: str, settings: ObserveSettings) -> str:
 
 def build_stage(take: Take, observation: Observation, upstream: str, settings: BuildSettings, progress: Progress) -> tuple[Body, str]:
     """Stage *build* -> `particles.npz` and `gaussians.ply`. Returns the body and its stamp."""
-    from .object import build, write_ply
+    from .observe.object import build, write_ply
 
     stamp = stamp_of("build", VERSION, upstream, settings)
     kept = _kept(take, "build", stamp, lambda: read_body(take), progress)
@@ -195,10 +195,10 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
 
 def picture_loss(settings: RecoverSettings, observation: Observation, body: Body, progress: Progress) -> Callable[[float], MotionLoss]:
     """The image or flow-and-depth loss of a clip, which is read once more: see `recovery.image_objective`, `flow_depth_objective`."""
-    from .observe.clip import read_clip
-    from .observe.dense_flow import dense_flow
-    from .recovery.flow_depth_objective import FlowDepthLoss, SceneFlow
-    from .recovery.image_objective import ImageLoss, Pictures
+    from .observe.clip.frames import read_clip
+    from .observe.tracks.dense_flow import dense_flow
+    from .paper.flow_depth_loss import FlowDepthLoss, SceneFlow
+    from .paper.image_loss import ImageLoss, Pictures
 
     last = observation.first_frame + observation.frames
     frames = read_clip(observation.clip, (observation.first_frame, last), observation.fps, progress).frames

@@ -14,20 +14,13 @@ later.declare(
     ),
 )  # fmt: skip
 
-from . import (  # noqa: E402
-    commands,
-    engine_environment,
-    freshness,
-    job_operator,
-    leaving,
-    operators,
-    panel_field,
-    panels,
-    preferences,
-    properties,
-    status,
-    takes,
-)
+from . import leaving, operators, panels, properties
+from .field import panel as panel_field
+from .install import environment as engine_environment
+from .install import preferences
+from .job import commands, status, takes
+from .job import operator as job_operator
+from .recover import freshness
 
 CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *job_operator.CLASSES, *panels.CLASSES, *panel_field.CLASSES)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import textwrap
 
-from . import status
-from .status import State
+from .job import status
+from .job.status import State
 
 ICONS = {State.IDLE: "RADIOBUT_OFF", State.DONE: "CHECKMARK", State.STALE: "FILE_REFRESH", State.RUNNING: "SORTTIME", State.FAILED: "ERROR"}
 

@@ -2,11 +2,12 @@
 
 import bpy
 
-from . import panel_clip, status
-from .panel_clip import draw_guesses, draw_material, draw_more, draw_object
-from .panel_edit import LISTS, draw_bake, draw_bodies, draw_body, draw_edits, draw_surroundings
+from .clip import panel as panel_clip
+from .clip.panel import draw_guesses, draw_material, draw_more, draw_object
+from .edit.panel import LISTS, draw_bake, draw_bodies, draw_body, draw_edits, draw_surroundings
+from .job import status
+from .job.status import State
 from .panel_pieces import ICONS, draw_engine, draw_failure, draw_job, draw_override
-from .status import State
 
 CATEGORY = "Seeing Wind"
 
@@ -171,7 +172,7 @@ class SEEING_WIND_OT_open_preferences(bpy.types.Operator):
 
     def execute(self, context):
         """Blender's own way there."""
-        from .preferences import EXTENSION
+        from .install.preferences import EXTENSION
 
         return bpy.ops.preferences.addon_show(module=EXTENSION)
 

@@ -16,7 +16,7 @@ from bpy.props import (
 
 from ..engine.conventions import DEFAULT_FOV_DEGREES, GRAVITY
 from ..engine.settings import FLOWING_PARTICLES, PARTICLES, BuildSettings, RecoverSettings
-from . import edits
+from .edit import edits
 from .property_kinds import KEPT, KINDS, LAW_ITEMS, MATERIAL_ITEMS, PATH, WAYS, changed, choice, file_path, is_mesh, number, toggle
 
 IMPLIED = {

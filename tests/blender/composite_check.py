@@ -19,8 +19,8 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind import ui  # noqa: E402
-from seeing_wind.ui import field_vdb  # noqa: E402
-from seeing_wind.ui.field_samples import samples_of  # noqa: E402
+from seeing_wind.ui.field import vdb as field_vdb  # noqa: E402
+from seeing_wind.ui.field.samples import samples_of  # noqa: E402
 
 
 def check(name: str, good: bool, figures: str = "") -> None:

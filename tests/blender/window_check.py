@@ -24,8 +24,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seeing_wind.ui as ui  # noqa: E402
-from seeing_wind.ui import job_operator, status  # noqa: E402
-from seeing_wind.ui.picture_frame import box_on_screen, picture_corners  # noqa: E402
+from seeing_wind.ui.clip.picture_frame import box_on_screen, picture_corners  # noqa: E402
+from seeing_wind.ui.job import operator as job_operator  # noqa: E402
+from seeing_wind.ui.job import status
 
 BOX = (20.0, 16.0, 52.0, 48.0)
 PATIENCE = 60.0

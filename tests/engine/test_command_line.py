@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from seeing_wind.engine.arguments import parser
+from seeing_wind.engine.command.arguments import parser
+from seeing_wind.engine.command.verbs import read_edit
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.field import GustField
 from seeing_wind.engine.progress import NoProgress, Progress
@@ -21,7 +22,6 @@ from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
 from seeing_wind.engine.stages import observe_stage
 from seeing_wind.engine.take import Take, from_arrays
-from seeing_wind.engine.verbs import read_edit
 
 FLAT = np.full((48, 64, 3), 90, dtype=np.uint8)
 

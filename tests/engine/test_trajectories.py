@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seeing_wind.engine.arguments import parser
+from seeing_wind.engine.command.arguments import parser
+from seeing_wind.engine.command.trajectories import READ, TRUTH, read_trajectories
+from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.materials import find
 from seeing_wind.engine.progress import Progress
-from seeing_wind.engine.trajectories import READ, TRUTH, read_trajectories
-from seeing_wind.engine.verbs import VERBS
 
 LATTICE = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
 FALL = np.stack([LATTICE - [0, 0, 4.9 * (t / 24) ** 2] for t in range(6)])

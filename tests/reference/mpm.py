@@ -1,4 +1,4 @@
-"""MLS-MPM in plain NumPy: one substep, as slow and as readable as can be. The twin of `seeing_wind.engine.mpm.substep`.
+"""MLS-MPM in plain NumPy: one substep, as slow and as readable as can be. The twin of `seeing_wind.engine.mpm.kernels.substep`.
 
 Hu et al. 2018, "A moving least squares material point method", section 3 and 4.
 """

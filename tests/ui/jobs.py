@@ -6,7 +6,7 @@ from pathlib import Path
 
 import bpy
 
-from seeing_wind.ui import status
+from seeing_wind.ui.job import status
 
 
 def recover(workplace: Path, **more):

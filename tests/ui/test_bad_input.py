@@ -8,7 +8,8 @@ from pathlib import Path
 import bpy
 import pytest
 
-from seeing_wind.ui import job_operator, status
+from seeing_wind.ui.job import operator as job_operator
+from seeing_wind.ui.job import status
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 

@@ -14,7 +14,7 @@ from mathutils import Euler, Vector
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ClipError, UsageError
 from seeing_wind.engine.records import Camera
-from seeing_wind.ui.clip_scene import create_recovered_object, setup_clip_scene
+from seeing_wind.ui.clip.clip_scene import create_recovered_object, setup_clip_scene
 
 FRAMES = 5
 

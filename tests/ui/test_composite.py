@@ -8,8 +8,9 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui import composite, field_vdb
-from seeing_wind.ui.field_samples import samples_of
+from seeing_wind.ui.composite import composite
+from seeing_wind.ui.field import vdb as field_vdb
+from seeing_wind.ui.field.samples import samples_of
 from seeing_wind.ui.names import in_figures
 
 

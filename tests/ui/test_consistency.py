@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 import seeing_wind.ui as ui
-from seeing_wind.ui import bake, freshness, status
-from seeing_wind.ui.animation import keyframes
-from seeing_wind.ui.field_samples import samples_of
-from seeing_wind.ui.field_vdb import read_samples
+from seeing_wind.ui.bake import bake
+from seeing_wind.ui.bake.bake.animation import keyframes
+from seeing_wind.ui.field.samples import samples_of
+from seeing_wind.ui.field.vdb import read_samples
+from seeing_wind.ui.job import status
+from seeing_wind.ui.recover import freshness
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 

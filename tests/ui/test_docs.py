@@ -11,7 +11,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-from seeing_wind.engine.arguments import parser
+from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.materials import MATERIALS
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,8 +11,12 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit
-from seeing_wind.ui import bake, bodies, freshness, panel_edit, status
-from seeing_wind.ui.animation import curves_of
+from seeing_wind.ui.bake import bake
+from seeing_wind.ui.bake.bake.animation import curves_of
+from seeing_wind.ui.edit import bodies
+from seeing_wind.ui.edit import panel as panel_edit
+from seeing_wind.ui.job import status
+from seeing_wind.ui.recover import freshness
 
 
 @pytest.fixture(scope="module")

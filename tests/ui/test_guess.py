@@ -9,7 +9,9 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from seeing_wind.ui import freshness, preferences, status, worker_calls
+from seeing_wind.ui.install import preferences
+from seeing_wind.ui.job import status, worker_calls
+from seeing_wind.ui.recover import freshness
 
 KEY = "sk-a-key-that-nobody-may-keep"
 SQUARE = {"object": "white card", "material": "paper", "type": "elastoplastic", "box": [16, 16, 48, 48]}

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui import job_operator
+from seeing_wind.ui.job import operator as job_operator
 from tests.ui.jobs import cube, recover
 from tests.ui.test_modal import Window, resimulating, step_until_over
 

@@ -19,7 +19,11 @@ import pytest
 
 import seeing_wind.ui as ui
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui import engine_environment, engine_install, job, preferences, status, worker_calls
+from seeing_wind.ui.install import environment as engine_environment
+from seeing_wind.ui.install import install as engine_install
+from seeing_wind.ui.install import preferences
+from seeing_wind.ui.job import status, worker_calls
+from seeing_wind.ui.job import worker as job
 
 DOCTOR = """
 import json, one_package, torch

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from seeing_wind.ui import job
+from seeing_wind.ui.job import worker as job
 
 WORKER = Path(__file__).with_name("fake_worker.py")
 BASE = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "SEEING_WIND"))}

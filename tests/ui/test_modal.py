@@ -8,8 +8,10 @@ from pathlib import Path
 import bpy
 import pytest
 
-from seeing_wind.ui import job, job_operator, status, worker_calls
-from seeing_wind.ui.operators import resimulate
+from seeing_wind.ui.edit import resimulate
+from seeing_wind.ui.job import operator as job_operator
+from seeing_wind.ui.job import status, worker_calls
+from seeing_wind.ui.job import worker as job
 from tests.ui.jobs import cube, now, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")

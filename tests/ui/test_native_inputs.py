@@ -17,11 +17,12 @@ import seeing_wind.ui as ui
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Camera
-from seeing_wind.ui import native, worker_calls
-from seeing_wind.ui.clip_scene import setup_clip_scene
-from seeing_wind.ui.native.camera import scene_camera
-from seeing_wind.ui.native.clips import as_pattern, loaded_clip
-from seeing_wind.ui.picture_frame import box_in_picture, box_on_screen
+from seeing_wind.ui.clip import inputs as native
+from seeing_wind.ui.clip.clip_scene import setup_clip_scene
+from seeing_wind.ui.clip.inputs.camera import scene_camera
+from seeing_wind.ui.clip.inputs.clips import as_pattern, loaded_clip
+from seeing_wind.ui.clip.picture_frame import box_in_picture, box_on_screen
+from seeing_wind.ui.job import worker_calls
 
 WIDTH, HEIGHT, PICTURES = 96, 64, 13
 

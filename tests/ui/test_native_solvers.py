@@ -11,9 +11,9 @@ import pytest
 from mathutils import Euler, Vector
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui import field_calibration
-from seeing_wind.ui.field_calibration import calibrate_object
-from seeing_wind.ui.field_samples import sample_wind_group, samples_of
+from seeing_wind.ui.field import calibration as field_calibration
+from seeing_wind.ui.field.calibration import calibrate_object
+from seeing_wind.ui.field.samples import sample_wind_group, samples_of
 
 
 @pytest.fixture(scope="module")

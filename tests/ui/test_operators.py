@@ -8,7 +8,10 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui import bake, freshness, job_operator, results, status
+from seeing_wind.ui.bake import bake
+from seeing_wind.ui.job import operator as job_operator
+from seeing_wind.ui.job import status
+from seeing_wind.ui.recover import freshness, results
 from tests.ui.jobs import cube, now, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -105,7 +108,7 @@ def test_a_failed_worker_is_told_and_nothing_stays_running(workplace, scene, mon
 
 
 def test_a_missing_engine_names_the_button_that_mends_it(workplace, scene, monkeypatch) -> None:
-    from seeing_wind.ui import engine_environment
+    from seeing_wind.ui.install import environment as engine_environment
 
     monkeypatch.delenv("SEEING_WIND_PYTHON")
     monkeypatch.setattr(engine_environment, "ROOT", workplace)

@@ -8,7 +8,9 @@ import bpy
 import pytest
 
 import seeing_wind.ui as ui
-from seeing_wind.ui import freshness, panel_pieces, panels, status
+from seeing_wind.ui import panel_pieces, panels
+from seeing_wind.ui.job import status
+from seeing_wind.ui.recover import freshness
 
 
 def test_register_and_unregister_twice_leaves_nothing_behind() -> None:

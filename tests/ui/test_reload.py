@@ -7,8 +7,8 @@ from pathlib import Path
 import bpy
 import pytest
 
-from seeing_wind.ui.field_samples import SAMPLE_WIND, samples_of
-from seeing_wind.ui.node_groups import get_input, set_input
+from seeing_wind.ui.field.node_groups import get_input, set_input
+from seeing_wind.ui.field.samples import SAMPLE_WIND, samples_of
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 

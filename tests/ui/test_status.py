@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from seeing_wind.ui import status
+from seeing_wind.ui.job import status
 
 
 def test_the_time_that_is_left_is_said_once_it_can_be() -> None:

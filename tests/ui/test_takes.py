@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.take import Take
-from seeing_wind.ui import bake, freshness, job_operator, status, takes
+from seeing_wind.ui.bake import bake
+from seeing_wind.ui.job import operator as job_operator
+from seeing_wind.ui.job import status, takes
+from seeing_wind.ui.recover import freshness
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 

@@ -86,7 +86,7 @@ def test_switching_on_reads_nothing_that_works_on_results() -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     read = next(line for line in done.stdout.splitlines() if line.startswith("read ")).split()[1:]
-    assert "seeing_wind.ui.panels" in read and not {"seeing_wind.ui.results", "seeing_wind.ui.bake", "seeing_wind.ui.native"} & set(read)
+    assert "seeing_wind.ui.panels" in read and not {"seeing_wind.ui.recover.results", "seeing_wind.ui.bake.bake", "seeing_wind.ui.clip.inputs"} & set(read)
     for name in read:
         path = PACKAGE.joinpath(*name.split(".")[1:])
         tree = ast.parse((path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8"))

@@ -19,13 +19,13 @@ from scipy.spatial import cKDTree
 from ..errors import UsageError
 from ..progress import NoProgress, Progress
 from ..records import Particles, Recovery
-from ..threads import one_torch_thread
 from .confidence import confidence_map
 from .force_field import ForceField
 from .kplanes import ForceFieldKPlanes, KPlanes
 from .neural import NeuralModule
 from .planes import Stencil
 from .point import ForceFieldPoint
+from .torch_threads import one_torch_thread
 from .triplane import CausalTriPlane, ForceFieldTriPlane
 
 ITERATIONS = 800

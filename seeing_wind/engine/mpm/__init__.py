@@ -6,7 +6,8 @@ import os
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 
-from .model import Model, model_for  # noqa: E402
+from .model import Model  # noqa: E402
+from .model_for import model_for  # noqa: E402
 from .rollout import BatchRollout, advance, rollout, rollout_batch  # noqa: E402
 from .state import State, Trajectory  # noqa: E402
 

@@ -11,11 +11,11 @@ import torch
 from ..errors import UsageError
 from ..progress import NoProgress, Progress
 from .body import Body, launched_in, sparse_stride
-from .boundary import HELD
 from .checks import check_force, check_numbers
 from .frame_run import FrameRun
+from .kernels.pack import unpack_forces
+from .lattice.boundary import HELD
 from .model import Model
-from .pack import unpack_forces
 from .state import State
 
 _HISTORY = 2_000_000_000

@@ -8,19 +8,20 @@ from collections.abc import Callable
 import numpy as np
 
 from ..progress import Progress
-from . import device, parallel, parallel_adjoint, parallel_forward, substep
-from .boundary import HELD
+from . import device
 from .checks import check_state
-from .crew import roster
 from .failure import diagnosis, failure
 from .frame_run import FrameRun, Piece
-from .kinematics import Conditions, conditions_for
-from .launch import Launcher
+from .kernels import parallel, parallel_adjoint, parallel_forward, substep
+from .kernels.crew import roster
+from .kernels.launch import Launcher
+from .kernels.native import aligned, aligned_copy, aligned_zeros
+from .kernels.pack import pack, pack_forces, unpack
+from .kernels.packed import MOST_NODES as MOST_INDEXED
+from .kernels.packed import MOST_NODES_ACROSS
+from .lattice.boundary import HELD
+from .lattice.kinematics import Conditions, conditions_for
 from .model import MOST_NODES, Model
-from .native import aligned, aligned_copy, aligned_zeros
-from .pack import pack, pack_forces, unpack
-from .packed import MOST_NODES as MOST_INDEXED
-from .packed import MOST_NODES_ACROSS
 from .precision import compiled_in, dtype_of
 from .state import State
 

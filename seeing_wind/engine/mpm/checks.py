@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import MaterialError, SimulationError, UsageError
 from ..materials import adjusted
 from ..records import Material, Particles
-from .constitutive import LAWS
+from .laws.constitutive import LAWS
 
 _FARTHEST = 2.0**30
 """Cells from the lattice's origin that a 32-bit index can count with room to spare."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import SimulationError
-from . import substep
+from .kernels import substep
 
 _REASONS = {
     substep.NOT_FINITE: ("has a velocity that is not finite", "velocity"),

@@ -9,11 +9,12 @@ import numpy as np
 from ..errors import SimulationError, UsageError
 from ..progress import NoProgress, Progress
 from ..records import Attachment
-from . import device, substep
+from . import device
 from .body import Body
-from .boundary import HELD
 from .checks import check_force, check_state
 from .failure import diagnosis, failure
+from .kernels import substep
+from .lattice.boundary import HELD
 from .model import MOST_NODES, Model
 from .precision import dtype_of
 from .state import State, Trajectory

@@ -12,16 +12,17 @@ import numpy as np
 import torch
 
 from ..progress import Progress
-from . import device, substep, tangent_kernels
+from . import device
 from .checks import check_state
-from .constitutive import ELASTIC_LAWS
 from .failure import diagnosis, failure
+from .kernels import substep, tangent_kernels
+from .kernels.native import aligned, aligned_zeros, native_vectors
+from .kernels.tangent_kernels import RECORD, SOURCE, STATE, WIDTHS
+from .laws.constitutive import ELASTIC_LAWS
 from .model import MOST_NODES, Model
-from .native import aligned, aligned_zeros, native_vectors
 from .precision import compiled_in, contracted
 from .rollout import conditioned
 from .state import State
-from .tangent_kernels import RECORD, SOURCE, STATE, WIDTHS
 
 LEAST_MASS = 1e-12
 """Nodes with less than this share of the lightest particle's mass do not move: a particle on the edge between two cells gives the far node

@@ -12,14 +12,14 @@ from ..conventions import DEFAULT_FOV_DEGREES
 from ..errors import ObjectError, UsageError
 from ..progress import Progress
 from ..settings import ObserveSettings
-from .background import Plate
-from .camera import read_camera
-from .clip import Clip
-from .depth import read_depth
-from .lens import Lens
-from .mask import LEAST_PIXELS, first_mask, mask_in_box, point_list
-from .motion import Flow, FlowSolver, window_of
-from .tracks import find_corners
+from .clip.camera import read_camera
+from .clip.depth import read_depth
+from .clip.frames import Clip
+from .clip.lens import Lens
+from .mask.background import Plate
+from .mask.first_mask import LEAST_PIXELS, first_mask, mask_in_box, point_list
+from .mask.motion import Flow, FlowSolver, window_of
+from .tracks.tracker import find_corners
 
 LEAST_TRACKS = 3
 """Points of the object that a network must be given."""
@@ -50,7 +50,7 @@ def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tu
         return read_depth(settings.depth, height, width), Path(settings.depth).name
     if settings.depth_model is None:
         return None, ""
-    from ..models.depth import predict_depth
+    from .models.depth import predict_depth
 
     fov = settings.fov if 1.0 <= settings.fov <= 170.0 else DEFAULT_FOV_DEGREES  # a wrong one is told by the camera
     focal = 0.5 * width / float(np.tan(0.5 * np.radians(fov)))
@@ -67,11 +67,11 @@ def first_outline(settings: ObserveSettings, picture: np.ndarray, plate: Plate |
     """
     box = settings.box
     if settings.prompt is not None and settings.detector_model is not None:
-        from ..models.masks import find_box
+        from .models.masks import find_box
 
         box = find_box(settings.detector_model, settings.prompt, picture, progress)
     if (box is not None or settings.points is not None) and settings.mask is None and settings.mask_model is not None:
-        from ..models.masks import MaskModel
+        from .models.masks import MaskModel
 
         network = MaskModel(settings.mask_model)
         if box is not None:
@@ -99,7 +99,7 @@ def network_masks(name: str, frames: np.ndarray, mask: np.ndarray, progress: Pro
     """The masks (H, W) bool of pictures 1 to T by the network `name`, with the flow between pictures round them."""
     import cv2
 
-    from ..models.masks import MaskModel
+    from .models.masks import MaskModel
 
     solver, before, gray = FlowSolver(), mask, cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
     for t, new in enumerate(MaskModel(name).follow(frames, mask, progress), start=1):
@@ -124,7 +124,7 @@ def network_tracks(name: str, frames: np.ndarray, mask: np.ndarray, progress: Pr
     Raises:
         ObjectError: the object has no corners to follow.
     """
-    from ..models.points import follow_points
+    from .models.points import follow_points
 
     corners = find_corners(frames[0], mask)
     if len(corners) < LEAST_TRACKS:

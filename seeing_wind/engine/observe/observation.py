@@ -14,21 +14,21 @@ from ..errors import ObjectError
 from ..progress import Progress
 from ..records import Observation
 from ..settings import ObserveSettings
-from .background import Plate, clean_plate, median_plate, plate_behind, stands_still, with_first_sight, without_object
-from .camera import find_camera
-from .clip import Clip, read_clip
-from .defects import check_pictures, tell_defects
-from .depth import object_depth, typical_depth
-from .follow import MaskFollower
-from .lens import Lens
-from .mask import point_list, read_mask
+from .clip.camera import find_camera
+from .clip.defects import check_pictures, tell_defects
+from .clip.depth import object_depth, typical_depth
+from .clip.frames import Clip, read_clip
+from .clip.lens import Lens
+from .clip.opencv_threads import one_thread
+from .clip.shake import as_filmed, camera_turns, steadied, turning
+from .mask.background import Plate, clean_plate, median_plate, plate_behind, stands_still, with_first_sight, without_object
+from .mask.first_mask import point_list, read_mask
+from .mask.follow import MaskFollower
 from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
-from .shake import as_filmed, camera_turns, steadied, turning
-from .threads import one_thread
-from .tracks import ENOUGH, find_corners
-from .tracks_centroid import centroid_track
-from .tracks_file import read_tracks
-from .tracks_reseed import Generations
+from .tracks.centroid import centroid_track
+from .tracks.file import read_tracks
+from .tracks.reseed import Generations
+from .tracks.tracker import ENOUGH, find_corners
 from .working_size import WorkingSize, working_scale
 
 FEW_PATCHES = 900

@@ -15,13 +15,13 @@ import numpy as np
 
 from ..records import Camera, Observation
 from ..settings import ObserveSettings
-from .camera import read_camera
-from .clip import Clip
-from .depth import read_depth
-from .lens import Lens
-from .mask import point_list, read_mask
-from .tracks_file import load_tracks
-from .transforms import LENS
+from .clip.camera import read_camera
+from .clip.depth import read_depth
+from .clip.frames import Clip
+from .clip.lens import Lens
+from .clip.transforms import LENS
+from .mask.first_mask import point_list, read_mask
+from .tracks.file import load_tracks
 
 LONGEST = 1280
 """Pixels of the picture's longer side that are enough."""

@@ -15,22 +15,23 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..errors import ObjectError, UsageError
-from ..mpm.constitutive import LAWS
-from ..mpm.model import DEFAULT_SPEED, Model, model_for
+from ..field.torch_threads import one_torch_thread
+from ..mpm.laws.constitutive import LAWS
+from ..mpm.model import Model
+from ..mpm.model_for import DEFAULT_SPEED, model_for
 from ..mpm.state import Trajectory
 from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
-from ..threads import one_torch_thread
-from .basis import SpatialBasis, spatial_basis
-from .beliefs import Expected
-from .objective import Channels, Objective
-from .point_channels import PointChannels, point_channels
-from .posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .remarks import force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
-from .stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
-from .track_channels import TrackChannels, track_channels
-from .window import FULL_KNOT, Found, WindowSolver
+from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
+from .diagnostics.remarks import force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
+from .prior.basis import SpatialBasis, spatial_basis
+from .prior.learning import Expected
+from .solve.stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
+from .solve.window import FULL_KNOT, Found, WindowSolver
+from .targets.objective import Channels, Objective
+from .targets.points import PointChannels, point_channels
+from .targets.tracks import TrackChannels, track_channels
 
 FULL_MODES = 16
 OBSERVABLE = 0.1

@@ -7,8 +7,8 @@ import pytest
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.field import ForceField, distill, sample_points
+from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.progress import Cancelled, Progress
-from seeing_wind.engine.report.accuracy import field_errors, uniform_errors
 
 from .conftest import FPS, FRAMES, recovery_of
 from .test_analytic import differences

@@ -11,9 +11,9 @@ import torch
 from safetensors.torch import save_file
 
 from seeing_wind.engine.errors import MissingPackage, ModelError
-from seeing_wind.engine.models.catalogue import KNOWN, cached, known
-from seeing_wind.engine.models.depth import predict_depth
-from seeing_wind.engine.models.folders import config_of, find, load_plain, package
+from seeing_wind.engine.observe.models.catalogue import KNOWN, cached, known
+from seeing_wind.engine.observe.models.depth import predict_depth
+from seeing_wind.engine.observe.models.folders import config_of, find, load_plain, package
 from seeing_wind.engine.progress import NoProgress
 
 
@@ -101,7 +101,7 @@ def test_the_catalogue_names_licences_and_ways() -> None:
 
 
 def test_the_doctor_lists_models_with_licence_and_advice(empty_cache: Path) -> None:
-    from seeing_wind.engine.doctor import _models
+    from seeing_wind.engine.command.doctor import _models
 
     checks = {check["name"]: check for check in _models()}
     assert len(checks) == len(KNOWN) and all(check["optional"] for check in checks.values())

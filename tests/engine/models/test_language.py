@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ModelError, UsageError
-from seeing_wind.engine.models.endpoint import KEY_VARIABLE, LONGEST_SIDE, ask, endpoint_of
-from seeing_wind.engine.models.language import FILE, check_properties, cut_out, estimate, estimated, kept_estimate
+from seeing_wind.engine.observe.models.endpoint import KEY_VARIABLE, LONGEST_SIDE, ask, endpoint_of
+from seeing_wind.engine.observe.models.language import FILE, check_properties, cut_out, estimate, estimated, kept_estimate
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.settings import BuildSettings
 from seeing_wind.engine.take import Take

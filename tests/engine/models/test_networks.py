@@ -19,11 +19,11 @@ import torch  # noqa: E402
 from safetensors.torch import load_file, save_file  # noqa: E402
 
 from seeing_wind.engine.errors import MissingPackage, ModelError, ObjectError  # noqa: E402
-from seeing_wind.engine.models.depth import normalised, predict_depth  # noqa: E402
-from seeing_wind.engine.models.masks import MaskModel, find_box  # noqa: E402
-from seeing_wind.engine.models.points import LEAST_SIGMA, UNKNOWN_SIGMA, follow_points, noise  # noqa: E402
+from seeing_wind.engine.field.torch_threads import one_torch_thread  # noqa: E402
+from seeing_wind.engine.observe.models.depth import normalised, predict_depth  # noqa: E402
+from seeing_wind.engine.observe.models.masks import MaskModel, find_box  # noqa: E402
+from seeing_wind.engine.observe.models.points import LEAST_SIGMA, UNKNOWN_SIGMA, follow_points, noise  # noqa: E402
 from seeing_wind.engine.progress import NoProgress, Progress  # noqa: E402
-from seeing_wind.engine.threads import one_torch_thread  # noqa: E402
 
 PICTURE = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8), (0, 0), 3)
 
@@ -82,11 +82,11 @@ def test_pictures_are_normalised_as_the_folder_says(tmp_path: Path) -> None:
 
 def test_words_give_a_box_inside_the_picture(folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = str(tiny.grounding_dino(folders / "dino"))
-    monkeypatch.setattr("seeing_wind.engine.models.masks.SHORT_SIDE", 96)
-    monkeypatch.setattr("seeing_wind.engine.models.masks.LEAST_SCORE", 0.0)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.SHORT_SIDE", 96)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.LEAST_SCORE", 0.0)
     x0, y0, x1, y1 = find_box(folder, "Red leaf", PICTURE, NoProgress())
     assert 0 <= x0 < x1 <= 63 and 0 <= y0 < y1 <= 47
-    monkeypatch.setattr("seeing_wind.engine.models.masks.LEAST_SCORE", 1.0)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.LEAST_SCORE", 1.0)
     with pytest.raises(ObjectError, match="red leaf"):
         find_box(folder, "red leaf", PICTURE, NoProgress())
     with pytest.raises(ModelError, match="not SAM 2"):

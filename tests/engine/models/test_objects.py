@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from seeing_wind.engine.arguments import parser, settings_of
+from seeing_wind.engine.command.arguments import parser, settings_of
+from seeing_wind.engine.command.verbs import identify, recover
 from seeing_wind.engine.errors import ModelError, ObjectError, UsageError
-from seeing_wind.engine.models.endpoint import endpoint_of
-from seeing_wind.engine.models.objects import find_objects
-from seeing_wind.engine.observe.mask import read_mask
+from seeing_wind.engine.observe.mask.first_mask.first_mask import read_mask
+from seeing_wind.engine.observe.models.endpoint import endpoint_of
+from seeing_wind.engine.observe.models.objects import find_objects
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import BuildSettings
-from seeing_wind.engine.verbs import identify, recover
 
 BALL = {"object": "Rubber ball", "material": "rubber", "type": "elastic", "box": [16, 26, 64, 74]}
 CLAY = {"object": "brick", "material": "clay", "type": "elastoplastic", "box": [96, 40, 144, 90]}
@@ -64,8 +64,8 @@ def test_networks_find_each_by_its_name_and_overlaps_go_to_the_smaller(server, m
         asked.append((name, text))
         return (0, 0, 1, 1) if text == "brick" else (16, 26, 64, 74)
 
-    monkeypatch.setattr("seeing_wind.engine.models.masks.find_box", find_box)
-    monkeypatch.setattr("seeing_wind.engine.models.masks.MaskModel", Whole)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.find_box", find_box)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.MaskModel", Whole)
     server.answers = [{"objects": [CLAY, BALL]}, CLAY_NUMBERS, RUBBER_NUMBERS]
     found = find_objects(endpoint_of(server.url, "any"), image, "dino", "sam", NoProgress())
     assert asked == [("dino", "brick"), ("dino", "Rubber ball")]
@@ -136,7 +136,7 @@ def test_all_objects_of_a_clip_get_their_mask_material_and_pin(tmp_path: Path, m
         done.append(arguments)
         return {"outcome": "converged" if len(done) == 1 else "max_iterations", "take": arguments.take}
 
-    monkeypatch.setattr("seeing_wind.engine.verbs._recover_one", one)
+    monkeypatch.setattr("seeing_wind.engine.command.verbs._recover_one", one)
     words = ["recover", "clip.mp4", "--take", str(tmp_path / "takes"), "--objects", str(tmp_path / "objects.json"), "--fps", "30"]
     result = recover(parser().parse_args([*words, "--distance", "1", "--pin", str(tmp_path / "pin.png")]), NoProgress())
     assert [(own.mask, own.law, own.density) for own in done] == [(a["mask"], a["law"], a["density"]) for a in listed]

@@ -6,7 +6,8 @@
 import numpy as np
 import taichi as ti
 
-from seeing_wind.engine.mpm import constitutive, device, plasticity
+from seeing_wind.engine.mpm import device
+from seeing_wind.engine.mpm.laws import constitutive, plasticity
 from seeing_wind.engine.mpm.precision import compiled_in
 
 array = ti.types.ndarray()

@@ -13,8 +13,8 @@ from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm import State, device, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.autograd import simulate
 from seeing_wind.engine.mpm.body import Body
-from seeing_wind.engine.mpm.colliders import Plane
-from seeing_wind.engine.mpm.native import aligned_copy, aligned_zeros
+from seeing_wind.engine.mpm.kernels.native import aligned_copy, aligned_zeros
+from seeing_wind.engine.mpm.lattice.colliders import Plane
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from tests.engine.mpm.bodies import RUBBER, block
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from seeing_wind.engine.mpm import State, model_for, rollout
-from seeing_wind.engine.mpm.boundary import FREE, HELD, PINNED
+from seeing_wind.engine.mpm.lattice.boundary import FREE, HELD, PINNED
 from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import SPACING, block
 

@@ -5,7 +5,7 @@ import pytest
 import taichi as ti
 
 from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.conditions import SEPARATE, SLIP, STICKY, boundary_velocity, boundary_velocity_adjoint
+from seeing_wind.engine.mpm.lattice.conditions import SEPARATE, SLIP, STICKY, boundary_velocity, boundary_velocity_adjoint
 from seeing_wind.engine.mpm.precision import compiled_in
 
 rows = ti.types.ndarray(ndim=2)

@@ -6,8 +6,8 @@ import pytest
 import taichi as ti
 
 from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.crew import await_all, counters, finish, roster, taken
-from seeing_wind.engine.mpm.substep import STRIDE
+from seeing_wind.engine.mpm.kernels.crew import await_all, counters, finish, roster, taken
+from seeing_wind.engine.mpm.kernels.substep import STRIDE
 
 integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
 

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from seeing_wind.engine.conventions import lame
-from seeing_wind.engine.mpm.constitutive import LAWS
+from seeing_wind.engine.mpm.laws.constitutive import LAWS
 from tests.engine.mpm.law_kernels import deformations, delicate, flow, flow_adjoint, rotations, stress, stress_adjoint, stretched
 
 MU, LAM = 3.0, 5.0

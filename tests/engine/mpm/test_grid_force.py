@@ -11,8 +11,8 @@ import torch
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.autograd import simulate
-from seeing_wind.engine.mpm.colliders import Plane
-from seeing_wind.engine.mpm.grid_force import with_grid_force
+from seeing_wind.engine.mpm.lattice.colliders import Plane
+from seeing_wind.engine.mpm.lattice.grid_force import with_grid_force
 from tests.engine.mpm.bodies import RUBBER, block
 
 LOW, HIGH = np.full(3, -0.5), np.full(3, 0.5)

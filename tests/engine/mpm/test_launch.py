@@ -5,7 +5,7 @@ import numpy as np
 import taichi as ti
 
 from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.launch import Launcher
+from seeing_wind.engine.mpm.kernels.launch import Launcher
 
 numbers = ti.types.ndarray(ndim=1)
 pairs = ti.types.ndarray(element_shape=(2,), ndim=1)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seeing_wind.engine.mpm import State, model_for, substep
+from seeing_wind.engine.mpm import State, model_for
 from seeing_wind.engine.mpm.body import Body
+from seeing_wind.engine.mpm.kernels import substep
 from seeing_wind.engine.progress import NoProgress
 from tests.engine.mpm.bodies import RUBBER, block
 

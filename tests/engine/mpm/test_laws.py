@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seeing_wind.engine.mpm.constitutive import LAWS
+from seeing_wind.engine.mpm.laws.constitutive import LAWS
 from tests.engine.mpm.law_kernels import deformations, delicate, polar, rotations, stress, stress_both_ways, stretched
 from tests.reference import mpm as twin
 

@@ -10,7 +10,7 @@ import pytest
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
-from seeing_wind.engine.mpm.model import MAX_SUBSTEPS
+from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment, Particles
 from tests.engine.mpm.bodies import RUBBER, affine_basis, block

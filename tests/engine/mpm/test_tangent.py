@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.mpm import rollout_batch
-from seeing_wind.engine.mpm.model import model_for
+from seeing_wind.engine.mpm.kernels.tangent_kernels import WIDTHS
+from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.mpm.tangent import Changes, applies_to, tangents
-from seeing_wind.engine.mpm.tangent_kernels import WIDTHS
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.recovery.basis import spatial_basis
+from seeing_wind.engine.recovery.prior.kernel.basis import spatial_basis
 from tests.engine.mpm.bodies import RUBBER, block
 
 FPS, FRAMES = 30.0, 5

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.mpm import State, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.autograd import simulate
-from seeing_wind.engine.mpm.boundary import border_axes
-from seeing_wind.engine.mpm.colliders import Plane
-from seeing_wind.engine.mpm.grid_force import with_grid_force
+from seeing_wind.engine.mpm.lattice.boundary import border_axes
+from seeing_wind.engine.mpm.lattice.colliders import Plane
+from seeing_wind.engine.mpm.lattice.grid_force import with_grid_force
 from seeing_wind.engine.mpm.tangent import Changes, tangents
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Material

@@ -10,13 +10,13 @@ from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.conventions import front_view
-from seeing_wind.engine.object.appearance import BANDS, Footage, fit_appearance
-from seeing_wind.engine.object.contributions import contributions
-from seeing_wind.engine.object.control import attach
-from seeing_wind.engine.object.covering import joined, uncovered
-from seeing_wind.engine.object.gaussians import FLATTENING, SH0, self_attached
-from seeing_wind.engine.object.splatting import picture
-from seeing_wind.engine.object.visibility import seen_surface
+from seeing_wind.engine.look.contributions import contributions
+from seeing_wind.engine.look.covering import joined, uncovered
+from seeing_wind.engine.look.gaussians import FLATTENING, SH0, self_attached
+from seeing_wind.engine.look.over_clip import BANDS, Footage, fit_appearance
+from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.observe.object.motion.control import attach
+from seeing_wind.engine.observe.object.shape.visibility import seen_surface
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Outcome, Particles, Recovery, Surface
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import scipy.spatial.transform
 
-from seeing_wind.engine.object.block import find_block
-from seeing_wind.engine.object.particles import fill
-from seeing_wind.engine.object.relief import relief_of
-from seeing_wind.engine.object.surface import surface_of
+from seeing_wind.engine.observe.object.shape.block import find_block
+from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.relief import relief_of
+from seeing_wind.engine.observe.object.shape.surface import surface_of
 from seeing_wind.engine.records import Camera
 from tests.engine.object.conftest import observed
 

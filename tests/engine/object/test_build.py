@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import MaterialError
-from seeing_wind.engine.object import build
-from seeing_wind.engine.object.control import attach
-from seeing_wind.engine.object.keypoints import place, ride
-from seeing_wind.engine.object.particles import fill
-from seeing_wind.engine.object.relief import relief_of
+from seeing_wind.engine.observe.object import build
+from seeing_wind.engine.observe.object.motion.control import attach
+from seeing_wind.engine.observe.object.motion.keypoints import place, ride
+from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Body
 from seeing_wind.engine.settings import BuildSettings
@@ -94,7 +94,7 @@ def test_rendered_plate(shared) -> None:
     """The lift of true tracks of a rendered plate stays near the truth, and its body near the true one."""
     import json
 
-    from seeing_wind.engine.object.lifting import lift
+    from seeing_wind.engine.observe.object.motion.lifting import lift
     from seeing_wind.engine.records import Camera
 
     folder = shared / "truth" / "rendered" / "sheet_v0"

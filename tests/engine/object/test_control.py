@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.object.control import attach, barycentric, carry
+from seeing_wind.engine.observe.object.motion.control import attach, barycentric, carry
 
 
 def affine(rng: np.random.Generator):

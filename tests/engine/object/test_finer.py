@@ -7,11 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from seeing_wind.engine.object.appearance import fit_appearance
-from seeing_wind.engine.object.control import attach
-from seeing_wind.engine.object.covering import joined
-from seeing_wind.engine.object.finer import SHRUNK, finer
-from seeing_wind.engine.object.gaussians import self_attached
+from seeing_wind.engine.look.covering import joined
+from seeing_wind.engine.look.finer import SHRUNK, finer
+from seeing_wind.engine.look.gaussians import self_attached
+from seeing_wind.engine.look.over_clip import fit_appearance
+from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.records import Gaussians
 
 from .test_appearance import CAMERA, WALL, drawn, filmed, footage, front_only, lattice, motion, off

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from seeing_wind.engine.conventions import front_view
-from seeing_wind.engine.object import gsplat_backend
-from seeing_wind.engine.object.splatting import NEAR, blend, project, tiles_of
+from seeing_wind.engine.look import gsplat_backend
+from seeing_wind.engine.look.splatting import NEAR, blend, project, tiles_of
 from seeing_wind.engine.records import Camera
 
 

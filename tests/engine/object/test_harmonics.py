@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from seeing_wind.engine.object.gaussians import colours, covariances, rest_covariances
-from seeing_wind.engine.object.harmonics import harmonics, polar_rotations, seen_colours
+from seeing_wind.engine.look.gaussians import colours, covariances, rest_covariances
+from seeing_wind.engine.look.harmonics import harmonics, polar_rotations, seen_colours
 
 from .test_gaussians_ply import some
 

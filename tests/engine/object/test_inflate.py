@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from seeing_wind.engine.object.inflate import balls, inflate
-from seeing_wind.engine.object.particles import fill
-from seeing_wind.engine.object.relief import relief_of
+from seeing_wind.engine.observe.object.shape.inflate import balls, inflate
+from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.records import Camera
 from tests.engine.object.conftest import observed
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.object.lifting import Sight, best_rotations, lift, lift_views, neighbour_edges
+from seeing_wind.engine.observe.object.motion.lifting import Sight, best_rotations, lift, lift_views, neighbour_edges
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Camera
 

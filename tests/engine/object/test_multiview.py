@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from seeing_wind.engine.object import build
-from seeing_wind.engine.object.multiview import with_views
-from seeing_wind.engine.object.splatting import picture
+from seeing_wind.engine.look.multiview import with_views
+from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.observe.object import build
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import BuildSettings
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.object.particles import fill, spread
-from seeing_wind.engine.object.relief import relief_of
+from seeing_wind.engine.observe.object.shape.particles import fill, spread
+from seeing_wind.engine.observe.object.shape.relief import relief_of
 
 from .conftest import FOCAL, camera, observed
 

@@ -7,14 +7,14 @@ import pytest
 import torch
 
 from seeing_wind.engine.conventions import front_view
-from seeing_wind.engine.object.gaussians import pixel_aligned, rest_covariances, view_camera
-from seeing_wind.engine.object.look import fit
-from seeing_wind.engine.object.particles import fill
-from seeing_wind.engine.object.relief import relief_of
-from seeing_wind.engine.object.splatting import PIXEL_FILTER, blend, picture, project, tiles_of
+from seeing_wind.engine.field.torch_threads import one_torch_thread
+from seeing_wind.engine.look.first_frame import fit
+from seeing_wind.engine.look.gaussians import pixel_aligned, rest_covariances, view_camera
+from seeing_wind.engine.look.splatting import PIXEL_FILTER, blend, picture, project, tiles_of
+from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Camera
-from seeing_wind.engine.threads import one_torch_thread
 
 from .test_gaussians_ply import some
 
@@ -41,7 +41,7 @@ def plain(gaussians, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_picture_equals_the_plain_rasteriser(monkeypatch) -> None:
-    monkeypatch.setattr("seeing_wind.engine.object.splatting.CUTOFF", 6.0)
+    monkeypatch.setattr("seeing_wind.engine.look.splatting.CUTOFF", 6.0)
     gaussians, camera = some(9), small_camera()
     image, alpha = picture(gaussians, camera)
     expected, cover = plain(gaussians, camera)

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.object.particles import fill
-from seeing_wind.engine.object.relief import relief_of
-from seeing_wind.engine.object.surface import boundary_edges, silhouette_triangles, surface_of, without_pinches
+from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.relief import relief_of
+from seeing_wind.engine.observe.object.shape.surface import boundary_edges, silhouette_triangles, surface_of, without_pinches
 
 from .conftest import observed
 

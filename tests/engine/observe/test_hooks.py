@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scenes import Scene
 
-from seeing_wind.engine.arguments import parser, settings_of
+from seeing_wind.engine.command.arguments import parser, settings_of
+from seeing_wind.engine.command.verbs import recover
 from seeing_wind.engine.errors import ModelError, UsageError
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
-from seeing_wind.engine.verbs import recover
 
 pytest.importorskip("transformers")
 
@@ -37,8 +37,8 @@ class TrueMasks:
 
 def test_words_and_masks(disc: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     TrueMasks.scene = disc
-    monkeypatch.setattr("seeing_wind.engine.models.masks.MaskModel", TrueMasks)
-    monkeypatch.setattr("seeing_wind.engine.models.masks.find_box", lambda name, text, picture, progress: disc.box)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.MaskModel", TrueMasks)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.find_box", lambda name, text, picture, progress: disc.box)
     settings = ObserveSettings(prompt="orange disc", detector_model="dino", mask_model="sam", distance=1.5)
     seen = observe(disc.path, settings, NoProgress())
     assert np.array_equal(seen.masks, disc.masks)
@@ -56,7 +56,7 @@ def test_depth_is_the_networks_and_a_distance_scales_it(disc: Scene, monkeypatch
         asked.append(focal)
         return slope.copy()
 
-    monkeypatch.setattr("seeing_wind.engine.models.depth.predict_depth", predict)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.depth.predict_depth", predict)
     seen = observe(disc.path, ObserveSettings(box=disc.box, depth_model="net", fov=60.0), NoProgress())
     assert np.allclose(seen.depth[seen.masks[0]], slope[seen.masks[0]]) and np.isinf(seen.depth[~seen.masks[0]]).all()
     assert asked == [pytest.approx(seen.camera.fx)]
@@ -71,7 +71,7 @@ def test_tracks_are_the_networks(disc: Scene, monkeypatch: pytest.MonkeyPatch) -
         xy = np.stack([disc.moved(points, t) for t in range(len(frames))])
         return xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.7)
 
-    monkeypatch.setattr("seeing_wind.engine.models.points.follow_points", follow)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.points.follow_points", follow)
     seen = observe(disc.path, ObserveSettings(box=disc.box, track_model="co", distance=1.5), NoProgress())
     assert len(seen.on_centroid) > 20 and (seen.sigma == 0.7).all()
     assert np.abs(seen.xy[5] - disc.moved(seen.xy[0], 5)).max() < 0.05, "up to the tremble that the clip was freed of"

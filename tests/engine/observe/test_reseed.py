@@ -10,8 +10,8 @@ import pytest
 from scenes import HEIGHT, WIDTH, noise, write_video
 
 from seeing_wind.engine.conventions import front_view
-from seeing_wind.engine.object import build
 from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.object import build
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Body, Camera, Observation
 from seeing_wind.engine.settings import BuildSettings, ObserveSettings
@@ -83,7 +83,7 @@ def seen(board: tuple[Path, np.ndarray]) -> Observation:
 def body(seen: Observation) -> Body:
     with pytest.MonkeyPatch.context() as patch:
         # How the body looks is not asked here, and fitting it takes longest.
-        patch.setattr("seeing_wind.engine.object.look.fit", lambda gaussians, *_, **__: (gaussians, 40.0))
+        patch.setattr("seeing_wind.engine.look.first_frame.fit", lambda gaussians, *_, **__: (gaussians, 40.0))
         return build(seen, BuildSettings(thickness=DEPTH, particles=150), NoProgress())
 
 

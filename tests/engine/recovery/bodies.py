@@ -3,7 +3,7 @@
 import numpy as np
 
 from seeing_wind.engine.conventions import front_view
-from seeing_wind.engine.mpm.model import model_for
+from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.records import Attachment, Camera, Material, Particles, PointTargets

@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import SimulationError
-from seeing_wind.engine.mpm.model import model_for
+from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Attachment, Particles, PointTargets, TrackTargets
-from seeing_wind.engine.recovery import beliefs, recover, warm_start, window
-from seeing_wind.engine.recovery.basis import hats, spatial_basis, velocity_basis
-from seeing_wind.engine.recovery.beliefs import strayed
-from seeing_wind.engine.recovery.forward import Forward
-from seeing_wind.engine.recovery.gauss_newton import Linearisation, solve
-from seeing_wind.engine.recovery.objective import Objective
-from seeing_wind.engine.recovery.point_channels import point_channels
-from seeing_wind.engine.recovery.track_channels import track_channels
+from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.recovery.prior import learning as beliefs
+from seeing_wind.engine.recovery.prior.kernel.basis import hats, spatial_basis, velocity_basis
+from seeing_wind.engine.recovery.prior.kernel.learning import strayed
+from seeing_wind.engine.recovery.solve import warm_start, window
+from seeing_wind.engine.recovery.solve.forward import Forward
+from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve
+from seeing_wind.engine.recovery.targets.objective import Objective
+from seeing_wind.engine.recovery.targets.points import point_channels
+from seeing_wind.engine.recovery.targets.tracks import track_channels
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, relative
 
 

@@ -7,18 +7,18 @@ import torch
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field import distill
-from seeing_wind.engine.mpm.model import model_for
+from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.object.control import attach
-from seeing_wind.engine.object.splatting import picture
+from seeing_wind.engine.observe.object.motion.control import attach
+from seeing_wind.engine.paper.field import PlaneField
+from seeing_wind.engine.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
+from seeing_wind.engine.paper.image_loss import ImageLoss, Pictures
+from seeing_wind.engine.paper.start import first_look
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Camera, Gaussians, Material, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery import recover_by_descent
-from seeing_wind.engine.recovery.descent_field import PlaneField
-from seeing_wind.engine.recovery.descent_start import first_look
-from seeing_wind.engine.recovery.flow_depth_objective import FlowDepthLoss, SceneFlow
-from seeing_wind.engine.recovery.image_objective import ImageLoss, Pictures
 from seeing_wind.engine.settings import RecoverSettings
 from seeing_wind.engine.stages import check_solve
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.report import field_errors, uniform_errors
+from seeing_wind.engine.look.report import field_errors, uniform_errors
 
 
 def forces(seed: int = 0) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seeing_wind.engine.report.colours import force_colours, scale_top
+from seeing_wind.engine.look.report.colours import force_colours, scale_top
 
 
 @pytest.mark.parametrize("strength, top", [(0.97, 1.0), (1.0, 1.0), (1.01, 1.2), (83.0, 100.0), (1180.0, 1200.0), (0.0, 1.0)])

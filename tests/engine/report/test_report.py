@@ -12,9 +12,9 @@ import pytest
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.field import UniformField
+from seeing_wind.engine.look.report import write_overlay, write_report, write_trajectory_report
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Observation, Outcome, Particles, Recovery, Surface
-from seeing_wind.engine.report import write_overlay, write_report, write_trajectory_report
 from seeing_wind.engine.take import Take
 
 FRAMES, COUNT, FPS = 5, 40, 20.0

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ClipError
+from seeing_wind.engine.look.report.backdrop import relit
+from seeing_wind.engine.look.report.resimulated import look_over_clip, psnr, resimulated, ssim, write_resimulated
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Observation, Recovery
-from seeing_wind.engine.report.backdrop import relit
-from seeing_wind.engine.report.resimulated import look_over_clip, psnr, resimulated, ssim, write_resimulated
 from seeing_wind.engine.take import Take
 
 from .test_report import COUNT, FRAMES, body, observation, recovery

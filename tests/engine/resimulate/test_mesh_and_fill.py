@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from seeing_wind.engine.closed_mesh import signed_volume
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.resimulate.fill import fill
-from seeing_wind.engine.resimulate.mesh import load_mesh
+from seeing_wind.engine.mpm.lattice.closed_mesh import signed_volume
+from seeing_wind.engine.recovery.resimulate.fill import fill
+from seeing_wind.engine.recovery.resimulate.mesh import load_mesh
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -12,8 +12,8 @@ from seeing_wind.engine.errors import MaterialError, UsageError
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic, UniformField
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Outcome, Particles, Recovery, Surface
-from seeing_wind.engine.resimulate import simulate_bodies
-from seeing_wind.engine.resimulate.simulate import continued
+from seeing_wind.engine.recovery.resimulate import simulate_bodies
+from seeing_wind.engine.recovery.resimulate.simulate import continued
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit
 
 trimesh = pytest.importorskip("trimesh")

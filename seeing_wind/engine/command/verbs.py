@@ -1,0 +1,308 @@
+"""What each verb of the command line does: options in, one result out. Short: the work is in the stages."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import time
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..conventions import GRAVITY
+from ..errors import SeeingWindError, TakeError, UsageError
+from ..materials import adjusted, find
+from ..progress import Progress
+from ..records import Material, Outcome
+from ..settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings, from_mapping
+from ..stages import (
+    build_stage,
+    check_solve,
+    observe_stage,
+    picture_loss,
+    read_body,
+    read_recovery,
+    recover_stage,
+    require_take,
+    track_targets,
+    write_gaussians,
+)
+from ..take import Take, stamp_of
+from .arguments import gravity_of, properties_of, settings_of
+
+if TYPE_CHECKING:
+    from ..observe.models.endpoint import Endpoint
+
+Result = dict[str, Any]
+
+PAINTED_DEPTH = 0.5
+"""Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a picture takes in some material that gives way."""
+
+
+def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover CLIP --take DIR`."""
+    if arguments.objects is not None:
+        return _recover_objects(arguments, progress)
+    return _recover_one(arguments, progress)
+
+
+def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover CLIP --take DIR --objects OBJECTS.json`: every object in a take of its own, DIR/NAME.take, with its own material.
+
+    Raises:
+        UsageError: a file that `identify` did not write, or options that belong to one object.
+    """
+    from ..observe.models.language import RANGES
+    from ..observe.models.objects import read_objects
+
+    if arguments.view or arguments.tracks:
+        raise UsageError("--view and --tracks belong to one object.", "Leave them out, or recover the objects one by one with --mask.")
+    home, found = Path(arguments.take), read_objects(arguments.objects)
+    results: list[Result] = []
+    for number, one in enumerate(found, start=1):
+        progress.begin("observe", f"{one['name']}, object {number} of {len(found)}")
+        own = argparse.Namespace(**vars(arguments))
+        vars(own).update({key: one[key] for key in ("mask", "law", *RANGES)})
+        own.objects, own.take = None, str(home / f"{one['name']}.take")
+        own.estimated_material, own.estimated_by = one["material"], f"{one['object']} of {Path(arguments.objects).name}"
+        own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
+        results.append({"name": one["name"], **_recover_one(own, progress)})
+    Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
+    worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
+    return {"outcome": (worst[0] if worst else Outcome.CONVERGED).value, "take": str(home), "objects": results}
+
+
+def _on(mask: str, pin: str) -> bool:
+    """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
+    import cv2
+
+    pictures = [cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
+    if pictures[0] is None or pictures[1] is None or pictures[0].shape != pictures[1].shape:
+        return True  # told by the stage that reads them
+    return bool(((pictures[0] > 0) & (pictures[1] > 0)).any())
+
+
+def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """One object of a clip into one take."""
+    from ..look.multiview import with_views
+    from ..look.report import write_report
+    from ..observe import observe
+    from ..observe.object import write_ply
+    from ..observe.object.motion.views import lifted_together, view_targets
+
+    _material(find(arguments.material), arguments)  # a wrong one is told before the work begins
+    settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments), clamp_depth=PAINTED_DEPTH)
+    check_solve(settings, clip=True, views=len(arguments.view))
+    endpoint = _endpoint(arguments)
+    take, seconds = Take(arguments.take), dict[str, float]()
+    points = tuple(value for point in arguments.points for value in point) if arguments.points else None
+    observing = settings_of(ObserveSettings, arguments, points=points)
+    observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
+    building = settings_of(BuildSettings, arguments)
+    if endpoint is not None:
+        from ..observe.models.language import estimated
+
+        building = _timed(seconds, "material", lambda: estimated(take, endpoint, observation, building, progress))
+    body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
+    targets, sights = [track_targets(observation, body)], []
+    for clip, camera, mask in arguments.view:
+        # Depth and pins of a further view are not used: its points are found on the first view's body.
+        further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
+        further = dataclasses.replace(further, distance=1.0, depth_model=None, prompt=None, detector_model=None)
+        progress.begin("observe", f"further view {Path(clip).name}")
+        sights.append(observe(clip, further, progress))
+        targets.append(view_targets(body, sights[-1]))
+    if arguments.view:
+        body = lifted_together(observation, body, targets, progress)
+        body, _ = with_views(body, observation, sights, progress)
+        write_gaussians(take, body.gaussians, write_ply)
+    upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
+    loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
+    recovery, field, solve_seconds = recover_stage(
+        take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
+    )
+    if field is None:
+        return _diverged(recovery)
+    progress.begin("report", "drawing the report")
+    report = write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress)
+    progress.update(1.0, "done")
+    return _summary(report, take)
+
+
+def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover-trajectories TRUTH.npz --take DIR`."""
+    from ..look.report import write_trajectory_report
+    from .trajectories import read_trajectories
+
+    take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
+    gravity = gravity_of(arguments) if arguments.gravity or arguments.no_gravity else None
+    source = read_trajectories(arguments.truth, preset, gravity, **properties_of(arguments))
+    particles, material = source.particles, source.material
+    settings = settings_of(RecoverSettings, arguments, gravity=source.gravity, clamp_depth=source.clamp_depth)
+    check_solve(settings, clip=False)
+    take.prepare()
+    for note in source.notes:
+        progress.warn(note)
+    upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)
+    recovery, field, seconds = recover_stage(take, particles, material, source.targets, source.fps, upstream, settings, progress)
+    recovery = dataclasses.replace(recovery, notes=[*source.notes, *recovery.notes])
+    if field is None:
+        return _diverged(recovery)
+    progress.begin("report", "drawing the report")
+    report = write_trajectory_report(take, particles, material, recovery, field, seconds, settings)
+    return _summary(report, take)
+
+
+def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`sample DIR --points P.npy [--frame T] --out OUT.npz`."""
+    from ..field import load_field
+    from ..field.sampling import sample_file
+
+    field = load_field(require_take(arguments.take).file("field.safetensors"))
+    out = Path(arguments.out)
+    if not out.name:
+        raise UsageError(f"'{arguments.out}' is no file's name.", "Give --out a path such as forces.npz.")
+    force_density, confidence = sample_file(field, arguments.points, arguments.frame, progress)
+    Take(out.parent).write_arrays(out.name, {"force_density": force_density, "confidence": confidence})
+    return {"outcome": "converged", "out": str(out), "points": confidence.size}
+
+
+def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`resimulate DIR --edit EDIT.toml --take OUT` -> OUT/bodies/NAME.npz."""
+    from ..field import load_field
+    from ..recovery.resimulate import simulate_bodies
+
+    source, out = require_take(arguments.source), Take(arguments.take)
+    edit, field = read_edit(arguments.edit), load_field(source.file("field.safetensors"))
+    recovered = None
+    if any(body.mesh == "recovered" for body in edit.body):
+        if not source.file("particles.npz").is_file():
+            raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
+        recovered = (read_body(source), read_recovery(source))
+    progress.begin("resimulate", "simulating")
+    bodies = simulate_bodies(edit, field, recovered, Path(arguments.edit).resolve().parent, progress, device=arguments.device)
+    for name, body in bodies.items():
+        out.write_arrays(f"bodies/{name}.npz", {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps)})
+    figures = {
+        name: {"vertices": int(body.vertices.shape[1]), "particles": body.particles, "notes": body.notes} for name, body in bodies.items()
+    }
+    out.write_json("resimulation.json", {"source": str(source.path), "fps": field.fps, "frames": field.frames, "bodies": figures})
+    out.finish(
+        "resimulate",
+        stamp_of(Path(arguments.edit), source.file("field.safetensors")),
+        {"source": str(source.path), "edit": str(arguments.edit)},
+    )
+    progress.update(1.0, "done")
+    return {"outcome": "converged", "take": str(out.path), "bodies": figures}
+
+
+def export(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`export DIR --format npz|ply|fga|vdb --out PATH`."""
+    from ..field import load_field
+    from ..field.sampling import export_field
+
+    field = load_field(require_take(arguments.take).file("field.safetensors"))
+    progress.begin("export", arguments.format)
+    return {"outcome": "converged", "files": [str(path) for path in export_field(field, arguments.format, Path(arguments.out), progress)]}
+
+
+def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`identify CLIP --take DIR`: the objects of the first picture with materials and masks, ready for one `recover` each."""
+    from ..observe.clip.frames import read_clip
+    from ..observe.models.objects import find_objects, write_objects
+
+    endpoint = _endpoint(arguments)
+    assert endpoint is not None  # both options are required
+    first = arguments.frames[0] if arguments.frames else 0
+    picture = read_clip(arguments.clip, (first, first + 1), fps=1.0, progress=progress).frames[0]
+    found = find_objects(endpoint, picture, arguments.detector_model, arguments.mask_model, progress)
+    return {"outcome": "converged", "objects": write_objects(Take(arguments.take), found)}
+
+
+def doctor(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`doctor`: what works here. Fails when something required does not."""
+    from .doctor import examine
+
+    checks = examine()
+    broken = [check["name"] for check in checks if not check["ok"] and not check.get("optional")]
+    if broken:
+        for check in checks:
+            if not check["ok"]:
+                progress.warn(f"{check['name']}: {check['detail']}. {check.get('advice', '')}".strip())
+        raise SeeingWindError(f"The engine is not complete: {', '.join(broken)}.", "Run Install Engine, or `make setup`.")
+    return {"outcome": "converged", "checks": checks}
+
+
+VERBS: dict[str, Callable[[argparse.Namespace, Progress], Result]] = {
+    "recover": recover,
+    "recover-trajectories": recover_trajectories,
+    "sample": sample,
+    "resimulate": resimulate,
+    "export": export,
+    "identify": identify,
+    "doctor": doctor,
+}
+
+
+def read_edit(path: str) -> Edit:
+    """Read EDIT.toml.
+
+    Raises:
+        UsageError: no such file, no TOML, an unknown or missing key, two bodies of one name, or none at all.
+    """
+    try:
+        values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"The edit {path} cannot be read: {error.strerror}.", "Give the path of a TOML file.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"The edit {path} is no TOML: {error}.", "Mend that line.") from error
+    tables = values.pop("body", [])
+    if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
+        raise UsageError(f"The edit {path} has no [[body]].", "Add one with a name and a mesh.")
+    bodies = tuple(from_mapping(BodyEdit, table, f"{path}, body {i + 1}") for i, table in enumerate(tables))
+    names = [body.name for body in bodies]
+    for name in names:
+        if names.count(name) > 1:
+            raise UsageError(f"Two bodies are named {name}.", "Give each a name of its own.")
+        if not name or any(c in name for c in '/\\:*?"<>|') or name.startswith("."):
+            raise UsageError(f"'{name}' cannot be a file's name.", "Use letters, digits, spaces, '-' and '_'.")
+    walls = values.pop("collider", [])
+    if not isinstance(walls, list) or not all(isinstance(table, dict) for table in walls):
+        raise UsageError(f"The edit {path} has a collider that is no [[collider]].", "Write [[collider]] with a name and a mesh or plane.")
+    colliders = tuple(from_mapping(ColliderEdit, table, f"{path}, collider {i + 1}") for i, table in enumerate(walls))
+    return from_mapping(Edit, {"gravity": list(GRAVITY), **values, "body": bodies, "collider": colliders}, path)
+
+
+def _endpoint(arguments: argparse.Namespace) -> Endpoint | None:
+    """The vision-language model that --material-endpoint names, None without one."""
+    if arguments.material_endpoint is None and arguments.material_model is None:
+        return None
+    if arguments.material_endpoint is None or arguments.material_model is None:
+        raise UsageError("--material-endpoint and --material-model belong together.", "Give the address and the model's name there.")
+    from ..observe.models.endpoint import endpoint_of
+
+    return endpoint_of(arguments.material_endpoint, arguments.material_model)
+
+
+def _material(base: Material, arguments: argparse.Namespace) -> Material:
+    """The material with the properties that the options give. Raises MaterialError as `materials.adjusted`."""
+    return adjusted(base, **properties_of(arguments))
+
+
+def _timed(seconds: dict[str, float], stage: str, work: Callable[[], Any]) -> Any:
+    started = time.perf_counter()
+    result = work()
+    seconds[stage] = time.perf_counter() - started
+    return result
+
+
+def _diverged(recovery: Any) -> Result:
+    return {"outcome": Outcome.DIVERGED.value, "iterations": recovery.iterations, "notes": recovery.notes}
+
+
+def _summary(report: dict[str, Any], take: Take) -> Result:
+    keys = ("outcome", "iterations", "residual", "residual_unit", "seconds", "notes")
+    return {"take": str(take.path), **{("stage_seconds" if key == "seconds" else key): report[key] for key in keys if key in report}}

@@ -1,0 +1,86 @@
+"""Gaussians for parts of the surface that others leave bare: what only a further view or a later picture shows."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from ..observe.object.motion.control import attach
+from ..observe.object.shape.relief import MAX_SLANT
+from ..observe.object.shape.visibility import seen_surface
+from ..records import Attachment, Body, Camera, Gaussians
+from .gaussians import COUNT, FLATTENING, INITIAL_OPACITY, INITIAL_SIGMA, SH0
+
+COVERED = 1.2
+"""A place is shown already where a Gaussian of its side lies within this many of the new ones' distances."""
+
+APART = 2.0
+"""The two sides of a thin leaf are told apart by moving places out along their normals by this many of those distances."""
+
+
+def uncovered(
+    body: Body, gaussians: Gaussians, camera: Camera, mask: np.ndarray, image: np.ndarray, frame: int = 0, x: np.ndarray | None = None
+) -> Gaussians:
+    """Flat Gaussians on the part of the surface that a picture shows and `gaussians` do not cover, with its colours.
+
+    Args:
+        mask: (H, W) bool, the object in picture `frame` of `camera`; image: (H, W, 3) uint8 RGB, that picture; x: (N, 3) the particles
+        then [m], None for rest.
+
+    Returns:
+        Gaussians at rest, attached to the body's particles; possibly none.
+    """
+    surface = body.surface
+    vertices = surface.vertices if x is None else surface.attachment.follow(x)
+    stride = max(1, round(np.sqrt(mask.sum() / COUNT)))
+    lattice = np.zeros_like(mask)
+    lattice[::stride, ::stride] = mask[::stride, ::stride]
+    seen = seen_surface(vertices, surface.triangles, camera, frame, surface.vertices, lattice)
+    frames, size = _frames(seen.right, seen.down, seen.normal)
+    size = stride * np.minimum(size, MAX_SLANT * size[:, :1])
+    fresh = np.zeros(len(size), bool)
+    if len(size):
+        out = APART * float(np.median(size[:, 0]))
+        normals = Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix()[:, :, 2]
+        fresh = cKDTree(gaussians.x + out * normals).query(seen.place + out * seen.normal)[0] > COVERED * size[:, 0]
+    place, size, pixel = seen.place[fresh], size[fresh], seen.pixel[fresh]
+    rotation = Rotation.from_matrix(frames[fresh]).as_quat()[:, [3, 0, 1, 2]] if len(place) else np.zeros((0, 4))
+    return Gaussians(
+        x=place,
+        scale=INITIAL_SIGMA * np.column_stack([size, FLATTENING * size[:, 0]]),
+        rotation=rotation,
+        opacity=np.full(len(place), INITIAL_OPACITY),
+        sh=((image[pixel[:, 1], pixel[:, 0]] / 255.0 - 0.5) / SH0)[:, None, :],
+        attachment=attach(place, body.particles.x),
+    )
+
+
+def _frames(right: np.ndarray, down: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axes of the ellipses that pixels cover on a surface, from two conjugate half-axes (S, 3) each.
+
+    Returns:
+        (S, 3, 3) with columns short axis, long axis, normal, right-handed; and (S, 2) the lengths of the two [m].
+    """
+    e1 = right / np.maximum(np.linalg.norm(right, axis=1, keepdims=True), 1e-15)
+    e2 = np.cross(normal, e1)
+    flat = np.stack([np.stack([(v * e).sum(axis=1) for v in (right, down)], axis=1) for e in (e1, e2)], axis=1)
+    values, vectors = np.linalg.eigh(flat @ flat.transpose(0, 2, 1))
+    short = e1 * vectors[:, :1, 0] + e2 * vectors[:, 1:, 0]
+    long = np.cross(normal, short)
+    return np.stack([short, long, normal], axis=2), np.sqrt(np.maximum(values, 0.0))
+
+
+def joined(first: Gaussians, second: Gaussians) -> Gaussians:
+    """Both sets as one; harmonics that only one has are zero in the other, and so are weights of particles where fewer carry it."""
+    if len(second.x) == 0:
+        return first
+    count = max(first.sh.shape[1], second.sh.shape[1])
+    sh = [np.pad(one.sh, ((0, 0), (0, count - one.sh.shape[1]), (0, 0))) for one in (first, second)]
+    plain = {name: np.concatenate([getattr(first, name), getattr(second, name)]) for name in ("x", "scale", "rotation", "opacity")}
+    carriers = max(first.attachment.index.shape[1], second.attachment.index.shape[1])
+    ride = [
+        np.concatenate([np.pad(values, ((0, 0), (0, carriers - values.shape[1]))) for values in both])
+        for both in ((first.attachment.index, second.attachment.index), (first.attachment.weight, second.attachment.weight))
+    ]
+    return Gaussians(**plain, sh=np.concatenate(sh), attachment=Attachment(*ride))

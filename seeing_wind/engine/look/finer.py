@@ -1,0 +1,57 @@
+"""Finer Gaussians where the clip shows more than picture 0 had room for: its cap on their number, a side that was slanted or far."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..observe.object.motion.control import attach
+from ..records import Attachment, Camera, Gaussians
+from .covering import joined
+from .gaussians import blended_gradients
+
+LIMIT = 1.0
+"""Standard deviation [px] up to which a Gaussian stays whole: finer ones cost time and show no more."""
+
+APART, SHRUNK = 0.5, 0.5
+"""Where the halves of a Gaussian lie, on either side, and how wide they are, in its standard deviations: narrower than would keep the
+blob as it was, because it was too wide for the texture. The colours are fitted afterwards."""
+
+
+def finer(gaussians: Gaussians, particles_x: np.ndarray, camera: Camera, motion: Iterable[tuple[int, np.ndarray, np.ndarray]]) -> Gaussians:
+    """Gaussians halved along each of their two longer axes that some picture shows wider than `LIMIT`.
+
+    Args:
+        particles_x: (N, 3) [m] at rest; motion: the pictures' numbers, particles (N, 3) [m] and deformation gradients (N, 3, 3) in them.
+
+    Returns:
+        Gaussians at rest, attached to the particles: those that stay whole, in their order, then the parts of the others.
+    """
+    axes = Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix() * gaussians.scale[:, None, :]
+    long = np.argsort(gaussians.scale, axis=1)[:, 1:]
+    arms = np.take_along_axis(axes, long[:, None, :], axis=2)
+    wide = np.zeros(long.shape, bool)
+    for t, x, F in motion:
+        shown = camera.projection_jacobian(gaussians.attachment.follow(x), t) @ (blended_gradients(gaussians, F) @ arms)
+        wide |= np.linalg.norm(shown, axis=1) > LIMIT
+    result = _chosen(gaussians, ~wide.any(axis=1))
+    for halved in ((True, False), (False, True), (True, True)):
+        these = (wide == halved).all(axis=1)
+        whole = _chosen(gaussians, these)
+        scale, offsets = whole.scale.copy(), np.zeros((1, *whole.x.shape))
+        for arm in np.flatnonzero(halved):
+            scale[np.arange(len(scale)), long[these, arm]] *= SHRUNK
+            offsets = np.concatenate([offsets + side * APART * arms[these, :, arm] for side in (-1.0, 1.0)])
+        for x in whole.x + offsets:
+            result = joined(result, dataclasses.replace(whole, x=x, scale=scale, attachment=attach(x, particles_x)))
+    return result
+
+
+def _chosen(gaussians: Gaussians, rows: np.ndarray) -> Gaussians:
+    """The Gaussians (G,) bool of a set."""
+    ride = Attachment(gaussians.attachment.index[rows], gaussians.attachment.weight[rows])
+    plain = {name: getattr(gaussians, name)[rows] for name in ("x", "scale", "rotation", "opacity", "sh")}
+    return Gaussians(**plain, attachment=ride)

@@ -1,0 +1,165 @@
+"""The look of the Gaussians in picture 0: scales, opacities and colours by splatting, on one or several posed pictures (section 3.1)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.spatial.transform import Rotation
+
+from ..field.torch_threads import one_torch_thread
+from ..observe.object.shape.relief import Relief
+from ..progress import NoProgress, Progress
+from ..records import Camera, Gaussians
+from . import gsplat_backend
+from .gaussians import SH0, view_camera
+from .splatting import NEAR, Tiles, blend, project, tiles_of
+
+FIT_PIXELS = 60_000
+"""A mask's box of more pixels is reduced by an integer factor for the fit."""
+MARGIN = 4
+"""Pixels round the mask's box that the fit sees, so that Gaussians do not bleed over the outline."""
+ITERATIONS = 40
+RENEW = 15
+"""The tiles' lists are made anew after this many iterations, as scales have changed."""
+LEARNING_RATES = {"scale": 0.06, "opacity": 0.1, "sh": 0.08}
+"""Adam's, for the logarithm of the scale, the logit of the opacity and the degree-0 harmonics."""
+FIRST = 4.0
+"""Weight of the first of several pictures: its camera's clip is what the object is put back into."""
+ALPHA_WEIGHT = 0.2
+"""Weight of the silhouette's squared error against the colours'."""
+
+
+def fit(
+    gaussians: Gaussians,
+    relief: Relief,
+    image: np.ndarray,
+    iterations: int = ITERATIONS,
+    progress: Progress | None = None,
+    behind: np.ndarray | None = None,
+) -> tuple[Gaussians, float]:
+    """Optimise {Sigma^0, sigma, SH} on picture 0 by splatting (paper, section 3.1): scales, opacities and colours, by Adam.
+
+    Args:
+        image: (H, W, 3) uint8 RGB. Only the mask's box is rendered, reduced to at most about `FIT_PIXELS`.
+        behind: (H, W, 3) uint8 RGB, the picture without the object; None for black.
+
+    Returns:
+        the Gaussians and their PSNR inside the mask [dB], over what is behind.
+
+    Raises:
+        Cancelled: between iterations.
+    """
+    return fit_views(gaussians, [Look(relief.camera, relief.mask, image, behind)], iterations, progress)
+
+
+@dataclass(frozen=True)
+class Look:
+    """The object in picture 0 of one camera."""
+
+    camera: Camera
+    mask: np.ndarray
+    """(H, W) bool."""
+    image: np.ndarray
+    """(H, W, 3) uint8 RGB."""
+    behind: np.ndarray | None = None
+    """(H, W, 3) uint8 RGB, the background alone, over which pixels of the outline are mixed; None for black."""
+
+
+def fit_views(
+    gaussians: Gaussians, looks: Sequence[Look], iterations: int = ITERATIONS, progress: Progress | None = None
+) -> tuple[Gaussians, float]:
+    """As `fit`, on the pictures of several posed cameras at one moment. The PSNR is that of the first."""
+    progress = progress or NoProgress()
+    with one_torch_thread():
+        return _fit(gaussians, looks, iterations, progress)
+
+
+def _fit(gaussians: Gaussians, looks: Sequence[Look], iterations: int, progress: Progress) -> tuple[Gaussians, float]:
+    targets = [_target(look) for look in looks]
+    axes = torch.from_numpy(_axes(gaussians)).float()
+    x = torch.from_numpy(gaussians.x).float()
+    limit = torch.log(torch.from_numpy(gaussians.scale).float()) + float(np.log(4.0))
+    scale = torch.log(torch.from_numpy(gaussians.scale).float()).requires_grad_()
+    opacity = torch.logit(torch.from_numpy(gaussians.opacity).float(), eps=1e-4).requires_grad_()
+    sh = torch.from_numpy(gaussians.sh[:, 0]).float().requires_grad_()
+    optimiser = torch.optim.Adam(
+        [
+            {"params": [scale], "lr": LEARNING_RATES["scale"]},
+            {"params": [opacity], "lr": LEARNING_RATES["opacity"]},
+            {"params": [sh], "lr": LEARNING_RATES["sh"]},
+        ],
+        betas=(0.9, 0.99),
+    )
+    decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, max(iterations, 1), eta_min=0.0)
+
+    def render(camera: Camera, renew: Tiles | None) -> tuple[torch.Tensor, torch.Tensor, Tiles | None]:
+        stretched = axes * torch.exp(scale)[:, None, :]
+        if gsplat_backend.usable():
+            spread = stretched @ stretched.transpose(1, 2)
+            return *gsplat_backend.draw(x, spread, torch.sigmoid(opacity), 0.5 + SH0 * sh, camera, 0, NEAR), renew
+        mean, flat, depth = project(x, stretched @ stretched.transpose(1, 2), camera)
+        tiles = renew or tiles_of(mean, flat, depth, camera.width, camera.height)
+        return *blend(mean, flat, torch.sigmoid(opacity), 0.5 + SH0 * sh, tiles, camera.width, camera.height), tiles
+
+    tiles: list[Tiles | None] = [None] * len(targets)
+    quality = 0.0
+    for iteration in range(iterations):
+        optimiser.zero_grad()
+        for number, (camera, target, behind, cover) in enumerate(targets):
+            colour, alpha, tiles[number] = render(camera, None if iteration % RENEW == 0 else tiles[number])
+            error = ((colour + (1.0 - alpha)[..., None] * behind - target) ** 2).mean(dim=-1)
+            weight = FIRST if number == 0 else 1.0
+            loss = weight * (error.mean() + ALPHA_WEIGHT * ((alpha - cover) ** 2).mean()) / (FIRST + len(targets) - 1)
+            loss.backward()
+            quality = _psnr(error.detach(), cover) if number == 0 else quality
+        optimiser.step()
+        decay.step()
+        with torch.no_grad():
+            scale.copy_(torch.minimum(scale, limit))
+        progress.update(iteration / iterations, f"fitting the look, {quality:.1f} dB", psnr=round(quality, 2))
+    with torch.no_grad():
+        camera, target, behind, cover = targets[0]
+        colour, alpha, _ = render(camera, None)
+        quality = _psnr(((colour + (1.0 - alpha)[..., None] * behind - target) ** 2).mean(dim=-1), cover)
+    fitted = dataclasses.replace(
+        gaussians,
+        scale=np.exp(scale.detach().double().numpy()),
+        opacity=torch.sigmoid(opacity.detach().double()).numpy(),
+        sh=sh.detach().double().numpy()[:, None],
+    )
+    return fitted, quality
+
+
+def _axes(gaussians: Gaussians) -> np.ndarray:
+    """(G, 3, 3) unit axes as columns."""
+    return Rotation.from_quat(gaussians.rotation[:, [1, 2, 3, 0]]).as_matrix()
+
+
+def _psnr(error: torch.Tensor, cover: torch.Tensor) -> float:
+    """Peak signal to noise ratio [dB] over the pixels that the object covers fully."""
+    inside = cover > 0.999
+    mean = float(error[inside].mean()) if bool(inside.any()) else float(error.mean())
+    return float(-10.0 * np.log10(max(mean, 1e-10)))
+
+
+def _target(look: Look) -> tuple[Camera, torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Camera, object over background (h, w, 3), background (h, w, 3) and cover (h, w) of the mask's box, reduced by block means."""
+    rows, columns = np.nonzero(look.mask)
+    x0, y0 = max(int(columns.min()) - MARGIN, 0), max(int(rows.min()) - MARGIN, 0)
+    x1, y1 = min(int(columns.max()) + 1 + MARGIN, look.mask.shape[1]), min(int(rows.max()) + 1 + MARGIN, look.mask.shape[0])
+    reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / FIT_PIXELS))))
+    camera = view_camera(look.camera, (x0, y0, x1, y1), reduce)
+    crop = (slice(y0, y0 + camera.height * reduce), slice(x0, x0 + camera.width * reduce))
+    cover = look.mask[crop].astype(np.float32)[..., None]
+    behind = np.zeros((*cover.shape[:2], 3), np.float32) if look.behind is None else look.behind[crop].astype(np.float32) / 255.0
+    # Off the object the background itself is wanted: other differences to it, shadows, are not the Gaussians' to show.
+    target = cover * look.image[crop].astype(np.float32) / 255.0 + (1.0 - cover) * behind
+
+    def reduced(values: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(values.reshape(camera.height, reduce, camera.width, reduce, -1).mean(axis=(1, 3)))
+
+    return camera, reduced(target), reduced(behind), reduced(cover)[..., 0]

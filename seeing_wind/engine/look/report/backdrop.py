@@ -1,0 +1,62 @@
+"""What is behind the object in every picture of the re-simulated clip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+
+from ...records import Observation
+
+INPAINT = 5
+"""Radius [px] of the inpainting of what is behind the object, where a moving camera gives no clean background."""
+
+LIGHT = 2.0
+"""Standard deviation [px] of the blur that leaves of a picture the light on the background: shadows' edges, but not its texture."""
+
+FAR = 6.0
+"""The same, in units of `LIGHT`, where the object hides the background itself: light from farther off."""
+
+RANGE = 4.0
+"""Light changes by at most this factor either way; what differs more is another thing that moves, and is shown but faintly."""
+
+FAINT = 0.01
+"""Share of the far light everywhere; it counts alone where no near one is seen."""
+
+
+def backdrops(straight: np.ndarray, observation: Observation) -> Callable[[int], np.ndarray]:
+    """The background (H, W, 3) uint8 RGB of picture t, t = 0 to T.
+
+    A camera that stands still: the clean plate in the light of that picture, since shadows (the object's own most of all) are no part
+    of what is simulated; they are measured, and so other things that move leave a blurred trace. Else: the picture itself with the object
+    inpainted.
+
+    Args:
+        straight: (T+1, H, W, 3) uint8 RGB, the clip without lens distortion.
+    """
+    if np.ndim(observation.camera.camera_to_world) == 3:
+        return lambda t: without_object(straight[t], observation.masks[t])
+    return lambda t: relit(observation.background, straight[t], observation.masks[t])
+
+
+def without_object(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """A picture (H, W, 3) uint8 with the object inpainted (Telea 2004)."""
+    hidden = cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8))
+    return cv2.inpaint(np.ascontiguousarray(image), hidden, INPAINT, cv2.INPAINT_TELEA)
+
+
+def relit(plate: np.ndarray, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The plate (H, W, 3) uint8 in the light of `image`: multiplied by the ratio of both, blurred, as it is off the object's `mask`."""
+    off = (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) == 0).astype(np.float32)[..., None]
+    now, usual = _light(image * off), _light(plate * off)
+    ratio = np.clip((now + FAINT) / (usual + FAINT), 1.0 / RANGE, RANGE)
+    return np.clip(np.round(plate * ratio), 0, 255).astype(np.uint8)
+
+
+def _light(picture: np.ndarray) -> np.ndarray:
+    """Blurred by `LIGHT`, and faintly by the far light, which is blurred in a picture reduced four times."""
+    height, width = picture.shape[:2]
+    small = cv2.resize(picture, (max(width // 4, 1), max(height // 4, 1)), interpolation=cv2.INTER_AREA)
+    far = cv2.resize(cv2.GaussianBlur(small, (0, 0), FAR * LIGHT / 4), (width, height), interpolation=cv2.INTER_LINEAR)
+    return cv2.GaussianBlur(picture, (0, 0), LIGHT) + FAINT * far

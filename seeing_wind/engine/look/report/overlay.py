@@ -1,0 +1,116 @@
+"""overlay.mp4: the clip with the recovered forces drawn on the object, coloured from weak to strong."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from ...errors import ClipError
+from ...field import ForceField
+from ...field.confidence import farthest_points
+from ...field.sampling import sample_points
+from ...progress import NoProgress, Progress
+from ...records import Camera, Observation, Recovery
+from ...take import Take
+from .arrows import draw_arrow
+from .colours import force_colours, scale_top
+from .dials import Dials
+from .video import video_writer
+
+WIDTH = 960
+"""Narrower clips are enlarged to at least this many pixels, or arrows and numbers would be coarse."""
+
+LONGEST = 0.15
+"""Length of the strongest arrow over the picture's height."""
+
+SHOWN = 0.15
+"""Arrows of less confidence are not drawn, and pale below one half."""
+
+def write_overlay(
+    take: Take,
+    frames: Iterable[np.ndarray],
+    observation: Observation,
+    recovery: Recovery,
+    field: ForceField,
+    progress: Progress | None = None,
+) -> Path:
+    """Draw the field's forces at the moving particles on every picture and write overlay.mp4 into the take.
+
+    Args:
+        frames: the clip's T + 1 pictures (H, W, 3) uint8 RGB.
+        recovery: its simulated particle positions carry the arrows.
+
+    Returns:
+        The video's path.
+
+    Raises:
+        ClipError: when `frames` ends before picture T.
+        TakeError, MissingPackage: when the video cannot be written.
+    """
+    progress = progress or NoProgress()
+    drawing = _Drawing(observation, recovery, field)
+    pictures = iter(frames)
+    with take.writing("overlay.mp4") as path, video_writer(path, field.fps, drawing.size) as writer:
+        for picture in range(recovery.x.shape[0]):
+            image = next(pictures, None)
+            if image is None:
+                raise ClipError(f"The clip ends at picture {picture}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
+            writer.write(cv2.cvtColor(drawing.draw(image, picture), cv2.COLOR_RGB2BGR))
+            progress.update((picture + 1) / len(recovery.x), "overlay.mp4")
+    return take.file("overlay.mp4")
+
+
+class _Drawing:
+    """What stays the same over the video: which particles carry arrows, the scale, the dials."""
+
+    def __init__(self, observation: Observation, recovery: Recovery, field: ForceField) -> None:
+        height, width = observation.image.shape[:2]
+        self.zoom = max(1, -(-WIDTH // width))
+        # encoders of 4:2:0 video want even sizes
+        self.size = (width * self.zoom // 2 * 2, height * self.zoom // 2 * 2)
+        self.camera, self.recovery, self.fps = observation.camera, recovery, field.fps
+        self.chosen = _carriers(observation, recovery.x)
+        points = recovery.x[:-1, self.chosen]
+        self.force, self.confidence = sample_points(field, points)
+        everywhere = sample_points(field, recovery.x[:-1])[0]
+        self.mean = everywhere.mean(axis=1)
+        self.top = scale_top(np.linalg.norm(everywhere, axis=-1))
+        self.dials = Dials(self.size, self.top, float(np.linalg.norm(self.mean, axis=1).max()))
+        self.metres = LONGEST * height * _depth(self.camera, recovery.x[0], 0) / self.camera.fy
+
+    def draw(self, image: np.ndarray, picture: int) -> np.ndarray:
+        """Picture `picture` (H, W, 3) RGB with arrows and dials, at the video's size. The last picture repeats the last frame's force."""
+        frame = min(picture, len(self.force) - 1)
+        canvas = cv2.resize(image, self.size, interpolation=cv2.INTER_CUBIC)
+        force, confidence = self.force[frame], self.confidence[frame]
+        start = self.recovery.x[picture, self.chosen]
+        tail, depth = self.camera.project(start, picture)
+        tip, tip_depth = self.camera.project(start + force / self.top * self.metres, picture)
+        colours = force_colours(np.linalg.norm(force, axis=1) / self.top)
+        paleness = np.clip(1 - 2 * confidence, 0, 1)[:, None]
+        colours += paleness * (200 - colours)
+        for k in np.argsort(-depth):
+            if min(depth[k], tip_depth[k]) > 0 and confidence[k] >= SHOWN:
+                draw_arrow(canvas, self._on_canvas(tail[k]), self._on_canvas(tip[k]), tuple(colours[k].tolist()), self.dials.unit)
+        rotation = self.camera.pose(picture)[:3, :3]
+        self.dials.draw(canvas, self.mean[frame] @ rotation, self.mean[frame], picture, picture / self.fps)
+        return canvas
+
+    def _on_canvas(self, pixel: np.ndarray) -> np.ndarray:
+        # pixel centres are at integers before and after enlarging
+        return (self.camera.filmed(pixel) + 0.5) * self.zoom - 0.5
+
+
+def _carriers(observation: Observation, x: np.ndarray) -> np.ndarray:
+    """Particles that carry arrows: spread evenly, so many that arrows stand about a twenty-sixth of the picture apart."""
+    height, width = observation.image.shape[:2]
+    apart = max(height, width) / 26
+    count = int(np.clip(observation.masks[0].sum() / apart**2, 7, 70))
+    return farthest_points(x[0], min(count, x.shape[1]))
+
+
+def _depth(camera: Camera, x: np.ndarray, picture: int) -> float:
+    return float(np.abs(camera.project(x.mean(axis=0), picture)[1]))

@@ -1,0 +1,162 @@
+"""report.json: what a recovery found, in numbers that a script can read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...field import ForceField
+from ...field.sampling import sample_points
+from ...observe.clip.frames import read_clip
+from ...observe.object import write_ply
+from ...progress import NoProgress, Progress
+from ...records import Body, Material, Observation, Particles, Recovery, as_found
+from ...settings import RecoverSettings, to_mapping
+from ...take import Take
+from .accuracy import field_errors, uniform_errors
+from .figure import draw_report
+from .overlay import write_overlay
+from .resimulated import look_over_clip, write_resimulated
+
+
+def write_report(
+    take: Take,
+    observation: Observation,
+    body: Body,
+    recovery: Recovery,
+    field: ForceField,
+    seconds: dict[str, float],
+    settings: RecoverSettings | None = None,
+    progress: Progress | None = None,
+    truth: ForceField | None = None,
+) -> dict[str, Any]:
+    """Write report.json, report.png, overlay.mp4 and resimulated.mp4 of a recovery from a clip, and gaussians.ply with the clip's look.
+
+    Args:
+        seconds: wall-clock seconds per stage.
+        settings: of the recovery, repeated in the report.
+        truth: the known field of a synthetic clip; adds the paper's two errors. Never part of the recovery.
+
+    Returns:
+        What report.json holds.
+
+    Raises:
+        TakeError: when the take cannot be written.
+        ClipError: when the clip is no longer there to draw on.
+    """
+    progress = progress or NoProgress()
+    confidence = sample_points(field, recovery.x[:-1])[1]
+    figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, settings, truth)
+    figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
+    last = observation.first_frame + observation.frames
+    clip = read_clip(observation.clip, (observation.first_frame, last), observation.fps, progress)
+    body = look_over_clip(clip.frames, observation, body, recovery, progress)
+    with take.writing("gaussians.ply") as path:
+        write_ply(path, body.gaussians)
+    # How well force, body and look together explain the pictures themselves.
+    figures["resimulated"] = write_resimulated(take, clip.frames, observation, body, recovery, progress)
+    _write(take, figures, recovery, body.particles, field.fps, confidence, observation)
+    progress.update(0.7, "report.png")
+    write_overlay(take, clip.frames, observation, recovery, field, progress)
+    return figures
+
+
+def write_trajectory_report(
+    take: Take,
+    particles: Particles,
+    material: Material,
+    recovery: Recovery,
+    field: ForceField,
+    seconds: dict[str, float],
+    settings: RecoverSettings | None = None,
+    truth: ForceField | None = None,
+) -> dict[str, Any]:
+    """Write report.json and report.png of a recovery from 3D trajectories: there is no clip to draw on. As `write_report`."""
+    confidence = sample_points(field, recovery.x[:-1])[1]
+    figures = _figures(particles, material, recovery, field, confidence, seconds, settings, truth)
+    _write(take, figures, recovery, particles, field.fps, confidence, None)
+    return figures
+
+
+def _write(
+    take: Take,
+    figures: dict[str, Any],
+    recovery: Recovery,
+    particles: Particles,
+    fps: float,
+    confidence: np.ndarray,
+    observation: Observation | None,
+) -> None:
+    with take.writing("report.png") as path:
+        draw_report(path, figures, recovery, particles, fps, confidence, observation)
+    take.write_json("report.json", figures)
+
+
+def _figures(
+    particles: Particles,
+    material: Material,
+    recovery: Recovery,
+    field: ForceField,
+    confidence: np.ndarray,
+    seconds: dict[str, float],
+    settings: RecoverSettings | None,
+    truth: ForceField | None,
+) -> dict[str, Any]:
+    strength = np.linalg.norm(recovery.force_density, axis=-1)
+    net = np.einsum("tnc,n->tc", recovery.force_density, particles.volume)
+    figures: dict[str, Any] = {
+        "outcome": recovery.outcome.value,
+        "iterations": recovery.iterations,
+        "seconds": {**{stage: round(spent, 3) for stage, spent in seconds.items()}, "total": round(sum(seconds.values()), 3)},
+        "residual": _residual(recovery.residual),
+        "residual_unit": recovery.residual_unit,
+        "residual_per_picture": [float(value) if np.isfinite(value) else None for value in recovery.residual],
+        "frames": field.frames,
+        "fps": field.fps,
+        "particles": len(particles.x),
+        "mass": float(material.density * particles.volume.sum()),
+        "material": {name: value for name, value in vars(as_found(material, recovery)).items() if value != ""},
+        "net_force": net.tolist(),
+        "mean_net_force": net.mean(axis=0).tolist(),
+        "force_density": {"mean": float(strength.mean()), "p98": float(np.percentile(strength, 98)), "max": float(strength.max())},
+        "confidence": {"mean": float(confidence.mean()), "p10": float(np.percentile(confidence, 10))},
+        "representation": field.representation,
+        "box": field.box.tolist(),
+        "notes": list(recovery.notes),
+    }
+    if recovery.youngs_modulus is not None:
+        # Of the material above; the forces are those on such a body.
+        figures["stiffness"] = {
+            "youngs_modulus": recovery.youngs_modulus,
+            "given": material.youngs_modulus,
+            "relative_deviation": recovery.stiffness_deviation,
+            "clamp_depth": recovery.clamp_depth,
+        }
+    if settings is not None:
+        figures["settings"] = to_mapping(settings)
+    if truth is not None:
+        figures["truth"] = _against(truth, recovery, particles, field)
+    return figures
+
+
+def _residual(residual: np.ndarray) -> dict[str, float]:
+    """Over the pictures in which anything was seen."""
+    seen = residual[np.isfinite(residual)]
+    if not len(seen):
+        return {}
+    return {"median": float(np.median(seen)), "p90": float(np.percentile(seen, 90)), "max": float(seen.max())}
+
+
+def _against(truth: ForceField, recovery: Recovery, particles: Particles, field: ForceField) -> dict[str, float]:
+    """Both fields asked where the recovered particles were."""
+    points, free = recovery.x[:-1], ~particles.pinned
+    want, got = sample_points(truth, points)[0], sample_points(field, points)[0]
+    magnitude, direction = field_errors(want, got, free)
+    flat_magnitude, flat_direction = uniform_errors(want, free)
+    return {
+        "magnitude_percent": magnitude,
+        "direction_degrees": direction,
+        "uniform_magnitude_percent": flat_magnitude,
+        "uniform_direction_degrees": flat_direction,
+    }

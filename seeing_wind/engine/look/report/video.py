@@ -1,0 +1,53 @@
+"""Writing videos with whatever codec this OpenCV has."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+
+from ...errors import MissingPackage, TakeError
+
+CODECS = ("avc1", "vp09", "mp4v")
+"""H.264 where OpenCV's FFmpeg has an encoder for it, else VP9 (browsers and Blender play it), else MPEG-4 part 2 (Blender does)."""
+
+
+@contextlib.contextmanager
+def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.VideoWriter]:
+    """A video writer with the first codec that this OpenCV has.
+
+    Raises:
+        MissingPackage: when it has none.
+        TakeError: when nothing was written.
+    """
+    with _quiet():
+        for codec in CODECS:
+            writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), fps, size)  # type: ignore[attr-defined]
+            if writer.isOpened():
+                break
+        else:
+            message = f"This OpenCV can write none of the video codecs {', '.join(CODECS)}."
+            raise MissingPackage(message, "Install opencv-python-headless from PyPI.")
+    try:
+        yield writer
+    finally:
+        writer.release()
+    if not path.is_file() or path.stat().st_size == 0:
+        raise TakeError(f"Cannot write {path.name}: the encoder left nothing.", "Free some space or choose another folder.")
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Silence OpenCV, which logs an error of its own for every codec it lacks.
+
+    The functions moved to `cv2.utils.logging` in 4.12; 4.11 has them in `cv2` only.
+    """
+    log = getattr(getattr(cv2, "utils", None), "logging", cv2)
+    level = log.getLogLevel()
+    log.setLogLevel(0)
+    try:
+        yield
+    finally:
+        log.setLogLevel(level)

@@ -1,0 +1,269 @@
+"""Static colliders: planes, closed rooms and closed meshes, and what the lattice's nodes see of them.
+
+Planes act wherever the body goes. Of a mesh every node inside gets the way out: its depth and the direction to the nearest place of the
+surface (a signed distance sampled on the lattice, as in Stomakhin et al. 2013, section 8).
+
+Where contact begins: matter stops not at the last held node but about a cell before it, as its quadratic splines reach out that far. So
+a wall holds only nodes at least `INSET` cells behind it, which puts a resting body's own surface on the wall. Across a lattice the
+held layer, and with it the contact, may still lie half a cell off; `laid_on` takes that away for planes along the lattice's axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...errors import SimulationError, UsageError
+from .closed_mesh import is_closed, signed_volume, triangle_areas, weld
+from .conditions import NONE, SEPARATE, SLIP, STICKY
+from .signed_distance import closest_on, inside_of, node_box
+
+KINDS = {"sticky": STICKY, "slip": SLIP, "separate": SEPARATE}
+INSET = 0.95
+"""Cells between a wall and the middle of the layer of nodes that begins to hold."""
+_MOST_NODES = 3_000_000
+"""Nodes of the box around all meshes (200 MB)."""
+_THINNEST = 3.0
+"""Cells that a mesh must be thick (twice its volume over its surface) to have held nodes all through."""
+_DEEP = 0.1
+"""Cells that a particle may start inside a collider before the user hears of it."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """An infinite plane; matter stays on the side that its normal points to."""
+
+    point: tuple[float, float, float]
+    """[m]."""
+    normal: tuple[float, float, float]
+    """Of any length."""
+    kind: str = "separate"
+    """separate: what touches it may leave but not enter; slip: may only slide; sticky: stands still."""
+    friction: float = 0.0
+    """Coulomb's coefficient, for separate and slip."""
+
+    def __post_init__(self) -> None:
+        """UsageError: see `_checked`."""
+        _checked("plane", self.kind, self.friction)
+        for name in ("point", "normal"):
+            object.__setattr__(self, name, _vector(getattr(self, name), f"The plane's {name}"))
+        if not np.linalg.norm(self.normal) > 0.0:
+            raise UsageError("The plane's normal has no length.", "Give the direction in which matter stays, such as 0 0 1 for a floor.")
+
+    def rows(self) -> list[tuple[np.ndarray, float, str, float]]:
+        """(unit normal n, d, kind, friction): matter stays where n.x >= d [m]."""
+        n = np.array(self.normal) / np.linalg.norm(self.normal)
+        return [(n, float(n @ self.point), self.kind, self.friction)]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A closed room along the axes; matter stays inside."""
+
+    low: tuple[float, float, float]
+    """Its lowest corner [m]."""
+    high: tuple[float, float, float]
+    """Its highest corner [m]."""
+    kind: str = "separate"
+    """As of `Plane`."""
+    friction: float = 0.0
+    """As of `Plane`."""
+
+    def __post_init__(self) -> None:
+        """UsageError: see `_checked`."""
+        _checked("box", self.kind, self.friction)
+        for name in ("low", "high"):
+            object.__setattr__(self, name, _vector(getattr(self, name), f"The box's {name} corner"))
+        if not (np.array(self.low) < self.high).all():
+            raise UsageError(
+                f"The box reaches from {self.low} to {self.high}.", "Give the low corner first, the high one above it in x, y and z."
+            )
+
+    def rows(self) -> list[tuple[np.ndarray, float, str, float]]:
+        """The six walls, as of `Plane.rows`."""
+        one = np.eye(3)
+        floors = [(one[a], self.low[a], self.kind, self.friction) for a in range(3)]
+        return floors + [(-one[a], -self.high[a], self.kind, self.friction) for a in range(3)]
+
+
+@dataclass(frozen=True, eq=False)
+class MeshCollider:
+    """A closed mesh that stands still; matter stays outside. Two are equal only if they are one: what it costs to sample is kept for it."""
+
+    vertices: np.ndarray
+    """(V, 3) [m]."""
+    faces: np.ndarray
+    """(M, 3) int triangles, consistently wound; vertices at the same place count as one."""
+    kind: str = "separate"
+    """As of `Plane`."""
+    friction: float = 0.0
+    """As of `Plane`."""
+    corners: np.ndarray = field(init=False, repr=False)
+    """(M, 3, 3) of the triangles that have an area [m]."""
+
+    def __post_init__(self) -> None:
+        """UsageError: see `_checked`; for a mesh that is open, empty, flat, not finite, or names vertices that it does not have."""
+        _checked("mesh collider", self.kind, self.friction)
+        vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
+        if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
+            message = f"A collider's mesh has vertices of shape {vertices.shape} and faces of shape {faces.shape}."
+            raise UsageError(message, "Give (V, 3) positions and (M, 3) triangles, at least four of them.")
+        if vertices.dtype.kind not in "fiu" or not np.isfinite(vertices).all():
+            raise UsageError("A vertex of a collider's mesh is not finite.", "Check the mesh and the object's transform.")
+        if faces.dtype.kind not in "iu" or faces.min() < 0 or faces.max() >= len(vertices):
+            raise UsageError(
+                f"A face of a collider's mesh names a vertex that is not there; there are {len(vertices)}.", "Export the mesh again."
+            )
+        vertices = vertices.astype(np.float64)
+        solid = weld(vertices, faces)
+        solid = solid[(solid != np.roll(solid, 1, axis=1)).all(axis=1)]
+        if not len(solid) or not is_closed(solid):
+            raise UsageError(
+                "A collider's mesh is open or its faces do not all look the same way.",
+                "Close its holes and recalculate its normals (Mesh > Normals > Recalculate Outside), or use a Plane.",
+            )
+        size = float(np.ptp(vertices, axis=0).max())
+        if not abs(signed_volume(vertices, faces)) > 1e-9 * size**3:
+            raise UsageError("A collider's mesh holds no volume.", "Give it a thickness, or use a Plane.")
+        area = triangle_areas(vertices, faces)[0]
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "faces", faces.astype(np.int64))
+        object.__setattr__(self, "corners", vertices[faces[area > 1e-14 * size**2]])
+
+    def rows(self) -> list[tuple[np.ndarray, float, str, float]]:
+        """No plane."""
+        return []
+
+
+Collider = Plane | Box | MeshCollider
+
+
+def _vector(value: object, name: str) -> tuple[float, float, float]:
+    numbers = np.asarray(value, dtype=np.float64)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise UsageError(f"{name} is {value}.", "Give three finite numbers.")
+    return float(numbers[0]), float(numbers[1]), float(numbers[2])
+
+
+def _checked(what: str, kind: str, friction: float) -> None:
+    if kind not in KINDS:
+        raise UsageError(f"The {what} is {kind!r}.", f"Choose one of {', '.join(KINDS)}.")
+    if not (np.isfinite(friction) and friction >= 0.0):
+        raise UsageError(f"The friction of the {what} is {friction}.", "Give a finite number that is not negative; 0 is none.")
+
+
+# -- on the lattice ---------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ColliderGrid:
+    """All colliders as `conditions.boundary_velocity` takes them."""
+
+    planes: np.ndarray
+    """(K, 8): unit normal, d, kind, friction, 0, 0; nodes with n.x < d are held [m]."""
+    solid_lo: np.ndarray
+    """(3,) int32, first node of `solid`."""
+    solid: np.ndarray
+    """(a, b, c, 8): kind (0 is outside), normal, friction, velocity of the wall [m/s]."""
+    depth: np.ndarray
+    """(a, b, c) of nodes inside a mesh, from its true surface [m]; 0 outside."""
+
+    @property
+    def active(self) -> bool:
+        """Whether there is any collider."""
+        return bool(self.planes[:, 4].any() or self.solid[..., 0].any())
+
+
+NO_COLLIDERS = ColliderGrid(np.zeros((1, 8)), np.zeros(3, np.int32), np.zeros((1, 1, 1, 8)), np.zeros((1, 1, 1)))
+
+
+def _rows(colliders: Sequence[Collider]) -> list[tuple[np.ndarray, float, str, float]]:
+    for collider in colliders:
+        if not isinstance(collider, (Plane, Box, MeshCollider)):
+            raise UsageError(f"{type(collider).__name__} is no collider.", "Give a Plane, a Box or a MeshCollider.")
+    return [row for collider in colliders for row in collider.rows()]
+
+
+def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float) -> ColliderGrid:
+    """Colliders on the lattice with a node at `offset` (3,) [m] and spacing dx [m].
+
+    Raises:
+        UsageError: for something that is no collider.
+        SimulationError: when the box around the meshes has too many nodes.
+    """
+    rows = _rows(colliders)
+    planes = np.zeros((max(1, len(rows)), 8))
+    for at, (n, d, kind, friction) in zip(planes, rows):
+        at[:6] = [*n, d - (INSET - 0.5) * dx, KINDS[kind], friction]
+    meshes = [collider for collider in colliders if isinstance(collider, MeshCollider)]
+    if not meshes:
+        return ColliderGrid(planes, NO_COLLIDERS.solid_lo, NO_COLLIDERS.solid, NO_COLLIDERS.depth)
+    boxes = [node_box(mesh, offset, dx) for mesh in meshes]
+    lo, hi = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
+    nodes = int(np.prod((hi - lo + 1).astype(np.int64)))
+    if nodes > _MOST_NODES:
+        raise SimulationError(
+            f"The box around the mesh colliders has {nodes:.3g} grid nodes of {dx:.2g} m, more than {_MOST_NODES:.1g}.",
+            "Use a plane for a large floor, cut the mesh to the part that bodies reach, or use fewer particles.",
+        )
+    solid, depth = np.zeros((*(hi - lo + 1), 8)), np.zeros(hi - lo + 1)
+    for mesh, (first, last) in zip(meshes, boxes):
+        way_out, normals = inside_of(mesh, tuple(first), tuple(last), tuple(offset), float(dx))
+        part = tuple(slice(a, b + 1) for a, b in zip(first - lo, last - lo))
+        deeper = way_out > depth[part]
+        depth[part][deeper] = way_out[deeper]
+        held = deeper & (way_out > (INSET - 0.5) * dx)
+        solid[part][deeper, 0] = NONE
+        solid[part][held, 0] = KINDS[mesh.kind]
+        solid[part][held, 1:4] = normals[held]
+        solid[part][held, 4] = mesh.friction
+    return ColliderGrid(planes, lo.astype(np.int32), solid, depth)
+
+
+def laid_on(offset: np.ndarray, dx: float, colliders: Sequence[Collider], fixed_axis: int = -1) -> np.ndarray:
+    """The lattice's offset (3,) [m], moved so that a layer of nodes lies `INSET` cells behind the first plane along each axis.
+
+    Args:
+        fixed_axis: an axis along which the lattice must stay, -1 for none.
+    """
+    offset, done = np.array(offset, dtype=np.float64), {fixed_axis}
+    for n, d, _, _ in _rows(colliders):
+        axis = int(np.argmax(np.abs(n)))
+        if axis not in done and abs(n[axis]) > 1.0 - 1e-9:
+            offset[axis] = n[axis] * (d - INSET * dx)
+            done.add(axis)
+    return offset
+
+
+def collider_notes(x: np.ndarray, colliders: Sequence[Collider], grid: ColliderGrid, offset: np.ndarray, dx: float) -> list[str]:
+    """Notes for the user: particles x (N, 3) [m] that start inside colliders and how deep, and meshes too thin for the lattice."""
+    notes = []
+    for mesh in (collider for collider in colliders if isinstance(collider, MeshCollider)):
+        thickness = 2.0 * abs(signed_volume(mesh.vertices, mesh.faces)) / triangle_areas(mesh.vertices, mesh.faces)[0].sum()
+        if thickness < _THINNEST * dx:
+            notes.append(
+                f"A collider is about {1000.0 * thickness:.3g} mm thick, less than {1000.0 * _THINNEST * dx:.3g} mm: bodies may pass "
+                "through it. Thicken it, or use more particles."
+            )
+    depth = np.zeros(len(x))
+    for n, d, _, _ in _rows(colliders):
+        depth = np.maximum(depth, d - x @ n)
+    local = np.rint((x - offset) / dx).astype(np.int64) - grid.solid_lo
+    near = np.flatnonzero(((local >= 0) & (local < grid.depth.shape)).all(axis=1))
+    depth[near] = np.maximum(depth[near], grid.depth[tuple(local[near].T)])
+    for mesh in (collider for collider in colliders if isinstance(collider, MeshCollider)):
+        shallow = near[depth[near] < 2.0 * dx]  # the nearest node says too little
+        if len(shallow):
+            closest, normal = closest_on(mesh, x[shallow], dx)
+            way = closest - x[shallow]
+            below = np.where((way * normal).sum(axis=1) > 0.0, np.linalg.norm(way, axis=1), 0.0)
+            depth[shallow] = np.maximum(depth[shallow], np.where(below < 3.0 * dx, below, 0.0))
+    inside = depth > _DEEP * dx
+    if inside.any():
+        notes.append(
+            f"{inside.sum()} of {len(x)} particles start inside a collider, up to {1000.0 * depth.max():.3g} mm deep: they stay there or "
+            "are torn off. Move the body or the collider."
+        )
+    return notes

@@ -1,0 +1,222 @@
+"""The camera of a clip: from a file, or a level pinhole in front of the object; and how far away the object is."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...conventions import front_view
+from ...errors import UsageError
+from ...progress import Progress
+from ...records import Camera
+from ...settings import ObserveSettings
+from .transforms import LENS, from_transforms, is_transforms
+
+DEFAULT_DISTANCE = 2.0
+"""Metres assumed when nothing says the scale: someone filming a thing within reach. Force scales with it, and the user is told so."""
+
+NEAREST, FARTHEST = 1e-3, 1e6
+"""Metres between which an object can be: beyond them a unit or a sign was mistaken."""
+
+ROTATION_TOLERANCE = 1e-3
+"""How far R^T R may be from the identity: exporters write six digits or fewer."""
+
+SHORTEST, LONGEST = 0.05, 1000.0
+"""Picture widths between which a focal length can be: 169 degrees of view, and 0.06."""
+STRETCHED = 4.0
+"""Largest ratio of fx and fy, for the oblongest pixels."""
+OFF_CENTRE = 1.0
+"""Picture sizes by which the centre may lie outside the picture, as of a crop."""
+BENT = 0.5
+"""Largest way, in picture diagonals, by which a lens moves a point of the picture."""
+
+KEYS = ("width", "height", "fx", "fy", "cx", "cy", "camera_to_world")
+
+
+def find_camera(
+    settings: ObserveSettings, width: int, height: int, pictures: int, first_frame: int, depth: float | None, progress: Progress
+) -> tuple[Camera, float]:
+    """The camera of a clip of `pictures` pictures (width x height, from `first_frame` of its file) and the object's distance [m].
+
+    `depth` [m] is the object's from a depth file, None without one; a distance or scale in the settings goes before it.
+
+    Without a camera file: a pinhole with the horizontal angle `settings.fov` in front view, the object's plane at y = 0,
+    so that the middle of the picture is the world's origin.
+
+    Raises:
+        UsageError: a camera file that cannot be used, or a distance, scale or angle that is not positive, or that contradict each other.
+    """
+    given = settings.distance is not None or settings.pixels_per_metre is not None
+    if depth is not None:
+        _check_distance(depth, "The depth file")
+    if settings.camera is not None:
+        camera = read_camera(settings.camera, width, height, pictures, first_frame)
+        if given:
+            return camera, _distance(settings, camera.fx)
+        return camera, depth if depth is not None else _distance_of_origin(camera, progress)
+    if not 1.0 <= settings.fov <= 170.0:
+        raise UsageError(
+            f"The field of view {settings.fov:g} degrees is out of range.",
+            "Give the horizontal angle, 1 to 170 degrees; a phone has about 50 to 65.",
+        )
+    focal = 0.5 * width / np.tan(0.5 * np.radians(settings.fov))
+    distance = _distance(settings, focal) if given else depth or DEFAULT_DISTANCE
+    if not given and depth is None:
+        progress.warn(
+            f"Nothing says how large the scene is, so the object is taken to be {DEFAULT_DISTANCE:g} m away: "
+            "forces scale with this distance. Give --distance or --pixels-per-metre for absolute values."
+        )
+    return Camera(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), front_view(distance)), distance
+
+
+def read_camera(path: str, width: int, height: int, pictures: int, first_frame: int = 0) -> Camera:
+    """A camera file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per picture); or a `transforms.json`.
+
+    k1, k2, p1, p2, k3 describe the lens (OpenCV's model, no bend where they are missing); other keys are ignored.
+
+    Raises:
+        UsageError: unreadable, keys missing, another picture size than the clip's, values not finite, or no rigid motion in a matrix.
+    """
+    values = _read_json(path)
+    if is_transforms(values):
+        values = from_transforms(path, values, width, height)
+    missing = [key for key in KEYS if key not in values]
+    if missing:
+        raise UsageError(f"The camera {path} lacks {', '.join(missing)}.", f"It needs {', '.join(KEYS)}.")
+    if (values["width"], values["height"]) != (width, height):
+        raise UsageError(
+            f"The camera {path} is for {values['width']}x{values['height']} pictures, the clip has {width}x{height}.",
+            "Scale fx, fy, cx, cy and the size with the picture, or use the camera of this clip.",
+        )
+    try:
+        wrong = [key for key in (*KEYS[2:6], *LENS) if isinstance(values.get(key), bool)]
+        if wrong:
+            raise TypeError(f"{wrong[0]} is {json.dumps(values[wrong[0]])}")
+        fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
+        poses = np.array(values["camera_to_world"], dtype=np.float64)
+        lens = tuple(float(values.get(key, 0.0)) for key in LENS)
+    except (TypeError, ValueError) as error:
+        raise UsageError(
+            f"The camera {path} holds something that is not a number ({error}).", "Write plain numbers and 4x4 lists."
+        ) from error
+    if not np.isfinite([fx, fy, cx, cy]).all() or fx <= 0 or fy <= 0:
+        raise UsageError(
+            f"The camera {path} has a focal length or centre that is not usable.", "fx and fy must be positive, all four finite."
+        )
+    _check_pinhole(path, width, height, fx, fy, cx, cy)
+    camera = Camera(width, height, fx, fy, cx, cy, _poses(path, poses, pictures, first_frame))
+    return replace(camera, distortion=_distortion(path, lens, camera))
+
+
+def _check_pinhole(path: str, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
+    """UsageError for a focal length or a centre that no camera of this picture has."""
+    for name, focal in (("fx", fx), ("fy", fy)):
+        if not SHORTEST * width <= focal <= LONGEST * width:
+            raise UsageError(
+                f"The camera {path} has {name} = {focal:g}, a picture of {width} pixels across.", "Give the focal length in pixels."
+            )
+    if not 1.0 / STRETCHED <= fx / fy <= STRETCHED:
+        raise UsageError(f"The camera {path} has fx = {fx:g} and fy = {fy:g}: pixels are not so oblong.", "Give both in pixels.")
+    for name, centre, size in (("cx", cx, width), ("cy", cy, height)):
+        if not -OFF_CENTRE * size <= centre <= (1.0 + OFF_CENTRE) * size:
+            raise UsageError(
+                f"The camera {path} has {name} = {centre:g}, far outside a picture of {size} pixels.",
+                "It is where the view's axis meets the picture, in pixels from its upper left corner: about half its size.",
+            )
+
+
+def _distortion(path: str, lens: tuple[float, ...], camera: Camera) -> tuple[float, ...]:
+    """The lens's five numbers, () where they are all zero; checked to map the picture one to one."""
+    if not any(lens):
+        return ()
+    k1, k2, p1, p2, k3 = lens
+    focal, diagonal = camera.fx, float(np.hypot(camera.width, camera.height))
+    rim = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 9), np.linspace(0, camera.height - 1, 9)), axis=-1).reshape(-1, 2)
+    x, y = ((rim - [camera.cx, camera.cy]) / [camera.fx, camera.fy]).T
+    r2 = x**2 + y**2
+    radial = k1 * r2 + k2 * r2**2 + k3 * r2**3
+    way = np.hypot(x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y).max() * focal
+    if not way <= BENT * diagonal:
+        raise UsageError(
+            f"The lens of {path} moves a point of the picture by {way:.3g} of {diagonal:.0f} pixels.",
+            "Calibrate it again; k1, k2, p1, p2 and k3 are OpenCV's, for lengths in focal lengths.",
+        )
+    # The radial formula turns back on itself where d(r (1 + k1 r² + k2 r⁴ + k3 r⁶))/dr is no longer positive.
+    r2 = np.linspace(0.0, (0.5 * diagonal / focal) ** 2, 200)
+    if not np.isfinite(lens).all() or (1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3 <= 0.0).any():
+        raise UsageError(f"The lens of {path} (k1 {k1:g}, k2 {k2:g}, k3 {k3:g}) folds the picture over.", "Calibrate it again.")
+    return lens
+
+
+def _read_json(path: str) -> dict[str, Any]:
+    try:
+        values = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"The camera file {path} cannot be read ({error.strerror}).", "Check the path.") from error
+    except ValueError as error:
+        raise UsageError(f"The camera file {path} is not JSON ({error}).", f"It needs an object with {', '.join(KEYS)}.") from error
+    if not isinstance(values, dict):
+        raise UsageError(f"The camera file {path} is not a JSON object.", f"It needs an object with {', '.join(KEYS)}.")
+    return values
+
+
+def _poses(path: str, poses: np.ndarray, pictures: int, first_frame: int) -> np.ndarray:
+    """Checked camera_to_world: (4, 4) when the camera stands still, else (T+1, 4, 4)."""
+    if poses.shape[-2:] != (4, 4) or poses.ndim not in (2, 3):
+        raise UsageError(f"camera_to_world of {path} has the shape {poses.shape}.", "Give one 4x4 matrix, or one per picture.")
+    if poses.ndim == 3 and len(poses) != pictures:
+        # The file may describe the whole clip of which a range was chosen.
+        if len(poses) < first_frame + pictures:
+            raise UsageError(
+                f"{path} has {len(poses)} camera matrices, the clip {pictures} pictures.", "Give one matrix, or one per picture."
+            )
+        poses = poses[first_frame : first_frame + pictures]
+    if not np.isfinite(poses).all():
+        raise UsageError(f"camera_to_world of {path} holds values that are not finite.", "Export the camera again.")
+    rotation = poses[..., :3, :3]
+    off = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).max()
+    if off > ROTATION_TOLERANCE or (np.linalg.det(rotation) < 0).any() or np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max() > 1e-6:
+        raise UsageError(
+            f"camera_to_world of {path} is not a rotation and a translation (off by {off:.2g}).",
+            "Remove scale and mirroring; OpenCV axes are x right, y down, z forward.",
+        )
+    if poses.ndim == 3 and np.abs(poses - poses[0]).max() < 1e-9:
+        return poses[0]
+    return poses
+
+
+def _distance(settings: ObserveSettings, focal: float) -> float:
+    """The object's distance [m] from --distance, or from the image scale: distance = fx / (pixels per metre)."""
+    distance, scale = settings.distance, settings.pixels_per_metre
+    for name, value in (("distance", distance), ("pixels-per-metre", scale)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise UsageError(
+                f"--{name} {value:g} is not positive.", "Give metres from the camera to the object, or pixels per metre in its plane."
+            )
+    if distance is None:
+        assert scale is not None
+        return _check_distance(focal / scale, "The scale")
+    if scale is not None and abs(focal / scale - distance) > 0.01 * distance:
+        raise UsageError(
+            f"--distance {distance:g} m and --pixels-per-metre {scale:g} contradict each other: that scale means {focal / scale:.3g} m.",
+            "Give one of them.",
+        )
+    return _check_distance(float(distance), "--distance")
+
+
+def _check_distance(distance: float, what: str) -> float:
+    if not NEAREST <= distance <= FARTHEST:
+        raise UsageError(f"{what} puts the object {distance:.3g} m from the camera.", "Check the unit: metres, or pixels per metre.")
+    return distance
+
+
+def _distance_of_origin(camera: Camera, progress: Progress) -> float:
+    """Depth of the world's origin in picture 0 [m] when it is in front of the camera, else the default distance."""
+    depth = float(camera.project(np.zeros(3))[1])
+    distance = depth if depth > 1e-3 else DEFAULT_DISTANCE
+    progress.warn(f"The camera is known but not the object's depth, which is taken as {distance:.3g} m. Give --depth or --distance.")
+    return distance

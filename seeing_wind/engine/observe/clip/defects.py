@@ -1,0 +1,115 @@
+"""What is wrong with a clip that can be seen in it: no picture at all, a cut to another shot, blur by motion, an object that leaves."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ...errors import ClipError
+from ...progress import Progress
+
+BLACK = 12.0
+"""Brightest grey level (smoothed) up to which a picture is black: codecs write 16 for black, read back as 0 with noise."""
+
+SMALL = (64, 48)
+"""Pixels of the copies in which cuts are sought: what moves inside a shot changes little of them."""
+
+CUT_JUMP = 12.0
+"""Mean difference of neighbouring pictures [grey levels] from which a cut is possible."""
+
+CUT_RATIO = 6.0
+"""How many times larger than the usual difference in this clip that of a cut is."""
+
+CUT_LIKENESS = 0.5
+"""Correlation of the pictures across a cut is below this; a light that is switched keeps it high."""
+
+BLURRED = 0.35
+"""Sharpness (variance of the Laplacian on the object) relative to its best, under which a picture counts as blurred."""
+
+FAST = 0.03
+"""The object's step from picture to picture in units of its size from which blur is blamed on motion."""
+
+
+def check_pictures(frames: np.ndarray, first_frame: int, progress: Progress) -> None:
+    """Look for defects that make any result nonsense.
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB; first_frame: index in the file of picture 0.
+
+    Raises:
+        ClipError: the clip is black, or cuts from one shot to another.
+    """
+    small = np.empty((len(frames), SMALL[1], SMALL[0]), np.float32)
+    for t, picture in enumerate(frames):
+        progress.check()
+        small[t] = cv2.cvtColor(cv2.resize(picture, SMALL, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    bright = small.max(axis=(1, 2))
+    if bright.max() < BLACK:
+        raise ClipError("The clip is black.", "Was the lens covered? Export it again, or choose another range of --frames.")
+    if bright[0] < BLACK:
+        light = int(np.flatnonzero(bright >= BLACK)[0])
+        raise ClipError(
+            f"The clip begins with {light} black pictures.", f"Begin where something is seen: --frames {first_frame + light}:..."
+        )
+    cut = _cut(small)
+    if cut is not None:
+        before, after = first_frame + cut, first_frame + cut + 1
+        raise ClipError(
+            f"The clip cuts to another shot between its pictures {before} and {after}.",
+            f"Choose one shot: --frames {first_frame}:{before} or --frames {after}:{first_frame + len(frames) - 1}.",
+        )
+
+
+def _cut(small: np.ndarray) -> int | None:
+    """The last picture before a cut in `small` (T+1, h, w), None without one."""
+    jump = np.abs(np.diff(small, axis=0)).mean(axis=(1, 2))
+    usual = float(np.median(jump)) if len(jump) > 2 else 0.0
+    for t in np.flatnonzero((jump > CUT_JUMP) & (jump > CUT_RATIO * usual)):
+        a, b = small[t] - small[t].mean(), small[t + 1] - small[t + 1].mean()
+        likeness = float((a * b).sum() / max(np.sqrt((a**2).sum() * (b**2).sum()), 1e-6))
+        if likeness < CUT_LIKENESS:
+            return int(t)
+    return None
+
+
+def tell_defects(frames: np.ndarray, masks: np.ndarray, progress: Progress) -> None:
+    """Warn of what makes the result less certain: the object reaches over the picture's edge, or is blurred by its motion.
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object.
+    """
+    rim = np.array([bool(m[0].any() or m[-1].any() or m[:, 0].any() or m[:, -1].any()) for m in masks])
+    if rim[0]:
+        progress.warn("The object reaches over the edge of the first picture: what lies outside has no mass in the result.")
+    elif rim.any():
+        progress.warn(f"The object leaves the picture from picture {int(np.flatnonzero(rim)[0])} on; there its tracks are fewer.")
+    blurred = _blurred(frames, masks, progress)
+    if len(blurred):
+        progress.warn(
+            f"The object is blurred by its motion in {len(blurred)} of {len(frames)} pictures, first in picture {blurred[0]}: "
+            "a shorter exposure gives better tracks."
+        )
+
+
+def _blurred(frames: np.ndarray, masks: np.ndarray, progress: Progress) -> np.ndarray:
+    """Pictures in which the object is much less sharp than at its best while it moves fast."""
+    sharp, middle = np.full(len(frames), np.nan), np.full((len(frames), 2), np.nan)
+    size = float(np.sqrt(max(masks[0].sum(), 1)))
+    for t, (picture, mask) in enumerate(zip(frames, masks)):
+        progress.check()
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        if not len(rows):
+            continue
+        part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        inside = cv2.erode(mask[part].astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
+        if inside.sum() < 100:
+            continue
+        gray = cv2.GaussianBlur(cv2.cvtColor(np.ascontiguousarray(picture[part]), cv2.COLOR_RGB2GRAY), (0, 0), 1.0)
+        sharp[t] = cv2.Laplacian(gray, cv2.CV_32F)[inside].var()
+        middle[t] = columns.mean(), rows.mean()
+    if np.isfinite(sharp).sum() < 3:
+        return np.zeros(0, int)
+    step = np.linalg.norm(np.gradient(middle, axis=0), axis=1) / size
+    best = np.nanpercentile(sharp, 90)
+    # A plain object is never sharp: its Laplacian is noise.
+    return np.flatnonzero((sharp < BLURRED * best) & (step > FAST)) if best > 20.0 else np.zeros(0, int)

@@ -1,0 +1,73 @@
+"""Depth of the object in picture 0: from a file, or a plane facing the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from ...errors import UsageError
+from ...progress import Progress
+from ...take import DAMAGED
+
+LEAST_KNOWN = 0.8
+"""Part of the object's pixels that a depth file must cover; the rest, mostly the silhouette's rim, takes the nearest known depth."""
+
+
+def read_depth(path: str, height: int, width: int) -> np.ndarray:
+    """A depth map (H, W) float32 [m] along the view axis from an NPY file; infinite or NaN where unknown.
+
+    Raises:
+        UsageError: unreadable, of another shape, or without a single positive value.
+    """
+    try:
+        depth = np.load(path, allow_pickle=False)
+    except OSError as error:
+        raise UsageError(f"The depth file {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
+    except DAMAGED as error:
+        raise UsageError(
+            f"The depth file {path} is not an NPY array ({error}).", "Save it with numpy.save, metres, shape (H, W)."
+        ) from error
+    if not isinstance(depth, np.ndarray) or depth.shape != (height, width) or depth.dtype.kind not in "fiu":
+        shape = getattr(depth, "shape", "several arrays")
+        raise UsageError(
+            f"The depth file {path} has the shape {shape}, the clip {(height, width)}.", "Give metres per pixel of the first picture."
+        )
+    depth = depth.astype(np.float32)
+    if not (np.isfinite(depth) & (depth > 0)).any():
+        raise UsageError(f"The depth file {path} has no positive, finite value.", "Give metres along the view axis.")
+    return depth
+
+
+def typical_depth(depth: np.ndarray | None, around: np.ndarray) -> float | None:
+    """Median [m] of a depth map (H, W) over `around` (H, W) bool, or over all it knows where that is empty; None without a map."""
+    if depth is None:
+        return None
+    known = np.isfinite(depth) & (depth > 0)
+    return float(np.median(depth[known & around] if (known & around).any() else depth[known]))
+
+
+def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance: float, progress: Progress) -> np.ndarray:
+    """Depth (H, W) float32 [m] of the object's visible surface in picture 0, infinite off `mask` (H, W).
+
+    Args:
+        depth: (H, W) [m], not positive or not finite where unknown; without it the surface is the plane at `distance` [m] that faces
+            the camera.
+        name: where `depth` is from, for messages.
+
+    Raises:
+        UsageError: `depth` leaves more than a fifth of the object without depth.
+    """
+    if depth is None:
+        return np.where(mask, np.float32(distance), np.float32(np.inf)).astype(np.float32)
+    known = np.isfinite(depth) & (depth > 0)
+    part = float((known & mask).sum()) / float(mask.sum())
+    if part < LEAST_KNOWN:
+        raise UsageError(
+            f"{name} gives a depth for only {100 * part:.0f} % of the object.",
+            "Check that mask and depth are of the same picture.",
+        )
+    if part < 0.98:
+        progress.warn(f"{100 * (1 - part):.0f} % of the object's pixels have no depth in {name}; they take the nearest known one.")
+    # Only depths on the object itself may fill its rim: the nearest pixel outside could belong to the wall behind it.
+    rows, columns = distance_transform_edt(~(known & mask), return_distances=False, return_indices=True)
+    return np.where(mask, depth[rows, columns], np.float32(np.inf)).astype(np.float32)

@@ -1,0 +1,133 @@
+"""A hand-held camera that turns a little: its turns are measured on the surroundings, taken out of the pictures, and kept as camera poses.
+
+A hand's tremble is mostly rotation, whose effect on the picture, the homography K R K^-1, does not depend on how far things are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+
+from ...progress import Progress
+from ...records import Camera
+
+LEAST_CORNERS = 8
+LEAST_PART = 0.4
+"""Part of the corners that must move as one for that motion to be the camera's."""
+
+CLOSE = 1.0
+"""Pixels within which a corner agrees with the common motion."""
+
+SPIKE = 6.0
+"""Distance of a turn from the middle of its neighbours, in units of the clip's usual one, from which it is a mistake."""
+
+LARGEST_TURN = 0.1
+"""Shift as a part of the picture's width beyond which this is no tremble but a moving camera, whose parallax a turn cannot explain."""
+
+
+def camera_turns(frames: np.ndarray, camera: Camera, around: np.ndarray, progress: Progress) -> np.ndarray | None:
+    """Rotations (T+1, 3, 3) from each picture's camera axes to those of picture 0; None when turns do not explain the motion.
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB.
+        camera: its focal length and centre.
+        around: (H, W) bool, where the object is in picture 0 and corners are not to be trusted.
+    """
+    first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
+    height, width = first.shape
+    corners = cv2.goodFeaturesToTrack(first, 200, 0.01, max(8.0, width / 40), mask=np.where(around, 0, 255).astype(np.uint8))
+    if corners is None or len(corners) < LEAST_CORNERS:
+        return None
+    turns = [np.eye(3)]
+    for picture in frames[1:]:
+        progress.check()
+        gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        moved, found, _ = cv2.calcOpticalFlowPyrLK(first, gray, corners, None, winSize=(21, 21), maxLevel=3)
+        back, again, _ = cv2.calcOpticalFlowPyrLK(gray, first, moved, None, winSize=(21, 21), maxLevel=3)
+        sure = (found.ravel() > 0) & (again.ravel() > 0) & (np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < 0.5)
+        if sure.sum() < LEAST_CORNERS:
+            return None
+        here, there = moved.reshape(-1, 2)[sure].astype(np.float64), corners.reshape(-1, 2)[sure].astype(np.float64)
+        cv2.setRNGSeed(0)
+        fit, agree = cv2.estimateAffinePartial2D(here, there, ransacReprojThreshold=CLOSE)
+        if fit is None or agree.sum() < max(LEAST_CORNERS, LEAST_PART * sure.sum()):
+            return None
+        turn = _turn(here[agree.ravel() > 0], there[agree.ravel() > 0], camera)
+        if np.linalg.norm(turn[:2, 2] / turn[2, 2]) * camera.fx > LARGEST_TURN * width:
+            return None
+        turns.append(turn)
+    return without_spikes(np.stack(turns), camera)
+
+
+def without_spikes(turns: np.ndarray, camera: Camera) -> np.ndarray:
+    """Turns (T+1, 3, 3), those that jump away and back in one picture replaced by the middle of their neighbours.
+
+    A hand has mass; where few corners are held on to, a chance agreement of others has none.
+    """
+    vectors = np.stack([cv2.Rodrigues(turn)[0].ravel() for turn in turns])
+    pixels = np.array([camera.fy, camera.fx, 0.5 * camera.width])
+    for _ in range(len(turns) // 4):
+        middle = 0.5 * (vectors[:-2] + vectors[2:])
+        off = np.linalg.norm((vectors[1:-1] - middle) * pixels, axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] <= max(2.0 * CLOSE, SPIKE * float(np.median(off))):
+            break
+        vectors[worst + 1] = middle[worst]
+        turns = turns.copy()
+        turns[worst + 1] = cv2.Rodrigues(middle[worst])[0]
+    return turns
+
+
+def _turn(here: np.ndarray, there: np.ndarray, camera: Camera) -> np.ndarray:
+    """The rotation that carries the rays of pixels `here` (M, 2) to those of `there` (M, 2): Wahba's problem by SVD, Cauchy weights."""
+    rays = [
+        np.stack([(xy[:, 0] - camera.cx) / camera.fx, (xy[:, 1] - camera.cy) / camera.fy, np.ones(len(xy))], axis=1) for xy in (here, there)
+    ]
+    first, second = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
+    weight = np.ones(len(here))
+    turn = np.eye(3)
+    for _ in range(4):
+        u, _, vt = np.linalg.svd((second * weight[:, None]).T @ first)
+        turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+        off = np.linalg.norm(through(homography(turn, camera), here) - there, axis=1)
+        weight = 1.0 / (1.0 + (off / (0.3 * CLOSE)) ** 2)
+    return turn
+
+
+def homography(turn: np.ndarray, camera: Camera) -> np.ndarray:
+    """K R K^-1 (3, 3): pixels of a picture to pixels of picture 0."""
+    k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
+    return k @ turn @ np.linalg.inv(k)
+
+
+def through(matrix: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Points (K, 2) through a homography (3, 3)."""
+    out = np.concatenate([xy, np.ones((len(xy), 1))], axis=1) @ matrix.T
+    return out[:, :2] / out[:, 2:]
+
+
+def steadied(frames: np.ndarray, turns: np.ndarray, camera: Camera, progress: Progress) -> np.ndarray:
+    """All pictures as the camera of picture 0 would have seen them, (T+1, H, W, 3) uint8."""
+    out = np.empty_like(frames)
+    for t, (picture, turn) in enumerate(zip(frames, turns)):
+        progress.check()
+        size = picture.shape[1::-1]
+        out[t] = cv2.warpPerspective(picture, homography(turn, camera), size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return out
+
+
+def as_filmed(xy: np.ndarray, masks: np.ndarray, turns: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Tracks (T+1, K, 2) and masks (T+1, H, W) of the steadied pictures in the pixels of the filmed ones."""
+    size = masks.shape[:0:-1]
+    back = [np.linalg.inv(homography(turn, camera)) for turn in turns]
+    filmed = [cv2.warpPerspective(mask.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) > 0 for mask, matrix in zip(masks, back)]
+    return np.stack([through(matrix, points) for matrix, points in zip(back, xy)]), np.stack(filmed)
+
+
+def turning(camera: Camera, turns: np.ndarray) -> Camera:
+    """`camera` with one pose per picture: standing where it stood, turned."""
+    poses = np.tile(camera.pose(0), (len(turns), 1, 1))
+    poses[:, :3, :3] = poses[:, :3, :3] @ turns
+    return replace(camera, camera_to_world=poses)

@@ -1,0 +1,191 @@
+"""What is behind the object: whether the camera stands still, the temporal median, and where that median can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ...progress import Progress
+from ...records import Camera
+from .motion import Window, cut
+
+STILL = 1.5
+"""Pixels by which corners of the surroundings may move for the camera to count as standing still; the plate bears as much."""
+
+STILL_PART = 0.3
+"""Part of the corners that must stay: the rest may belong to other things that move, while a camera that moves carries all along."""
+
+STEADY = 5.0
+"""Median absolute deviation (grey levels) up to which a pixel's temporal median is taken for the background's colour."""
+
+SHADOW_TINT = 0.07
+"""Relative difference between the channels' darkening up to which it is a shadow: sky light tints shadows a little."""
+
+FIRST_SIGHTS = 3
+"""Pictures, from the first on, that must agree on what is behind the object where the whole clip does not."""
+
+LONGEST_MEDIAN = 31
+"""Pictures that enter a temporal median, spread over the clip: more cost memory and change nothing."""
+
+
+@dataclass(frozen=True)
+class Plate:
+    """The background seen by a camera that stands still."""
+
+    color: np.ndarray
+    """(H, W, 3) uint8 RGB, temporal median."""
+    reliable: np.ndarray
+    """(H, W) bool: the median is the background here, not an object that stays."""
+    noise: float
+    """Typical difference between a picture and the plate where nothing moves, largest channel [grey levels]."""
+
+    def difference(self, picture: np.ndarray) -> np.ndarray:
+        """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise; 0 where unreliable."""
+        away = cv2.absdiff(picture, self.color).astype(np.float32)
+        return np.where(self.reliable, _largest(cv2.GaussianBlur(away, (0, 0), 0.8)), np.float32(0.0))
+
+    def relit(self, picture: np.ndarray, window: Window) -> np.ndarray:
+        """(h, w) bool in `window`: the plate darker or brighter by one factor in all channels, a shadow that came or went."""
+        now, behind = (cv2.GaussianBlur(cut(whole, window), (0, 0), 1.0).astype(np.float32) + 4.0 for whole in (picture, self.color))
+        ratio = now / behind
+        middle = cv2.transform(ratio, np.full((1, 3), 1.0 / 3.0, np.float32))
+        alike = _largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle
+        return cut(self.reliable, window, cv2.BORDER_CONSTANT) & alike & (middle > 0.25) & (middle < 4.0)
+
+
+def _largest(picture: np.ndarray) -> np.ndarray:
+    """The largest of three channels (H, W, 3) -> (H, W); NumPy's reduction over so short an axis is twenty times slower."""
+    first, second, third = cv2.split(picture)
+    return cv2.max(cv2.max(first, second), third)
+
+
+def stands_still(frames: np.ndarray, camera: Camera, around: np.ndarray) -> bool:
+    """True when the camera does not move over the clip.
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB.
+        camera: its matrices decide when they say that it moves.
+        around: (H, W) bool, where the object is in picture 0 and corners are not to be trusted.
+    """
+    if np.ndim(camera.camera_to_world) == 3:
+        return False
+    if around.all():
+        return True
+    first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
+    surroundings = np.where(around, 0, 255).astype(np.uint8)
+    corners = cv2.goodFeaturesToTrack(first, 200, 0.01, 8, mask=surroundings)
+    if corners is None or len(corners) < 12:
+        # Nothing to hold on to (a plain studio wall): a moving camera would still shift what little there is.
+        return bool(np.median(cv2.absdiff(frames[0], frames[-1])[~around]) < 3)
+    for t in np.unique(np.linspace(1, len(frames) - 1, 4).astype(int)):
+        gray = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY)
+        moved, found, _ = cv2.calcOpticalFlowPyrLK(first, gray, corners, None, winSize=(15, 15), maxLevel=3)
+        shift = np.linalg.norm((moved - corners)[found.ravel() > 0].reshape(-1, 2), axis=1)
+        if (shift < STILL).sum() < STILL_PART * len(corners):
+            return False
+    return True
+
+
+def median_plate(frames: np.ndarray, progress: Progress) -> Plate:
+    """The temporal median of `frames` (T+1, H, W, 3) uint8, trusted where half of the time stays close to it."""
+    chosen = frames[np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))]
+    color = np.empty(frames.shape[1:], np.uint8)
+    spread = np.empty(frames.shape[1:3], np.float32)
+    # Row blocks bound the memory and keep the safe points close together.
+    rows = max(1, int(2e6 // max(1, chosen[:, 0].size)))
+    for top in range(0, len(color), rows):
+        progress.check()
+        block = chosen[:, top : top + rows]
+        middle = _median(block)
+        color[top : top + rows] = middle
+        spread[top : top + rows] = _largest(_median(np.maximum(block, middle) - np.minimum(block, middle)))
+    steady = spread <= STEADY
+    noise = 1.5 * float(np.median(spread[steady])) + 1.0 if steady.any() else STEADY
+    return Plate(color, steady, noise)
+
+
+def _median(block: np.ndarray) -> np.ndarray:
+    """The lower median over the first axis of a uint8 array; bytes sort many times faster than np.median's floats."""
+    middle = (len(block) - 1) // 2
+    return np.partition(block, middle, axis=0)[middle]
+
+
+def without_object(plate: Plate, picture: np.ndarray, mask: np.ndarray) -> Plate:
+    """The plate with trust withdrawn where the object of picture 0 itself has become the median (a pole's foot, a leaf before it falls)."""
+    same = _largest(cv2.absdiff(picture, plate.color)) < 4.0 * plate.noise
+    stayed = cv2.morphologyEx((same & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    reach = cv2.dilate(stayed, np.ones((9, 9), np.uint8)) > 0
+    return Plate(plate.color, plate.reliable & ~reach, plate.noise)
+
+
+def with_first_sight(plate: Plate, frames: np.ndarray, mask: np.ndarray) -> Plate:
+    """The plate with what the first pictures show off the object, where the median is not to be trusted.
+
+    An object that comes to rest, or turns in one place for half of the clip, leaves no steady median there; the pictures before it came
+    do show what is behind it.
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0.
+    """
+    if len(frames) <= FIRST_SIGHTS:
+        return plate
+    first = frames[:FIRST_SIGHTS]
+    seen = ~plate.reliable & (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0)
+    for picture in first[1:]:
+        seen &= _largest(cv2.absdiff(picture, first[0])) < 4.0 * plate.noise
+    color = np.where(seen[..., None], _median(first), plate.color)
+    return Plate(color, plate.reliable | seen, plate.noise)
+
+
+def plate_behind(frames: np.ndarray, masks: np.ndarray, before: Plate, progress: Progress) -> Plate:
+    """A better plate once the object's `masks` (T+1, H, W) are known: trusted wherever the object ever leaves and nothing else moves."""
+    color = clean_plate(frames, masks, True, progress)
+    grow = np.ones((9, 9), np.uint8)
+    leaves = np.zeros(color.shape[:2], np.int32)
+    passed = np.zeros(color.shape[:2], bool)
+    for mask in masks:
+        off = cv2.dilate(mask.astype(np.uint8), grow) == 0
+        leaves += off
+        passed |= ~off
+    # Three sights of a pixel are the least of which a median can drop one that is wrong.
+    return Plate(color, (before.reliable & ~passed) | (passed & (leaves >= 3)), before.noise)
+
+
+def clean_plate(frames: np.ndarray, masks: np.ndarray, still: bool, progress: Progress) -> np.ndarray:
+    """The clip without the object, (H, W, 3) uint8 RGB.
+
+    A camera that stands still: the median over the pictures in which a pixel is off the (slightly grown) object. A moving camera:
+    picture 0. Pixels that the object never leaves are inpainted (Telea 2004).
+    """
+    grow = np.ones((9, 9), np.uint8)
+    if not still:
+        hidden = cv2.dilate(masks[0].astype(np.uint8), grow)
+        return cv2.inpaint(frames[0], hidden, 5, cv2.INPAINT_TELEA)
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
+    covered = np.stack([cv2.dilate(masks[t].astype(np.uint8), grow) > 0 for t in chosen])
+    ever = covered.any(axis=0)
+    color = np.empty(frames.shape[1:], np.uint8)
+    rows = max(1, int(2e6 // max(1, frames[0, 0].size * len(chosen))))
+    for top in range(0, len(color), rows):
+        progress.check()
+        part = slice(top, top + rows)
+        block = frames[chosen, part]
+        if ever[part].any():
+            color[part] = _masked_median(block, covered[:, part])
+        else:
+            color[part] = _median(block)
+    never = covered.all(axis=0).astype(np.uint8)
+    progress.check()
+    return cv2.inpaint(color, never, 5, cv2.INPAINT_TELEA) if never.any() else color
+
+
+def _masked_median(block: np.ndarray, covered: np.ndarray) -> np.ndarray:
+    """Median over the first axis of `block` (F, R, W, 3) where not `covered` (F, R, W); 0 where covered throughout."""
+    # Covered samples sort to the end, so the median is the middle of the first `seen` ones.
+    values = np.sort(np.where(covered[..., None], np.int16(256), block.astype(np.int16)), axis=0)
+    seen = (~covered).sum(axis=0)
+    low, high = np.maximum((seen - 1) // 2, 0), seen // 2
+    pick = [np.take_along_axis(values, np.minimum(index, len(block) - 1)[None, ..., None], axis=0)[0] for index in (low, high)]
+    return np.where(seen[..., None] > 0, (pick[0] + pick[1]) // 2, 0).astype(np.uint8)

@@ -1,0 +1,273 @@
+"""Key points from pixels to 3D: P^0 by unprojection, then picture by picture reprojection with as-rigid-as-possible motion.
+
+Paper, section 3.4: P^0 = pi^-1(p^0, d) (Eq. (10)), then min |pi(P^{t+1}) - p^{t+1}| + lambda L_arap (Eq. (11)). The paper's L_arap compares
+difference vectors of neighbours (Eq. (12), mode "difference"), so a rotation out of the picture plane costs as much as a deformation and
+turns into false depth. The default compares with *rotated* difference vectors of picture 0 (Sorkine and Alexa, As-rigid-as-possible
+surface modeling, 2007), the rotation of every neighbourhood being found along with the points.
+
+The result is for display and for a start; forces are fitted to the pixels themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ....errors import ObjectError
+from ....progress import NoProgress, Progress
+from ....records import Camera
+
+Arap = Literal["rest", "previous", "difference"]
+"""What neighbours are compared with: rotated picture 0 (elastic bodies), the rotated previous picture (plastic), the paper's Eq. (12)."""
+
+NEIGHBOURS = 8
+EDGE_SIGMA = 0.07
+"""Allowed change of an edge, in units of the median edge."""
+HUBER = 2.0
+"""Reprojection residuals beyond this many sigmas count linearly."""
+PREDICTION_SIGMA = 1.0
+"""Trust in the straight continuation of the motion, in units of the body's radius: only what nothing else determines is left to it."""
+ACROSS_TRUST = 1e-6
+"""Trust in the continuation across the view, relative to that along it."""
+MAX_ITERATIONS = 8
+TOLERANCE = 1e-4
+"""Iterations end when no point moves by more than this part of the median edge."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What one camera saw of all K points; a point that is tracked in another view only is not visible here."""
+
+    camera: Camera
+    xy: np.ndarray
+    """(T+1, K, 2) [px]."""
+    visible: np.ndarray
+    """(T+1, K) bool."""
+    sigma: np.ndarray
+    """(T+1, K) [px]."""
+
+
+def lift(
+    camera: Camera,
+    xy: np.ndarray,
+    visible: np.ndarray,
+    sigma: np.ndarray,
+    start: np.ndarray,
+    pinned: np.ndarray | None = None,
+    arap: Arap = "rest",
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Lift tracks to 3D.
+
+    Args:
+        xy: (T+1, K, 2) [px]; visible: (T+1, K); sigma: (T+1, K) [px].
+        start: (K, 3) P^0 [m].
+        pinned: (K,) points that are held where they are.
+
+    Returns:
+        (T+1, K, 3) [m], NaN for a point that is seen in no picture. Where a point is hidden its neighbours carry it.
+
+    Raises:
+        ObjectError: shapes that do not fit, or a start that is not finite.
+    """
+    return lift_views([Sight(camera, xy, visible, sigma)], start, pinned, arap, progress)
+
+
+def lift_views(
+    sights: Sequence[Sight],
+    start: np.ndarray,
+    pinned: np.ndarray | None = None,
+    arap: Arap = "rest",
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Lift the tracks of several cameras together: what one does not see, its neighbours' pixels in another hold, through rigidity.
+
+    Arguments, result and errors as `lift`, with one `Sight` per camera over the same pictures and points.
+    """
+    frames = len(sights[0].xy)
+    for one in sights:
+        xy, visible, sigma = one.xy, one.visible, one.sigma
+        if xy.shape[:2] != visible.shape or sigma.shape != visible.shape or start.shape != (xy.shape[1], 3) or len(xy) != frames:
+            raise ObjectError(
+                f"Tracks {xy.shape}, visibility {visible.shape} and start {start.shape} do not belong together.", "Check the tracks file."
+            )
+    visible = np.any([one.visible for one in sights], axis=0)
+    progress = progress or NoProgress()
+    lifted = np.full((*visible.shape, 3), np.nan)
+    use = np.flatnonzero(visible.any(axis=0))
+    if use.size == 0:
+        return lifted
+    if not np.isfinite(start[use]).all():
+        raise ObjectError("A tracked point has no depth in the first picture.", "Check the depth map.")
+    held = np.zeros(use.size, dtype=bool) if pinned is None else pinned[use]
+    points = np.empty((frames, use.size, 3))
+    points[0] = start[use]
+    edges = neighbour_edges(points[0])
+    rotation = np.broadcast_to(np.eye(3), (use.size, 3, 3)).copy()
+    for t in range(1, frames):
+        progress.check()
+        ahead = points[t - 1] if t == 1 else 2.0 * points[t - 1] - points[t - 2]
+        looks = []
+        for one in sights:
+            seen = np.flatnonzero(one.visible[t, use] & np.isfinite(one.xy[t, use]).all(axis=1))
+            looks.append(_Look(one.camera, seen, one.xy[t, use[seen]], np.maximum(one.sigma[t, use[seen]], 1e-3)))
+        problem = _Picture(looks, t, edges, points[0], held, arap)
+        points[t], rotation = problem.solve(ahead, points[t - 1], rotation)
+    lifted[:, use] = points
+    return lifted
+
+
+def neighbour_edges(points: np.ndarray) -> np.ndarray:
+    """(K, J) the nearest neighbours of every point, J = `NEIGHBOURS` or as many as there are."""
+    count = min(NEIGHBOURS, len(points) - 1)
+    if count < 1:
+        return np.empty((len(points), 0), dtype=int)
+    return cKDTree(points).query(points, k=count + 1)[1][:, 1:]
+
+
+@dataclass(frozen=True)
+class _Look:
+    """One camera's pixels in one picture: points `seen` (M,), where (M, 2) and how well (M,) [px]."""
+
+    camera: Camera
+    seen: np.ndarray
+    xy: np.ndarray
+    sigma: np.ndarray
+
+
+class _Picture:
+    """The least-squares problem of one picture: Gauss-Newton, the neighbourhoods' rotations eliminated point by point."""
+
+    def __init__(
+        self, looks: Sequence[_Look], frame: int, edges: np.ndarray, rest: np.ndarray, held: np.ndarray, arap: Arap
+    ) -> None:
+        self.looks, self.frame = looks, frame
+        self.edges, self.rest, self.held, self.arap = edges, rest, held, arap
+        lengths = np.linalg.norm(rest[edges] - rest[:, None], axis=-1)
+        self.radius = max(float(np.sqrt(((rest - rest.mean(axis=0)) ** 2).sum(axis=1).mean())), 1e-9)
+        self.edge = float(np.median(lengths)) if lengths.size and np.median(lengths) > 0.0 else self.radius
+        if len(rest) == 1:
+            self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - looks[0].camera.pose(0)[:3, 3]))
+
+    def solve(self, ahead: np.ndarray, previous: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (K, 3) and rotations (K, 3, 3) of this picture from a start `ahead` and those of the picture before."""
+        if self.arap == "rest":
+            reference = self.rest
+        else:
+            reference, rotation = previous, np.broadcast_to(np.eye(3), rotation.shape)
+        points = np.where(self.held[:, None], self.rest, ahead)
+        for _ in range(MAX_ITERATIONS):
+            if self.arap != "difference":
+                rotation = best_rotations(reference, points, self.edges)
+            step = self._step(points, ahead, reference, rotation)
+            points = points + step
+            if np.abs(step).max() < TOLERANCE * self.edge:
+                break
+        return points, rotation
+
+    def _step(self, points: np.ndarray, ahead: np.ndarray, reference: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+        """One Gauss-Newton step (K, 3)."""
+        count = len(points)
+        hessian = np.zeros((count, 3, count, 3))
+        gradient = np.zeros((count, 3))
+        everyone = np.arange(count)
+        self._reprojection(points, hessian, gradient)
+        if self.edges.shape[1]:
+            self._rigidity(points, reference, rotation, hessian, gradient)
+        # Across the view pixels and neighbours know better; what is left of the trust there only keeps the system regular.
+        axes = self.looks[0].camera.pose(self.frame)[:3, :3]
+        along = 1.0 if len(self.looks) == 1 else ACROSS_TRUST  # further cameras see along the first one's view
+        trust = axes @ np.diag([ACROSS_TRUST, ACROSS_TRUST, along]) @ axes.T / (PREDICTION_SIGMA * self.radius) ** 2
+        hessian[everyone, :, everyone, :] += trust
+        gradient += (points - ahead) @ trust
+        free = np.repeat(~self.held, 3)
+        step = np.zeros(3 * count)
+        matrix = hessian.reshape(3 * count, 3 * count)[np.ix_(free, free)]
+        if free.any():
+            step[free] = -np.linalg.solve(matrix, gradient.ravel()[free])
+        return step.reshape(count, 3)
+
+    def _reprojection(self, points: np.ndarray, hessian: np.ndarray, gradient: np.ndarray) -> None:
+        """Add the pixel residuals, Huber by reweighting."""
+        for look in self.looks:
+            seen = look.seen
+            projected, _ = look.camera.project(points[seen], self.frame)
+            jacobian = look.camera.projection_jacobian(points[seen], self.frame) / look.sigma[:, None, None]
+            residual = (projected - look.xy) / look.sigma[:, None]
+            size = np.linalg.norm(residual, axis=1)
+            weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
+            weighted = jacobian * weight[:, None, None]
+            hessian[seen, :, seen, :] += np.matmul(weighted.transpose(0, 2, 1), jacobian)
+            gradient[seen] += np.matmul(weighted.transpose(0, 2, 1), residual[..., None])[..., 0]
+
+    def _rigidity(
+        self, points: np.ndarray, reference: np.ndarray, rotation: np.ndarray, hessian: np.ndarray, gradient: np.ndarray
+    ) -> None:
+        """Add the edges (P_j - P_i) - R_i (Q_j - Q_i)."""
+        turned = np.matmul(reference[self.edges] - reference[:, None], rotation.transpose(0, 2, 1))  # (K, J, 3)
+        rigidity(points, self.edges, turned, EDGE_SIGMA * self.edge, hessian, gradient, difference=self.arap == "difference")
+
+
+def rigidity(
+    points: np.ndarray,
+    edges: np.ndarray,
+    turned: np.ndarray,
+    sigma: float,
+    hessian: np.ndarray,
+    gradient: np.ndarray,
+    *,
+    difference: bool = False,
+) -> None:
+    """Add the edges (P_j - P_i) - R_i (Q_j - Q_i) to a least-squares problem.
+
+    Args:
+        points: (K, 3) P [m]; edges: (K, J) neighbours; turned: (K, J, 3) R_i (Q_j - Q_i) [m].
+        sigma: allowed change of an edge [m].
+        hessian: (K, 3, K, 3) and gradient: (K, 3), added to.
+        difference: the paper's Eq. (12); otherwise the edges are projected onto what no small rotation of neighbourhood i can mend.
+    """
+    count, fan = edges.shape
+    residual = points[edges] - points[:, None] - turned
+    inverse = 1.0 / sigma**2
+    project = np.broadcast_to(np.eye(3 * fan), (count, 3 * fan, 3 * fan)) * inverse
+    if difference:
+        # Eq. (12) has the length of the difference, not its square: reweighted, with a floor where it vanishes.
+        weight = sigma / np.maximum(np.linalg.norm(residual, axis=-1), 0.1 * sigma)
+        project = project * np.repeat(weight, 3, axis=1)[:, :, None]
+    else:
+        turn = _cross_matrices(turned).reshape(count, 3 * fan, 3)
+        inner = np.matmul(turn.transpose(0, 2, 1), turn)
+        inner = inner + 1e-9 * np.trace(inner, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
+        project = project - inverse * np.matmul(turn, np.linalg.solve(inner, turn.transpose(0, 2, 1)))
+    # d residual_j = dP_j - dP_i: spread the (3J x 3J) block to the points of the fan, the centre last with the negative sum.
+    to_points = np.zeros((3 * fan, 3 * (fan + 1)))
+    to_points[:, : 3 * fan] = np.eye(3 * fan)
+    to_points[:, 3 * fan :] = -np.tile(np.eye(3), (fan, 1))
+    block = np.matmul(to_points.T, np.matmul(project, to_points))
+    slope = np.matmul(to_points.T, np.matmul(project, residual.reshape(count, -1, 1)))[..., 0]
+    node = np.concatenate([edges, np.arange(count)[:, None]], axis=1)
+    row = (3 * node[:, :, None] + np.arange(3)).reshape(count, -1)
+    flat = (row[:, :, None] * (3 * count) + row[:, None, :]).ravel()
+    hessian += np.bincount(flat, block.ravel(), minlength=(3 * count) ** 2).reshape(hessian.shape)
+    gradient += np.bincount(row.ravel(), slope.ravel(), minlength=3 * count).reshape(gradient.shape)
+
+
+def best_rotations(rest: np.ndarray, points: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """(K, 3, 3) rotation of every neighbourhood from rest to points: Kabsch on its edges."""
+    if edges.shape[1] == 0:
+        return np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
+    before, after = rest[edges] - rest[:, None], points[edges] - points[:, None]
+    u, _, vt = np.linalg.svd(np.matmul(after.transpose(0, 2, 1), before))
+    u[:, :, 2] *= np.sign(np.linalg.det(np.matmul(u, vt)))[:, None]
+    return np.matmul(u, vt)
+
+
+def _cross_matrices(vectors: np.ndarray) -> np.ndarray:
+    """(..., 3) -> (..., 3, 3) with matrix @ w = vector x w."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -2)

@@ -1,0 +1,260 @@
+"""A body of flat faces, whose visible sides tell how far it reaches behind its front.
+
+A plate or a post that is seen at an angle shows its edge: sides that go from the largest visible face, the *face*, back to where the body
+ends. Where planes explain the measured front, the body is the prism behind the face: as deep as the sides reach, as wide as they and the
+silhouette allow. A guessed thickness is worth little beside that, as a plate resists bending with the third power of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from ....records import Camera
+
+FLATNESS = 0.02
+"""A pixel is on a plane when it is no further from it than this share of the square root of the visible area."""
+
+WINDOW = 2
+"""A plane is first fitted to a square of so many pixels each way round a seed."""
+
+SEEDS = 80
+"""Places at which a plane is tried."""
+
+MOST_PLANES = 4
+"""A prism shows three."""
+
+LEAST_SIDE = 0.03
+"""Share of the object's pixels that a side has at least."""
+
+COVERAGE = 0.85
+"""Share of the object's pixels that lie on the face and its sides at least; a body of other shape has no planes that say as much."""
+
+UPRIGHT = 0.35
+"""Largest cosine between the normals of the face and of a side."""
+
+EDGE_QUANTILE = 0.99
+"""Of the sides' pixels, by how far they lie behind the face: the outermost ones may be mixed with what is behind the object."""
+
+REFITS = 4
+"""Times that a plane is fitted anew to what is on it."""
+
+STEPS = 96
+"""Points along a ray at which it is asked whether it is still in the body."""
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A point and the unit normal, which points out of the body."""
+
+    point: np.ndarray
+    """(3,) [m]."""
+    normal: np.ndarray
+    """(3,)."""
+
+    def behind(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) [m] -> how far they lie behind the plane (...,) [m]."""
+        return (self.point - points) @ self.normal
+
+
+@dataclass(frozen=True)
+class Block:
+    """A prism: `face` carried back by `depth`."""
+
+    face: Plane
+    sides: tuple[Plane, ...]
+    depth: float
+    """[m]."""
+    tolerance: float
+    """How uneven the faces are [m]."""
+    camera: Camera
+    mask: np.ndarray
+    """(H, W) bool, the silhouette."""
+    stretch: tuple[float, ...]
+    """Per side, how much narrower the silhouette is on the face than the body, for rounded edges opposite the side: width over width."""
+
+    def frame(self) -> np.ndarray:
+        """(3, 3) rows: two directions in the face, along its sides where there are any, and the inward normal."""
+        inward = -self.face.normal
+        across = self.sides[0].normal - (self.sides[0].normal @ inward) * inward
+        across /= np.linalg.norm(across)
+        return np.stack([across, np.cross(inward, across), inward])
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Which of the points (..., 3) [m] are inside, (...,) bool."""
+        behind = self.face.behind(points)
+        seen = on_face = points + behind[..., None] * self.face.normal
+        inside = (behind >= -self.tolerance) & (behind <= self.depth)
+        for side, stretch in zip(self.sides, self.stretch, strict=True):
+            away = side.behind(on_face)
+            inside &= away >= -self.tolerance
+            seen = seen + (away * (1.0 - stretch))[..., None] * side.normal
+        return inside & self._at(self.mask, seen)
+
+    def exits(self, front: np.ndarray) -> np.ndarray:
+        """Where the pixels' rays leave the body that they enter at depth `front` (H, W): depths (H, W) [m], `front` off the mask."""
+        rows, columns = np.nonzero(self.mask)
+        xy, near = np.stack([columns, rows], axis=1).astype(float), front[rows, columns]
+        entry, ahead = self.camera.unproject(xy, near), self.camera.unproject(xy, near + 1.0)
+        per_metre = self.face.behind(ahead) - self.face.behind(entry)
+        far = near + np.maximum(self.depth - self.face.behind(entry), 0.0) / np.maximum(per_metre, 1e-6)
+        # A ray that grazes the face leaves through a side, within the body's length.
+        reach = np.linalg.norm(np.ptp(entry, axis=0)) + self.depth
+        far = np.minimum(far, near + reach)
+        share = np.arange(1, STEPS + 1) / STEPS
+        depth = near[:, None] + share * (far - near)[:, None]
+        inside = self.contains(self.camera.unproject(np.repeat(xy[:, None], STEPS, axis=1), depth))
+        steps = np.where(inside.all(axis=1), STEPS, np.argmin(inside, axis=1) + 0.5)
+        back = front.copy()
+        back[rows, columns] = near + steps / STEPS * (far - near)
+        return back
+
+    def held(self, points: np.ndarray, pin: np.ndarray) -> np.ndarray:
+        """Which of the points (M, 3) [m] of the body lie behind what `pin` (H, W) holds, straight behind the plane where it is painted."""
+        result = np.zeros(len(points), bool)
+        shown = self.shown()
+        for number, plane in enumerate((self.face, *self.sides)):
+            result |= self._at(pin & (shown == number), points + plane.behind(points)[:, None] * plane.normal)
+        return result
+
+    def shown(self) -> np.ndarray:
+        """(H, W) int which plane a pixel shows, the face (0) or a side: the last one that a ray into a convex body crosses. -1 off it."""
+        rows, columns = np.nonzero(self.mask)
+        xy = np.stack([columns, rows], axis=1).astype(float)
+        origin, ahead = self.camera.unproject(xy, np.zeros(len(xy))), self.camera.unproject(xy, np.ones(len(xy)))
+        planes = (self.face, *self.sides)
+        entries = np.stack([one.behind(origin) / np.minimum((ahead - origin) @ one.normal, -1e-9) for one in planes])
+        shown = np.full(self.mask.shape, -1)
+        shown[rows, columns] = entries.argmax(axis=0)
+        return shown
+
+    def _at(self, picture: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Values of a picture (H, W) bool where points (..., 3) are seen; False outside the picture."""
+        xy, depth = self.camera.project(points)
+        column, row = (np.round(np.where(depth > 0.0, xy[..., axis], -1.0)).astype(int) for axis in range(2))
+        height, width = picture.shape
+        within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        return within & picture[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+
+
+def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | None:
+    """The prism that a measured front shows, if it is one and shows a side.
+
+    Args:
+        front: (H, W) depth along the view axis of the visible surface [m].
+        mask: (H, W) bool, the object.
+    """
+    rows, columns = np.nonzero(mask)
+    points = np.zeros((*mask.shape, 3))
+    points[rows, columns] = camera.unproject(np.stack([columns, rows], axis=1).astype(float), front[rows, columns])
+    eye = camera.pose(0)[:3, 3]
+    tolerance = FLATNESS * np.sqrt(mask.sum() * float(np.median(front[mask])) ** 2 / (camera.fx * camera.fy))
+    left, planes, areas = mask.copy(), [], []
+    for _ in range(MOST_PLANES):
+        found = _largest_plane(points, left, eye, tolerance)
+        if found is None:
+            break
+        on = left & (np.abs(found.behind(points)) < tolerance)
+        if on.sum() < LEAST_SIDE * mask.sum():
+            break
+        planes.append((found, on))
+        sight = points[on] - eye
+        distance = np.linalg.norm(sight, axis=1)
+        areas.append(float((distance**3 / np.maximum(np.abs(sight @ found.normal), 1e-3 * distance)).sum()))
+        left &= ~on
+    if len(planes) < 2:
+        return None
+    face, on_face = planes.pop(int(np.argmax(areas)))
+    sides: list[tuple[Plane, np.ndarray]] = []
+    for side, on in planes:  # a rounded edge between two sides can pass for a third one
+        if all(abs(side.normal @ other.normal) < UPRIGHT for other in (face, *(one for one, _ in sides))):
+            sides.append((side, on))
+    behind = [face.behind(points[on]) for _, on in sides]
+    if not sides or any(np.quantile(one, 1.0 - EDGE_QUANTILE) < -2.0 * tolerance for one in behind):
+        return None
+    if on_face.sum() + sum(on.sum() for _, on in sides) < COVERAGE * mask.sum():
+        return None
+    deepest = max(range(len(sides)), key=lambda number: np.quantile(behind[number], EDGE_QUANTILE))
+    side, on_side = sides[deepest]
+    depth = float(np.quantile(behind[deepest], EDGE_QUANTILE)) + _half_a_pixel(behind[deepest], on_side)
+    pixel = float(np.median(front[mask])) / np.sqrt(camera.fx * camera.fy)
+    depth += _hidden_edge(_radius(face, side, points[on_face | on_side], pixel), face, side, points[on_side].mean(axis=0) - eye)
+    along = (points[mask] - eye) @ face.normal
+    silhouette = eye + (points[mask] - eye) * (face.behind(eye) / np.minimum(along, -1e-9))[:, None]
+    stretch = tuple(_stretch(face, one, _radius(face, one, points[on_face | on], pixel), silhouette, eye) for one, on in sides)
+    return Block(face, tuple(one for one, _ in sides), depth, tolerance, camera, mask, stretch)
+
+
+def _half_a_pixel(behind: np.ndarray, on: np.ndarray) -> float:
+    """How much deeper [m] a plane ends than at the centres of its outermost pixels; behind: (n,) depths [m] of the pixels `on` (H, W)."""
+    pixels = np.argwhere(on)
+    slope = np.linalg.lstsq(np.column_stack([pixels, np.ones(len(pixels))]), behind, rcond=None)[0][:2]
+    return 0.5 * float(np.linalg.norm(slope))
+
+
+def _radius(face: Plane, side: Plane, points: np.ndarray, pixel: float) -> float:
+    """Radius [m] of the edge between a face and a side, of points (n, 3) on them; one of less than a `pixel` [m] cannot be told from 0."""
+    # On the arc between two planes at right angles a + b, the distances behind both, is least half way: (2 - sqrt 2) radii. At a sharp
+    # edge it falls to nothing, though not in any pixel: the line through two quantiles says where to.
+    share = 1.0 - EDGE_QUANTILE
+    few, more = np.quantile(face.behind(points) + side.behind(points), (share, 2.0 * share))
+    radius = float(2.0 * few - more) / (2.0 - float(np.sqrt(2.0)))
+    return radius if radius > pixel else 0.0
+
+
+def _hidden_edge(radius: float, face: Plane, side: Plane, sight: np.ndarray) -> float:
+    """How much deeper [m] than its silhouette a body is, whose edges are rounded: the far one is taken to be as round as the near one.
+
+    The silhouette is where the arc is touched by the line of sight (3,).
+    """
+    touched = np.arctan2(-sight @ side.normal, -sight @ face.normal)
+    return radius * (1.0 - float(np.sin(touched)))
+
+
+def _stretch(face: Plane, side: Plane, radius: float, silhouette: np.ndarray, eye: np.ndarray) -> float:
+    """Width of the silhouette on the face over the body's width, away from a side: the edge opposite it is taken to be as round.
+
+    Args:
+        radius: of the edge [m].
+        silhouette: (n, 3) where the outline's and all other pixels' rays cross the plane of the face [m]; eye: (3,) of the camera [m].
+    """
+    away = side.behind(silhouette)
+    farthest = int(np.argmax(away))
+    sight = silhouette[farthest] - eye
+    forward, aside = -sight @ face.normal, -sight @ side.normal
+    touched = np.arctan2(aside, forward)
+    # The line of sight that touches the arc does so before the arc's end, and crosses the face before that.
+    lost = radius * (1.0 - np.cos(touched)) + radius * (1.0 - np.sin(touched)) * aside / max(forward, 1e-9)
+    seen = max(float(away[farthest]), 1e-9)
+    return seen / (seen + float(lost))
+
+
+def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolerance: float) -> Plane | None:
+    """The plane with the most of the pixels `left` (H, W) on it; None where they have no inside to fit one to."""
+    inside = ndimage.binary_erosion(left, iterations=WINDOW)
+    seeds = np.argwhere(inside)
+    if len(seeds) == 0:
+        return None
+    cloud, best, most = points[left], _fitted(points[inside], eye), 0
+    for row, column in seeds[:: max(1, len(seeds) // SEEDS)]:
+        near = points[row - WINDOW : row + WINDOW + 1, column - WINDOW : column + WINDOW + 1]
+        known = left[row - WINDOW : row + WINDOW + 1, column - WINDOW : column + WINDOW + 1]
+        plane = _fitted(near[known], eye)
+        count = int((np.abs(plane.behind(cloud)) < tolerance).sum())
+        if count > most:
+            best, most = plane, count
+    for _ in range(REFITS):
+        # Rounded edges lie within the tolerance, too, and would tilt the plane: it is that of the flat middle.
+        off = np.abs(best.behind(cloud))
+        band = max(3.0 * float(np.median(off[off < tolerance])), 0.05 * tolerance)
+        best = _fitted(cloud[off < min(band, tolerance)], eye)
+    return best
+
+
+def _fitted(points: np.ndarray, eye: np.ndarray) -> Plane:
+    """Least squares through points (n, 3), the normal towards the eye (3,)."""
+    centre = points.mean(axis=0)
+    normal = np.linalg.eigh((points - centre).T @ (points - centre))[1][:, 0]
+    return Plane(centre, normal if normal @ (eye - centre) > 0.0 else -normal)

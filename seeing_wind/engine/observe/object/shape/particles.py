@@ -1,0 +1,296 @@
+"""Material points between the visible surface and the back.
+
+Plates and posts: columns on a lattice in the picture, layers along the line of sight. Balls and other solids, whose far side would have
+much wider columns than the near one, and blocks, whose sides are known: cells of a cubic lattice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ....errors import ObjectError
+from ....records import Particles
+from .block import Block
+from .pins import held_dots
+from .relief import Relief
+
+MIN_SPACING_PIXELS = 2.0
+"""Columns are never nearer to each other than this: more of them would invent detail."""
+THINNEST_LAYER = 0.25
+"""A body gets a second layer only if layers stay this far apart, in units of the spacing; two layers can bend, one cannot."""
+COVERAGE = 0.3
+"""A lattice cell becomes a column if the object covers this part of it; smaller pieces join the nearest column."""
+SOLID = ("block", "ball", "solid")
+"""Kinds of bodies that are filled by cells instead of columns."""
+
+DOTS = 4
+"""At least so many dots along each side of a cell say how much of it the body covers."""
+
+RANGE, TRIED = 1.0, 50
+"""Logarithm of the factor by which a block's cells may be larger or smaller than cubes of the wanted number, and how many are tried."""
+
+FLAT = 1e-6
+"""A body whose particles vary less than this share of their largest variance along some axis lies in a plane."""
+
+MOST_SPREAD = 4.0 / 3.0
+"""Most that the particles' second moments are made larger: what two cells across lack."""
+
+SAME = 0.08
+"""Sides of a block whose lengths differ by less than this share are meant to be equal."""
+
+RIM = 0.002
+"""Share of a block's dots that may lie beyond the outermost cells: pixels of its outline are uneven."""
+
+COUNT_TOLERANCE = 0.08
+"""How near to the wanted number of particles the search for a spacing stops, relative."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Lattice cells of the silhouette with what lies behind them."""
+
+    xy: np.ndarray
+    """(M, 2) centre of each column's pixels [px]."""
+    volume: np.ndarray
+    """(M,) [m³]."""
+    thickness: np.ndarray
+    """(M,) mean distance from front to back [m]."""
+    pinned: np.ndarray
+    """(M,) bool: held in more than half of its pixels."""
+
+
+def fill(relief: Relief, count: int, pin: np.ndarray | None = None) -> Particles:
+    """Fill the body with about `count` particles.
+
+    Args:
+        relief: front and back of the body.
+        count: wanted number of particles; bodies of few pixels get fewer.
+        pin: (H, W) bool, where the body is held in picture 0; every layer behind a held column is held.
+
+    Returns:
+        Particles whose volumes sum to the body's volume exactly.
+
+    Raises:
+        ObjectError: count below 1, or a pin that lies off the object.
+    """
+    if count < 1:
+        raise ObjectError(f"{count} particles cannot stand for a body.", "Ask for some hundreds.")
+    held = np.zeros_like(relief.mask) if pin is None else np.asarray(pin, dtype=bool)
+    if held.any() and not (held & relief.mask).any():
+        raise ObjectError("The pinned region lies off the object.", "Paint the part of the object that is held in the first picture.")
+    if relief.kind in SOLID:
+        return cells_of(relief, count, held)
+    metric = surface_metric(relief)
+    spacing = _spacing(relief, metric, count)
+    columns = columns_of(relief, metric, spacing, held)
+    layers = layers_of(columns.thickness, spacing)
+    column = np.repeat(np.arange(len(layers)), layers)
+    first = np.cumsum(layers) - layers
+    across = (np.arange(len(column)) - first[column] + 0.5) / layers[column]
+    x = relief.points(columns.xy[column], across)
+    return Particles(x=x, volume=columns.volume[column] / layers[column], pinned=columns.pinned[column], spacing=float(spacing))
+
+
+def cells_of(relief: Relief, count: int, held: np.ndarray) -> Particles:
+    """Fill a solid with about `count` cells of a lattice, cut by the body's surface.
+
+    The lattice is cubic, along the camera's axes; that of a block lies along its sides, in layers that end at its face and its back.
+    """
+    volume_of_pixel = relief.pixel_volume()
+    total = float(volume_of_pixel.sum())
+    pixel = float(np.median(0.5 * (relief.front + relief.back)[relief.mask])) / np.sqrt(relief.camera.fx * relief.camera.fy)
+    spacing = max(float(np.cbrt(total / count)), MIN_SPACING_PIXELS * pixel)
+    dots, weight, ray = _dots(relief, spacing, pixel)
+    block, on_pin = relief.block, held_dots(relief, held, dots, ray) if held.any() else np.zeros(len(dots), bool)
+    if block is None:
+        flat = (dots - np.average(dots, axis=0, weights=weight)) @ relief.camera.pose(0)[:3, :3] / spacing
+        sites, cell = np.round(flat).astype(int), spacing**3
+    else:
+        spacing, sites, cell = _in_block(block, dots, spacing, count, MIN_SPACING_PIXELS * pixel, on_pin)
+    sites, inverse = np.unique(sites, axis=0, return_inverse=True)
+    covered = np.bincount(inverse.ravel(), weight)
+    kept = covered >= min(COVERAGE * cell, covered.max())
+    nearest = cKDTree(sites[kept]).query(sites)[1][inverse.ravel()]
+    number = int(kept.sum())
+    volume = np.bincount(nearest, weight, number)
+    centre = np.stack([np.bincount(nearest, weight * dots[:, i], number) for i in range(3)], axis=1) / volume[:, None]
+    centre = spread(centre, volume, dots, weight)
+    pinned = np.zeros(number, dtype=bool)
+    if held.any():
+        share = np.bincount(nearest, weight * on_pin, number) / volume
+        pinned = share > min(0.5, 0.99 * share.max())  # a pin smaller than a cell holds the cells it lies in
+        if not pinned.any():  # smaller than the gaps between the dots
+            rows, columns = np.nonzero(held & relief.mask)
+            painted = relief.points(np.stack([columns, rows], axis=1).astype(float), 0.5)
+            pinned[cKDTree(centre).query(painted)[1]] = True
+    return Particles(x=centre, volume=volume, pinned=pinned, spacing=spacing)
+
+
+def spread(centre: np.ndarray, volume: np.ndarray, dots: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Cell centres (N, 3) moved apart until the particles' second moments are those of the body, given as dots (D, 3) of `weight` (D,).
+
+    A cell's mass in its centre lacks what it is spread within the cell. That is what a force has to turn, bend and squeeze: of four cells
+    across a post 6 % of its stiffness. Of two it brings the particles to the places of Gauss's quadrature.
+    """
+    middle = np.average(dots, axis=0, weights=weight)
+    body, cells = (np.cov(x.T, aweights=w, ddof=0) for x, w in ((dots, weight), (centre, volume)))
+    values, axes = np.linalg.eigh(cells)
+    wide = values > FLAT * values[-1]  # along an axis with one cell there is nothing to move apart
+    if not wide.any():
+        return centre
+    scale = np.sqrt(values[wide])
+    across = axes[:, wide] / scale
+    ratio, turned = np.linalg.eigh(across.T @ body @ across)
+    more = (turned * (np.sqrt(np.clip(ratio, 1.0, MOST_SPREAD)) - 1.0)) @ turned.T
+    offset = centre - np.average(centre, axis=0, weights=volume)
+    return middle + offset + offset @ (across * scale**2 @ more @ across.T).T
+
+
+def _in_block(
+    block: Block, dots: np.ndarray, spacing: float, count: int, finest: float, on_pin: np.ndarray
+) -> tuple[float, np.ndarray, float]:
+    """Cells (D, 3) int of dots (D, 3) in a lattice that begins and ends at the block's sides, with about `count` cells of `spacing` [m].
+
+    Sides of the same length get as many cells, or a post would be stiffer one way than the other. Where a part of the block is held (D,),
+    a layer ends at the border: how far a force bends it goes with the cube of what is free.
+
+    Returns:
+        the spacing [m], at least `finest`; the cells; a cell's volume [m³].
+    """
+    flat = (dots - block.face.point) @ block.frame().T
+    low, high = np.quantile(flat, RIM, axis=0), np.quantile(flat, 1.0 - RIM, axis=0)
+    low[2], high[2] = 0.0, block.depth
+    spacing, cells = _cells(high - low, spacing, count, finest)
+    edges = [np.linspace(low[axis], high[axis], cells[axis] + 1) for axis in range(3)]
+    if on_pin.any() and not on_pin.all():
+        lever = flat[~on_pin].mean(axis=0) - flat[on_pin].mean(axis=0)
+        axis = int(np.argmax(np.abs(lever)))
+        edges[axis] = _ending_at(edges[axis], _border(flat[:, axis], on_pin, lever[axis] > 0.0))
+    sites = [np.clip(np.searchsorted(one, flat[:, axis]) - 1, 0, len(one) - 2) for axis, one in enumerate(edges)]
+    return spacing, np.stack(sites, axis=1), float(np.prod([np.diff(one).mean() for one in edges]))
+
+
+def _cells(extent: np.ndarray, spacing: float, count: int, finest: float) -> tuple[float, np.ndarray]:
+    """Spacing [m] and numbers of cells (3,) along a block's extent (3,) [m]: those near `spacing` whose product is nearest `count`."""
+    length = extent.copy()
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        if abs(np.log(length[a] / length[b])) < SAME:
+            length[[a, b]] = np.sqrt(length[a] * length[b])
+    tried = np.maximum(spacing * np.exp(np.linspace(-RANGE, RANGE, 2 * TRIED + 1)), finest)
+    cells = [layers_of(length, one) for one in tried]
+    best = int(np.argmin([abs(np.log(one.prod() / count)) for one in cells]))
+    return float(tried[best]), cells[best]
+
+
+def _border(along: np.ndarray, held: np.ndarray, held_below: bool) -> float:
+    """The place on an axis that parts best what is held (D,) from what is not, of dots at `along` (D,) [m]."""
+    order = np.argsort(along if held_below else -along)
+    wins = np.cumsum(np.where(held[order], 1, -1))
+    last = int(np.argmax(wins))
+    return 0.5 * float(along[order[last]] + along[order[min(last + 1, len(order) - 1)]])
+
+
+def _ending_at(edges: np.ndarray, border: float) -> np.ndarray:
+    """Edges of as many cells, even on either side of one at `border`."""
+    cells, first, last = len(edges) - 1, edges[0], edges[-1]
+    if cells < 2 or not first < border < last:
+        return edges
+    below = min(max(1, round(cells * (border - first) / (last - first))), cells - 1)
+    return np.concatenate([np.linspace(first, border, below + 1), np.linspace(border, last, cells - below + 1)[1:]])
+
+
+def _dots(relief: Relief, spacing: float, pixel: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Dots along the pixels' rays, several in a cell of `spacing` [m] each way; `pixel` is a pixel's width on the body [m].
+
+    Returns:
+        places (D, 3) [m], weights (D,) [m³] that add up to the body's volume, and the number of each dot's pixel in the mask (D,).
+    """
+    rows, columns = np.nonzero(relief.mask)
+    near, far = relief.front[rows, columns], relief.back[rows, columns]
+    thick = max(1, int(np.ceil(DOTS * (far - near).max() / spacing)))
+    skip = max(1, int(spacing / (DOTS * pixel)))
+    chosen = np.flatnonzero((rows % skip == 0) & (columns % skip == 0))
+    rows, columns, near, far = rows[chosen], columns[chosen], near[chosen], far[chosen]
+    depth = near[:, None] + (far - near)[:, None] * (np.arange(thick) + 0.5) / thick
+    pixels = np.stack(np.broadcast_arrays(columns[:, None].astype(float), rows[:, None].astype(float)), axis=-1)
+    dots = relief.camera.unproject(np.broadcast_to(pixels, (*depth.shape, 2)).reshape(-1, 2), depth.ravel())
+    weight = ((far - near)[:, None] * depth**2).ravel()
+    weight *= relief.pixel_volume().sum() / weight.sum()
+    return dots, weight, np.repeat(chosen, thick)
+
+
+def layers_of(thickness: np.ndarray, spacing: float) -> np.ndarray:
+    """Number of layers (M,) of columns of a given thickness (M,) [m]: about one per spacing, two where that keeps them apart."""
+    regular = np.round(thickness / spacing)
+    return np.maximum(regular, np.where(thickness / 2.0 >= THINNEST_LAYER * spacing, 2, 1)).astype(int)
+
+
+def surface_metric(relief: Relief) -> np.ndarray:
+    """(2, 2) metres per pixel along the plane that fits the visible surface best: a lattice is to be regular there, not in the picture.
+
+    Rows are coordinates in that plane, columns are picture x and y.
+    """
+    rows, columns = np.nonzero(relief.mask)
+    xy = np.stack([columns, rows], axis=1).astype(float)
+    points = relief.points(xy, 0.0 if relief.kind == "plate" else 0.5)
+    design = np.column_stack([np.ones(len(xy)), xy])
+    slope = np.linalg.lstsq(design, points, rcond=None)[0][1:]  # (2, 3): world metres per pixel
+    # The symmetric square root of the first fundamental form: the picture plane's axes are kept as far as a stretch allows.
+    values, vectors = np.linalg.eigh(slope @ slope.T)
+    metre_per_pixel = np.median(relief.front[relief.mask]) / np.sqrt(relief.camera.fx * relief.camera.fy)
+    sizes = np.clip(np.sqrt(np.maximum(values, 0.0)), 0.5 * metre_per_pixel, 4.0 * metre_per_pixel)
+    return vectors @ np.diag(sizes) @ vectors.T
+
+
+def columns_of(relief: Relief, metric: np.ndarray, spacing: float, held: np.ndarray) -> Columns:
+    """Cut the silhouette into cells of a square lattice of `spacing` [m] in the surface's plane."""
+    rows, cols = np.nonzero(relief.mask)
+    pixels = np.stack([cols, rows], axis=1).astype(float)
+    cell_pixels = spacing / np.sqrt(np.linalg.det(metric))
+    # Small cells are cut from parts of pixels, or the lattice would beat with the pixel grid.
+    parts = max(1, int(np.ceil(5.0 / cell_pixels)))
+    offsets = (np.arange(parts) + 0.5) / parts - 0.5
+    dots = (pixels[:, None] + np.stack(np.meshgrid(offsets, offsets), -1).reshape(1, -1, 2)).reshape(-1, 2)
+    owner = np.repeat(np.arange(len(pixels)), parts**2)
+    flat = dots @ metric.T / spacing
+    flat -= flat.mean(axis=0)
+    sites, inverse, sizes = np.unique(np.round(flat).astype(int), axis=0, return_inverse=True, return_counts=True)
+    kept = sizes >= min(COVERAGE * (cell_pixels * parts) ** 2, sizes.max())
+    nearest = cKDTree(sites[kept]).query(sites)[1][inverse.ravel()]
+    number = int(kept.sum())
+    volume_of_dot = relief.pixel_volume()[rows, cols][owner] / parts**2
+    dots_in = np.bincount(nearest, minlength=number)
+    centre = np.stack([np.bincount(nearest, dots[:, i], number) for i in range(2)], axis=1) / dots_in[:, None]
+    gap = (relief.back - relief.front)[rows, cols][owner]
+    pinned = np.bincount(nearest, held[rows, cols][owner].astype(float), number) > 0.5 * dots_in
+    if held.any() and not pinned.any():
+        # A pin smaller than a cell holds the cell it lies in.
+        pinned[np.bincount(nearest, held[rows, cols][owner].astype(float), number).argmax()] = True
+    return Columns(
+        xy=centre, volume=np.bincount(nearest, volume_of_dot, number), thickness=np.bincount(nearest, gap, number) / dots_in, pinned=pinned
+    )
+
+
+def _spacing(relief: Relief, metric: np.ndarray, count: int) -> float:
+    """Lattice spacing [m] that gives about `count` particles, by bisection on its logarithm."""
+    pixel = np.sqrt(np.linalg.det(metric))
+    finest, coarsest = MIN_SPACING_PIXELS * pixel, np.sqrt(relief.mask.sum()) * pixel
+    low, high = np.log(finest), np.log(max(coarsest, finest))
+    nothing_held = np.zeros_like(relief.mask)
+
+    def particles(spacing: float) -> int:
+        return int(layers_of(columns_of(relief, metric, spacing, nothing_held).thickness, spacing).sum())
+
+    if particles(finest) <= count:
+        return float(finest)
+    middle = high
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        found = particles(float(np.exp(middle)))
+        if abs(found - count) <= COUNT_TOLERANCE * count:
+            break
+        low, high = (middle, high) if found > count else (low, middle)
+    return float(np.exp(middle))

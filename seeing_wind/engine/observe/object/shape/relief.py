@@ -1,0 +1,241 @@
+"""The body in picture 0 as two depth maps: the visible surface and a guessed back.
+
+One picture shows a front only. The back is a guess by rules that a user can check and override with a thickness:
+
+- a measured front of flat faces that shows the sides of a plate or post is the block that these sides bound (`block`),
+- a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere;
+  a given thickness that is much less than its diameter makes it a disc,
+- a measured front that bulges towards the camera is inflated by as much behind (`inflate`),
+- a silhouette much longer than broad is a post, as thick as it is broad, and round where no depth was measured; a given thickness that
+  is much less than its breadth makes it a strip,
+- everything else is a plate, a few percent of its size thick.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from ....errors import ObjectError
+from ....records import Camera, Observation
+from .block import Block, find_block
+from .inflate import LEAK, balls, inflate
+
+MIN_PIXELS = 16
+"""Fewer pixels than this carry no shape."""
+
+SPECK = 0.02
+"""Parts of the mask smaller than this fraction of its largest part are noise."""
+
+ROUND = 0.82
+"""Inscribed circle over silhouette area: 1 for a disc, 0.785 for a square."""
+
+LONG = 4.0
+"""Length over breadth from which a silhouette is a post."""
+
+ROUNDEST, OFF_CIRCLE, FEW = (0.7, 1.4), 1.15, 0.03
+"""A measured front is a ball's if its bulge is between these, and if few of its pixels lie farther out than so many inscribed radii."""
+
+BULGE = 0.35
+"""Rise of a front over its rim from which it is solid, relative to that of something round: 1 for a ball, about 0 for a plate."""
+
+PLATE_THICKNESS = 0.05
+"""Thickness of a plate in units of the square root of its area: thick enough for the solver's grid, thin to the eye."""
+
+THINNEST = 0.5
+"""Least thickness of a ball's rim in pixels' widths: its outline on whole pixels reaches a little beyond the sphere's."""
+
+DISC = 0.5
+"""Given thickness in diameters under which a round silhouette is that of a disc, and one of a post that of a strip."""
+
+STRAY = 3.0
+"""Depths farther from the object's 5th to 95th percentile than this many times what these are apart are not its own."""
+
+MAX_SLANT = 3.0
+"""Cap on 1 / cos(slant) where a surface turns edge-on."""
+
+
+@dataclass(frozen=True)
+class Relief:
+    """A body between two depth maps. Maps are filled with the nearest value off the mask, so that they can be interpolated there."""
+
+    mask: np.ndarray
+    """(H, W) bool, specks removed."""
+    front: np.ndarray
+    """(H, W) depth along the view axis of the visible surface [m]."""
+    back: np.ndarray
+    """(H, W) depth of the back [m]."""
+    camera: Camera
+    kind: str
+    """block, ball, solid, post or plate."""
+    thickness: float
+    """Largest thickness along the view axis on a surface that faces the camera, of a block that behind its face [m]."""
+    block: Block | None = None
+    """The prism, of a block."""
+
+    def points(self, xy: np.ndarray, across: np.ndarray | float) -> np.ndarray:
+        """Pixels (..., 2) at `across` (...,) of the way from front (0) to back (1) -> world (..., 3) [m]."""
+        front, back = sample(self.front, xy), sample(self.back, xy)
+        return self.camera.unproject(xy, front + across * (back - front))
+
+    def pixel_volume(self) -> np.ndarray:
+        """(H, W) volume [m³] of the body behind each pixel, a frustum between front and back; 0 off the mask."""
+        volume = (self.back**3 - self.front**3) / (3.0 * self.camera.fx * self.camera.fy)
+        return np.where(self.mask, volume, 0.0)
+
+
+def relief_of(observation: Observation, thickness: float | None = None) -> Relief:
+    """Front and back of the observed object in picture 0.
+
+    Args:
+        thickness: metres between front and back, or None for a guess.
+
+    Raises:
+        ObjectError: the mask is empty or too small, the depth is missing on most of it, or the thickness is not positive or beyond the
+            distance.
+    """
+    mask = clean_mask(observation.masks[0])
+    front, flat = _front(observation, mask)
+    camera = observation.camera
+    rim = ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5
+    # The outline of a solid body is seen at the depth of its rim, not of its nearest point.
+    band = mask & (rim > LEAK) & (rim < 0.05 * rim.max() + LEAK + 1.0)
+    metre_per_pixel = float(np.median(front[band if band.any() else mask])) / np.sqrt(camera.fx * camera.fy)
+    area, radius = float(mask.sum()) * metre_per_pixel**2, float(rim.max()) * metre_per_pixel
+    block = None if flat else find_block(front, mask, camera)
+    rounded = None if flat or block is not None else inflate(front, mask, metre_per_pixel)
+    kind = _kind(mask, rim, front, None if rounded is None else rounded.bulge, camera) if block is None else "block"
+    if thickness is not None and not (np.isfinite(thickness) and thickness > 0.0):
+        raise ObjectError(f"The thickness {thickness} is no positive number of metres.", "Give metres behind the visible surface.")
+    distance = float(np.median(front[mask]))
+    if thickness is not None and thickness > distance:
+        raise ObjectError(
+            f"A body {thickness:g} m thick, {distance:.3g} m from the camera, is no body.", "Give metres behind the visible surface."
+        )
+    if block is not None:
+        block = block if thickness is None else replace(block, depth=thickness)
+        front = _fill(front, mask)
+        return Relief(mask, front, _fill(block.exits(front), mask), camera, kind, block.depth, block)
+    if kind in ("ball", "post") and flat and thickness is not None and thickness < DISC * 2.0 * radius:
+        kind = "plate"
+    if kind == "ball":
+        near, far = sphere_depths(mask, camera)
+        # A single distance is that of the body's middle; a measured front says where the middle is, best where it faces the camera.
+        middle = distance if flat else float(np.median((front / near)[mask & (rim > 0.5 * rim.max())]))
+        front = middle * near if flat else front
+        largest = float((far - near)[mask].max()) * middle
+        profile = np.maximum(middle * far - front, THINNEST * metre_per_pixel) * (1.0 if thickness is None else thickness / largest)
+    elif kind == "post" and flat:
+        half = np.maximum(balls(mask).half, 0.5 * THINNEST) * metre_per_pixel * (1.0 if thickness is None else 0.5 * thickness / radius)
+        front, profile = front + np.median(half[mask]) - half, 2.0 * half
+    elif kind == "solid":
+        assert rounded is not None  # only a measured front bulges
+        profile = rounded.thickness * (1.0 if thickness is None else thickness / rounded.thickness.max())
+    else:
+        guess = 2.0 * radius if kind == "post" else PLATE_THICKNESS * np.sqrt(area)
+        profile = (guess if thickness is None else thickness) * slant(front, camera)
+    front, back = _fill(front, mask), _fill(front + profile, mask)
+    even = kind == "plate" or (kind == "post" and not flat)
+    return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if even else profile[mask].max()))
+
+
+def sphere_depths(mask: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Where the pixels' rays enter and leave the sphere with the silhouette `mask` (H, W) whose middle is at depth 1.
+
+    A sphere is seen as a circular cone of half angle alpha about the ray to its middle: the solid angle of the mask, 2 pi (1 - cos alpha),
+    and the mean direction in it give the cone, and the radius is sin(alpha) of the distance. Rays that miss take the point nearest to it.
+
+    Returns:
+        depths along the view axis (H, W) of the near and the far side.
+    """
+    rows, columns = np.mgrid[: mask.shape[0], : mask.shape[1]].astype(float)
+    ray = np.stack([(columns - camera.cx) / camera.fx, (rows - camera.cy) / camera.fy, np.ones(mask.shape)], axis=-1)
+    length = np.linalg.norm(ray, axis=-1)
+    solid_angle = np.where(mask, length**-3 / (camera.fx * camera.fy), 0.0)
+    axis = (solid_angle[..., None] * ray / length[..., None]).sum(axis=(0, 1))
+    middle = axis / axis[2]
+    cosine = 1.0 - solid_angle.sum() / (2.0 * np.pi)
+    square = middle @ middle * (1.0 - cosine**2)  # the radius, squared
+    along = ray @ middle / length**2
+    half = np.sqrt(np.maximum(along**2 - (middle @ middle - square) / length**2, 0.0))
+    return along - half, along + half
+
+
+def clean_mask(mask: np.ndarray) -> np.ndarray:
+    """The mask (H, W) without specks.
+
+    Raises:
+        ObjectError: no object, or too few pixels of it.
+    """
+    mask = np.asarray(mask, dtype=bool)
+    labels, count = ndimage.label(mask, structure=np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    sizes[0] = 0
+    if count == 0:
+        raise ObjectError("The mask of the first picture is empty.", "Give a --mask or a --box round the object.")
+    kept = sizes >= SPECK * sizes.max()
+    kept[0] = False
+    result = kept[labels]
+    if result.sum() < MIN_PIXELS:
+        raise ObjectError(
+            f"The object has only {int(result.sum())} pixels in the first picture, {MIN_PIXELS} are the least.",
+            "Use a clip of higher resolution, or crop it round the object.",
+        )
+    return result
+
+
+def sample(image: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Bilinear values of an image (H, W) at pixels (..., 2), clamped to the picture."""
+    return ndimage.map_coordinates(image, [xy[..., 1], xy[..., 0]], order=1, mode="nearest")
+
+
+def slant(front: np.ndarray, camera: Camera) -> np.ndarray:
+    """(H, W) 1 / cos of the angle between the surface and the picture plane, at most `MAX_SLANT`; smoothed over a few pixels."""
+    smooth = ndimage.gaussian_filter(front, 2.0)
+    rise_y, rise_x = np.gradient(smooth)
+    slope = np.hypot(rise_x * camera.fx / smooth, rise_y * camera.fy / smooth)
+    return np.minimum(np.sqrt(1.0 + slope**2), MAX_SLANT)
+
+
+def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Depth of the visible surface, holes filled, and whether it is one constant (no depth was measured)."""
+    depth = np.asarray(observation.depth, dtype=np.float64)
+    if depth.shape != mask.shape:
+        raise ObjectError(f"The depth map is {depth.shape[::-1]}, the picture {mask.shape[::-1]}.", "Give a depth map of the clip's size.")
+    known = mask & np.isfinite(depth) & (depth > 0.0)
+    if known.any():  # what lies far beyond all the rest is no part of the object
+        low, high = np.percentile(depth[known], (5.0, 95.0))
+        apart = STRAY * max(high - low, 0.01 * high)
+        known &= (depth > low - apart) & (depth < high + apart)
+    if known.sum() < 0.5 * mask.sum():
+        raise ObjectError(
+            f"The depth map is empty on {100 - 100 * known.sum() / mask.sum():.0f} % of the object.",
+            "Give a depth map in metres that covers the object, or --distance.",
+        )
+    return _fill(depth, known), bool(np.ptp(depth[known]) <= 1e-6 * depth[known].max())
+
+
+def _fill(image: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Unknown pixels take the value of the nearest known one."""
+    rows, columns = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    return image[rows, columns]
+
+
+def _kind(mask: np.ndarray, rim: np.ndarray, front: np.ndarray, bulge: float | None, camera: Camera) -> str:
+    """ball, solid, post or plate: see the module's text. `bulge` as in `inflate`, None where no depth was measured."""
+    rows, columns = np.nonzero(mask)
+    xy = np.stack([columns, rows], axis=1).astype(float)
+    if np.pi * rim.max() ** 2 / len(xy) > ROUND and (bulge is None or (ROUNDEST[0] < bulge < ROUNDEST[1] and _is_disc(rim, xy))):
+        return "ball"
+    if bulge is not None and bulge > BULGE:
+        return "solid"
+    spread = np.linalg.eigvalsh(np.cov(camera.unproject(xy, front[rows, columns]).T))
+    return "post" if spread[2] > LONG**2 * max(spread[1], 0.0) else "plate"
+
+
+def _is_disc(rim: np.ndarray, xy: np.ndarray) -> bool:
+    """Whether next to nothing of the pixels xy (P, 2) is off the inscribed circle: a lamp on a stick is no ball."""
+    centre = np.array(np.unravel_index(int(rim.argmax()), rim.shape))[::-1]
+    return bool((np.linalg.norm(xy - centre, axis=1) > OFF_CIRCLE * rim.max() + 1.0).mean() < FEW)

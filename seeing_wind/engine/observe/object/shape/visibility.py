@@ -1,0 +1,89 @@
+"""Which part of a moving triangle mesh every pixel shows: a depth buffer that tells where in picture 0 that part is.
+
+Homogeneous rasterisation (M. Olano and T. Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997): with a triangle's
+corners in the camera's axes as the columns of M, a ray d crosses it where M w = d has no negative w. Over their sum these w are the
+barycentric coordinates, and one over the sum is the depth. w is linear in the pixel, so places between pixels come for nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ....records import Camera
+
+NEAR = 1e-3
+"""Triangles with a corner nearer to the camera's plane than this are not drawn [m]."""
+
+EDGE_ON = 1e-9
+"""Triangles that span less than this part of the cube of their distance are seen along their plane and show nothing."""
+
+SHIFT = 0.1
+"""Pixels over which a place is differentiated: a whole one can lie beyond the horizon of a plane seen at a glance."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What S pixels show of a mesh, in picture 0."""
+
+    pixel: np.ndarray
+    """(S, 2) int, x y."""
+    place: np.ndarray
+    """(S, 3) [m]."""
+    right: np.ndarray
+    """(S, 3) change of that place per pixel to the right, on the same triangle [m]."""
+    down: np.ndarray
+    """(S, 3) the same per pixel downwards [m]."""
+    normal: np.ndarray
+    """(S, 3) outward unit normal."""
+
+
+def seen_surface(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, frame: int, rest: np.ndarray, mask: np.ndarray) -> Seen:
+    """The nearest triangle that faces the camera, in every pixel of `mask` that shows one.
+
+    Args:
+        vertices: (V, 3) in picture `frame` [m]; triangles: (M, 3), counter-clockwise from outside; rest: (V, 3) the vertices in picture 0
+        [m]; mask: (H, W) bool.
+    """
+    pose = camera.pose(frame)
+    corners = ((vertices - pose[:3, 3]) @ pose[:3, :3])[triangles]  # (M, corner, axis)
+    spanned = -np.linalg.det(corners)
+    drawn = (corners[..., 2].min(axis=1) > NEAR) & (spanned > EDGE_ON * np.abs(corners[..., 2]).max(axis=1) ** 3)
+    corners, at_rest = corners[drawn], rest[triangles[drawn]]
+    owner, pixel = _candidates(corners, camera, mask)
+    inverse = np.linalg.inv(corners.transpose(0, 2, 1))
+    ray = np.column_stack([(pixel - [camera.cx, camera.cy]) / [camera.fx, camera.fy], np.ones(len(pixel))])
+    w = np.einsum("sab,sb->sa", inverse[owner], ray)
+    hit = np.flatnonzero((w >= 0.0).all(axis=1))
+    order = hit[np.lexsort((-w[hit].sum(axis=1), pixel[hit, 0], pixel[hit, 1]))]
+    nearest = order[np.r_[True, (np.diff(pixel[order], axis=0) != 0).any(axis=1)][: len(order)]]
+    owner, pixel, w = owner[nearest], pixel[nearest], w[nearest]
+
+    def place(w: np.ndarray) -> np.ndarray:
+        return np.einsum("sa,sab->sb", w / w.sum(axis=1, keepdims=True), at_rest[owner])
+
+    here, columns = place(w), inverse[owner]
+    across = np.cross(at_rest[:, 1] - at_rest[:, 0], at_rest[:, 2] - at_rest[:, 0])
+    return Seen(
+        pixel=pixel,
+        place=here,
+        right=(place(w + SHIFT / camera.fx * columns[:, :, 0]) - here) / SHIFT,
+        down=(place(w + SHIFT / camera.fy * columns[:, :, 1]) - here) / SHIFT,
+        normal=(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-15))[owner],
+    )
+
+
+def _candidates(corners: np.ndarray, camera: Camera, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of a triangle of `corners` (M, 3, 3), in the camera's axes, and a pixel of `mask` in its bounding box: (P,) and (P, 2)."""
+    height, width = mask.shape
+    xy = corners[..., :2] / corners[..., 2:] * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    first = np.clip(np.ceil(xy.min(axis=1)), 0, [width, height]).astype(int)
+    last = np.clip(np.floor(xy.max(axis=1)), -1, [width - 1, height - 1]).astype(int)
+    spans = np.maximum(last - first + 1, 0)
+    counts = spans.prod(axis=1)
+    owner = np.repeat(np.arange(len(corners)), counts)
+    within = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    pixel = first[owner] + np.stack([within % spans[owner, 0], within // spans[owner, 0]], axis=1)
+    inside = mask[pixel[:, 1], pixel[:, 0]]
+    return owner[inside], pixel[inside]

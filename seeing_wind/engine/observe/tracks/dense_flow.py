@@ -1,0 +1,42 @@
+"""Dense optical flow of the object from every picture to the next, for the flow-and-depth objective."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ...progress import NoProgress, Progress
+from ..clip.opencv_threads import one_thread
+from ..mask.motion import Flow, FlowSolver, window_of
+
+MARGIN = 16
+"""Pixels round the silhouette in which flow is computed."""
+
+
+def dense_flow(frames: np.ndarray, masks: np.ndarray, progress: Progress | None = None) -> list[Flow | None]:
+    """Flow inside a window round the object, T entries; None where the object is in neither picture of a pair.
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool. The shift of the silhouette's centroid is where the search begins.
+
+    Raises:
+        Cancelled: between pictures.
+    """
+    progress = progress or NoProgress()
+    solver = FlowSolver()
+    flows: list[Flow | None] = []
+    with one_thread():
+        gray = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames]
+        for t in range(len(frames) - 1):
+            progress.update(t / len(frames), f"dense flow, frame {t} of {len(frames) - 1}")
+            if not masks[t].any():
+                flows.append(None)
+                continue
+            shift = _centroid(masks[t + 1]) - _centroid(masks[t]) if masks[t + 1].any() else np.zeros(2)
+            flows.append(solver.between(gray[t], gray[t + 1], window_of(masks[t], MARGIN), shift))
+    return flows
+
+
+def _centroid(mask: np.ndarray) -> np.ndarray:
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()])

@@ -1,0 +1,76 @@
+"""Tracks made elsewhere (Blender's tracker, a network): an NPZ instead of our own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...errors import UsageError
+from ...progress import Progress
+from ...take import DAMAGED
+
+SIGMA = 0.3
+"""Standard deviation [px] of tracks that come without one."""
+
+SHAPES = "It needs xy (T+1, K, 2) pixels and visible (T+1, K) bool; sigma (T+1, K) pixels is optional."
+
+
+def read_tracks(
+    path: str, pictures: int, first_frame: int, mask: np.ndarray, progress: Progress
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of the tracks that start on the object.
+
+    Args:
+        path: NPZ; one row per picture of the chosen range, or of the whole file.
+        pictures: T + 1, the pictures of the range, which begins at `first_frame`.
+        mask: (H, W) bool, the object in picture 0.
+
+    Raises:
+        UsageError: unreadable, keys or shapes wrong, values not finite, or no track on the object.
+    """
+    xy, visible, sigma = load_tracks(path)
+    if xy.ndim != 3 or xy.shape[2] != 2 or visible.shape != xy.shape[:2] or sigma.shape not in ((), xy.shape[:2]):
+        raise UsageError(f"The tracks {path} have xy {xy.shape} and visible {visible.shape}.", SHAPES)
+    sigma = np.broadcast_to(sigma, visible.shape)
+    if len(xy) != pictures:
+        if len(xy) < first_frame + pictures:
+            raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {pictures} pictures.", SHAPES)
+        part = slice(first_frame, first_frame + pictures)
+        xy, visible, sigma = xy[part], visible[part], sigma[part]
+    if not np.isfinite(xy[visible]).all() or not np.isfinite(sigma[visible]).all() or (sigma[visible] <= 0).any():
+        raise UsageError(
+            f"The tracks {path} hold visible points that are not finite, or sigmas that are not positive.",
+            "Mark such points as not visible.",
+        )
+    height, width = mask.shape
+    far = float(max(width, height))
+    nearest = np.round(np.clip(np.nan_to_num(xy[0], nan=-1.0, posinf=-1.0, neginf=-1.0), -1.0, far)).astype(int)
+    inside = (nearest >= 0).all(axis=1) & (nearest[:, 0] < width) & (nearest[:, 1] < height)
+    on = visible[0] & inside & mask[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
+    if not on.any():
+        raise UsageError(
+            f"No track of {path} is visible on the object in the first picture.", "Check the mask, and that pixels count from the top left."
+        )
+    if not on.all():
+        progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first picture and are left out.")
+    # An invisible point's place is never used; zero keeps arithmetic on whole arrays finite.
+    held = np.where(visible[..., None], xy, 0.0)
+    return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]
+
+
+def load_tracks(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """xy, visible and sigma of a track file as they are, sigma a single number where the file has none.
+
+    Raises:
+        UsageError: unreadable, or without xy and visible.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            missing = [key for key in ("xy", "visible") if key not in file]
+            if missing:
+                raise UsageError(f"The tracks {path} lack {' and '.join(missing)}.", SHAPES)
+            sigma = np.asarray(file["sigma"], dtype=np.float64) if "sigma" in file else np.array(SIGMA)
+            return np.asarray(file["xy"], dtype=np.float64), np.asarray(file["visible"]).astype(bool), sigma
+    except OSError as error:
+        raise UsageError(f"The tracks {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
+    except DAMAGED as error:
+        raise UsageError(f"The tracks {path} are not an NPZ of plain arrays ({error}).", SHAPES) from error

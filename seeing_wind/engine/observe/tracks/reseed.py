@@ -1,0 +1,96 @@
+"""Tracks that begin later: where the object shows a side on which nothing is followed, new points are sought and followed from there.
+
+Every generation of points is anchored to the picture in which it began. How it belongs to the body of picture 0 is found where the body
+is known (`observe/object/motion/late.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..mask.motion import Flow
+from .tracker import MOST, Tracker, find_corners
+
+BARE = 0.2
+"""Part of the object without tracks from which new ones are sought."""
+
+APART = 1.6
+"""Tracks cover discs of this radius, in units of the mean distance of the first ones."""
+
+LEAST_NEW = 6
+"""Fewer new points than this cannot check each other."""
+
+SHORTEST = 4
+"""Pictures in which a later track must be seen: fewer say nothing that those before and after do not."""
+
+MOST_LATE = 400
+"""Later tracks at most: each costs the recovery time."""
+
+
+@dataclass
+class _Generation:
+    first: int
+    """The picture in which it began."""
+    tracker: Tracker
+    rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
+class Generations:
+    """Points of picture 0, and those that began later."""
+
+    def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray, *, reseed: bool) -> None:
+        """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of picture 0; `reseed` False keeps to those."""
+        self._generations: list[_Generation] = []
+        self._reseed = reseed
+        self._count = 0
+        self._late = 0
+        self._apart = APART * float(np.sqrt(mask.sum() / max(len(corners), 1)))
+        self._begin(picture, mask, corners)
+        self._count = 1
+
+    def advance(self, picture: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
+        """Follow all points into the next picture, as `Tracker.advance`; seek new ones where the object is bare of them."""
+        for one in self._generations:
+            one.tracker.advance(picture, flow, mask)
+            one.rows.append((one.tracker.xy, one.tracker.visible, one.tracker.sigma))
+        if self._reseed and mask.any() and self._late < MOST_LATE:
+            bare = self._bare(mask)
+            share = float(bare.sum()) / float(mask.sum())
+            if share > BARE:
+                corners = find_corners(picture, bare, min(max(LEAST_NEW, round(share * MOST)), MOST_LATE - self._late))
+                if len(corners) >= LEAST_NEW:
+                    self._begin(picture, mask, corners)
+                    self._late += len(corners)
+        self._count += 1
+
+    def _begin(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
+        tracker = Tracker(picture, mask, corners)
+        self._generations.append(_Generation(self._count, tracker, [(tracker.xy, tracker.visible, tracker.sigma)]))
+
+    def _bare(self, mask: np.ndarray) -> np.ndarray:
+        """(H, W) bool: the object where no track is near."""
+        covered = np.zeros(mask.shape, np.uint8)
+        for one in self._generations:
+            for x, y in one.tracker.xy[one.tracker.visible]:
+                cv2.circle(covered, (round(x), round(y)), max(2, round(self._apart)), 1, -1)
+        return mask & (covered == 0)
+
+    def tracks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px]; the points of picture 0 come first."""
+        columns = []
+        for one in self._generations:
+            xy, visible, sigma = (np.stack(values) for values in zip(*one.rows))
+            use = np.ones(visible.shape[1], bool) if one.first == 0 else visible.sum(axis=0) >= SHORTEST
+            # Before its first sight a point has no place; the first one keeps arithmetic on whole arrays finite.
+            before = np.zeros((one.first, int(use.sum())), bool)
+            columns.append(
+                (
+                    np.concatenate([np.repeat(xy[:1, use], one.first, axis=0), xy[:, use]]),
+                    np.concatenate([before, visible[:, use]]),
+                    np.concatenate([np.repeat(sigma[:1, use], one.first, axis=0), sigma[:, use]]),
+                )
+            )
+        return tuple(np.concatenate(parts, axis=1) for parts in zip(*columns))  # type: ignore[return-value]

@@ -1,0 +1,265 @@
+"""Following up to 200 corners of the object: a chain from frame to frame, anchored to picture 0, checked by the neighbours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..mask.motion import Flow
+from .anchor import HALF, Patches, align, cut_patches, sample, smooth
+from .neighbours import disagreement, predict
+
+MOST = 200
+"""Tracks at most: more cost time and, a few pixels apart, say the same."""
+
+ACCEPT = 0.7
+"""Correlation with the template from which an alignment is believed."""
+
+GOOD = 0.9
+"""Correlation from which a picture may become the point's second template."""
+
+FARTHEST = 4.0
+"""Pixels that an alignment may move away from its start."""
+
+ODD = 2.0
+"""Pixels of disagreement with the neighbours that end a track's visibility."""
+
+CHAIN_AGREES = 1.0
+"""Pixels within which a chain without anchor must agree with the neighbours to live on."""
+
+EDGE_ON = 0.25
+"""Smaller singular value of a patch's shape below which the surface is seen edge-on and positions slide."""
+
+FLOOR = 0.06
+"""Least standard deviation of a track [px]: shading, the codec and the affine model, which residuals do not show."""
+
+CHAIN_STEP = 0.2
+"""Standard deviation that one unanchored frame-to-frame step adds [px]."""
+
+LARGEST = 300.0
+"""Square root of the object's area [px] beyond which it is followed in a smaller copy."""
+
+EDGE = 2.24
+"""A patch whose place is known this many times better along one direction than along the other lies on an edge, along which it slides:
+eigenvalues of the structure tensor that are five to one."""
+
+RIM = 1.5
+"""Halves of a patch's side from the outline within which such an edge is the outline itself or goes along with it."""
+
+ENOUGH = 6
+"""Corner tracks in sight from which the body's motion is known better by them than by its silhouette."""
+
+FORGOTTEN = 12
+"""Pictures without sight after which a point is not looked for any more."""
+
+
+def find_corners(picture: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.ndarray:
+    """Shi-Tomasi corners (K, 2) [px], K <= `most`, well inside `mask` (H, W) of `picture` (H, W, 3) uint8 RGB.
+
+    The minimum distance is found by bisection so that the corners spread over the whole object.
+    """
+    gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    rim = int(np.clip(0.05 * np.sqrt(mask.sum()), 1, 6))
+    inside = cv2.erode(mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1)), borderValue=0)
+    # goodFeaturesToTrack measures quality against the best corner inside the mask; the patch must also have contrast of its own.
+    low, high = 2.0, max(3.0, float(np.sqrt(mask.sum() / most)) * 2.0)
+    best = np.zeros((0, 2))
+    for _ in range(8):
+        middle = 0.5 * (low + high)
+        corners = cv2.goodFeaturesToTrack(gray, 4 * most, 0.005, middle, mask=inside, blockSize=7)
+        found = np.zeros((0, 2)) if corners is None else corners.reshape(-1, 2).astype(np.float64)
+        if len(found) > most:
+            low = middle
+        else:
+            high = middle
+        if len(found) >= len(best) or len(best) > most:
+            best = found
+    return _off_outline(picture, mask, _refined(gray, best[:most]))
+
+
+def _refined(gray: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Corners with real contrast only: the smaller eigenvalue of the structure tensor above that of the codec's noise."""
+    if not len(corners):
+        return corners
+    strength = cv2.cornerMinEigenVal(cv2.GaussianBlur(gray, (0, 0), 1.0), 7, ksize=3)
+    values = sample(strength.astype(np.float32), corners[:, None, :])[:, 0]
+    # 1e-4 is a step of about five grey levels across the block.
+    return corners[values > 1e-4]
+
+
+def _off_outline(picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """The corners (K, 2) [px] that are not bits of the object's outline; all of them where too few would be left.
+
+    On a plain body the weak corners lie on its rim, where the outline and what it reflects stay behind when the body turns.
+    """
+    if not len(corners):
+        return corners
+    view = _View.of(mask)
+    first, inside = view.smaller(picture, mask)
+    xy = view.inward(corners)
+    variance = np.linalg.eigvalsh(cut_patches(first, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), 1.0), xy).covariance)
+    depth = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    fixed = (variance[:, 1] < EDGE**2 * variance[:, 0]) | (sample(depth, xy[:, None, :])[:, 0] > RIM * HALF)
+    return corners[fixed] if fixed.sum() >= ENOUGH else corners
+
+
+@dataclass(frozen=True)
+class _View:
+    """The working copy of the clip in which an object is followed: smaller where the object is large."""
+
+    size: tuple[int, int]
+    """Width and height [working px]."""
+    scale: np.ndarray
+    """(2,) file pixels per working pixel."""
+
+    @staticmethod
+    def of(mask: np.ndarray) -> _View:
+        """For an object `mask` (H, W) bool."""
+        factor = max(1.0, float(np.sqrt(mask.sum())) / LARGEST)
+        size = (round(mask.shape[1] / factor), round(mask.shape[0] / factor))
+        return _View(size, np.array(mask.shape[::-1]) / size)
+
+    def smaller(self, picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The smoothed gray picture and the mask at the working size."""
+        if self.size != mask.shape[::-1]:
+            picture = cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA)
+            mask = cv2.resize(mask.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST) > 0
+        return smooth(picture), mask
+
+    def inward(self, xy: np.ndarray) -> np.ndarray:
+        """File pixels to working pixels; pixel centres are at integers in both."""
+        return (xy + 0.5) / self.scale - 0.5
+
+    def outward(self, xy: np.ndarray) -> np.ndarray:
+        """Working pixels to file pixels."""
+        return (xy + 0.5) * self.scale - 0.5
+
+
+def _middle(mask: np.ndarray) -> np.ndarray:
+    """Centroid x, y of `mask` (H, W)."""
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()])
+
+
+class Tracker:
+    """Follows points from picture 0 on.
+
+    Patches and thresholds are in working pixels: a large object is followed in a smaller copy of the clip, where a patch holds as
+    much of its pattern as on a small one. Positions in and out are those of the file.
+
+    Attributes:
+        visible: (K,) bool.
+    """
+
+    def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
+        """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of picture 0."""
+        count = len(corners)
+        self._view = _View.of(mask)
+        first, inside = self._view.smaller(picture, mask)
+        self._rest = self._view.inward(corners)
+        self._patches = cut_patches(first, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), 1.0), self._rest)
+        self._second: Patches = self._patches
+        self._second_affine = np.tile(np.eye(2), (count, 1, 1))
+        self._second_sigma = np.zeros(count)
+        self._reach = max(30.0, 0.5 * float(np.sqrt(inside.sum())))
+        self._affine = np.tile(np.eye(2), (count, 1, 1))
+        self._unseen = np.zeros(count, int)
+        self._center = _middle(inside)
+        self._xy = self._rest.copy()
+        self._sigma = np.full(count, FLOOR)
+        self.visible = np.ones(count, bool)
+
+    @property
+    def xy(self) -> np.ndarray:
+        """(K, 2) [px], newest positions."""
+        return self._view.outward(self._xy)
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """(K,) [px]."""
+        return self._sigma * self._view.scale.mean()
+
+    def advance(self, picture: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
+        """Follow the points into the next `picture` (H, W, 3) uint8 RGB with its `mask` (H, W) and the flow that leads there.
+
+        Without flow or mask (the object is hidden) all points are invisible; when it is back they start where its centre has gone.
+        """
+        now, mask = self._view.smaller(picture, mask)
+        if not len(self._xy) or not mask.any():
+            self.visible = np.zeros(len(self._xy), bool)
+            self._unseen = self._unseen + 1
+            return
+        center, before = _middle(mask), self._center
+        self._center = center
+        if flow is None or not self.visible.any():
+            back = (self._unseen > 0) & (self._unseen <= FORGOTTEN)
+            start, known = self._xy + (center - before), back | self.visible
+        else:
+            start, known = self._xy + flow.at(self.xy) / self._view.scale, self.visible
+        guess, affine, support = predict(self._rest, start, known, self._affine, self._reach)
+        # A point out of sight has no chain of its own: it starts where its neighbours are.
+        lost = ~known
+        start[lost] = guess[lost]
+        wanted = ~lost | ((support >= 4) & (self._unseen <= FORGOTTEN))
+        xy, shape, sigma, anchored = self._anchor(now, start, affine, wanted)
+        predicted, _, support = predict(self._rest, xy, anchored, shape, self._reach)
+        off = disagreement(xy, predicted, support)
+        good = anchored & (off < ODD)
+        # An anchor that failed or is odd, but whose chain the neighbours confirm, lives on.
+        chain = ~good & self.visible & (support >= 4) & (disagreement(start, predicted, support) < CHAIN_AGREES)
+        xy[chain] = start[chain]
+        sigma[chain] = np.hypot(self._sigma[chain], CHAIN_STEP)
+        flat = np.linalg.svd(shape, compute_uv=False)[:, 1] < EDGE_ON
+        seen = (good | chain) & ~flat & self._on_object(xy, mask)
+        self._xy = np.where(seen[:, None], xy, predicted)
+        self._affine = np.where(seen[:, None, None], shape, affine)
+        self.visible = seen
+        self._unseen = np.where(seen, 0, self._unseen + 1)
+        self._sigma = np.maximum(sigma, FLOOR)
+
+    def _anchor(
+        self, now: np.ndarray, start: np.ndarray, affine: np.ndarray, wanted: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Positions, shapes, sigmas and success of aligning with picture 0, or failing that with the point's second template."""
+        xy, shape, sigma = start.copy(), affine.copy(), self._sigma.copy()
+        anchored = np.zeros(len(start), bool)
+        for second in (False, True):
+            todo = np.flatnonzero(wanted & ~anchored)
+            if not len(todo):
+                break
+            patches = (self._second if second else self._patches).take(todo)
+            base = self._second_affine[todo] if second else np.tile(np.eye(2), (len(todo), 1, 1))
+            found = align(patches, now, start[todo], np.matmul(affine[todo], np.linalg.inv(base)))
+            accept = (found.ncc > ACCEPT) & (np.linalg.norm(found.xy - start[todo], axis=1) < FARTHEST)
+            here = todo[accept]
+            xy[here], shape[here] = found.xy[accept], np.matmul(found.affine[accept], base[accept])
+            own = found.sigma[accept]
+            sigma[here] = np.hypot(own, self._second_sigma[here]) if second else own
+            anchored[here] = True
+            if not second:
+                self._renew(now, here[found.ncc[accept] > GOOD], xy, shape, sigma)
+        return xy, shape, sigma, anchored
+
+    def _renew(self, now: np.ndarray, index: np.ndarray, xy: np.ndarray, shape: np.ndarray, sigma: np.ndarray) -> None:
+        """Take this picture as the second template of the points `index`: the last one that still looked like picture 0."""
+        if not len(index):
+            return
+        fresh = cut_patches(now, np.ones_like(now), xy[index])
+        old = self._second
+        if old is self._patches:
+            old = Patches(old.values.copy(), old.weight.copy(), old.descent.copy(), old.covariance.copy())
+            self._second = old
+        old.values[index], old.weight[index] = fresh.values, fresh.weight
+        old.descent[index], old.covariance[index] = fresh.descent, fresh.covariance
+        self._second_affine[index] = shape[index]
+        self._second_sigma[index] = sigma[index]
+
+    @staticmethod
+    def _on_object(xy: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        height, width = mask.shape
+        near = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8))
+        column, row = np.round(xy[:, 0]).astype(int), np.round(xy[:, 1]).astype(int)
+        inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        return inside & (near[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)] > 0)

@@ -1,0 +1,180 @@
+"""The stored field refined through the differentiable simulator, all frames and all its parameters at once.
+
+    minimise  |x(f) - x*|² / s²  +  A |f - f*|² / |f*|²  +  lambda_1 L_space  +  lambda_2 L_time          after Eq. (14)
+
+x* is the motion and f* the force that were solved for. Distilling fits f alone, point by point, and what it misses adds up as the body
+moves on: here the representation is judged by where it takes the body. The tracks are not asked again; whatever of their noise the solve
+took out stays out.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from ..errors import SimulationError
+from ..field.force_field import ForceField
+from ..field.neural import ForceFieldNeural, NeuralModule
+from ..mpm.autograd import simulate
+from ..mpm.model import Model
+from ..mpm.model_for import model_for
+from ..progress import Progress
+from ..records import Material, Particles, Recovery, as_found
+from ..settings import RecoverSettings
+from .field import OFFSET, quotient, star
+
+STRAY = 1e-3
+"""s: distance that counts as one, relative to the root mean square distance that the body travels."""
+ANCHOR = 1e5
+"""A: a force that is off by a hundredth costs as much as a body that is off by 3 s all the way; with less, forces that cancel each other
+along the way creep in."""
+SPACE_WEIGHT, TIME_WEIGHT = 1e-3, 1e-5
+"""lambda_1 and lambda_2, those of the distillation."""
+WEAK = 0.1
+"""Errors of the force count relative to it plus this part of its root mean square."""
+WINDOW = 16
+"""Frames after which derivatives are cut (truncated back-propagation through time, Williams and Peng 1990): bounds the memory."""
+MEMORY = 20
+"""Steps that L-BFGS remembers."""
+
+State = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A field and how far its own simulation strays from the recovered motion, root mean square over particles and pictures [m]."""
+
+    field: ForceField
+    before: float
+    after: float
+
+
+def refine(
+    field: ForceField, recovery: Recovery, particles: Particles, material: Material, settings: RecoverSettings, progress: Progress
+) -> Refined:
+    """At most `settings.refine` steps of L-BFGS from a distilled field; the field as it was where they bring nothing.
+
+    Args:
+        field: distilled from `recovery`; point forces have nothing to refine.
+        particles, material: the body as it was recovered, the material as given.
+
+    Raises:
+        Cancelled: when the user asked to stop.
+    """
+    if not isinstance(field, ForceFieldNeural):
+        progress.warn("The field was not refined: point forces are those that were solved for.")
+        return Refined(field, 0.0, 0.0)
+    module = copy.deepcopy(field.module).requires_grad_(True)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # small matrices; and the result then does not depend on the machine's cores
+    try:
+        run = _Run(field, module, recovery, particles, as_found(material, recovery), settings)
+        before, after = run.descend(settings.refine, progress)
+    except SimulationError as error:
+        progress.warn(f"The field was not refined: the body breaks down under it. {error.message}")
+        return Refined(field, 0.0, 0.0)
+    finally:
+        torch.set_num_threads(threads)
+    if not after < before:
+        return Refined(field, before, before)
+    return Refined(type(field)(field.box, field.fps, field.frames, module, field.scale, field.confidence), before, after)
+
+
+class _Run:
+    """One refinement on its way."""
+
+    def __init__(
+        self,
+        field: ForceFieldNeural,
+        module: NeuralModule,
+        recovery: Recovery,
+        particles: Particles,
+        material: Material,
+        settings: RecoverSettings,
+    ) -> None:
+        self.module, self.box, self.scale = module, field.box, field.scale / material.density
+        model, _ = model_for(
+            replace(particles, stiffness=recovery.stiffness), material, field.fps,
+            gravity=settings.gravity, device=settings.device, clamp_depth=recovery.clamp_depth,
+        )  # fmt: skip
+        self.model: Model = replace(model, substeps=recovery.substeps or model.substeps)
+        self.path = torch.from_numpy(np.asarray(recovery.x, np.float64))
+        self.force = torch.from_numpy(recovery.force_density / material.density)
+        size = self.force.square().sum(dim=-1)
+        self.weight = 1.0 / (size + WEAK**2 * size.mean() + 1e-30)
+        self.step = OFFSET * particles.spacing
+        travelled = (self.path - self.path[0]).square().sum(dim=-1).mean().sqrt()
+        self.unit = STRAY * max(float(travelled), 1e-3 * particles.spacing)
+        rest = torch.eye(3, dtype=torch.float64).repeat(len(particles.x), 1, 1)
+        self.start: State = (self.path[0], torch.from_numpy(np.array(recovery.v0, np.float64)), torch.zeros_like(rest), rest)
+
+    def descend(self, steps: int, progress: Progress) -> tuple[float, float]:
+        """Leaves the best parameters in the module. Returns how far the body strayed before and after [m]."""
+        parameters = list(self.module.parameters())
+        optimiser = torch.optim.LBFGS(parameters, max_iter=steps, history_size=MEMORY, line_search_fn="strong_wolfe")
+        loss, stray = self.backward(progress, "refining the field")
+        before = after = stray
+        kept = [one.detach().clone() for one in parameters]
+        asked = 0
+
+        def closure() -> float:
+            nonlocal loss, after, kept, asked
+            optimiser.zero_grad()
+            now, stray = self.backward(progress, f"refining the field, {1e3 * after:.3g} mm off", asked / (1.25 * steps))
+            asked += 1
+            if now < loss:
+                loss, after, kept = now, stray, [one.detach().clone() for one in parameters]
+            return now
+
+        try:
+            optimiser.step(closure)
+        except SimulationError as error:
+            progress.warn(f"Refining the field ended early: a trial broke the body. {error.message}")
+        with torch.no_grad():
+            for one, best in zip(parameters, kept, strict=True):
+                one.copy_(best)
+        return before, after
+
+    def backward(self, progress: Progress, what: str, done: float = 0.0) -> tuple[float, float]:
+        """The loss, its derivatives added to the parameters', and the distance by which the body strays [m]."""
+        frames, total, squares = len(self.force), 0.0, 0.0
+        state = self.start
+        for begin in range(0, frames, WINDOW):
+            window = range(begin, min(begin + WINDOW, frames))
+            loss = torch.zeros((), dtype=torch.float64)
+            for t, acceleration, after in self._frames(window, state, progress):
+                off = (after[0] - self.path[t + 1]).square().sum(dim=-1).mean()
+                anchor = (self.weight[t] * (acceleration - self.force[t]).square().sum(dim=-1)).mean()
+                loss = loss + (off / self.unit**2 + ANCHOR * anchor) / frames
+                squares += float(off.detach())
+                state = after
+            loss.backward()
+            total += float(loss.detach())
+            state = tuple(part.detach() for part in state)  # type: ignore[assignment]
+            progress.update(min(done, 1.0), what)
+        space, time = self.module.roughness()
+        rough = SPACE_WEIGHT * space + TIME_WEIGHT * time
+        rough.backward()
+        return total + float(rough.detach()), (squares / frames) ** 0.5
+
+    def _frames(self, window: range, state: State, progress: Progress) -> Iterator[tuple[int, torch.Tensor, State]]:
+        """Frame, acceleration (N, 3) on the recovered path, and state at its end, for the frames of a window one after the other."""
+        for t in window:
+            acceleration, gradient = self._field(t)
+            # What the field does beside the path it was solved on; the body strays too little for more than the first order.
+            felt = acceleration + torch.einsum("nij,nj->ni", gradient, state[0] - self.path[t])
+            x, v, C, F = simulate(
+                self.model, state[0], state[1], felt[None], gradient[None], C0=state[2], F0=state[3], first_frame=t, progress=progress
+            )
+            state = (x[-1], v[-1], C[-1], F[-1])
+            yield t, acceleration, state
+
+    def _field(self, t: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Acceleration (N, 3) [m/s²] and its gradient (N, 3, 3) [1/s²] along the recovered path."""
+        points = star(self.path[t].numpy(), self.step)
+        s, frame = torch.from_numpy((points - self.box[0]) / (self.box[1] - self.box[0])), torch.full((len(points),), t)
+        return quotient(self.scale * self.module(s, frame), self.step)

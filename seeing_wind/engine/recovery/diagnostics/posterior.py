@@ -1,0 +1,68 @@
+"""How well the force is known: the posterior covariance of the solve, which comes free with it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from ...records import PointTargets
+from ..solve.forward import Forward
+from ..targets.channels import attachment_matrix
+
+USUAL = 4.0
+"""What is missed in a frame is not noise when it is so many times the usual."""
+INDEPENDENT = 4.0
+"""Parts of a body whose points' noise is their own: the noise of their mean is that of a point over the root of this."""
+VARYING = 0.5
+"""Size of a force's variation over a body, relative to the force, where the clip shows none of it."""
+SMOOTHED = 5
+"""Frames over which a sudden change is smoothed."""
+
+
+def posterior_deviation(forward: Forward, covariance: np.ndarray) -> np.ndarray:
+    """Standard deviation of one component of the acceleration on the particles, (T, N) [m/s²].
+
+    Args:
+        forward: basis and hats.
+        covariance: (n, n) posterior covariance of the unknowns.
+    """
+    knots, modes, _ = forward.shape
+    field = covariance[: forward.size, : forward.size].reshape(knots, modes, 3, knots, modes, 3)
+    per_component = np.einsum("kmilni->kmln", field) / 3.0
+    deviation = []
+    for weights in forward.hats:
+        active = np.flatnonzero(weights)
+        block = sum(weights[k] * weights[j] * per_component[k, :, j] for k in active for j in active)
+        deviation.append(np.sqrt(np.maximum(np.einsum("pm,mn,pn->p", forward.basis.phi, block, forward.basis.phi), 0.0)))
+    return np.stack(deviation)
+
+
+def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.ndarray:
+    """Acceleration of the points' mean that the simulation x (T+1, N, 3) lacks in a frame beyond the usual, (T,) [m/s²].
+
+    A force has knots, so one that changes suddenly is smoothed, of which the posterior, which takes knots for the truth, knows nothing.
+    The usual is the median, or what is expected of noise that the points do not share: a kick in a short clip is missed in all its frames.
+    """
+    count = targets.visible.sum(axis=1)
+    missed = np.where(targets.visible[..., None], targets.x - attachment_matrix(targets.attachment, x.shape[1]) @ x, 0.0)
+    mean = missed.sum(axis=1) / np.maximum(count, 1)[:, None]
+    both = targets.visible[1:] & targets.visible[:-1]
+    step = np.where(both[..., None], np.diff(missed, axis=0), 0.0).sum(axis=1) / np.maximum(both.sum(axis=1), 1)[:, None]
+    size = fps**2 * np.linalg.norm(np.diff(step, axis=0), axis=1)  # between pictures 1 ... T-1 and their neighbours
+    usual = float(np.median(size))
+    many = count > INDEPENDENT
+    if many[1:].any():
+        apart = np.where(targets.visible[..., None], missed - mean[:, None], 0.0)
+        scatter = np.median(np.sqrt((apart**2).sum(axis=(1, 2)) / np.maximum(count, 1))[1:][many[1:]])
+        usual = min(usual, fps**2 * float(np.sqrt(6.0 / INDEPENDENT) * scatter))  # a second difference of noise has six times its variance
+    beyond = np.where(size > USUAL * usual, size, 0.0)
+    return maximum_filter1d(np.concatenate([beyond, [0.0]]), SMOOTHED)
+
+
+def unseen_variation(acceleration: np.ndarray) -> np.ndarray:
+    """Standard deviation (T, N) [m/s²] of what a force on the particles (T, N, 3) varies by over a body that is seen as a point.
+
+    The posterior is that of a uniform force, as more could not be told: a plain sheet of which only the outline's middle is followed.
+    """
+    size = np.sqrt((acceleration**2).mean(axis=(1, 2)))
+    return np.repeat(VARYING * size[:, None], acceleration.shape[1], axis=1)

@@ -1,0 +1,113 @@
+"""Notes on what a clip does not show, or shows to be wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...records import Particles
+from ..targets.objective import Channels
+from ..targets.points import PointChannels
+from ..targets.tracks import TrackChannels
+
+UNEXPLAINED = 0.1
+"""Median distance of points from the simulation, relative to how far they moved, from which there is a note."""
+SUDDEN, SUDDEN_WAY = 6.0, 1e-4
+"""Largest distance of points from the simulation, relative to the median and to how far they moved, from which there is a note."""
+STILL = 0.02
+"""A body that is moved by less than this share of its radius hardly moves [m/m]."""
+COASTING = 0.01
+"""A force that moves a body less far than this share of its way, in the time of the clip, hardly acts on it."""
+REACTION = 0.1
+"""A mean force this near to the body's weight, relative to it, holds the body up."""
+HELD = 0.9
+"""A track rides on what is held when so much of its weight does."""
+LOOSE = 3.0
+"""Pixels by which half the tracks on what is held leave their place, from which there is a note."""
+
+
+def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, views: int) -> list[str]:
+    """On a simulation x (T+1, N, 3) [m] that misses what was seen by residual (T+1,): [px] with views (how many), [m] without."""
+    notes = []
+    moved = np.linalg.norm(x - x[0], axis=-1).max()
+    radius = np.linalg.norm(particles.x - particles.x.mean(axis=0), axis=1).max()
+    shown = residual[1:][residual[1:] > 0.0]  # nothing was seen in the others
+    far, peak = float(np.median(shown)) if len(shown) else 0.0, int(residual.argmax())
+    small = STILL * max(radius, particles.spacing)
+    if moved < small and (views or far < small):
+        notes.append(f"The body hardly moves ({1000 * moved:.2g} mm): the force is known only as the one that holds it still.")
+    elif not views and far > UNEXPLAINED * moved:
+        notes.append(
+            f"The simulated body moves by {1000 * moved:.2g} mm and stays {1000 * far:.2g} mm (median) off the points: no force that was "
+            "found explains the motion. Check units, axes and the material."
+        )
+    if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
+        notes.append(
+            f"At picture {peak} the simulated body is {1000 * residual[peak]:.2g} mm off, else {1000 * far:.2g} mm: where the force "
+            "changes suddenly, it is smoothed over about four frames."
+        )
+    if views == 1:
+        notes.append(
+            "Force along the view is low confidence from one camera: a second view, a known length or a held part would settle it."
+        )
+    return notes
+
+
+def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: float, gravity: Sequence[float]) -> list[str]:
+    """On an acceleration (T, N, 3) [m/s²], besides gravity [m/s²], that hardly matters to the motion x (T+1, N, 3) [m]."""
+    size, way = float(np.sqrt((acceleration**2).sum(axis=-1).mean())), float(np.linalg.norm(x - x[0], axis=-1).max())
+    duration = len(acceleration) / fps
+    if not 0.5 * size * duration**2 < COASTING * way:
+        return []
+    alone = "only the given gravity" if np.any(gravity) else "no force"
+    return [f"The body moves as if {alone} acted on it: the force found is {density * size:.2g} N/m³, and so little is not known well."]
+
+
+def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarray, gravity: Sequence[float]) -> list[str]:
+    """On a body that stays in its place though nothing was marked as held: what the mean acceleration (T, N, 3) [m/s²] answers is gravity.
+
+    A body that glides also has its weight carried, by air, but leaves its place x (T+1, N, 3) [m] by more than its own radius.
+    """
+    down = np.asarray(gravity, dtype=np.float64)
+    centre = x.mean(axis=1)
+    radius = max(float(np.linalg.norm(particles.x - particles.x.mean(axis=0), axis=1).max()), particles.spacing)
+    leaves = float(np.linalg.norm(centre - centre[0], axis=1).max()) > radius
+    carried = np.linalg.norm(acceleration.mean(axis=(0, 1)) + down) < REACTION * np.linalg.norm(down)
+    if particles.pinned.any() or leaves or not carried:
+        return []
+    return [
+        "Nothing was marked as held; the force found is what holds the body up against gravity, not a wind. Mark what is held, or recover "
+        "without gravity."
+    ]
+
+
+def wild_remarks(channels: Sequence[Channels]) -> list[str]:
+    """On points that were left out, as they do not move with the others."""
+    astray = [one.wild for one in channels if isinstance(one, PointChannels) and one.wild.any()]
+    return [
+        f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some pictures "
+        f"({np.count_nonzero(wild.any(axis=1))} of {len(wild)}) and are left out there."
+        for wild in astray
+    ]
+
+
+def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str]:
+    """On tracks that leave what is said to be held."""
+    farthest = 0.0
+    for one in channels:
+        if not isinstance(one, TrackChannels):
+            continue
+        on = one.points @ particles.pinned.astype(float) > HELD
+        rest = one.points[on] @ particles.x
+        for t, (xy, visible) in enumerate(zip(one.targets.xy, one.targets.visible, strict=True)):
+            seen = visible[on]
+            if seen.any():
+                off = np.linalg.norm(one.camera.project(rest[seen], t)[0] - xy[on][seen], axis=1)
+                farthest = max(farthest, float(np.median(off)))
+    if farthest < LOOSE:
+        return []
+    return [
+        f"What is held moves by {farthest:.2g} pixels in the clip: the force is that on a body which does not move there. Check --pin, and "
+        "that the camera stands still or its motion is given."
+    ]

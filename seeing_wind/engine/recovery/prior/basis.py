@@ -1,0 +1,144 @@
+"""The functions that the solve writes the field with: smooth modes over the body, hats over time, and the motions it may start with.
+
+    a(X, t) = sum_j phi_j(X) sum_k H_k(t) c_kj        acceleration [m/s²] of the particle that rests at X, during frame t
+
+The modes are polynomials of the rest position, orthonormal over the body's mass, sorted by how much of them a smooth field is expected
+to hold. Polynomials along a thin axis are all but constant and drop out: a plate gets functions of two coordinates, a rod of one.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...errors import ObjectError
+
+MAX_DEGREE = 5
+"""Highest polynomial degree tried; a plate fills 16 modes with degree 4 to 5, a solid ball with degree 3."""
+THIN = 0.1
+"""An axis along which the body's mass spreads less than this share of what it does along the longest gets no functions.
+They would move nothing that the others do not: a torque across a plate is a normal force that varies along it."""
+
+
+@dataclass(frozen=True)
+class SpatialBasis:
+    """P orthonormal modes on N particles, most expected first."""
+
+    phi: np.ndarray
+    """(N, P); the mass-weighted mean of phi_i phi_j is 1 for i = j, else 0. phi[:, 0] = 1."""
+    gradient: np.ndarray
+    """(N, P, 3) d phi / d X [1/m]."""
+    degree: np.ndarray
+    """(P,) polynomial degree."""
+    size: np.ndarray
+    """(P,) standard deviation of the mode in a random field whose correlation length is `radius` (Taylor terms of a Gaussian kernel)."""
+    radius: float
+    """Largest distance from the centre of mass [m]."""
+    centre: np.ndarray
+    """(3,) centre of mass [m]."""
+
+    def first(self, count: int) -> SpatialBasis:
+        """The `count` most expected modes."""
+        return SpatialBasis(self.phi[:, :count], self.gradient[:, :count], self.degree[:count], self.size[:count], self.radius, self.centre)
+
+    def up_to(self, degree: int) -> SpatialBasis:
+        """The modes of at most this degree."""
+        keep = self.degree <= degree
+        return SpatialBasis(self.phi[:, keep], self.gradient[:, keep], self.degree[keep], self.size[keep], self.radius, self.centre)
+
+
+def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int, max_degree: int = MAX_DEGREE) -> SpatialBasis:
+    """At most `modes` smooth orthonormal functions of the rest positions.
+
+    Args:
+        x: (N, 3) rest positions [m].
+        mass: (N,) weights of the inner product (mass, or ones).
+        modes: most modes wanted; fewer come back for few particles or thin bodies.
+        max_degree: highest polynomial degree.
+
+    Raises:
+        ObjectError: when all points coincide but there are several of them.
+    """
+    x, weight = np.asarray(x, np.float64), np.asarray(mass, np.float64) / np.sum(mass)
+    centre = weight @ x
+    radius = float(np.linalg.norm(x - centre, axis=1).max())
+    if len(x) == 1:
+        return SpatialBasis(np.ones((1, 1)), np.zeros((1, 1, 3)), np.zeros(1, int), np.ones(1), 1.0, centre)
+    if not radius > 0.0:
+        raise ObjectError("All particles of the body are in one place.", "Build the body again: its particles must fill a volume.")
+    moments, axes = np.linalg.eigh(np.einsum("n,ni,nj->ij", weight, x - centre, x - centre))
+    thin = np.sqrt(np.maximum(moments, 0.0)) < THIN * np.sqrt(moments[2])
+    axes = axes.T[::-1]  # longest first
+    thin = thin[::-1]
+    local = (x - centre) @ axes.T / radius
+
+    phi, gradient, degree, size = [np.ones(len(x))], [np.zeros((len(x), 3))], [0], [1.0]
+    for order in range(1, max_degree + 1):
+        exponents = itertools.product(range(order + 1), repeat=3)
+        for exponent in (e for e in exponents if sum(e) == order and not any(np.array(e)[thin])):
+            value, slope = _monomial(local, exponent)
+            scale = 1.0 / math.sqrt(math.prod(math.factorial(e) for e in exponent))
+            for _ in range(2):  # Gram-Schmidt twice is stable
+                for known, known_slope in zip(phi, gradient, strict=True):
+                    share = weight @ (known * value)
+                    value, slope = value - share * known, slope - share * known_slope
+            norm = math.sqrt(weight @ value**2)
+            if norm < 1e-6:  # as many functions as the particles can tell apart
+                continue
+            phi.append(value / norm)
+            gradient.append(slope / norm)
+            degree.append(order)
+            size.append(norm * scale)
+    # A stable sort by degree first: the coefficients of a smooth field fall with the degree whatever the body's shape.
+    rank = np.lexsort((-np.array(size), np.array(degree)))[: min(modes, len(x))]
+    slopes = np.stack(gradient, axis=1)[:, rank] @ axes / radius
+    return SpatialBasis(np.stack(phi, axis=1)[:, rank], slopes, np.array(degree)[rank], np.array(size)[rank], radius, centre)
+
+
+def _monomial(local: np.ndarray, exponent: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """x^e0 y^e1 z^e2 at (N, 3) and its gradient (N, 3)."""
+    powers = [local[:, axis] ** exponent[axis] for axis in range(3)]
+    slope = np.zeros_like(local)
+    for axis in range(3):
+        if exponent[axis]:
+            others = math.prod([1.0] + [powers[other] for other in range(3) if other != axis])
+            slope[:, axis] = exponent[axis] * local[:, axis] ** (exponent[axis] - 1) * others
+    return powers[0] * powers[1] * powers[2], slope
+
+
+def knots(frames: int, spacing: float) -> np.ndarray:
+    """Knots at 0, spacing, 2 spacing ... as far as needed to reach the last frame interval: a longer clip has the same first knots."""
+    return spacing * np.arange(math.ceil((frames - 1) / spacing - 1e-9) + 1)
+
+
+def hats(frames: int, spacing: float) -> np.ndarray:
+    """Linear hats H (frames, knots): row t holds the shares of the knots in frame t and sums to one."""
+    at = knots(frames, spacing)
+    return np.stack([np.interp(np.arange(frames), at, column) for column in np.eye(len(at))], axis=1)
+
+
+def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The initial motions that are allowed: velocities (V, N, 3) and their gradients d v_i / d X_j (V, N, 3, 3), of unit size at the rim.
+
+    A free body may move and spin (V = 6). A held one may swing: a uniform velocity times a ramp that is zero, with zero slope, at the
+    nearest held particle (V = 3).
+    """
+    if pinned.any():
+        held = x[pinned]
+        distance, nearest = cKDTree(held).query(x)
+        reach = max(float(distance.max()), 1e-12)
+        ramp = (distance / reach) ** 2
+        slope = 2.0 * (x - held[nearest]) / reach**2
+        velocity = np.einsum("ij,n->inj", np.eye(3), ramp)
+        return velocity, np.einsum("ij,nk->injk", np.eye(3), slope)
+    velocity, gradient = np.zeros((6, len(x), 3)), np.zeros((6, len(x), 3, 3))
+    for axis in range(3):
+        velocity[axis, :, axis] = 1.0
+        spin = np.cross(np.eye(3)[axis], np.eye(3)).T  # spin @ r = e_axis x r
+        velocity[3 + axis] = (x - basis.centre) @ spin.T / basis.radius
+        gradient[3 + axis] = spin / basis.radius
+    return velocity, gradient

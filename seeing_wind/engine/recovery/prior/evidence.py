@@ -1,0 +1,204 @@
+"""The sizes of the prior that make the clip most probable: type-II maximum likelihood on the linearised problem.
+
+With unknowns ~ N(0, K), K the prior's covariance, and whitened residuals linear in them, J'J = R'R and z = R^-T J'(J theta - r), z is
+N(0, I + R K R'), so
+
+    -2 log evidence = log |I + R K R'| + z' (I + R K R')^-1 z + constant
+
+(MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). Weak beliefs about the sizes keep it from running
+away where the clip says nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+
+from ...field.torch_threads import torch_threads
+from ...mpm.device import cores
+from ..solve.gauss_newton import Linearisation
+from ..targets.objective import Objective
+from .kernel import DURATION, LENGTH, SLOPE, UNIFORM, Kernel, Prior
+
+ITERATIONS = 25
+SETTLED = 0.01
+"""Sizes are learnt when a step gains less than so much log evidence: differences of one could be chance."""
+BELIEFS = {"length": (LENGTH, 1.0), "duration": (DURATION, 0.5), "uniform": (UNIFORM, 1.5), "slope": (SLOPE, 1.5)}
+"""Median and standard deviation of the logarithm of each size."""
+ROUNDNESS = 1.0
+"""Standard deviation of the logarithm of each component's size about what is believed of it, and of the correlations."""
+FLOOR = 0.02
+"""Share of the variance that keeps the shape believed: no direction is ruled out for good."""
+ROUNDING = 1e-11
+"""What is added to the diagonal of a covariance, relative to its mean, so that it stays positive definite in double precision."""
+FAITH = 20.0
+"""Logarithm of the odds for a belief before the clip is seen. Of noisy points the evidence for one is a few units either way, against a
+wrong one hundreds."""
+LARGEST = 30.0
+"""Logarithms of sizes that a line search may try are no further from zero than this."""
+COARSELY = 3
+"""Of the scales of the mismatch so many steps apart are looked at before those between."""
+LARGE = 250
+"""Directions from which the matrices are worth all cores."""
+TELLING = 1e-4
+"""Variance that the prior gives a direction of the whitened clip, relative to the noise; directions of less hardly change the evidence."""
+SMALLEST = 1e-12
+"""What is added to J'J, relative to its largest entry, for unknowns that the clip does not tell apart."""
+
+
+def learn(
+    prior: Prior, normal: np.ndarray, pull: np.ndarray, component: np.ndarray | None = None, check: Callable[[], None] = lambda: None
+) -> Kernel:
+    """The sizes of the prior, learnt by L-BFGS.
+
+    Args:
+        prior: where to start. Its `stretch` is left out: what it holds down would make the sizes look small, and they it, without end.
+        normal: (n, n) J'J of the whitened residuals.
+        pull: (n,) J'(J theta - r) at the linearisation point theta.
+        component: (3, 3) the shape that the force's covariance is believed to have; None is a ball.
+        check: called at every evaluation; may raise to stop.
+    """
+    size = len(normal) - len(prior.velocity)
+    R, z = _told(prior, normal, pull)
+    if not len(z):
+        return prior.kernel
+    velocity = R[:, size:] @ torch.diag(torch.from_numpy(prior.velocity**2)) @ R[:, size:].T
+    by_component = R[:, :size].reshape(len(R), -1, 3)
+    shape = np.eye(3) if component is None else component
+    root = torch.from_numpy(np.linalg.cholesky(shape))
+    parameters = _pack(prior.kernel, root.numpy()).requires_grad_(True)
+    begin = parameters.detach().clone()
+    optimiser = torch.optim.LBFGS(
+        [parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=SETTLED
+    )
+
+    def objective() -> torch.Tensor:
+        check()
+        optimiser.zero_grad()
+        factor, sizes = _unpack(parameters)
+        correlation = prior.places.correlation(*sizes)
+        turned = (by_component @ (root @ factor)).unbind(dim=2)
+        field = sum(part @ correlation @ part.T for part in turned)
+        value = _disbelief(parameters) - _log_evidence(field + velocity, z)
+        value.backward()
+        return value
+
+    with torch_threads(cores() if len(z) > LARGE else 1):
+        optimiser.step(objective)
+    found = parameters.detach() if bool(torch.isfinite(parameters).all()) else begin
+    factor, sizes = _unpack(found)
+    covariance = (root @ factor @ factor.T @ root.T).numpy()
+    covariance += FLOOR * np.trace(covariance) / np.trace(shape) * shape
+    return Kernel(covariance, *(float(value) for value in sizes))
+
+
+def _told(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    """R (k, n) and z (k,) of the directions that tell of the prior: there it moves the clip by more than a small part of the noise."""
+    floor = SMALLEST * float(normal.diagonal().max())
+    root = torch.linalg.cholesky(torch.from_numpy(normal + floor * np.eye(len(normal))))
+    z = torch.linalg.solve_triangular(root, torch.from_numpy(pull)[:, None], upper=False)[:, 0]
+    R, size = root.T.numpy(), len(normal) - len(prior.velocity)
+    field = R[:, :size] @ np.kron(prior.places.covariance(prior.kernel), prior.kernel.covariance) @ R[:, :size].T
+    signal, turn = torch.linalg.eigh(torch.from_numpy(field + (R[:, size:] * prior.velocity**2) @ R[:, size:].T))
+    telling = turn[:, signal > TELLING].T
+    return telling @ root.T, telling @ z
+
+
+def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
+    """log L, log tau, log u, log w, and of the factor A of C = root A A' root' the logarithms of its diagonal, then the rest over it."""
+    factor = np.linalg.solve(root, np.linalg.cholesky(kernel.covariance))
+    diagonal = np.diag(factor)
+    below = (factor / diagonal)[np.tril_indices(3, -1)]
+    sizes = [kernel.length, kernel.duration, kernel.uniform, kernel.slope]
+    return torch.from_numpy(np.concatenate([np.log(sizes), np.log(diagonal), below]))
+
+
+def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
+    """A, and L, tau, u, w."""
+    count = len(BELIEFS)
+    sizes = torch.exp(parameters[: count + 3].clamp(-LARGEST, LARGEST))
+    below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[count + 3 :])
+    factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(sizes[count:])
+    return factor, sizes[:count].unbind()
+
+
+def _disbelief(parameters: torch.Tensor) -> torch.Tensor:
+    """Minus the logarithm of what is believed of the sizes: of C the shape root root' only, not its scale."""
+    total = torch.zeros((), dtype=parameters.dtype)
+    for value, (median, spread) in zip(parameters, BELIEFS.values()):
+        total = total + 0.5 * ((value - math.log(median)) / spread) ** 2
+    diagonal, below = parameters[len(BELIEFS) :].split((3, 3))
+    return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / ROUNDNESS**2
+
+
+class _LogEvidence(torch.autograd.Function):
+    """Of z (n,) under N(0, S), without the constant. Its derivative by S, (S^-1 z z' S^-1 - S^-1) / 2, costs one inverse; that of the
+    steps on the way, which automatic differentiation would take, several."""
+
+    @staticmethod
+    def forward(context: Any, S: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+        factor = torch.linalg.cholesky(S)
+        inverse = torch.cholesky_inverse(factor)
+        solved = torch.cholesky_solve(z[:, None], factor)[:, 0]
+        context.save_for_backward(inverse, solved)
+        return -torch.log(torch.diagonal(factor)).sum() - 0.5 * (z @ solved)
+
+    @staticmethod
+    def backward(context: Any, *gradients: Any) -> Any:
+        inverse, solved = context.saved_tensors
+        return 0.5 * gradients[0] * (torch.outer(solved, solved) - inverse), None
+
+
+def _log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+    # A line search may try sizes so large that the unit matrix is lost in rounding.
+    floor = 1.0 + ROUNDING * torch.diagonal(covariance).mean()
+    value: torch.Tensor = _LogEvidence.apply(covariance + floor * torch.eye(len(z), dtype=z.dtype), z)
+    return value
+
+
+def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, scales: Sequence[float]) -> float:
+    """Which of the factors on the standard deviation of the mismatch makes the clip most probable.
+
+    Args:
+        prior: with its sizes learnt.
+        objective: that whitened the residuals of `point`.
+        point: the linearisation.
+        scales: factors to choose from, in order.
+    """
+    raw = objective.unwhitened(np.concatenate([point.jacobian, (point.jacobian.T @ point.theta - point.residual)[None]]))
+    precision = prior.precision()
+
+    @cache
+    def evidence(index: int) -> float:
+        other = objective.mismatched(scales[index])
+        white = other.whiten(raw).astype(np.float64)
+        jacobian, data = white[:-1], white[-1]
+        pull = torch.from_numpy(jacobian @ data)
+        factor = torch.linalg.cholesky(torch.from_numpy(precision + jacobian @ jacobian.T))
+        explained = float(pull @ torch.cholesky_solve(pull[:, None], factor)[:, 0])
+        volume = float(torch.log(torch.diagonal(factor)).sum()) - other.log_volume
+        return 0.5 * (explained - float(data @ data)) - volume
+
+    best = max(range(0, len(scales), COARSELY), key=evidence)
+    while True:  # uphill from the best of a few
+        better = max((index for index in (best - 1, best, best + 1) if 0 <= index < len(scales)), key=evidence)
+        if better == best:
+            return scales[best]
+        best = better
+
+
+def held_to(belief: Prior, other: Prior, point: Linearisation, faith: float = FAITH) -> Prior:
+    """`belief`, unless the clip, linearised at `point`, speaks against it by more than `faith` in favour of the other prior."""
+    pull = point.normal @ point.theta - point.jacobian @ point.residual
+    evidence = []
+    for prior in (belief, other):
+        precision = prior.precision()
+        total = precision + point.normal
+        volume = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(total)[1]
+        evidence.append(0.5 * float(volume + pull @ np.linalg.solve(total, pull)))
+    return belief if evidence[0] > evidence[1] - faith else other

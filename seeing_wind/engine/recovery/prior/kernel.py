@@ -1,0 +1,159 @@
+"""What is believed of the field before the clip is seen: a Gaussian process over the places and times that the body passes.
+
+    cov(a(x, t), a(x', t')) = C  (u + w y.y' + exp(-|x - x'|² / 2 L²)) / (1 + u + w)  (c + M(|t - t'| / tau)) / (1 + c)
+
+with M the Matérn-5/2 function and y the place as seen from the body's centre, in body radii: a part that is the same everywhere, one
+that grows linearly, and one that bends, each of its own size. A squeeze has no net force, and without the linear part only a huge and
+smooth field would hold such a slope, whose huge net force is then taken from the noise. x is a place in the world, not on the body: a
+wind has its shape in the air, and a body that turns or travels through it meets the same gust with another of its parts. So what is seen
+of a gradient while the body lies across it tells of it when the body has turned along it, where a stiff body hides it. The solve's
+unknowns are modes on the body; their covariance is this one, taken along a nearby simulation. The sizes C, L, tau, u, w are learnt from
+the clip (`evidence`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from ...field.confidence import farthest_points
+from .basis import SpatialBasis, knots
+from .stretch import stretch_precision, stretch_rows
+
+LENGTH, DURATION, UNIFORM, SLOPE = 2.0, 8.0, 0.5, 0.2
+"""L [body radii], tau [frames], u and w before anything is learnt."""
+CONSTANT = 0.5
+"""c: variance of the part that never changes, relative to the changing part's."""
+STRETCH = 0.1
+"""Standard deviation of the field's symmetric gradient under one camera, relative to what the rest of the prior implies."""
+PLASTIC_STRETCH = 0.3
+"""The same for bodies that flow, which forces really stretch: with less, a ball that is squeezed was taken for one that moves in depth."""
+MEASURED_STRETCH = 0.3
+"""The same of points in 3D and of several cameras, if the clip does not speak against it (`evidence.held_to`): noise hides a stretch."""
+SWELLING = 0.1
+"""Standard deviation of the trace of the field's gradient, relative to what the rest of the prior implies, for bodies that flow and are
+seen in pictures: what a guessed shape and a coarse grid get wrong of their flow looks like a pressure from all sides."""
+SAMPLES_PER_MODE = 3
+JITTER = 1e-8
+"""Variance of every mode relative to the mean one: none is ruled out, and the inverse exists."""
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """The sizes of the process."""
+
+    covariance: np.ndarray
+    """C (3, 3) [m²/s⁴]."""
+    length: float = LENGTH
+    """L in body radii."""
+    duration: float = DURATION
+    """tau [frames]."""
+    uniform: float = UNIFORM
+    """u: variance of what is the same everywhere, relative to what bends in space."""
+    slope: float = SLOPE
+    """w: variance, a body radius from its centre, of what grows linearly, relative to what bends."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the modes of each knot are in the world."""
+
+    project: np.ndarray
+    """(M, S): values at sample particles -> modes."""
+    squared: np.ndarray
+    """(K, S, K, S) squared distances over the body's radius squared."""
+    aligned: np.ndarray
+    """(K, S, K, S) y.y', products of places as seen from the body's centre at their time, over the body's radius squared."""
+    at: np.ndarray
+    """(K,) times of the knots [frames]."""
+
+    @staticmethod
+    def along(basis: SpatialBasis, path: np.ndarray, spacing: float) -> Places:
+        """From the particles' path (T+1, N, 3) [m] in a simulation near the truth, with a knot every `spacing` frames."""
+        at = knots(len(path) - 1, spacing)
+        count = min(len(basis.phi), max(40, SAMPLES_PER_MODE * basis.phi.shape[1]))
+        some = farthest_points(path[0], count)
+        x = path[np.minimum(np.rint(at).astype(int), len(path) - 1)] / basis.radius
+        y = (x - x.mean(axis=1, keepdims=True))[:, some].reshape(-1, 3)
+        x = (x[:, some] - x.mean(axis=(0, 1))).reshape(-1, 3)
+        squared = np.maximum((x**2).sum(axis=1)[:, None] + (x**2).sum(axis=1)[None, :] - 2.0 * x @ x.T, 0.0)
+        shape = (len(at), count, len(at), count)
+        return Places(np.linalg.pinv(basis.phi[some]), squared.reshape(shape), (y @ y.T).reshape(shape), at)
+
+    def covariance(self, kernel: Kernel) -> np.ndarray:
+        """(K M, K M) correlation of the modes at the knots; the components' covariance C is apart."""
+        sizes = (torch.tensor(size, dtype=torch.float64) for size in (kernel.length, kernel.duration, kernel.uniform, kernel.slope))
+        return self.correlation(*sizes).numpy()
+
+    def correlation(self, length: torch.Tensor, duration: torch.Tensor, uniform: torch.Tensor, slope: torch.Tensor) -> torch.Tensor:
+        """`covariance`, differentiable in the sizes."""
+        project, modes = torch.from_numpy(self.project), len(self.at) * len(self.project)
+        bending = torch.exp(-0.5 * torch.from_numpy(self.squared) / length**2)
+        in_space = (uniform + slope * torch.from_numpy(self.aligned) + bending) / (1.0 + uniform + slope)
+        both = in_space * over_time(self.at, duration)[:, None, :, None]
+        matrix = torch.einsum("ms,ksln->kmln", project, both @ project.T).reshape(modes, modes)
+        return 0.5 * (matrix + matrix.T) + JITTER * torch.trace(matrix) / modes * torch.eye(modes, dtype=torch.float64)
+
+
+def over_time(at: np.ndarray, duration: torch.Tensor) -> torch.Tensor:
+    """Correlation (K, K) of the field at the times `at` (K,) [frames]."""
+    lag = math.sqrt(5.0) * torch.from_numpy(np.abs(at[:, None] - at[None, :])) / duration
+    return (CONSTANT + (1.0 + lag + lag**2 / 3.0) * torch.exp(-lag)) / (1.0 + CONSTANT)
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Zero-mean Gaussian over coefficients c (knots, modes, 3) [m/s²] and initial velocities (V,) [m/s]."""
+
+    kernel: Kernel
+    places: Places
+    velocity: np.ndarray
+    """(V,) standard deviation of the initial velocities [m/s]."""
+    stretch: np.ndarray | None = None
+    """(knots modes 3,) squared: precision against fields that only stretch the body, see `stretch`; None believes nothing of them."""
+
+    @property
+    def count(self) -> int:
+        """Number of unknowns: coefficients and initial velocities."""
+        return 3 * len(self.places.at) * len(self.places.project) + len(self.velocity)
+
+    def deviation(self) -> np.ndarray:
+        """(n,) standard deviations of the unknowns, leaving `stretch` out."""
+        modes = np.diag(self.places.covariance(self.kernel))
+        field = np.sqrt(np.outer(modes, np.diag(self.kernel.covariance)))
+        return np.concatenate([field.ravel(), self.velocity])
+
+    def precision(self) -> np.ndarray:
+        """Inverse covariance of all unknowns, (n, n)."""
+        field = np.kron(np.linalg.inv(self.places.covariance(self.kernel)), np.linalg.inv(self.kernel.covariance))
+        if self.stretch is not None:
+            field = field + self.stretch
+        full = np.zeros((self.count, self.count))
+        full[: len(field), : len(field)] = field
+        full[range(len(field), self.count), range(len(field), self.count)] = 1.0 / self.velocity**2
+        return full
+
+    def turning(
+        self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, share: float = STRETCH, volume_only: bool = False
+    ) -> Prior:
+        """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it.
+
+        `volume_only`: or at least that it does not swell it.
+        """
+        rows = stretch_rows(basis, x, F, spacing, volume_only)
+        count = len(self.places.at)
+        modes = self.places.covariance(self.kernel).reshape(count, len(self.places.project), count, -1)
+        space = np.einsum("kmkn->kmn", modes)
+        time = over_time(self.places.at, torch.tensor(self.kernel.duration, dtype=torch.float64)).numpy()
+        extra = stretch_precision(rows, time, space, self.kernel.covariance, share)
+        return replace(self, stretch=extra if self.stretch is None else self.stretch + extra)
+
+
+def modes_worth(kernel: Kernel, basis: SpatialBasis, x: np.ndarray, share: float) -> int:
+    """How many of the first modes hold all but `share` of the variance that the field has over the body x (N, 3) [m]."""
+    variance = np.diag(Places.along(basis, np.stack([x, x]), 1.0).covariance(kernel))[: basis.phi.shape[1]]
+    beyond = variance.sum() - np.cumsum(variance)
+    return int(np.argmax(beyond <= share * variance.sum())) + 1

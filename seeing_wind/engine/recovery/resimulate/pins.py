@@ -1,0 +1,135 @@
+"""Pinned vertices: which particles hold them, and vertices that ride on particles without letting go of their pins."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ...errors import UsageError
+from ...observe.object.motion.control import attach, carry
+from ...records import Attachment, Particles
+from ...take import DAMAGED
+
+GRIP = 2.0
+"""Particles within that many spacings of a pinned vertex are pinned: one grid cell, the least that the grid can hold still."""
+
+SOFT = 24.0
+"""rad/s: a pin of weight one half swings about four times a second, which is what a hand that holds loosely does."""
+
+
+@dataclass(frozen=True)
+class Rider:
+    """Vertices on particles: each moves by the displacement of its carriers."""
+
+    rest: np.ndarray
+    """(V, 3) [m]."""
+    attachment: Attachment
+    particles_rest: np.ndarray
+    """(N, 3) [m]."""
+
+    def follow(self, x: np.ndarray) -> np.ndarray:
+        """Particles (..., N, 3) -> vertices (..., V, 3), those of picture 0 exactly where the mesh has them."""
+        return carry(self.attachment, self.rest, self.particles_rest, x)
+
+
+def read_pins(path: str | os.PathLike[str], count: int, what: str) -> np.ndarray:
+    """Indices (P,) from an NPY file, each in 0..count-1; `what` (vertices, particles) names them in messages.
+
+    Raises:
+        UsageError: no such file, no list of whole numbers, none at all, or one out of range.
+    """
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file of pins {path}.", f"Write the indices of the pinned {what} with numpy.save.")
+    try:
+        pins = np.asarray(np.load(path, allow_pickle=False))
+    except DAMAGED as error:
+        raise UsageError(f"The pins {path} cannot be read: {error}.", f"Write the indices of the pinned {what} with numpy.save.") from error
+    if pins.ndim != 1 or len(pins) == 0 or not np.issubdtype(pins.dtype, np.integer):
+        raise UsageError(f"The pins {path} are {pins.dtype} of shape {pins.shape}.", f"A list of at least one index of {what} is needed.")
+    if pins.min() < 0 or pins.max() >= count:
+        bad = int(pins.max() if pins.max() >= count else pins.min())
+        raise UsageError(f"The pins {path} name {bad}, but there are {count} {what}.", "Choose them again on this mesh.")
+    return np.unique(pins)
+
+
+def read_weights(path: str | os.PathLike[str], pins: str | os.PathLike[str]) -> np.ndarray:
+    """Weights (P,) in 0..1 from an NPY file, in the order of the sorted indices that `read_pins` gives for `pins`.
+
+    Raises:
+        UsageError: no such file, another number of weights than of indices, or one outside 0..1.
+    """
+    advice = "Write one number from 0 to 1 per index with numpy.save."
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file of weights {path}.", advice)
+    try:
+        weights, index = np.asarray(np.load(path, allow_pickle=False)), np.asarray(np.load(pins, allow_pickle=False))
+    except DAMAGED as error:
+        raise UsageError(f"The weights {path} cannot be read: {error}.", advice) from error
+    if weights.shape != index.shape or not np.issubdtype(weights.dtype, np.floating):
+        raise UsageError(f"The weights {path} are {weights.dtype} of shape {weights.shape} for {index.size} indices.", advice)
+    if not ((weights >= 0.0) & (weights <= 1.0)).all():
+        raise UsageError(f"The weights {path} are not all from 0 to 1.", advice)
+    strongest = np.zeros(int(index.max()) + 1)
+    np.maximum.at(strongest, index, weights)
+    return strongest[np.unique(index)]
+
+
+def hold_of(rest: np.ndarray, pins: np.ndarray, weights: np.ndarray, particles: Particles) -> np.ndarray:
+    """(N,) weight in 0..1 with which particles hold the vertices `pins` of rest (V, 3).
+
+    Firmly held are the nearest particle of each firm vertex and all within a grid cell of it; elsewhere a particle takes the weight of its
+    nearest vertex.
+    """
+    hold = np.zeros(len(particles.x))
+    of_vertex = np.zeros(len(rest))
+    of_vertex[pins] = weights
+    distance, nearest = cKDTree(rest).query(particles.x)
+    if (weights < 1.0).any():
+        hold = np.where(of_vertex[nearest] < 1.0, of_vertex[nearest], 0.0)
+    firm = pins[weights >= 1.0]
+    if len(firm):
+        hold[particles_at(rest[firm], particles)] = 1.0
+    return hold
+
+
+def pull_back(offset: np.ndarray, v: np.ndarray, acceleration: np.ndarray, weight: np.ndarray, frame_dt: float) -> np.ndarray:
+    """Acceleration (N, 3) [m/s²], held over a frame, that draws particles back to their places like a spring.
+
+    The spring's angular frequency is omega = SOFT sqrt(w / (1 - w)), its pull that of the frame's end (implicit Euler): it never overshoots
+    at any frame rate, and for w towards 1 the particle ends the frame at its place.
+
+    Args:
+        offset: (N, 3) from the places [m]; v: (N, 3) [m/s]; acceleration: (N, 3) by everything else that is known [m/s²]; weight: (N,).
+    """
+    squared = SOFT**2 * weight / np.maximum(1.0 - weight, 1e-6)
+    return -(squared / (1.0 + squared * frame_dt**2))[:, None] * (offset + frame_dt * v + frame_dt**2 * acceleration)
+
+
+def particles_at(vertices: np.ndarray, particles: Particles) -> np.ndarray:
+    """(N,) bool: the particles that hold vertices (P, 3): the nearest of each, and all within a grid cell."""
+    tree = cKDTree(particles.x)
+    held = np.zeros(len(particles.x), dtype=bool)
+    held[tree.query(vertices)[1]] = True
+    distance = cKDTree(vertices).query(particles.x)[0]
+    return held | (distance <= GRIP * particles.spacing)
+
+
+def ride(vertices: np.ndarray, particles: Particles, pins: np.ndarray) -> Rider:
+    """Attach vertices (V, 3) to particles, the vertices `pins` to pinned particles alone.
+
+    Elsewhere a vertex rides on its neighbours by affine moving least squares; at a pin some of those may be free, and their motion would
+    draw the vertex along.
+    """
+    attachment = attach(vertices, particles.x)
+    if len(pins):
+        index, weight = attachment.index.copy(), attachment.weight.copy()
+        held = np.flatnonzero(particles.pinned)
+        index[pins] = held[cKDTree(particles.x[held]).query(vertices[pins])[1]][:, None]
+        weight[pins] = 0.0
+        weight[pins, 0] = 1.0
+        attachment = Attachment(index, weight)
+    return Rider(vertices, attachment, particles.x)

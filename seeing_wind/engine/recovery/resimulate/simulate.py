@@ -1,0 +1,301 @@
+"""An edit becomes motion: every body of it simulated in a recovered field."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import SimulationError, UsageError
+from ...field.force_field import ForceField
+from ...materials import DEFAULT, adjusted, find
+from ...mpm.lattice.colliders import Collider
+from ...mpm.model import Model
+from ...mpm.model_for import model_for
+from ...mpm.rollout import advance
+from ...mpm.state import State
+from ...progress import NoProgress, Progress
+from ...records import Body, Material, Particles, Recovery, as_found
+from ...settings import BodyEdit, Edit
+from .fill import fill
+from .mesh import load_mesh
+from .obstacles import colliders_of
+from .pins import Rider, hold_of, pull_back, read_pins, read_weights, ride
+
+MIN_SUBSTEPS, MAX_SUBSTEPS = 100, 500
+"""Per frame. At least so many that a fall's first frame is right to a hundredth, whatever the stiffness; at most what a recovery
+affords itself for a held body, for what was recovered must be as stiff here."""
+
+TORN = 2.0
+"""Stretch of an edge beyond which particles have parted: the solver has no model of fracture, but its particles lose touch."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """One body after the simulation."""
+
+    vertices: np.ndarray
+    """(T+1, V, 3) [m]."""
+    triangles: np.ndarray
+    """(M, 3) int32."""
+    particles: int
+    """How many particles stood for it."""
+    notes: list[str]
+    """What the user should know."""
+
+
+@dataclass(frozen=True)
+class _Actor:
+    """A body before the simulation."""
+
+    edit: BodyEdit
+    particles: Particles
+    material: Material
+    velocity: np.ndarray
+    """(N, 3) [m/s] when it starts."""
+    rider: Rider
+    triangles: np.ndarray
+    notes: list[str]
+    soft: np.ndarray
+    """(N,) weight in 0..1 with which a particle is drawn back to its place; 0 for free and for firmly held ones."""
+    clamp_depth: float = 0.0
+    """Grid cells below the border of what is pinned at which it is held: as in the recovery, for what was recovered."""
+    substeps: int = MIN_SUBSTEPS
+    """Per frame at least; of what was recovered those of the recovery, whose force goes with the damping that they make."""
+
+
+def simulate_bodies(
+    edit: Edit,
+    field: ForceField,
+    recovered: tuple[Body, Recovery] | None,
+    base_dir: Path,
+    progress: Progress | None = None,
+    *,
+    device: str = "auto",
+) -> dict[str, Simulated]:
+    """Move every body of `edit` through `field` for all the frames that it knows.
+
+    A particle feels strength f(x, t) / (rho mass_scale), asked at the frame's start and held over the frame, its gradient within the
+    particle's cell, the edit's gravity, and the pull of soft pins. Outside its box the field goes on as at the nearest place of the box.
+
+    Args:
+        recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
+        base_dir: folder against which the edit's paths are understood.
+        device: auto, cpu or cuda.
+
+    Raises:
+        UsageError: a mesh, a list of pins, a start frame or a strength that does not fit; MaterialError: an unknown material.
+        SimulationError: the motion broke; the message names the body.
+        Cancelled: when the user asked to stop.
+    """
+    progress = progress or NoProgress()
+    if not edit.body:
+        raise UsageError("The edit has no body.", "Add one with a name and a mesh.")
+    strength = _strengths(edit.field_strength, field.frames)
+    colliders = colliders_of(edit.collider, Path(base_dir))
+    actors = [_enter(body, field, recovered, Path(base_dir)) for body in edit.body]
+    groups = [actors] if edit.contact else [[actor] for actor in actors]
+    done: dict[str, Simulated] = {}
+    for number, group in enumerate(groups):
+        try:
+            share = (number / len(groups), 1.0 / len(groups))
+            paths, notes = _move(group, field, edit.gravity, strength, colliders, device, progress, *share)
+        except SimulationError as error:
+            names = ", ".join(actor.edit.name for actor in group)
+            where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
+            raise SimulationError(f"{names}: {error.message}", error.hint, **where) from error
+        for actor, x in zip(group, paths):
+            vertices = actor.rider.follow(x)
+            remarks = [*actor.notes, *notes, *_outside_note(x, field), *_torn_note(vertices, actor.triangles)]
+            for note in remarks:
+                progress.warn(f"{actor.edit.name}: {note}")
+            done[actor.edit.name] = Simulated(vertices, actor.triangles, len(actor.particles.x), remarks)
+    return done
+
+
+# -- before -----------------------------------------------------------------------------------------------------------------------
+
+
+def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
+    values = np.atleast_1d(np.asarray(strength, dtype=np.float64))
+    if len(values) not in (1, frames) or not np.isfinite(values).all():
+        raise UsageError(f"field_strength has {len(values)} values for {frames} frames.", "Give one finite number, or one per frame.")
+    return np.broadcast_to(values, (frames,))
+
+
+def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> _Actor:
+    """Mesh, particles, material and pins of one body."""
+    for name in ("mass_scale", "youngs_modulus_scale"):
+        if not (np.isfinite(getattr(body, name)) and getattr(body, name) > 0.0):
+            raise UsageError(f"{body.name}: {name} is {getattr(body, name)}.", "Give a number above zero; 1 leaves it as it is.")
+    if body.mass is not None and not (np.isfinite(body.mass) and body.mass > 0.0):
+        raise UsageError(f"{body.name}: mass is {body.mass}.", "Give kilograms above zero.")
+    if body.mass is not None and body.density is not None:
+        raise UsageError(f"{body.name}: mass and density are both given.", "Give one of them; the other follows from the volume.")
+    if body.pin_weights is not None and body.pin is None:
+        raise UsageError(f"{body.name}: pin_weights without pin.", "Give the indices in pin as well.")
+    if body.free is not None and body.mesh != "recovered":
+        raise UsageError(f"{body.name}: free is given, but nothing holds a mesh besides its own pin.", "Leave it out, or change pin.")
+    if not 0 <= body.start_frame < field.frames:
+        raise UsageError(f"{body.name}: start_frame {body.start_frame} is outside the clip.", f"Its frames are 0 to {field.frames - 1}.")
+    if body.velocity is not None and (np.shape(body.velocity) != (3,) or not np.isfinite(body.velocity).all()):
+        raise UsageError(f"{body.name}: velocity is {body.velocity}.", "Give three finite numbers in m/s.")
+    if body.mesh == "recovered":
+        if recovered is None:
+            raise UsageError(f"{body.name}: there is no recovered object here.", "Give a mesh instead.")
+        actor = _enter_recovered(body, *recovered)
+    else:
+        actor = _enter_mesh(body, base_dir)
+    if body.free is not None:
+        actor = _free(actor, base_dir / body.free)
+    return actor if body.pin is None else _pin(actor, base_dir)
+
+
+def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor:
+    material = as_found(source.material, recovery) if body.material is None else find(body.material)
+    particles, surface = dataclasses.replace(source.particles, stiffness=recovery.stiffness), source.surface
+    velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
+    rider = Rider(surface.vertices, surface.attachment, particles.x)
+    return _Actor(
+        body, particles, _overridden(material, body, particles), np.array(velocity, dtype=np.float64), rider, surface.triangles, [],
+        np.zeros(len(particles.x)), recovery.clamp_depth, recovery.substeps or MIN_SUBSTEPS,
+    )  # fmt: skip
+
+
+def _enter_mesh(body: BodyEdit, base_dir: Path) -> _Actor:
+    vertices, triangles = load_mesh(base_dir / body.mesh)
+    try:
+        filling = fill(vertices, triangles)
+    except UsageError as error:
+        raise UsageError(f"{body.name}: {error.message}", error.hint) from error
+    particles = filling.particles
+    velocity = np.broadcast_to(np.zeros(3) if body.velocity is None else np.asarray(body.velocity), particles.x.shape)
+    rider = ride(vertices, particles, np.zeros(0, dtype=int))
+    material = _overridden(find(body.material or DEFAULT), body, particles)
+    soft = np.zeros(len(particles.x))
+    return _Actor(body, particles, material, np.array(velocity, dtype=np.float64), rider, triangles, list(filling.notes), soft)
+
+
+def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Material:
+    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")
+    changed = adjusted(material, **{name: getattr(body, name) for name in names})
+    density = None if body.mass is None else body.mass / float(particles.volume.sum())
+    return adjusted(changed, density=density, youngs_modulus=changed.youngs_modulus * body.youngs_modulus_scale)
+
+
+def _free(actor: _Actor, path: Path) -> _Actor:
+    """The recovered object without some of the holds that it had in the clip."""
+    pinned = actor.particles.pinned.copy()
+    pinned[read_pins(path, len(pinned), "particles")] = False
+    return dataclasses.replace(actor, particles=dataclasses.replace(actor.particles, pinned=pinned))
+
+
+def _pin(actor: _Actor, base_dir: Path) -> _Actor:
+    """The actor with pins, firm and soft: vertex indices for a mesh, particle indices for the recovered object."""
+    edit, particles, rest = actor.edit, actor.particles, actor.rider.rest
+    recovered, path = edit.mesh == "recovered", base_dir / str(edit.pin)
+    pins = read_pins(path, len(particles.x) if recovered else len(rest), "particles" if recovered else "vertices")
+    weights = np.ones(len(pins)) if edit.pin_weights is None else read_weights(base_dir / edit.pin_weights, path)
+    if recovered:
+        hold = np.zeros(len(particles.x))
+        hold[pins] = weights
+    else:
+        hold = hold_of(rest, pins, weights, particles)
+    pinned = particles.pinned | (hold >= 1.0)
+    particles = dataclasses.replace(particles, pinned=pinned)
+    velocity = np.where(pinned[:, None], 0.0, actor.velocity)
+    rider = actor.rider if recovered else ride(rest, particles, pins[weights >= 1.0])
+    return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=rider, soft=np.where(pinned, 0.0, hold))
+
+
+# -- the motion -------------------------------------------------------------------------------------------------------------------
+
+
+def _move(
+    actors: Sequence[_Actor],
+    field: ForceField,
+    gravity: Sequence[float],
+    strength: np.ndarray,
+    colliders: Sequence[Collider],
+    device: str,
+    progress: Progress,
+    begun: float,
+    share: float,
+) -> tuple[list[np.ndarray], list[str]]:
+    """Simulate actors that share a grid. Returns positions (T+1, N, 3) of each, and notes on the solver's choices."""
+    ends = np.cumsum([len(actor.particles.x) for actor in actors])
+    slices = [slice(end - len(actor.particles.x), end) for actor, end in zip(actors, ends)]
+    density = np.concatenate([np.full(len(a.particles.x), a.material.density * a.edit.mass_scale) for a in actors])
+    starts = {actor.edit.start_frame for actor in actors}
+    state = State.at_rest(np.concatenate([actor.particles.x for actor in actors]))
+    places, soft = state.x, np.concatenate([actor.soft for actor in actors])
+    model, notes = _model(actors, 0, field.fps, gravity, colliders, device)
+    history = [state.x]
+    for t in range(field.frames):
+        progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {', '.join(a.edit.name for a in actors)}")
+        if t in starts:
+            model = _model(actors, t, field.fps, gravity, colliders, device)[0]
+            state = _released(state, actors, slices, t)
+        if t >= min(starts):
+            force, gradient = continued(field, state.x, t)
+            scale = strength[t] / density
+            acceleration = force * scale[:, None]
+            acceleration = acceleration + pull_back(state.x - places, state.v, acceleration + gravity, soft, 1.0 / field.fps)
+            state = advance(model, state, acceleration, gradient * scale[:, None, None], frame=t)
+        history.append(state.x)
+    path = np.stack(history)
+    return [path[:, part] for part in slices], notes
+
+
+def _model(
+    actors: Sequence[_Actor], frame: int, fps: float, gravity: Sequence[float], colliders: Sequence[Collider], device: str
+) -> tuple[Model, list[str]]:
+    """The solver's model while all bodies that start after `frame` are held."""
+    particles = [dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors]
+    speed = max(5.0, 1.5 * max(float(np.linalg.norm(actor.velocity, axis=1).max()) for actor in actors))
+    model, notes = model_for(
+        particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
+        max_substeps=MAX_SUBSTEPS, colliders=colliders, device=device, clamp_depth=max(actor.clamp_depth for actor in actors),
+    )  # fmt: skip
+    return dataclasses.replace(model, substeps=max(model.substeps, *(actor.substeps for actor in actors))), notes
+
+
+def _released(state: State, actors: Sequence[_Actor], slices: Sequence[slice], frame: int) -> State:
+    """The state with the velocity of every body that starts now."""
+    v = state.v.copy()
+    for actor, part in zip(actors, slices):
+        if actor.edit.start_frame == frame:
+            v[part] = actor.velocity
+    return State(state.x, v, state.C, state.F)
+
+
+def continued(field: ForceField, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]; beyond the box those of its nearest place."""
+    nearest = np.clip(points, field.box[0], field.box[1])
+    force, _ = field.sample(nearest, frame)
+    return force, field.gradient(nearest, frame) * (nearest == points)[:, None, :]
+
+
+def _torn_note(vertices: np.ndarray, triangles: np.ndarray) -> list[str]:
+    """A note if an edge of the surface grew to more than `TORN` times its length. vertices (T+1, V, 3) [m]."""
+    edges = np.unique(np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1), axis=0)
+    length = np.linalg.norm(vertices[:, edges[:, 0]] - vertices[:, edges[:, 1]], axis=-1)
+    # Against the median as well: an edge of no length is no sign of a tear.
+    worst = (length / np.maximum(length[0], 0.25 * np.median(length[0]))).max(axis=1)
+    if worst.max() <= TORN:
+        return []
+    frame = int(np.argmax(worst > TORN))
+    return [f"stretched to {worst.max():.1f} times its size, from frame {frame} on, and may have torn: a higher Young's modulus holds it"]
+
+
+def _outside_note(x: np.ndarray, field: ForceField) -> list[str]:
+    """A note if more than a tenth of a body was outside the field's box at some time. x (T+1, N, 3) [m]."""
+    outside = ((x < field.box[0]) | (x > field.box[1])).any(axis=2).mean(axis=1)
+    if outside.max() <= 0.1:
+        return []
+    first = int(np.argmax(outside > 0.1))
+    share = 100 * outside.max()
+    return [f"up to {share:.0f} % of it lies outside the field's box, first in frame {first}; the force there is that of the box's edge"]

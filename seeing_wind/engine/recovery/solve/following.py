@@ -1,0 +1,114 @@
+"""The first field of a window: one that keeps the simulation near the targets from its first picture to its last.
+
+The part of the window that is followed grows a segment at a time: in each, the receding horizon (`warm_start`) leads on from the
+simulation so far; then the knots of the segment and those shortly before it are solved. A pace says how finely. Few modes, sparse knots
+and a smooth field are enough for most bodies. A soft sheet that ripples in gusts shorter than itself strays with them: what the smooth
+field cannot explain is put down to a motion along the view, and no later solve finds out of that. It is followed again, finely.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...mpm.state import Trajectory
+from ..prior.kernel import DURATION, LENGTH, Kernel, Prior
+from ..prior.learning import prior_along
+from .forward import Forward
+from .warm_start import warm_start
+
+if TYPE_CHECKING:
+    from .window import WindowSolver
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How finely a window is followed and solved after."""
+
+    degree: int | None
+    """Highest degree of the modes; None is all of them."""
+    knot: float
+    """Frames between knots."""
+    segment: int
+    """Frames by which the followed part of the window grows."""
+    behind: float
+    """Frames before a segment whose knots are solved with it."""
+    leads_on: bool
+    """Whether the force at a segment's end is the first guess of the next. A body that flows answers to a force so differently from part
+    to part that it leads astray."""
+    segment_iterations: int
+    """Jacobians per segment at most; each serves several chord steps."""
+    coarse_iterations: int
+    """Jacobians of the solve with these modes and knots."""
+    fine_iterations: int
+    """Jacobians of the solve with as many as the field is worth."""
+    last_iterations: int = 1
+    """Jacobians of the solve with the sizes learnt."""
+    length: float = LENGTH
+    """Correlation length of the field before its sizes are learnt [body radii]."""
+    duration: float = DURATION
+    """The same in time [frames]."""
+
+
+USUAL = Pace(degree=2, knot=4.0, segment=16, behind=8.0, leads_on=True, segment_iterations=1, coarse_iterations=1, fine_iterations=2)
+FLOWING = Pace(degree=2, knot=4.0, segment=5, behind=2.5, leads_on=False, segment_iterations=1, coarse_iterations=4, fine_iterations=3)
+"""Of a body that flows and is seen in pixels: followed in one go, a plastic ball's 16 frames ended 5 px off, in segments 1 px."""
+FINELY = Pace(
+    degree=None, knot=2.0, segment=6, behind=12.0, leads_on=True, segment_iterations=5, coarse_iterations=3, fine_iterations=6,
+    last_iterations=4, length=0.5, duration=4.0,
+)  # fmt: skip
+"""Of a body that strayed at the usual pace."""
+
+
+def follow(solver: WindowSolver, pace: Pace, share: tuple[float, float]) -> tuple[Forward, Prior, np.ndarray, int]:
+    """Forward model, prior, unknowns that track the whole window, and the Jacobians used.
+
+    Args:
+        solver: the window.
+        pace: how finely.
+        share: of the window's progress, from and to.
+    """
+    what = "Following the object again, finely" if pace is FINELY else "Following the object"
+    objective, expected = solver.objective, solver.expected
+    frames, size, component = objective.frames, expected.size, expected.component
+    affine = solver.basis.up_to(1)
+    modes = solver.basis if pace.degree is None else solver.basis.up_to(pace.degree)
+    knot = solver.knot(pace.knot)
+    parts = math.ceil(frames / pace.segment)
+    ends = [round(frames * (part + 1) / parts) for part in range(parts)]
+    early = solver.early_model()
+    leader, found, used = solver.forward(affine, 1.0, frames, early), np.zeros((0, modes.phi.shape[1], 3)), 0
+    forward, theta, velocity = solver.forward(modes, knot, frames, early), np.zeros(0), np.zeros(0)
+    for part, end in enumerate(ends):
+        begin, done = len(found), share[0] + (share[1] - share[0]) * part / parts
+        solver.tell(done, f"{what}, frame {begin} to {end} of {frames}", None)
+        solved = forward.trajectory(theta) if begin else None
+        state = solved.state(begin) if solved else solver.start
+        last = forward.per_frame(theta)[-1][: affine.phi.shape[1]] if begin and pace.leads_on else None
+        led = warm_start(leader, objective, size * np.sqrt(np.diag(component)), expected.speed, state, begin, end, last)
+        velocity = velocity if begin else led.velocity
+        fresh = np.zeros((end - begin, *found.shape[1:]))
+        fresh[:, : affine.phi.shape[1]] = led.coefficients
+        found = np.concatenate([found, fresh])
+        forward = solver.forward(modes, knot, end, early)
+        theta = forward.pack(found, velocity)
+        kernel = Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0, pace.length, pace.duration)
+        way = [solved.state(t) for t in range(begin)] if solved else []
+        prior = prior_along(kernel, forward, Trajectory.of(way + led.states), expected, objective)
+        if end < frames:
+            settled = begin - pace.behind
+            open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
+            active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
+            most = min(pace.segment_iterations, solver.iterations)
+            part_solved = solver.solve(forward, prior, theta, most, (done, done), what, active)
+            theta, used = part_solved.theta, used + part_solved.iterations
+            found, velocity = forward.per_frame(theta), theta[forward.size :]
+    return forward, prior, theta, used
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square length of vectors (..., 3)."""
+    return float(np.sqrt((values**2).sum(axis=-1).mean()))

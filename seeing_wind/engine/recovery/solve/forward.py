@@ -1,0 +1,223 @@
+"""The forward model of the solve: unknowns in, trajectories and their derivatives out.
+
+The unknowns theta (n,) are the field's coefficients (knots, modes, 3) [m/s²] followed by the initial velocities (V,) [m/s].
+The Jacobian comes from changes carried along one simulation, or, for bodies that flow, from a simulation per unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import SimulationError
+from ...mpm.model import Model
+from ...mpm.rollout import advance, rollout_batch
+from ...mpm.state import State, Trajectory
+from ...mpm.tangent import Changes, applies_to, tangents
+from ...progress import Progress
+from ..prior.basis import SpatialBasis
+from ..targets.objective import Objective
+
+OFFSET = 1e-4
+"""Step of the finite differences, relative to the size that the prior expects. In double precision the quotient is good to 1e-5."""
+COLUMNS_AT_ONCE = 96
+"""Simulations whose positions are held in memory together."""
+TANGENT_BYTES, FEWEST = 300_000_000, 16
+"""Memory that the changed positions of one call of `tangents` may take, and unknowns that one is worth in any case."""
+
+
+@dataclass(frozen=True)
+class Forward:
+    """A body, the functions its field is written with, and how it may start."""
+
+    model: Model
+    rough: Model
+    """The same body with half the substeps: good enough for derivatives and for looking ahead."""
+    x: np.ndarray
+    """(N, 3) rest positions [m]."""
+    basis: SpatialBasis
+    hats: np.ndarray
+    """(T, knots)."""
+    knot_spacing: float
+    """Frames between knots at most."""
+    velocity: np.ndarray
+    """(V, N, 3) initial motions of unit size."""
+    velocity_gradient: np.ndarray
+    """(V, N, 3, 3)."""
+    progress: Progress
+    begin: State | None = None
+    """The body at the first picture, if it is known; then there are no initial motions (V = 0)."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(knots, modes, 3) of the coefficients."""
+        return self.hats.shape[1], self.basis.phi.shape[1], 3
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients; the initial velocities follow them in theta."""
+        return int(np.prod(self.shape))
+
+    def pack(self, per_frame: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """theta (n,) nearest to coefficients per frame (T, fewer or as many modes, 3) and initial velocities (V,)."""
+        knots = np.zeros(self.shape)
+        modes = per_frame.shape[1]
+        knots[:, :modes] = np.tensordot(np.linalg.pinv(self.hats), per_frame, 1)
+        return np.concatenate([knots.ravel(), velocity])
+
+    def start(self, velocity: np.ndarray) -> State:
+        """The state in the first picture with initial velocities (V,)."""
+        if self.begin is not None:
+            return self.begin
+        rest = State.at_rest(self.x)
+        return State(rest.x, np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1), rest.F)
+
+    def per_frame(self, theta: np.ndarray) -> np.ndarray:
+        """theta (n,) or (B, n) -> coefficients per frame (..., T, modes, 3)."""
+        knots = theta[..., : self.size].reshape(*theta.shape[:-1], *self.shape)
+        return np.einsum("tk,...kpi->...tpi", self.hats, knots)
+
+    def acceleration(self, theta: np.ndarray) -> np.ndarray:
+        """(T, N, 3) [m/s²] on the particles."""
+        return np.einsum("np,tpi->tni", self.basis.phi, self.per_frame(theta))
+
+    def advance(self, state: State, coefficients: np.ndarray, frame: int, model: Model | None = None) -> State:
+        """One frame under coefficients (modes, 3), with the fine model unless told otherwise."""
+        gradient = np.einsum("pi,npj->nij", coefficients, self.basis.gradient) @ np.linalg.inv(state.F)
+        return advance(model or self.model, state, self.basis.phi @ coefficients, gradient, frame=frame)
+
+    def trajectory(self, theta: np.ndarray, model: Model | None = None) -> Trajectory:
+        """The simulation under theta (n,). Raises SimulationError when it breaks down."""
+        coefficients, state = self.per_frame(theta), self.start(theta[self.size :])
+        states = [state]
+        for t in range(len(coefficients)):
+            state = self.advance(state, coefficients[t], t, model)
+            states.append(state)
+            self.progress.check()
+        return Trajectory.of(states, (model or self.model).substeps)
+
+    def nearby(self, theta: np.ndarray) -> Trajectory:
+        """`trajectory` of the rough model or, where that breaks, of the fine one."""
+        try:
+            return self.trajectory(theta, self.rough)
+        except SimulationError:
+            return self.trajectory(theta)
+
+    def positions(self, theta: np.ndarray) -> np.ndarray:
+        """Candidates (B, n) -> (B, T+1, N, 3), NaN after a breakdown."""
+        if self.begin is not None:
+            return self._batch(self.model, self.begin, self.per_frame(theta), None)
+        return self._batch(self.model, State.at_rest(self.x), self.per_frame(theta), theta[:, self.size :])
+
+    def window(self, state: State | None, unknowns: np.ndarray, frames: int) -> np.ndarray:
+        """Constant coefficients over a few frames: (B, modes 3 [+ V]) -> (B, frames+1, N, 3). State None starts at rest with velocities."""
+        modes = self.shape[1]
+        constant = unknowns[:, : 3 * modes].reshape(-1, 1, modes, 3)
+        coefficients = np.repeat(constant, frames, axis=1)
+        if state is None:
+            return self._batch(self.rough, State.at_rest(self.x), coefficients, unknowns[:, 3 * modes :])
+        return self._batch(self.rough, state, coefficients, None)
+
+    def window_changes(self, state: State | None, unknown: np.ndarray, offset: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (frames+1, N, 3) of `window` under `unknown` (n,), and (n, ...) with each of its entries changed by its offset (n,)."""
+        if not applies_to(self.rough):
+            both = self.window(state, np.concatenate([unknown[None], unknown + np.diag(offset)]), frames)
+            return both[0], both[1:]
+        modes = self.shape[1]
+        unit = np.eye(len(unknown))
+        constant = np.repeat(unit[:, : 3 * modes].reshape(-1, 1, modes, 3), frames, axis=1)
+        coefficients = np.repeat(unknown[: 3 * modes].reshape(1, modes, 3), frames, axis=0)
+        v0 = C0 = None
+        if state is None:
+            state = self.start(unknown[3 * modes :])
+            v0, C0 = (np.tensordot(unit[:, 3 * modes :], motion, 1) for motion in (self.velocity, self.velocity_gradient))
+        changes = Changes(constant, v0, C0)
+        x, change = tangents(self.rough, state, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress)
+        return x, x + offset[:, None, None, None] * change
+
+    def _batch(
+        self,
+        model: Model,
+        state: State | Trajectory,
+        coefficients: np.ndarray,
+        velocity: np.ndarray | None,
+        start: np.ndarray | None = None,
+    ) -> np.ndarray:
+        v0 = C0 = None
+        if velocity is not None:
+            v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
+        phi, gradient = self.basis.phi, self.basis.gradient
+        return rollout_batch(model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress).points
+
+    def jacobian(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
+        """d (raw residuals) / d theta[active], (number active, T+1, channels), with the rough model or, where that breaks, the fine one.
+
+        Args:
+            theta: (n,) the point.
+            active: (n,) bool, the unknowns to differentiate by.
+            objective: whose residuals.
+            scale: (n,) expected sizes of the unknowns.
+
+        Raises:
+            SimulationError: when a simulation breaks down.
+        """
+        try:
+            return self._columns(theta, active, objective, scale)
+        except SimulationError:
+            if self.rough.substeps >= self.model.substeps:
+                raise
+            return replace(self, rough=self.model).jacobian(theta, active, objective, scale)
+
+    def _columns(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
+        """`jacobian` with the rough model, if it holds."""
+        which = np.flatnonzero(active)
+        offset = OFFSET * scale[which]
+        moved = self._carried if applies_to(self.rough) else self._shaken
+        columns: np.ndarray | None = None
+        for some, nominal, positions in moved(theta, which, offset):
+            base = objective.residual(nominal[None])[0]
+            columns = np.zeros((len(which), *base.shape), np.float32) if columns is None else columns
+            columns[some] = (objective.residual(positions) - base) / offset[some, None, None]
+        assert columns is not None, "no unknown is active"
+        return columns
+
+    def _carried(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
+        """Positions after small changes, by carrying the changes along one simulation (`mpm.tangent`)."""
+        coefficients, at_once = self.per_frame(theta), max(FEWEST, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x)))
+        for some in _blocks(np.arange(len(which)), at_once):
+            unit = np.zeros((len(some), len(theta)))
+            unit[np.arange(len(some)), which[some]] = 1.0
+            v0 = C0 = None
+            if (which[some] >= self.size).any():
+                velocity = unit[:, self.size :]
+                v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
+            changes = Changes(self.per_frame(unit), v0, C0)
+            start = self.start(theta[self.size :])
+            nominal, change = tangents(self.rough, start, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress)
+            for few in _blocks(np.arange(len(some)), COLUMNS_AT_ONCE):
+                yield some[few], nominal, nominal + offset[some[few], None, None, None] * change[few]
+
+    def _shaken(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
+        """The same by one more simulation for every change, from the picture in which its hat begins: nothing earlier can feel it."""
+        nominal = self.trajectory(theta, self.rough)
+        first = np.concatenate([np.repeat(np.argmax(self.hats > 0.0, axis=0), 3 * self.shape[1]), np.zeros(len(theta) - self.size, int)])
+        for moving in (False, True):
+            for some in _blocks(np.flatnonzero((which >= self.size) == moving), COLUMNS_AT_ONCE):
+                moved = np.repeat(theta[None], len(some), axis=0)
+                moved[np.arange(len(some)), which[some]] += offset[some]
+                velocity = moved[:, self.size :] if moving else None
+                positions = self._batch(self.rough, nominal, self.per_frame(moved), velocity, first[which[some]])
+                if not np.isfinite(positions).all():
+                    raise SimulationError("A slightly different force breaks the simulation down.", "Choose a stiffer or heavier material.")
+                yield some, nominal.x, positions
+
+
+Moved = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Which changes, positions (T+1, N, 3) without them, and with each of them (changes, T+1, N, 3)."""
+
+
+def _blocks(rows: np.ndarray, most: int) -> list[np.ndarray]:
+    """Rows in parts of equal size, at most `most` in each."""
+    return np.array_split(rows, -(-len(rows) // most)) if len(rows) else []

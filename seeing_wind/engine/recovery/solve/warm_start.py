@@ -1,0 +1,173 @@
+"""A first guess that tracks the body: receding-horizon control.
+
+From the simulated state, a window of a few frames is simulated with a field that is affine over the body and constant over the window;
+a damped Gauss-Newton step fits it, the body is moved on, and the window follows. The simulation never strays far from what was seen,
+which a solve over the whole clip from a mean acceleration does as soon as the body turns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import SimulationError
+from ...mpm.state import State
+from ..prior.stretch import stretch_rows, stretch_weights
+from ..targets.objective import Objective
+from .forward import Forward
+
+WINDOW = 4
+"""Frames looked ahead."""
+HOP = 2
+"""Frames that the body is moved on before it is looked ahead again."""
+FIRST_WINDOW = 6
+"""Frames of the first window, which finds the initial velocity too."""
+STEPS = 1
+FIRST_STEPS = 5
+JUMP = 0.5
+"""Standard deviation of the change of the field from frame to frame, relative to its expected size."""
+BROKEN = 1e6
+"""Residual [m or px] of a simulation that broke down."""
+DAMPING = ((0.0, 1.0), (10.0, 100.0))
+"""Tried at once, one pair after the other until one of them is better: two cores simulate a pair in the time of one."""
+SHARES = (1.0, 0.5, 0.0)
+"""Of the force so far, tried in turn where the body breaks down under it."""
+STRAIN = 0.2
+"""Size of the force's symmetric gradient while following, relative to that of its rotation."""
+
+
+@dataclass(frozen=True)
+class WarmStart:
+    """What the receding horizon found in its part of the clip."""
+
+    coefficients: np.ndarray
+    """(frames, modes, 3) accelerations per frame [m/s²]."""
+    velocity: np.ndarray
+    """(V,) initial velocities [m/s]; empty when the part does not begin with picture 0."""
+    states: list[State]
+    """The body on the way, at the part's first picture, too."""
+
+
+def warm_start(
+    forward: Forward,
+    objective: Objective,
+    size: np.ndarray,
+    speed: np.ndarray,
+    state: State | None = None,
+    begin: int = 0,
+    end: int | None = None,
+    last: np.ndarray | None = None,
+) -> WarmStart:
+    """Track the targets through the frames begin ... end - 1.
+
+    Args:
+        forward: simulations with the few modes of the start.
+        objective: what to follow.
+        size: (3,) expected root mean square of each component of the field [m/s²].
+        speed: (V,) standard deviations of the initial velocities [m/s].
+        state: at picture `begin`; None starts at rest in picture 0 and finds the initial velocity too.
+        end: None is the clip's end.
+        last: (modes, 3) coefficients shortly before `begin` [m/s²], if they are known.
+    """
+    end = objective.frames if end is None else end
+    deviation = np.outer(forward.basis.size, size)
+    count, velocity = deviation.size, np.zeros(0)
+    coefficients = np.zeros(count)
+    if state is None:
+        spread = np.concatenate([deviation.ravel(), speed])
+        unknown = _fit(forward, objective, None, 0, min(FIRST_WINDOW, objective.frames), np.zeros(len(spread)), spread, FIRST_STEPS)
+        coefficients, velocity = unknown[:count], unknown[count:]
+        state = forward.start(velocity)
+    elif last is not None:
+        coefficients = last.ravel()
+    else:  # nothing is known of the field yet: let the first window find it
+        window = min(WINDOW, objective.frames - begin)
+        coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), FIRST_STEPS)
+
+    found, states = [], [state]
+    for t in range(begin, end):
+        if (t - begin) % HOP == 0:
+            window = min(WINDOW, objective.frames - t)
+            coefficients = _fit(forward, objective, state, t, window, coefficients, JUMP * deviation.ravel(), STEPS)
+        state = forward.advance(state, coefficients.reshape(-1, 3), t)
+        found.append(coefficients.reshape(-1, 3))
+        states.append(state)
+    return WarmStart(np.stack(found), velocity, states)
+
+
+def _fit(
+    forward: Forward, objective: Objective, state: State | None, frame: int, window: int, mean: np.ndarray, spread: np.ndarray, steps: int
+) -> np.ndarray:
+    """Damped Gauss-Newton over pictures frame + 1 ... frame + window, from the prior's mean.
+
+    The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
+    """
+    unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward, state, spread)
+    for _ in range(steps):
+        unknown, x, changed = _bearable(forward, state, unknown, offset, window)
+        white = _whiten(objective, np.concatenate([x[None], changed]), frame)
+        before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
+        jacobian = (white[1:] - white[0]) / offset[:, None]
+        gradient = jacobian @ white[0] + precision @ (unknown - mean)
+        normal = jacobian @ jacobian.T
+        for damping in DAMPING:
+            candidates = unknown - np.stack([np.linalg.solve(normal + (1.0 + damp) * precision, gradient) for damp in damping])
+            missed = _whiten(objective, forward.window(state, candidates, window), frame)
+            costs = (missed**2).sum(axis=1) + _prior_cost(candidates - mean, precision)
+            best = int(np.argmin(costs))
+            if costs[best] < before:
+                break
+        if not costs[best] < before:
+            break
+        unknown = candidates[best]
+        if before - costs[best] < 0.01 * before:
+            break
+    return unknown
+
+
+def _bearable(
+    forward: Forward, state: State | None, unknown: np.ndarray, offset: np.ndarray, window: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first of `unknown` (n,), a half and none of it under which the body does not break down, and `Forward.window_changes` there.
+
+    What moved a soft body so far may tear it when it goes on for a whole window.
+    """
+    for share in SHARES:
+        try:
+            return share * unknown, *forward.window_changes(state, share * unknown, offset, window)
+        except SimulationError:
+            if share == SHARES[-1] or not unknown.any():
+                raise
+    raise AssertionError
+
+
+def _whiten(objective: Objective, x: np.ndarray, frame: int) -> np.ndarray:
+    """Trajectories from picture `frame` (B, S, N, 3) -> residuals of the pictures after it, each over its own deviation.
+
+    Within a few frames the slow part of the mismatch is a plain offset. A simulation that broke down misses everything by far.
+    """
+    rows = slice(frame + 1, frame + x.shape[1])
+    broken = ~np.isfinite(x).all(axis=(1, 2, 3))
+    raw = objective.residual(np.where(broken[:, None, None, None], 0.0, x)[:, 1:], frame + 1)
+    raw[broken] = BROKEN
+    return np.where(objective.used[rows], raw / objective.deviation[rows], 0.0).reshape(len(x), -1)
+
+
+def _prior_cost(offset: np.ndarray, precision: np.ndarray) -> np.ndarray:
+    return np.einsum("...i,ij,...j->...", offset, precision, offset)
+
+
+def _strain_precision(forward: Forward, state: State | None, spread: np.ndarray) -> np.ndarray:
+    """Precision (n, n) that keeps the force's stretch to STRAIN of what `spread` implies, however the body has turned.
+
+    A few pictures show how a body turns, hardly how it is stretched: within the noise, any stretch would do.
+    """
+    basis, count = forward.basis, 3 * forward.basis.phi.shape[1]
+    F = np.broadcast_to(np.eye(3), (*forward.x.shape, 3)) if state is None else state.F
+    rows = stretch_rows(basis, forward.x, np.stack([F, F]), 1.0)[0].reshape(-1, count)
+    implied = ((rows * spread[:count]) ** 2).sum(axis=1)
+    weight = stretch_weights(implied, STRAIN)
+    full = np.zeros((len(spread), len(spread)))
+    full[:count, :count] = rows.T @ (weight[:, None] * rows)
+    return full

@@ -1,0 +1,284 @@
+"""The solve over one window of the clip, coarse to fine, because a body that turns makes the problem curved.
+
+Follow the targets with a receding horizon, solve with few modes and sparse knots, learn the prior's sizes, then solve with all modes
+that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle. A body
+that the first field loses is followed again, finely (`following`). Where the body's stiffness is free (`stiffness`), each solve is
+followed by steps of both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import SimulationError
+from ...mpm.model import Model
+from ...mpm.state import State, Trajectory
+from ...progress import Progress
+from ...records import Particles
+from ..prior.basis import SpatialBasis, hats, velocity_basis
+from ..prior.kernel import Prior, modes_worth
+from ..prior.learning import STRAYED, Expected, learn_all, learnt, prior_along, strayed
+from ..targets.objective import Objective
+from ..targets.tracks import TrackChannels
+from .following import FINELY, FLOWING, USUAL, Pace, follow
+from .forward import Forward
+from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of
+from .gauss_newton import solve as gauss_newton
+from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
+
+FULL_KNOT = 2.0
+"""Frames between knots of the last solves."""
+COARSE_TOLERANCE = 0.1
+"""A coarse solve has done its work when a step promises less than this share of the cost: the fine one goes on from there."""
+LAST_TOLERANCE, LAST_PER_UNKNOWN = 2e-4, 2e-3
+"""The last solve, with the sizes learnt, is settled more finely: its steps are cheap, as no Jacobian is missing."""
+ROUGH = 0.5
+"""Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
+FOLLOWING = 3
+"""Times that a step of the stiffness is looked at, with a chord step of the force before each but the first: the force follows a clamp
+only about linearly, and would be blamed on the stiffness."""
+UNEXPECTED = 1e-4
+"""Share of the field's variance over the body that may lie in modes which the solve leaves out."""
+UNKNOWNS = 900
+"""Most unknowns of the dense solve; beyond them the knots get sparser."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """A window's solution."""
+
+    forward: Forward
+    prior: Prior
+    last: Solution
+    trajectory: Trajectory
+    iterations: int
+    """Jacobians used."""
+    stiffness: Stiffness
+    joint: Joint | None
+    """How the force hangs together with a stiffness that was free."""
+
+
+@dataclass
+class WindowSolver:
+    """One window on its way from a rough start to the final solve."""
+
+    particles: Particles
+    model: Model
+    """With the stiffness given."""
+    objective: Objective
+    """Of the window alone."""
+    basis: SpatialBasis
+    """All modes that the data can tell apart."""
+    expected: Expected
+    start: State | None
+    """The body at the window's first picture; None is at rest in its built shape with an unknown velocity."""
+    iterations: int
+    progress: Progress
+    tell: Callable[[float, str, float | None], None]
+    """Told the fraction done, what is being done, and the misfit in the observations' standard deviations (root mean square)."""
+    stiffness: Stiffness = Stiffness(free=False)
+    joint: Joint | None = None
+    """Of the last solve with the stiffness free."""
+
+    def run(self) -> Found:
+        """All parts in order; where one iteration is all that is allowed, without the fine one."""
+        pace, forward, prior, found, used = self._followed()
+        left = max(0, self.iterations - found.iterations)
+        forward, found, more = self._with_stiffness(forward, prior, found, min(left, COARSE_ROUNDS), 0.45, COARSE_TOLERANCE)
+        left, used = max(0, left - more), used + more
+        draft = not left
+        if draft:
+            forward = replace(forward, model=self._model())
+        else:
+            forward, prior, found, more = self._finely(forward, prior, found, min(left, pace.fine_iterations), left)
+            left, used = max(0, left - more), used + more
+        prior, point, self.objective = learn_all(prior, forward, found, self.objective, self.expected, self.progress.check)
+        last = self.solve(
+            forward, prior, found.theta, min(left, pace.last_iterations), (0.8, 0.98), "Solving with what was learnt",
+            point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
+        )  # fmt: skip
+        last = replace(last, converged=last.converged and not draft)
+        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint)
+
+    def _followed(self) -> tuple[Pace, Forward, Prior, Solution, int]:
+        """A coarse solution of the whole window, found at the usual pace, or finely where that one strays and finely it does less.
+
+        Returns the pace, forward model, prior, solution, and the Jacobians used.
+        """
+        pace = FLOWING if self._flows() else USUAL
+        modes = self.basis.up_to(2).phi
+        best, lost, used = None, math.inf, 0
+        for one, (begin, solving, end) in ((pace, (0.02, 0.15, 0.2)), (FINELY, (0.2, 0.4, 0.45))):
+            most = min(max(1, self.iterations - 1), one.coarse_iterations)
+            try:
+                forward, prior, theta, more = follow(self, one, (begin, solving))
+                found = self.solve(forward, prior, theta, most, (solving, end), "Solving coarsely", tolerance=COARSE_TOLERANCE)
+            except SimulationError:
+                if best is None:
+                    raise
+                break  # what the usual pace found stands
+            used += more + found.iterations
+            misfit = strayed(self.objective, modes, found.residual)
+            if best is None or misfit < lost:
+                best, lost = (one, forward, prior, found), misfit
+            if misfit < STRAYED or pace is FLOWING or self.iterations == 1:
+                break
+        assert best is not None
+        return *best, used
+
+    def _finely(self, coarse: Forward, prior: Prior, first: Solution, most: int, left: int) -> tuple[Forward, Prior, Solution, int]:
+        """From the coarse solve on with as many modes and knots as the field is worth, which the coarse solve tells.
+
+        Returns forward model, prior, solution, and the Jacobians used.
+        """
+        kernel = learnt(prior, first.point.normal, first.pull, self.expected, self.progress.check)
+        path = coarse.trajectory(first.theta)
+        self.objective = self.objective.reweighted(self.objective.residual(path.x[None])[0])
+        worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
+        fine = self.forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
+        theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
+        prior = prior_along(kernel, fine, path, self.expected, self.objective)
+        second = self.solve(fine, prior, theta, most, (0.45, 0.8), "Solving finely")
+        left = max(0, left - second.iterations)
+        fine, second, more = self._with_stiffness(fine, prior, second, min(left, FINE_ROUNDS), 0.8, TOLERANCE)
+        return fine, prior, second, second.iterations + more
+
+    def _with_stiffness(
+        self, forward: Forward, prior: Prior, solution: Solution, rounds: int, done: float, tolerance: float
+    ) -> tuple[Forward, Solution, int]:
+        """Steps of the force and the stiffness together, each with a solve for the force after it.
+
+        A stiffness that the clip does not tell goes back to the one given. Returns the forward model with the stiffness that was found,
+        the solution, and the Jacobians used on the way.
+        """
+        used, self.joint = 0, None
+        for _ in range(rounds if self.stiffness.free else 0):
+            before = self.stiffness
+            joint = Joint.about(forward, self.particles, self.objective, prior.precision(), solution, before)
+            known = before.at(before.q, joint.deviation).known
+            after = before.q + shortened(joint.step()) if known else np.zeros(len(before.q))
+            after[0] = min(after[0], stiffest(self.model))
+            changed = self._towards(after - before.q, forward, prior, solution, joint, SHARES if known else (1.0,))
+            if changed is None:
+                # Nothing lowers the cost: far from a minimum the clip says nothing of the stiffness, at one it has been said.
+                if before.s == 0.0 and known and abs(after[0]) > joint.deviation:
+                    break
+                self.stiffness, self.joint = before.at(before.q, joint.deviation), joint
+                break
+            self.stiffness, forward, theta = changed
+            self.joint = joint
+            solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
+            used += solution.iterations
+            wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
+            if wanted @ np.linalg.solve(joint.covariance, wanted) < SETTLED**2 or not known:
+                break
+        return forward, solution, used
+
+    def _towards(
+        self, dq: np.ndarray, forward: Forward, prior: Prior, solution: Solution, joint: Joint, shares: tuple[float, ...]
+    ) -> tuple[Stiffness, Forward, np.ndarray] | None:
+        """The first of these shares of the joint step by dq (4,) that lowers the cost (any, if there is one share only that does not break
+        down): stiffness, forward model and theta there. None when none does."""
+        before = self.stiffness
+        most = solution.cost + before.penalty() if len(shares) > 1 else np.inf
+        for share in shares if dq.any() else ():
+            there = before.at(before.q + share * dq, joint.deviation)
+            changed = replace(forward, model=there.of(self.model, self.particles), rough=self._rough(there))
+            theta = solution.theta + share * joint.follow(dq)
+            for _ in range(FOLLOWING):
+                positions = changed.positions(theta[None])
+                if not np.isfinite(positions).all():
+                    break
+                white = self.objective.whiten(self.objective.residual(positions))
+                if float(cost_of(white, theta[None], prior.precision())[0]) + there.penalty() < most:
+                    return there, changed, theta
+                theta = theta + joint.chord(theta, white[0], solution.point.jacobian, prior.precision())
+        return None
+
+    def _model(self) -> Model:
+        return self.stiffness.of(self.model, self.particles)
+
+    def _rough(self, stiffness: Stiffness | None = None) -> Model:
+        model = (stiffness or self.stiffness).of(self.model, self.particles)
+        return replace(model, substeps=math.ceil(ROUGH * model.substeps))
+
+    def _flows(self) -> bool:
+        return self.model.plastic and any(isinstance(one, TrackChannels) for one in self.objective.channels)
+
+    def knot(self, wanted: float) -> float:
+        """Frames between knots: `wanted`, or a power of two times it, so that a field on coarse knots is one on finer too.
+
+        Sparser than wanted when the dense solve would become too large.
+        """
+        affordable = 3.0 * self.basis.phi.shape[1] * self.objective.frames / UNKNOWNS
+        knot = wanted
+        while knot < affordable:
+            knot *= 2.0
+        return knot
+
+    def early_model(self) -> Model:
+        """The body before the fine solve: rough, unless it is held, and so judged by how it answers, or flows, which hangs on substeps."""
+        return self._model() if self.particles.pinned.any() or self.model.plastic else self._rough()
+
+    def forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
+        """Simulations of the window's first `frames` with these modes, and the fine model of the stiffness so far unless told otherwise."""
+        velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
+        if self.start is not None:
+            velocity, gradient = velocity[:0], gradient[:0]
+        x = self.particles.x
+        model = model or self._model()
+        return Forward(model, self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
+
+    def solve(
+        self,
+        forward: Forward,
+        prior: Prior,
+        theta: np.ndarray,
+        iterations: int,
+        share: tuple[float, float],
+        what: str,
+        active: np.ndarray | None = None,
+        point: Linearisation | None = None,
+        tolerance: float = TOLERANCE,
+        per_unknown: float = TOLERANCE_PER_UNKNOWN,
+    ) -> Solution:
+        """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
+        but for its theta, which is whole."""
+        objective = self.objective.until(len(forward.hats))
+        active = np.ones(len(theta), bool) if active is None else active
+        precision = prior.precision()
+        inner = precision[np.ix_(active, active)]
+        mean = -np.linalg.solve(inner, precision[np.ix_(active, ~active)] @ theta[~active])  # the prior, given those that stay
+
+        def whole(candidates: np.ndarray) -> np.ndarray:
+            full = np.repeat(theta[None], len(candidates), axis=0)
+            full[:, active] = candidates
+            return full
+
+        def residuals(candidates: np.ndarray) -> np.ndarray:
+            positions = forward.positions(whole(candidates))
+            broken = ~np.isfinite(positions).all(axis=(1, 2, 3))
+            white = objective.whiten(objective.residual(np.where(broken[:, None, None, None], self.particles.x, positions)))
+            white[broken] = np.inf
+            return white
+
+        misfit: float | None = None
+
+        def linearise(candidate: np.ndarray) -> Linearisation:
+            nonlocal misfit
+            full = whole(candidate[None])[0]
+            raw = forward.jacobian(full, active, objective, prior.deviation())
+            white = residuals(candidate[None])[0]
+            misfit = float(np.sqrt((white**2).sum() / max(int(objective.used.sum()), 1)))
+            return Linearisation.at(candidate, white, objective.whiten(raw))
+
+        def report(iteration: int, cost: float) -> None:
+            done = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1)
+            self.tell(done, f"{what}, iteration {iteration}", misfit)
+
+        solution = gauss_newton(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance, per_unknown)
+        return replace(solution, theta=whole(solution.theta[None])[0])

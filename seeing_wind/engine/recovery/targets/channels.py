@@ -1,0 +1,83 @@
+"""What both kinds of target have in common: points of the body as time series that the simulation must follow.
+
+    points in 3D   a few smooth modes of the displacement (`point_channels`);
+    tracks in 2D   projection(W x(t)) - p(t), two channels a track (`track_channels`).
+"""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+
+from ...errors import ObjectError, UsageError
+from ...records import Attachment
+
+PLASTIC_FACTOR = 10.0
+"""How much more variance the mismatch has when the body flows plastically."""
+
+ABOUT = 1.2
+"""Bounds on the noise that differ by less than this factor are the same within their own uncertainty."""
+
+
+def attachment_matrix(attachment: Attachment, particles: int) -> np.ndarray:
+    """Dense (K, N) matrix of an attachment."""
+    matrix = np.zeros((len(attachment.index), particles))
+    np.add.at(matrix, (np.arange(len(matrix))[:, None], attachment.index), attachment.weight)
+    return matrix
+
+
+def mismatch_covariance(frames: int, white: float, slow: float, tau: float, variance_factor: float) -> np.ndarray:
+    lag = np.abs(np.subtract.outer(np.arange(frames), np.arange(frames)))
+    return variance_factor * (white**2 * np.eye(frames) + slow**2 * np.exp(-lag / tau))
+
+
+def noise_of(series: np.ndarray) -> float:
+    """Standard deviation of the noise in smooth series (frames, ...), from differences of order 3 to 7 in time.
+
+    Each order bounds the noise from above (what is left of the motion adds to it), so the smallest counts; but the smallest of several
+    uncertain figures is too small (7 % with 16 pictures), so the lowest order that is about as small does. Zero for fewer than eight
+    frames: there, motion and noise cannot be told apart.
+    """
+    if len(series) < 8:
+        return 0.0
+    orders = range(3, min(7, len(series) - 3) + 1)
+    bounds = [float(np.sqrt(np.mean(np.diff(series, order, axis=0) ** 2) / comb(2 * order, order))) for order in orders]
+    return next(bound for bound in bounds if bound <= ABOUT * min(bounds))
+
+
+def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
+    """Accelerations of series (frames, n) from parabolas through windows of seven pictures (or all, if fewer), (windows, n)."""
+    if len(series) < 3:
+        return np.zeros((1, series.shape[1]))
+    width = min(7, len(series))
+    time = (np.arange(width) - (width - 1) / 2.0) / fps
+    row = 2.0 * np.linalg.pinv(np.stack([np.ones(width), time, time**2], axis=1))[2]
+    return np.stack([row @ series[i : i + width] for i in range(len(series) - width + 1)])
+
+
+def first_speed(series: np.ndarray, fps: float) -> float:
+    """Root mean square speed [m/s] at the first picture of series (frames, points, coordinates) [m], by a parabola through six pictures."""
+    first = series[: min(6, len(series))]
+    flat = first.reshape(len(first), -1)
+    slope = np.polyfit(np.arange(len(first)) / fps, flat, min(2, len(first) - 1))[-2]
+    return float(np.sqrt(np.mean(np.sum(slope.reshape(first.shape[1:]) ** 2, axis=-1))))
+
+
+def check(values: np.ndarray, visible: np.ndarray, width: int, attachment: Attachment, particles: int) -> None:
+    """Refuse targets that cannot be right, with the reason."""
+    if visible.ndim != 2 or values.shape != (*visible.shape, width) or len(attachment.index) != visible.shape[1]:
+        raise UsageError(
+            f"Targets {values.shape}, visible {visible.shape} and attachment {attachment.index.shape} do not belong together.",
+            f"Expected (T+1,K,{width}), (T+1,K) and (K,J).",
+        )
+    if visible.dtype != bool:
+        raise UsageError(f"What is visible is of dtype {visible.dtype}.", "Give bool: True where a target is seen.")
+    shown = np.count_nonzero(visible.any(axis=1))
+    if shown < 3:
+        what = f"{shown} pictures" if shown == len(visible) else f"{shown} pictures in which something is visible"
+        raise ObjectError(f"{what} show no acceleration.", "Give a clip that shows the object in at least three pictures.")
+    if not np.isfinite(values[visible]).all():
+        raise UsageError("A target that is marked visible is not a number.", "Mark it not visible, or give its position.")
+    if attachment.index.min(initial=0) < 0 or attachment.index.max(initial=0) >= particles:
+        raise UsageError("A target is attached to a particle that is not there.", "Build the body again.")

@@ -1,0 +1,248 @@
+"""Points in 3D as channels: a few smooth modes of their displacement, so that noise shared by neighbours is measured, not assumed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import UsageError
+from ...records import Particles, PointTargets
+from ..prior.basis import spatial_basis
+from .channels import PLASTIC_FACTOR, attachment_matrix, check, first_speed, mismatch_covariance, noise_of, second_derivative
+
+MISMATCH_SPACINGS, MISMATCH_SPACINGS_TAU = (0.001, 0.002), 8.0
+"""The same for points in 3D, in particle spacings."""
+PINNED_FACTOR = 20.0
+"""How much more variance the mismatch has on a held body, whose clamp moves all of it like a lever. The clamp's depth, the stiffness and
+how it is spread over the section are unknowns (`stiffness`); this is for what they leave. In pixels, the mismatch of tracks covers it."""
+MODES = 20
+"""Most displacement modes that points in 3D are reduced to."""
+WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
+"""A point in 3D is wild when it misses the smooth motion of the others by more than so many medians and so many particle spacings."""
+
+LEAST_WEIGHT = 0.02
+"""Weight of the least certain point, relative to that of the most certain, at least."""
+
+
+@dataclass(frozen=True)
+class PointChannels:
+    """Smooth displacement modes of points in 3D; channel 3 m + i is component i of mode m, in `frame`."""
+
+    operator: np.ndarray
+    """(T+1, modes, N): particles -> mode amplitudes, least squares over the points seen at that picture."""
+    points: np.ndarray
+    """(K, N): particles -> points."""
+    observed: np.ndarray
+    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes; where too few were seen, between those of the pictures
+    before and after."""
+    targets: PointTargets
+    """What was observed, wild points marked as not visible."""
+    wild: np.ndarray
+    """(T+1, K) bool, observed but wild."""
+    used: np.ndarray
+    sigma: np.ndarray
+    """(channels,) noise of one amplitude [m]."""
+    mismatch: np.ndarray
+    """(T+1, T+1) covariance shared by all channels."""
+    inflation: np.ndarray
+    """(T+1, channels) factor >= 1 on the noise variance."""
+    turned: np.ndarray
+    """(T+1, 3, 3) how the body has turned since picture 0, as the points show it; in `frame`."""
+    frame: np.ndarray
+    """(3, 3) axes of the channels in its columns: those in which the points' errors are independent."""
+    mismatch_scale: float = 1.0
+    """Factor on the mismatch's standard deviation."""
+
+    @property
+    def count(self) -> int:
+        return self.used.shape[1]
+
+    def residual(self, x: np.ndarray, frame: int) -> np.ndarray:
+        amplitudes = np.tensordot(x, self.operator[frame], axes=([1], [1]))  # (B, 3, modes)
+        difference = (amplitudes.transpose(0, 2, 1) - self.observed[frame]) @ self.frame
+        return difference.reshape(len(x), -1) * self.used[frame]
+
+    def covariance(self, channel: int) -> np.ndarray:
+        """(T+1, T+1) [m²] of a channel's errors over the pictures: noise, that of picture 0 included, and the solver's mismatch."""
+        mode, component = divmod(channel, 3)
+        marginal = np.sqrt(self.inflation[:, channel])
+        # Picture 0 is where the body was built from: its noise is in every displacement, turned with the body.
+        first = self.turned[:, component] * self.sigma[3 * mode : 3 * mode + 3]
+        mismatch = self.mismatch_scale**2 * self.mismatch
+        noise = self.sigma[channel] ** 2 * np.eye(len(marginal))
+        return (noise + mismatch) * np.outer(marginal, marginal) + first @ first.T
+
+    def variances(self) -> tuple[float, float]:
+        """Of one amplitude in one picture [m²]: noise, of the middle mode, and mismatch."""
+        return float(np.median(self.sigma) ** 2), float(self.mismatch_scale**2 * self.mismatch[0, 0] + np.finfo(float).tiny)
+
+    def mismatched(self, scale: float) -> PointChannels:
+        return replace(self, mismatch_scale=scale)
+
+    def reweighted(self, residual: np.ndarray) -> PointChannels:
+        return self  # wild points were left out at the start; the smooth modes of the others have no outliers
+
+    def acceleration(self, x: np.ndarray, fps: float) -> float:
+        curvature = second_derivative(self.observed.reshape(len(self.used), -1), fps)
+        return float(np.sqrt(np.mean(np.sum(curvature**2, axis=1))))
+
+    def speed(self, x: np.ndarray, fps: float) -> float:
+        return first_speed(self.observed.reshape(len(self.used), -1, 3), fps)
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        points = np.einsum("kn,tnc->tkc", self.points, x)
+        return np.where(self.targets.visible, np.linalg.norm(points - self.targets.x, axis=-1), np.nan)
+
+
+def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -> PointChannels:
+    """Channels of points in 3D.
+
+    Raises:
+        UsageError: wrong shapes, or values that are not finite where visible.
+        ObjectError: fewer than three pictures, or nothing to follow.
+    """
+    check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
+    pictures, count = targets.visible.shape
+    points = attachment_matrix(targets.attachment, len(particles.x))
+    start = points @ particles.x
+    spread = np.linalg.norm(start - start.mean(axis=0), axis=1).max() if count > 1 else 0.0
+    modes = np.ones((count, 1)) if spread < 0.1 * particles.spacing else spatial_basis(start, np.ones(count), MODES).phi
+    modes = modes[:, : max(1, int(targets.visible.sum(axis=1).max()) // 2)]
+
+    astray = wild(targets, start, modes, particles.spacing)
+    targets = replace(targets, visible=targets.visible & ~astray)
+    weight = _weights(targets, count)
+    operator, observed = np.zeros((pictures, modes.shape[1], len(particles.x))), np.zeros((pictures, modes.shape[1], 3))
+    known = np.zeros((pictures, modes.shape[1]), bool)
+    for t, seen in enumerate(targets.visible):
+        fitted = min(modes.shape[1], int(seen.sum()))
+        if fitted:  # fewer points than modes still tell of the smoothest ones
+            inverse = _inverse(modes[seen, :fitted], weight[seen])
+            operator[t, :fitted] = inverse @ points[seen]
+            observed[t, :fitted] = inverse @ targets.x[t, seen]
+            known[t, :fitted] = True
+    observed = _between(observed, known)
+    white, slow = (share * particles.spacing for share in MISMATCH_SPACINGS)
+    held = bool(particles.pinned.any())
+    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held else 1.0)
+    mismatch = mismatch_covariance(pictures, white, slow, MISMATCH_SPACINGS_TAU, factor)
+    frame, whole = np.eye(3), observed[1:][_longest_run(known[1:].all(axis=1))]
+    if targets.covariance is not None:
+        frame, sigma = _propagated(targets.covariance, _inverse(modes, weight))
+        # A covariance of each point alone knows nothing of errors that neighbours share; what is measured does.
+        measured = [noise_of(series) for series in (whole @ frame).reshape(len(whole), len(sigma)).T]
+        sigma = np.maximum(sigma, measured)
+    elif targets.sigma is not None:
+        sigma = np.full(3 * modes.shape[1], targets.sigma / np.sqrt(count))
+    else:
+        sigma = np.repeat([noise_of(whole[:, m]) for m in range(modes.shape[1])], 3)
+    inflation = np.ones((pictures, 3 * modes.shape[1]))
+    turned = frame.T @ rotations(targets.x, targets.visible) @ frame
+    used = np.repeat(known & (np.arange(pictures) > 0)[:, None], 3, axis=1)
+    return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame)
+
+
+def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Amplitudes (T+1, modes, 3), those that are not known (T+1, modes) put between the nearest that are, in time."""
+    filled, time = observed.copy(), np.arange(len(observed))
+    for mode in np.flatnonzero(known.any(axis=0) & ~known.all(axis=0)):
+        at = np.flatnonzero(known[:, mode])
+        filled[:, mode] = np.stack([np.interp(time, at, series) for series in observed[at, mode].T], axis=1)
+    return filled
+
+
+def _longest_run(whole: np.ndarray) -> slice:
+    """The most pictures (T,) bool in a row: differences in time across a gap would be taken for noise."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], whole.astype(int), [0]])))
+    begins, ends = edges[::2], edges[1::2]
+    if not len(begins):
+        return slice(0, 0)
+    longest = int(np.argmax(ends - begins))
+    return slice(int(begins[longest]), int(ends[longest]))
+
+
+def _weights(targets: PointTargets, count: int) -> np.ndarray:
+    """(K,) how much each point counts: less, the larger its errors are said to be.
+
+    Raises:
+        UsageError: a sigma or a covariance that is none.
+    """
+    sigma, covariance = targets.sigma, targets.covariance
+    if sigma is not None and (np.ndim(sigma) != 0 or not 0.0 <= sigma < np.inf):
+        raise UsageError(f"The noise of the points, sigma, is {sigma}.", "Give one number [m], zero or more, or none: it is measured.")
+    if covariance is None:
+        return np.ones(count)
+    if covariance.shape != (count, 3, 3) or not np.isfinite(covariance).all():
+        raise UsageError(f"Covariances {covariance.shape} of {count} points.", f"Give finite ones ({count}, 3, 3) in square metres.")
+    slack = 1e-6 * float(np.abs(covariance).max())
+    if not np.allclose(covariance, covariance.transpose(0, 2, 1), rtol=0.0, atol=slack) or not (np.linalg.eigvalsh(covariance) > 0.0).all():
+        raise UsageError("A point's covariance is not symmetric and positive definite.", "Give every direction some uncertainty.")
+    weight = 1.0 / np.sqrt(np.trace(covariance, axis1=1, axis2=2))
+    # Of points that hardly count, the least-squares fit would leave modes to chance.
+    return np.maximum(weight, LEAST_WEIGHT * weight.max())
+
+
+def _inverse(modes: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(M, K): displacements of points -> amplitudes of modes (K, M), least squares with weights (K,)."""
+    return np.linalg.pinv(weight[:, None] * modes, rcond=1e-3) * weight
+
+
+def _propagated(covariance: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of amplitudes = inverse (M, K) points, from the points' covariance (K, 3, 3) [m²].
+
+    Returns:
+        axes (3, 3), in columns, those of the mean covariance, as of one camera's depth; deviations (3 M,) [m] along them.
+    """
+    frame = np.linalg.eigh(covariance.mean(axis=0))[1]
+    amplitudes = np.einsum("mk,kij->mij", inverse**2, covariance)
+    return frame, np.sqrt(np.einsum("ia,mij,ja->ma", frame, amplitudes, frame)).ravel()
+
+
+def rotations(x: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """(T+1, 3, 3) rotations that bring points x (T+1, K, 3) of picture 0 nearest to each picture (Kabsch 1976), by those seen in both.
+
+    Of fewer than three points, which show no turn, those of the picture before.
+    """
+    turned = np.tile(np.eye(3), (len(x), 1, 1))
+    for t in range(1, len(x)):
+        both = visible[0] & visible[t]
+        if both.sum() < 3:
+            turned[t] = turned[t - 1]
+            continue
+        before, after = x[0, both] - x[0, both].mean(axis=0), x[t, both] - x[t, both].mean(axis=0)
+        left, _, right = np.linalg.svd(after.T @ before)
+        turned[t] = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    return turned
+
+
+def wild(targets: PointTargets, start: np.ndarray, modes: np.ndarray, spacing: float) -> np.ndarray:
+    """(T+1, K) bool: points that a smooth displacement of the others cannot explain.
+
+    Args:
+        targets: what was observed.
+        start: (K, 3) the points at rest [m].
+        modes: (K, M) smooth functions over them.
+        spacing: of the particles [m].
+    """
+    out = np.zeros(targets.visible.shape, bool)
+    for t, seen in enumerate(targets.visible):
+        if seen.sum() <= 2:
+            continue
+        smooth, moved = modes[seen, : max(1, int(seen.sum()) // 3)], (targets.x[t] - start)[seen]
+        miss = np.linalg.norm(moved - smooth @ _least_absolute(smooth, moved, 1e-3 * spacing), axis=1)
+        out[t, seen] = miss > max(WILD * float(np.median(miss)), WILD_SPACINGS * spacing)
+    return out
+
+
+def _least_absolute(modes: np.ndarray, values: np.ndarray, smallest: float) -> np.ndarray:
+    """Amplitudes (M, 3) that minimise the sum of the distances |values - modes amplitudes|, by reweighted least squares.
+
+    A least-squares fit would be dragged along by the wild points, which then hide in it.
+    """
+    weight = np.ones((len(values), 1))
+    for _ in range(WILD_ROUNDS):
+        amplitudes = np.linalg.lstsq(weight * modes, weight * values, rcond=1e-3)[0]
+        miss = np.linalg.norm(values - modes @ amplitudes, axis=1)
+        weight = 1.0 / np.sqrt(np.maximum(miss, smallest))[:, None]
+    return amplitudes

@@ -1,0 +1,178 @@
+"""Tracks of one camera as channels: projection(W x(t)) - p(t), never a lifted point, as depth is what one view does not see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import UsageError
+from ...records import Camera, Particles, TrackTargets
+from .channels import attachment_matrix, check, first_speed, mismatch_covariance, second_derivative
+
+MISMATCH_PIXELS, MISMATCH_PIXELS_TAU = (0.02, 0.33), 24.0
+"""What no force should explain, for the solver is not the real body: standard deviation [px] of its white and of its slow part, and the
+slow part's correlation time [frames]. It is an error of the whole body's motion (a stretch of a thousandth, a plate that bends too easily),
+which more tracks see better but do not average out: its variance per track grows with their number. Chosen between two scenes: a plate
+from another solver does best with a third of it, a plate whose layers and stiffness are guessed with three times as much."""
+PLASTIC_MISMATCH_PIXELS = (0.021, 0.043)
+"""The same for bodies that flow, 0.3 and 0.6 px with 200 tracks: as loose in each picture, as flow differs between solvers, but not in the
+long run, or a force that is wrong for good could hide in it, as nothing springs back. Depth is seen by these pixels alone."""
+LATE_OFFSET = 0.5
+"""Standard deviation [px] of the attachment of a track that was not there in picture 0."""
+HUBER = 2.0
+"""Residuals beyond this many standard deviations pull with constant force."""
+EDGE_ON = 0.25
+"""A track is dropped while the picture of its neighbourhood is squeezed to less than this share of picture 0."""
+NEIGHBOURS = 10
+
+
+@dataclass(frozen=True)
+class TrackChannels:
+    """Tracks of one camera; channel 2 k + i is image axis i of track k."""
+
+    targets: TrackTargets
+    points: np.ndarray
+    """(K, N): particles -> points."""
+    used: np.ndarray
+    variance_factor: float
+    """Factor on the mismatch (kappa)."""
+    inflation: np.ndarray
+    """(T+1, channels) factor >= 1 on the variance."""
+    mismatch_scale: float = 1.0
+    """Factor on the mismatch's standard deviation."""
+    mismatch: tuple[float, float] = MISMATCH_PIXELS
+    """White and slow part [px], see `MISMATCH_PIXELS`."""
+
+    @property
+    def count(self) -> int:
+        return self.used.shape[1]
+
+    @property
+    def camera(self) -> Camera:
+        return self.targets.camera
+
+    def residual(self, x: np.ndarray, frame: int) -> np.ndarray:
+        points = np.tensordot(x, self.points, axes=([1], [1])).transpose(0, 2, 1)  # (B, K, 3)
+        pixels, depth = self.camera.project(points, frame)
+        used = self.used[frame].reshape(-1, 2)
+        difference = np.where(used, pixels - np.where(used, self.targets.xy[frame], 0.0), 0.0)
+        # A point at or behind the camera has no pixel; a large finite miss lets the damped solver step back.
+        return np.where((depth > 1e-6)[..., None] | ~used, difference, 1e4).reshape(len(x), -1)
+
+    def covariance(self, channel: int) -> np.ndarray:
+        """(T+1, T+1) [px²] of a channel's errors over the pictures: noise, the solver's mismatch, where a late track sits."""
+        frames, track = len(self.used), channel // 2
+        sigma = np.where(self.targets.visible[:, track], self.targets.sigma[:, track], 1.0)
+        total = np.diag(sigma**2) + mismatch_covariance(
+            frames, *self.mismatch, MISMATCH_PIXELS_TAU, self.variance_factor * self.mismatch_scale**2
+        )
+        marginal = np.sqrt(self.inflation[:, channel])
+        offset = LATE_OFFSET if self.targets.offset is None else self.targets.offset[track]
+        late = 0.0 if self.targets.visible[0, track] else offset**2
+        return total * np.outer(marginal, marginal) + late
+
+    def reweighted(self, residual: np.ndarray) -> TrackChannels:
+        """The same tracks, those that the raw residual (T+1, channels) [px] shows to spike or drift given more variance (Huber)."""
+        white, slow = self.mismatch
+        used = self.used.reshape(len(self.used), -1, 2)
+        series = np.where(used, residual.reshape(used.shape), np.nan)
+        sigma = np.where(self.targets.visible, self.targets.sigma, 1.0)
+        # A spike stands out from its own track a few pictures before and after; a lost track from what the mismatch allows.
+        spike = np.linalg.norm(series - _running_median(series), axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2)
+        drift = np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * (white**2 + slow**2))
+        inflation = np.repeat(np.fmax(1.0, np.fmax(spike, drift) / HUBER), 2, axis=1)
+        return replace(self, inflation=inflation)
+
+    def mismatched(self, scale: float) -> TrackChannels:
+        return replace(self, mismatch_scale=scale)
+
+    def acceleration(self, x: np.ndarray, fps: float) -> float:
+        metres = self._across(x)
+        curvature = second_derivative(metres.reshape(len(metres), -1), fps).reshape(-1, *metres.shape[1:])
+        return float(np.sqrt(np.mean(np.sum(curvature**2, axis=-1))))
+
+    def speed(self, x: np.ndarray, fps: float) -> float:
+        return first_speed(self._across(x), fps)
+
+    def _across(self, x: np.ndarray) -> np.ndarray:
+        """(T+1, tracks, 2) of the longest tracks, in metres across the view at their first depth; what is hidden is drawn in between."""
+        seen = self.targets.visible.all(axis=0)
+        if not seen.any():
+            seen = self.targets.visible.sum(axis=0) == self.targets.visible.sum(axis=0).max()
+        depth = self.camera.project(self.points[seen] @ x, 0)[1]
+        metres = self.targets.xy[:, seen] * (depth / self.camera.fx)[:, None]
+        frames = np.arange(len(metres))
+        for track, visible in enumerate(self.targets.visible[:, seen].T):
+            for axis in range(2):
+                metres[:, track, axis] = np.interp(frames, frames[visible], metres[visible, track, axis])
+        return metres
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        used = self.used.reshape(len(self.used), -1, 2)[..., 0]
+        rows = [self.residual(x[None, t], t)[0].reshape(-1, 2) for t in range(len(x))]
+        distance = np.where(used, np.linalg.norm(np.stack(rows), axis=-1), np.nan)
+        pixels, _ = self.camera.project(self.points @ x[0], 0)
+        at_start = np.linalg.norm(pixels - np.where(self.targets.visible[0][:, None], self.targets.xy[0], np.nan), axis=-1)
+        distance[0] = at_start
+        return distance
+
+
+def _running_median(series: np.ndarray) -> np.ndarray:
+    """Median over five pictures round each, of series (T+1, ...) with NaN where nothing was seen."""
+    padded = np.concatenate([np.full((2, *series.shape[1:]), np.nan), series, np.full((2, *series.shape[1:]), np.nan)])
+    windows = np.stack([padded[shift : shift + len(series)] for shift in range(5)])
+    seen = np.isfinite(windows).any(axis=0)
+    return np.nanmedian(np.where(seen, windows, 0.0), axis=0)
+
+
+def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -> TrackChannels:
+    """Channels of one camera's tracks, points that turned edge-on left out.
+
+    Raises:
+        UsageError, ObjectError: as `point_channels`.
+    """
+    check(targets.xy, targets.visible, 2, targets.attachment, len(particles.x))
+    if targets.sigma.shape != targets.visible.shape or not np.isfinite(targets.sigma[targets.visible]).all():
+        raise UsageError("The tracks' sigma is not a finite number of pixels for every track and picture.", "Give (T+1, K).")
+    if not (targets.sigma[targets.visible] > 0.0).all():
+        raise UsageError("A track has no positive standard deviation.", "Give sigma (T+1,K) in pixels, about 0.2 for a good tracker.")
+    visible = targets.visible & ~edge_on(targets.xy, targets.visible)
+    used = np.repeat(visible, 2, axis=1)
+    used[0] = False
+    points, factor = attachment_matrix(targets.attachment, len(particles.x)), max(1.0, float(visible.sum(axis=1).mean()))
+    mismatch = PLASTIC_MISMATCH_PIXELS if plastic else MISMATCH_PIXELS
+    return TrackChannels(targets, points, used, factor, np.ones(used.shape), mismatch=mismatch)
+
+
+def edge_on(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """(T+1, K) bool: the neighbourhood of the track is seen edge-on, its pixels say little and a tracker slips.
+
+    The local affine map from picture 0 to each picture is fitted to the nearest tracks; its smaller singular value tells.
+    """
+    flagged = np.zeros(visible.shape, bool)
+    known = np.flatnonzero(visible[0])
+    if len(known) <= NEIGHBOURS:
+        return flagged
+    start = xy[0, known]
+    near = np.argsort(((start[:, None] - start[None]) ** 2).sum(axis=-1), axis=1)[:, : NEIGHBOURS + 1]
+    for row, neighbours in enumerate(near):
+        group = known[neighbours]
+        for t in range(1, len(xy)):
+            here = group[visible[t, group]]
+            if len(here) < 6:
+                continue
+            affine = _affine(xy[0, here], xy[t, here])
+            flagged[t, known[row]] = np.linalg.svd(affine, compute_uv=False)[1] < EDGE_ON
+    return flagged
+
+
+def _affine(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(2, 2) linear part of the map between points (n, 2), fitted twice: then without the worst third, which may be lost tracks."""
+    keep = np.arange(len(before))
+    for _ in range(2):
+        source, target = before[keep] - before[keep].mean(axis=0), after[keep] - after[keep].mean(axis=0)
+        affine = np.linalg.lstsq(source, target, rcond=1e-2)[0]
+        miss = np.linalg.norm(before @ affine - after - (before @ affine - after)[keep].mean(axis=0), axis=1)
+        keep = np.argsort(miss)[: max(4, 2 * len(before) // 3)]
+    return affine

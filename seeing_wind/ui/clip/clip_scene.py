@@ -1,0 +1,213 @@
+"""The scene of a clip: its camera, its time, its pictures behind the scene, and the object that was seen in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ...engine.errors import ClipError, UsageError
+from ..units import metres_per_unit
+from .inputs.clips import opened_by
+
+CAMERA = "Seeing Wind Camera"
+SENSOR_WIDTH = 36.0
+"""mm; the focal length in mm that Blender shows is relative to it."""
+
+OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0, 1.0])
+"""OpenCV's camera looks along +Z with Y down, Blender's along -Z with Y up."""
+
+
+def setup_clip_scene(
+    scene: bpy.types.Scene,
+    clip_path: str | Path,
+    camera: Mapping[str, Any],
+    fps: float,
+    first_frame: int,
+    frames: int,
+    frame_start: int = 1,
+) -> bpy.types.Object:
+    """Make a scene match a clip: frame rate and range, resolution, camera, and the clip as the camera's background.
+
+    Colours are shown as they are (view transform *Standard*) and the film is transparent, so that a render goes over the clip.
+
+    Args:
+        scene: changed. A former camera of this function is used again.
+        clip_path: of the video.
+        camera: `width height fx fy cx cy` [px] and `camera_to_world` (4, 4) or (T+1, 4, 4), OpenCV's axes, pixel centres at integers.
+        fps: frames per second of the clip.
+        first_frame: index in the file of picture 0.
+        frames: T, the number of frame intervals; T + 1 pictures are shown.
+        frame_start: scene frame of picture 0.
+
+    Returns:
+        The camera object, now the scene's camera.
+
+    Raises:
+        ClipError: when Blender cannot read the clip.
+        UsageError: when the camera is none that Blender can have.
+    """
+    camera = dict(camera)
+    _check_camera(camera, frames)
+    clip = _load_clip(clip_path, first_frame, frame_start)
+    scene.frame_start, scene.frame_end = frame_start, frame_start + frames
+    # a scene's own range cannot begin before 0; the preview range, which playback follows, can
+    scene.use_preview_range = frame_start < 0
+    if scene.use_preview_range:
+        scene.frame_preview_start, scene.frame_preview_end = frame_start, frame_start + frames
+    scene.render.fps = max(1, round(fps))
+    scene.render.fps_base = scene.render.fps / fps
+    scene.render.resolution_x, scene.render.resolution_y = int(camera["width"]), int(camera["height"])
+    scene.render.resolution_percentage = 100
+    scene.render.film_transparent = True
+    scene.view_settings.view_transform = "Standard"
+    scene.active_clip = clip
+    obj = _camera_object(scene)
+    _set_lens(scene, obj.data, camera)
+    _set_pose(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), metres_per_unit(scene), frame_start)
+    set_background(obj.data, clip)
+    scene.camera = obj
+    scene.frame_set(frame_start)
+    return obj
+
+
+def create_recovered_object(
+    scene: bpy.types.Scene,
+    name: str,
+    vertices: np.ndarray,
+    triangles: np.ndarray,
+    uv: np.ndarray,
+    picture: np.ndarray | str | Path,
+    collection: bpy.types.Collection | None = None,
+) -> bpy.types.Object:
+    """The object of the clip as a mesh that wears the pixels of picture 0.
+
+    Args:
+        vertices: (V, 3) in picture 0 [m, world].
+        triangles: (M, 3).
+        uv: (V, 2) in 0..1, origin bottom left.
+        picture: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first picture).
+        collection: where to link it, by default the scene's own collection.
+    """
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata((np.asarray(vertices) / metres_per_unit(scene)).tolist(), [], np.asarray(triangles).tolist())
+    # drops triangles that Blender cannot hold (a corner twice, the same three corners twice); the vertices all stay
+    mesh.validate()
+    layer, corners = mesh.uv_layers.new(name="Picture"), np.empty(len(mesh.loops), dtype=np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
+    mesh.materials.append(_picture_material(f"{name} Picture", picture_image(f"{name} Picture", picture)))
+    mesh.update()
+    obj = bpy.data.objects.new(name, mesh)
+    (collection or scene.collection).objects.link(obj)
+    return obj
+
+
+def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
+    missing = [key for key in ("width", "height", "fx", "fy", "cx", "cy", "camera_to_world") if key not in camera]
+    if missing:
+        raise UsageError(f"The camera lacks {', '.join(missing)}.", "Run Recover again, or correct the camera's JSON.")
+    shape = np.shape(camera["camera_to_world"])
+    if shape != (4, 4) and shape != (frames + 1, 4, 4):
+        raise UsageError(f"The camera's poses have the shape {shape}.", f"Expected (4, 4) or ({frames + 1}, 4, 4).")
+    if not all(camera[key] > 0 for key in ("width", "height", "fx", "fy")):
+        raise UsageError("The camera's size and focal length must be above zero.", "Correct the camera's JSON.")
+
+
+def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
+    try:
+        clip = bpy.data.movieclips.load(opened_by(str(Path(path).resolve())), check_existing=True)
+    except RuntimeError as error:
+        raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264) or check the path.") from error
+    # a file that is no video loads without a complaint, as a clip of no pictures
+    if clip.frame_duration < 1:
+        if clip.users == 0:
+            bpy.data.movieclips.remove(clip)
+        raise ClipError(f"{path} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
+    # the offset stays: the user's tracks and camera solve count from it
+    clip.frame_start = frame_start - first_frame + clip.frame_offset
+    return clip
+
+
+def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:
+    obj = next((each for each in scene.objects if each.get("seeing_wind_camera")), None)
+    if obj is None:
+        obj = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
+        obj["seeing_wind_camera"] = True
+        scene.collection.objects.link(obj)
+    obj.animation_data_clear()
+    return obj
+
+
+def _set_lens(scene: bpy.types.Scene, data: bpy.types.Camera, camera: Mapping[str, Any]) -> None:
+    """Intrinsics. Blender gives the principal point as a shift in widths from the middle; its first pixel covers -0.5..0.5 in ours."""
+    width, height, fx, fy = (float(camera[key]) for key in ("width", "height", "fx", "fy"))
+    # pixels that are not square: Blender stretches one side by a factor of at least one
+    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = max(fy / fx, 1.0), max(fx / fy, 1.0)
+    data.type, data.sensor_fit, data.sensor_width = "PERSP", "HORIZONTAL", SENSOR_WIDTH
+    data.lens = fx * SENSOR_WIDTH / width
+    data.shift_x = 0.5 - (camera["cx"] + 0.5) / width
+    data.shift_y = ((camera["cy"] + 0.5) / height - 0.5) * (height * fx) / (width * fy)
+
+
+def _set_pose(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start: int) -> None:
+    """Place the camera, with a keyframe per picture where it moves."""
+    moving = poses.ndim == 3
+    obj.rotation_mode = "QUATERNION"
+    previous = None
+    for picture, pose in enumerate(poses if moving else poses[None]):
+        pose = pose @ OPENCV_TO_BLENDER
+        obj.location = pose[:3, 3] / unit
+        rotation = Matrix(pose[:3, :3].tolist()).to_quaternion()
+        if previous is not None:
+            # the same turn has two quaternions; the nearer one keeps the curve from swinging round between pictures
+            rotation.make_compatible(previous)
+        obj.rotation_quaternion = previous = rotation
+        if moving:
+            obj.keyframe_insert("location", frame=frame_start + picture)
+            obj.keyframe_insert("rotation_quaternion", frame=frame_start + picture)
+
+
+def set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
+    """Show the clip behind everything that the camera sees, and nothing else."""
+    data.background_images.clear()
+    data.show_background_images = True
+    background = data.background_images.new()
+    background.source, background.clip = "MOVIE_CLIP", clip
+    background.alpha, background.display_depth, background.frame_method = 1.0, "BACK", "STRETCH"
+
+
+def picture_image(name: str, picture: np.ndarray | str | Path) -> bpy.types.Image:
+    """Pixels (H, W, 3) uint8 RGB as an image packed into the file, or the image of a path."""
+    if not isinstance(picture, np.ndarray):
+        return bpy.data.images.load(str(Path(picture).resolve()), check_existing=True)
+    height, width = picture.shape[:2]
+    image = bpy.data.images.new(name, width, height)
+    pixels = np.ones((height, width, 4), dtype=np.float32)
+    # Blender's first row is the lowest
+    pixels[..., :3] = picture[::-1] / 255.0
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+def _picture_material(name: str, image: bpy.types.Image) -> bpy.types.Material:
+    """Shows the image as it is: the clip's light is in the pixels already."""
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    nodes, links = material.node_tree.nodes, material.node_tree.links
+    nodes.clear()
+    texture, emission, output = (nodes.new(kind) for kind in ("ShaderNodeTexImage", "ShaderNodeEmission", "ShaderNodeOutputMaterial"))
+    texture.image, texture.extension = image, "EXTEND"
+    if image.source == "MOVIE":
+        texture.image_user.frame_duration = 1
+    links.new(texture.outputs["Color"], emission.inputs["Color"])
+    links.new(emission.outputs["Emission"], output.inputs["Surface"])
+    for column, node in enumerate((texture, emission, output)):
+        node.location = (300 * column, 0)
+    return material

@@ -1,0 +1,157 @@
+"""Cameras of the scene and of a camera solve as the engine's JSON: the inverse of what `clip_scene` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ....engine.errors import UsageError
+from ....engine.take import Take
+from ...bake.animation import keyframes
+from ...units import metres_per_unit
+from .clips import clip_of, first_picture, loaded_clip, marker_frame, scene_frame
+
+BLENDER_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Blender's camera looks along -Z with Y up, OpenCV's along +Z with Y down."""
+
+SPARE = 8
+"""Rows beyond the clip's length: two libraries may count its pictures differently by one or two."""
+
+
+def camera_source(scene: bpy.types.Scene) -> tuple:
+    """Where the camera comes from, as a stamp of it: ("solve", ...), ("scene", ...), or () for the field of view or a file."""
+    settings = scene.seeing_wind
+    clip = clip_of(settings)
+    solved = clip is not None and clip.tracking.reconstruction.is_valid and len(clip.tracking.reconstruction.cameras) > 0
+    wanted = settings.camera_mode
+    if wanted == "SOLVE" or (wanted == "AUTO" and solved):
+        if not solved:
+            raise UsageError("The clip has no camera solve.", "Solve it in the Movie Clip Editor, or use a field of view.")
+        obj = _solved_object(scene)
+        pose = obj.name if obj is not None else ""
+        return ("solve", pose, round(clip.tracking.reconstruction.average_error, 6), round(clip.tracking.camera.focal_length_pixels, 4))
+    if wanted == "SCENE" or (wanted == "AUTO" and settings.scale_mode == "PROXY"):
+        obj = scene.camera
+        if obj is None:
+            raise UsageError("The scene has no camera.", "Add one where the clip was filmed from, or use a field of view.")
+        pose = keyframes(obj) or [tuple(round(value, 5) for value in row) for row in obj.matrix_world]
+        lens = (obj.data.lens, obj.data.sensor_width, obj.data.shift_x, obj.data.shift_y)
+        return ("scene", obj.name, str(pose), lens)
+    return ()
+
+
+def write_camera(scene: bpy.types.Scene, path: Path) -> None:
+    """Write the camera's JSON: intrinsics in pixels of the clip, one pose per picture of the clip's file."""
+    Take(path.parent).write_json(path.name, scene_camera(scene))
+
+
+def scene_camera(scene: bpy.types.Scene) -> dict[str, Any]:
+    """`width height fx fy cx cy` [px] and `camera_to_world` (rows, 4, 4) [m], one per picture of the file, OpenCV's axes.
+
+    Raises:
+        UsageError: no such camera, or one that is no perspective camera.
+    """
+    settings, clip = scene.seeing_wind, loaded_clip(scene.seeing_wind)
+    pictures = clip.frame_duration + clip.frame_offset + SPARE
+    if camera_source(scene)[0] == "solve":
+        obj, lens = _solved_object(scene), _solved_lens(clip)
+        poses = _evaluated(scene, obj, clip, pictures) if obj is not None else _reconstructed(clip, pictures, metres_per_unit(scene))
+    else:
+        lens, poses = _lens(scene, scene.camera, clip), _evaluated(scene, scene.camera, clip, pictures, settings)
+    rigid = poses.copy()
+    for pose in rigid:
+        u, _, vt = np.linalg.svd(pose[:3, :3])  # a scaled camera object sees the same
+        pose[:3, :3] = u @ vt
+    return lens | {"camera_to_world": (rigid @ BLENDER_TO_OPENCV).tolist()}
+
+
+def _lens(scene: bpy.types.Scene, obj: bpy.types.Object, clip: bpy.types.MovieClip) -> dict[str, Any]:
+    """Intrinsics of a camera object whose frame is the clip's picture."""
+    data, (width, height) = obj.data, clip.size
+    if data.type != "PERSP":
+        raise UsageError(f"{obj.name} is no perspective camera.", "Set its type to Perspective, or use a field of view.")
+    # pixels that are not square: Blender measures in units of the wider side after stretching
+    aspect_x, aspect_y = scene.render.pixel_aspect_x, scene.render.pixel_aspect_y
+    fit = data.sensor_fit
+    if fit == "AUTO":
+        fit = "HORIZONTAL" if width * aspect_x >= height * aspect_y else "VERTICAL"
+    if fit == "HORIZONTAL":
+        side, sensor = width * aspect_x, data.sensor_width
+    else:
+        side, sensor = height * aspect_y, data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    focal = data.lens / sensor * side
+    return {
+        "width": int(width),
+        "height": int(height),
+        "fx": focal / aspect_x,
+        "fy": focal / aspect_y,
+        "cx": 0.5 * width - 0.5 - data.shift_x * side / aspect_x,
+        "cy": 0.5 * height - 0.5 + data.shift_y * side / aspect_y,
+    }
+
+
+def _solved_lens(clip: bpy.types.MovieClip) -> dict[str, Any]:
+    """Intrinsics that the solve found or was given."""
+    camera, (width, height) = clip.tracking.camera, clip.size
+    x, y = camera.principal_point_pixels
+    focal = camera.focal_length_pixels
+    # Blender's principal point counts from the picture's lower left corner
+    return {
+        "width": int(width),
+        "height": int(height),
+        "fx": focal,
+        "fy": focal * camera.pixel_aspect,
+        "cx": x - 0.5,
+        "cy": height - y - 0.5,
+    }
+
+
+def _solved_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The camera that a Camera Solver constraint moves: its own place holds the orientation and scale that the user gave the solve."""
+    found = [obj for obj in scene.objects if obj.type == "CAMERA" and any(each.type == "CAMERA_SOLVER" for each in obj.constraints)]
+    return scene.camera if scene.camera in found else found[0] if found else None
+
+
+def _evaluated(
+    scene: bpy.types.Scene,
+    obj: bpy.types.Object,
+    clip: bpy.types.MovieClip,
+    pictures: int,
+    settings: bpy.types.PropertyGroup | None = None,
+) -> np.ndarray:
+    """Poses (pictures, 4, 4) of an object [m], Blender's axes, frame by frame only where it moves.
+
+    With `settings`, the first picture used stands at the settings' first frame; without, the clip's own place in time counts.
+    """
+    unit, before = metres_per_unit(scene), scene.frame_current_final
+    lineage = [obj]
+    while lineage[-1].parent is not None:
+        lineage.append(lineage[-1].parent)
+    moves = any(each.animation_data or each.constraints for each in lineage)
+    poses = np.empty((pictures, 4, 4))
+    try:
+        for picture in range(pictures if moves else 1):
+            at = scene_frame(clip, picture) if settings is None else settings.frame_start + picture - first_picture(settings)
+            scene.frame_set(at)
+            poses[picture] = np.array(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
+    finally:
+        scene.frame_set(int(before), subframe=float(before % 1.0))
+    if not moves:
+        poses[:] = poses[0]
+    poses[:, :3, 3] *= unit
+    return poses
+
+
+def _reconstructed(clip: bpy.types.MovieClip, pictures: int, unit: float) -> np.ndarray:
+    """Poses (pictures, 4, 4) of the solve itself [m]; a picture without a solved camera takes that of the nearest one."""
+    solved = {camera.frame: np.array(camera.matrix) for camera in clip.tracking.reconstruction.cameras}
+    frames = np.array(sorted(solved))
+    poses = np.empty((pictures, 4, 4))
+    for picture in range(pictures):
+        nearest = frames[np.argmin(np.abs(frames - marker_frame(clip, picture)))]
+        poses[picture] = solved[int(nearest)]
+    poses[:, :3, 3] *= unit
+    return poses

@@ -1,0 +1,84 @@
+"""The clip of the settings as Blender's movie clip, and which of its pictures stands at which frame of the scene."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import bpy
+
+from ....engine.errors import ClipError
+from ....engine.sequences import PICTURE_SUFFIXES, is_sequence, pictures_of
+
+PICTURES = {*PICTURE_SUFFIXES, ".dpx"}
+
+
+def absolute(path: str, library: bpy.types.Library | None = None) -> str:
+    """A path as the user wrote it (`//` beside the .blend, `~`) as an absolute one."""
+    return os.path.abspath(os.path.expanduser(bpy.path.abspath(path, library=library)))
+
+
+def clip_of(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip | None:
+    """The movie clip of the file that the settings name, None while Blender has not loaded it."""
+    if not settings.clip:
+        return None
+    wanted = opened_by(absolute(settings.clip))
+    return next((clip for clip in bpy.data.movieclips if absolute(clip.filepath, clip.library) == wanted), None)
+
+
+def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
+    """`clip_of`, loaded now if need be.
+
+    Raises:
+        ClipError: when Blender cannot read it.
+    """
+    clip = clip_of(settings)
+    if clip is None:
+        path = opened_by(absolute(settings.clip))
+        try:
+            clip = bpy.data.movieclips.load(path)
+        except RuntimeError as error:
+            raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264) or check the path.") from error
+    if clip.size[0] < 1 or clip.frame_duration < 1:
+        raise ClipError(f"{clip.filepath} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
+    return clip
+
+
+def first_picture(settings: bpy.types.PropertyGroup) -> int:
+    """Index in the file of the first picture that is used."""
+    return settings.frames[0] if settings.use_frames else 0
+
+
+def scene_frame(clip: bpy.types.MovieClip, picture: int) -> int:
+    """Scene frame at which Blender shows a picture of the clip's file."""
+    return picture + clip.frame_start - clip.frame_offset
+
+
+def marker_frame(clip: bpy.types.MovieClip, picture: int) -> int:
+    """Frame number by which the clip's markers and solved cameras call a picture of its file."""
+    return picture - clip.frame_offset + 1
+
+
+def as_pattern(path: str) -> str:
+    """The path of a video as it is; that of one picture of a sequence as the pattern of all, which the engine reads."""
+    place = Path(path)
+    if place.suffix.lower() not in PICTURES or "%" in place.name or "*" in place.name:
+        return path
+    numbers = list(re.finditer(r"\d+", place.stem))
+    if not numbers:
+        return path
+    last = numbers[-1]
+    pattern = f"{place.stem[: last.start()]}%0{len(last.group())}d{place.stem[last.end() :]}{place.suffix}"
+    return str(place.with_name(pattern))
+
+
+def files_of(path: str) -> list[Path]:
+    """The files of a clip in their order: the video itself, or the pictures that the engine reads for a folder, pattern or picture."""
+    pattern = as_pattern(path)
+    return (pictures_of(pattern) if is_sequence(pattern) else []) or [Path(path)]
+
+
+def opened_by(path: str) -> str:
+    """The path by which Blender opens a clip: a sequence by its first picture, from which the engine counts too."""
+    return str(files_of(path)[0])

@@ -1,0 +1,66 @@
+"""The depth of a proxy mesh that stands where the object is in the first picture, as the clip's camera sees it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
+
+from ....engine.errors import UsageError
+from ...edit.scene_export import at_rest, mesh_arrays, write_array
+from ...units import metres_per_unit
+from .camera import scene_camera
+from .clips import first_picture
+
+
+def write_depth(scene: bpy.types.Scene, path: Path) -> None:
+    """Cast a ray through each pixel: (H, W) float32 metres along the view axis, infinite where the proxy is not.
+
+    Raises:
+        UsageError: when the camera does not see the proxy.
+    """
+    settings, before = scene.seeing_wind, scene.frame_current
+    camera = scene_camera(scene)
+    scene.frame_set(settings.frame_start)
+    try:
+        with at_rest(settings.proxy, scene, whole=True) as still:
+            vertices, triangles = mesh_arrays(still, bpy.context.evaluated_depsgraph_get())
+    finally:
+        scene.frame_set(before)
+    depth = depth_of(vertices * metres_per_unit(scene), triangles, camera, first_picture(settings))
+    if not np.isfinite(depth).any():
+        raise UsageError(
+            f"The camera does not see the proxy {settings.proxy.name} in the first picture.", "Place it where the object is in the clip."
+        )
+    write_array(path, depth)
+
+
+def depth_of(vertices: np.ndarray, triangles: np.ndarray, camera: dict, picture: int) -> np.ndarray:
+    """Depth (H, W) float32 [m] of a mesh, vertices (V, 3) [m] and triangles (M, 3), in one picture of a camera of `scene_camera`."""
+    width, height = camera["width"], camera["height"]
+    pose = np.array(camera["camera_to_world"][picture])
+    local = (vertices - pose[:3, 3]) @ pose[:3, :3]
+    tree = BVHTree.FromPolygons([Vector(vertex) for vertex in local], triangles.tolist())
+    depth = np.full((height, width), np.inf, dtype=np.float32)
+    columns, rows = _seen(local, camera)
+    for row in rows:
+        for column in columns:
+            ray = Vector(((column - camera["cx"]) / camera["fx"], (row - camera["cy"]) / camera["fy"], 1.0))
+            hit = tree.ray_cast(Vector(), ray)[0]
+            if hit is not None:
+                depth[row, column] = hit.z
+    return depth
+
+
+def _seen(local: np.ndarray, camera: dict) -> tuple[range, range]:
+    """Columns and rows of the pixels in which the mesh can be; local (V, 3) in OpenCV's camera axes [m]."""
+    if (local[:, 2] <= 1e-6).any():  # part of it is behind the camera: its box in the picture has no meaning
+        return range(camera["width"]), range(camera["height"])
+    u = local[:, 0] / local[:, 2] * camera["fx"] + camera["cx"]
+    v = local[:, 1] / local[:, 2] * camera["fy"] + camera["cy"]
+    low = np.floor([u.min(), v.min()]).astype(int)
+    high = np.ceil([u.max(), v.max()]).astype(int) + 1
+    return range(max(low[0], 0), min(high[0], camera["width"])), range(max(low[1], 0), min(high[1], camera["height"]))

@@ -1,0 +1,129 @@
+"""Blender's masks and plane tracks as the PNG of the first picture that the engine reads."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ....engine.errors import ObjectError
+from ....engine.take import Take
+from .clips import first_picture, loaded_clip, scene_frame
+from .tracks import plane_corners
+
+SEGMENT = 24
+"""Straight lines that stand for one Bézier segment of a mask."""
+
+
+def write_mask(scene: bpy.types.Scene, path: Path) -> None:
+    """Draw the mask of the settings, as it is at the clip's first picture, at the clip's size.
+
+    Raises:
+        ObjectError: when nothing is inside it.
+    """
+    settings, clip, before = scene.seeing_wind, loaded_clip(scene.seeing_wind), scene.frame_current
+    scene.frame_set(scene_frame(clip, first_picture(settings)))
+    try:
+        inside = mask_pixels(settings.mask_data, *clip.size)
+    finally:
+        scene.frame_set(before)
+    if not inside.any():
+        raise ObjectError(
+            f"Nothing is inside the mask {settings.mask_data.name} at the first picture.", "Close its splines (Alt C) and show its layers."
+        )
+    write_png(path, inside)
+
+
+def write_plane_mask(scene: bpy.types.Scene, path: Path) -> None:
+    """Draw the inside of the active plane track (or the first one) in the first picture.
+
+    Raises:
+        ObjectError: when it has no marker there.
+    """
+    settings, clip = scene.seeing_wind, loaded_clip(scene.seeing_wind)
+    planes = clip.tracking.plane_tracks
+    plane, picture = planes.active or planes[0], first_picture(settings)
+    corners = plane_corners(clip, plane, picture)
+    if corners is None:
+        raise ObjectError(f"The plane track {plane.name} has no marker in picture {picture}.", "Track it from the first picture on.")
+    write_png(path, polygon_pixels(corners, *clip.size))
+
+
+def mask_pixels(mask: bpy.types.Mask, width: int, height: int) -> np.ndarray:
+    """(H, W) bool: the pixels whose centre is inside a mask; layers are blended as in Blender, feather does not count."""
+    total, side = np.zeros((height, width)), max(width, height)
+    for layer in mask.layers:
+        if layer.hide_render:
+            continue
+        covered = np.zeros((height, width), dtype=bool)
+        for spline in layer.splines:
+            if spline.use_cyclic and spline.use_fill and len(spline.points) > 1:
+                outline = _outline(spline) - 0.5
+                # normalised by the larger side, about the picture's middle
+                x, y = outline[:, 0] * side + 0.5 * width, outline[:, 1] * side + 0.5 * height
+                covered ^= polygon_pixels(np.stack([x - 0.5, height - y - 0.5], axis=1), width, height)
+        value = layer.alpha * (~covered if layer.invert else covered)
+        total = _BLEND[layer.blend](total, value)
+    return total > 0.5
+
+
+_BLEND = {
+    "MERGE_ADD": lambda a, b: a + b * (1.0 - a),
+    "MERGE_SUBTRACT": lambda a, b: a * (1.0 - b),
+    "ADD": lambda a, b: np.minimum(a + b, 1.0),
+    "SUBTRACT": lambda a, b: np.maximum(a - b, 0.0),
+    "LIGHTEN": np.maximum,
+    "DARKEN": np.minimum,
+    "MUL": lambda a, b: a * b,
+    "REPLACE": lambda a, b: b,
+    "DIFFERENCE": lambda a, b: np.abs(a - b),
+}
+
+
+def mask_stamp(mask: bpy.types.Mask) -> tuple:
+    """Of the control points of all layers."""
+    return tuple(
+        (layer.name, layer.blend, layer.invert, layer.alpha, layer.hide_render, spline.use_cyclic, *(tuple(p.co) for p in spline.points))
+        for layer in mask.layers
+        for spline in layer.splines
+    )
+
+
+def polygon_pixels(corners: np.ndarray, width: int, height: int) -> np.ndarray:
+    """(H, W) bool: the pixels whose centre (at integers) is inside a polygon of corners (N, 2) [px], by the even-odd rule."""
+    inside = np.zeros((height, width), dtype=bool)
+    columns, following = np.arange(width), np.roll(corners, -1, axis=0)
+    for row in range(max(int(corners[:, 1].min()), 0), min(int(np.ceil(corners[:, 1].max())) + 1, height)):
+        crosses = (corners[:, 1] <= row) != (following[:, 1] <= row)
+        a, b = corners[crosses], following[crosses]
+        at = a[:, 0] + (row - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+        inside[row] = (columns[:, None] >= at).sum(axis=1) % 2 == 1
+    return inside
+
+
+def write_png(path: Path, inside: np.ndarray) -> None:
+    """A grey PNG of 0 and 255."""
+    height, width = inside.shape
+    rows = np.zeros((height, width + 1), dtype=np.uint8)
+    rows[:, 1:] = 255 * inside
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows.tobytes())) + chunk(b"IEND", b"")
+    with Take(path.parent).writing(path.name) as aside:
+        aside.write_bytes(content)
+
+
+def _outline(spline: bpy.types.MaskSpline) -> np.ndarray:
+    """A closed spline as a polygon (N, 2), in Blender's coordinates."""
+    points, parts = list(spline.points), []
+    t = np.linspace(0.0, 1.0, SEGMENT, endpoint=False)[:, None]
+    for here, there in zip(points, points[1:] + points[:1]):
+        a, b, c, d = (np.array(tuple(each)) for each in (here.co, here.handle_right, there.handle_left, there.co))
+        parts.append((1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * b + 3 * t**2 * (1 - t) * c + t**3 * d)
+    return np.concatenate(parts)

@@ -1,0 +1,96 @@
+"""Tracks and plane tracks of the Movie Clip Editor as the engine's NPZ of tracks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ....engine.errors import ObjectError
+from ....engine.take import Take
+from .camera import SPARE
+from .clips import first_picture, loaded_clip, marker_frame
+
+GRID = 6
+"""Points along each side of a plane track: 36 of them follow its four corners."""
+
+SIGMA, SIGMA_PLANE = 0.3, 1.0
+"""Standard deviation [px]: Blender's tracker finds its pattern to a fraction of a pixel; a plane need not be quite flat."""
+
+
+def write_tracks(scene: bpy.types.Scene, path: Path) -> int:
+    """Write all tracks and a grid of points on each plane track: xy (rows, K, 2) [px], visible, sigma [px]. Returns K.
+
+    One row per picture of the clip's file; pixel centres are at integers, the origin at the top left.
+
+    Raises:
+        ObjectError: when no track has a marker in the first picture that is used.
+    """
+    clip = loaded_clip(scene.seeing_wind)
+    rows = clip.frame_duration + clip.frame_offset + SPARE
+    columns = [_track(clip, track, rows) for track in clip.tracking.tracks]
+    columns += [_plane(clip, plane, rows) for plane in clip.tracking.plane_tracks]
+    if not columns:
+        raise ObjectError("The clip has no tracks.", "Track points on the object in the Movie Clip Editor.")
+    xy = np.concatenate([xy for xy, _, _ in columns], axis=1)
+    visible = np.concatenate([visible for _, visible, _ in columns], axis=1)
+    sigma = np.concatenate([np.full(visible.shape, value) for _, visible, value in columns], axis=1)
+    first = first_picture(scene.seeing_wind)
+    if not visible[first].any():
+        raise ObjectError(f"No track has a marker in picture {first} of the clip.", "Track from the first picture that is used.")
+    Take(path.parent).write_arrays(path.name, {"xy": xy, "visible": visible, "sigma": sigma})
+    return xy.shape[1]
+
+
+def tracks_stamp(clip: bpy.types.MovieClip) -> tuple:
+    """Names, lengths and ends of all tracks: a track that was made longer or moved has another."""
+    ends = [(t.name, len(t.markers), tuple(t.markers[0].co), tuple(t.markers[-1].co)) for t in clip.tracking.tracks if len(t.markers)]
+    planes = [(p.name, len(p.markers), str([tuple(corner) for corner in p.markers[0].corners])) for p in clip.tracking.plane_tracks]
+    return (*ends, *planes)
+
+
+def plane_corners(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, picture: int) -> np.ndarray | None:
+    """Corners (4, 2) [px] of a plane track in a picture, None where it has no marker."""
+    marker = plane.markers.find_frame(marker_frame(clip, picture))
+    return None if marker is None or marker.mute else pixels(clip, np.array([tuple(corner) for corner in marker.corners]))
+
+
+def pixels(clip: bpy.types.MovieClip, points: np.ndarray) -> np.ndarray:
+    """Blender's 0..1 from the lower left (..., 2) -> pixels whose centres are at integers, from the top left."""
+    width, height = clip.size
+    return np.stack([points[..., 0] * width - 0.5, (1.0 - points[..., 1]) * height - 0.5], axis=-1)
+
+
+def _track(clip: bpy.types.MovieClip, track: bpy.types.MovieTrackingTrack, rows: int) -> tuple[np.ndarray, np.ndarray, float]:
+    xy, visible = np.zeros((rows, 1, 2)), np.zeros((rows, 1), dtype=bool)
+    shift = marker_frame(clip, 0)
+    for marker in track.markers:
+        picture = marker.frame - shift
+        if 0 <= picture < rows and not marker.mute:
+            xy[picture, 0], visible[picture, 0] = pixels(clip, np.array(marker.co) + np.array(track.offset)), True
+    return xy, visible, SIGMA
+
+
+def _plane(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, rows: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """A grid inside the corners, carried by the homography that takes the unit square to them."""
+    side = (np.arange(GRID) + 0.5) / GRID
+    u, v = (part.ravel() for part in np.meshgrid(side, side))
+    xy, visible = np.zeros((rows, GRID**2, 2)), np.zeros((rows, GRID**2), dtype=bool)
+    for picture in range(rows):
+        corners = plane_corners(clip, plane, picture)
+        if corners is not None:
+            xy[picture], visible[picture] = through_homography(corners, u, v), True
+    return xy, visible, SIGMA_PLANE
+
+
+def through_homography(corners: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Points (u, v) of the unit square (0, 0), (1, 0), (1, 1), (0, 1) where `corners` (4, 2) has its corners in that order: (K, 2).
+
+    P. Heckbert, Fundamentals of texture mapping and image warping, 1989, section 2.2.3.
+    """
+    p0, p1, p2, p3 = corners
+    d1, d2, s = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
+    g, h = np.linalg.solve(np.stack([d1, d2], axis=1), s)
+    across, up = p1 - p0 + g * p1, p3 - p0 + h * p3
+    return (np.outer(u, across) + np.outer(v, up) + p0) / (g * u + h * v + 1.0)[:, None]

@@ -1,0 +1,135 @@
+"""Several edits of one field in one scene: one is worked on, the others are kept, and a copy stands beside its original."""
+
+from __future__ import annotations
+
+import bpy
+from mathutils import Matrix, Vector
+
+from ...engine.errors import UsageError
+from ..bake.bake import clear_bake
+from ..recover import freshness
+from ..units import metres_per_unit
+from .bodies import HIDDEN
+from .scene_export import own_copy
+
+GAP = 1.2
+"""A copied edit stands that many widths of the field beside its original."""
+
+
+def switch(settings: bpy.types.PropertyGroup) -> None:
+    """Work on the edit `active_edit`: keep the present one in its place of the list, take the other's settings over."""
+    count = len(settings.edits)
+    if count == 0 or settings.active_edit == settings.loaded_edit:
+        return
+    wanted = min(settings.active_edit, count - 1)
+    if settings.loaded_edit < count:
+        _copy(settings, settings.edits[settings.loaded_edit])
+    # set first: taking over the settings calls their updates, which look at the scene
+    settings.loaded_edit = wanted
+    _copy(settings.edits[wanted], settings)
+    if settings.active_edit != wanted:
+        settings.active_edit = wanted
+    freshness.refresh(settings.id_data)
+
+
+def duplicate(scene: bpy.types.Scene) -> str:
+    """Copy the present edit with its objects, beside it, and work on the copy. Returns its name.
+
+    The copies have their own meshes and materials' slots; nothing is baked on them yet. What the original shows stays as it is.
+
+    Raises:
+        UsageError: when there is nothing to copy.
+    """
+    settings = scene.seeing_wind
+    if not len(settings.bodies):
+        raise UsageError("There is no edit to duplicate.", "Insert a mesh first.")
+    if not len(settings.edits):
+        settings.edits.add().name = "Edit 1"
+        settings.loaded_edit = settings.active_edit = 0
+    _copy(settings, settings.edits[settings.loaded_edit])
+    new = settings.edits.add()
+    new.name = _free_name(settings)
+    _copy(settings, new)
+    new.edit_folder = new.name.lower().replace(" ", "_")
+    new.simulated_digest = new.simulated_take = new.baked_digest = ""
+    step = Vector((_width(settings) * GAP, 0.0, 0.0))
+    new.offset = Vector(new.offset) + step
+    collection = bpy.data.collections.new(new.name)
+    scene.collection.children.link(collection)
+    for body in new.bodies:
+        body.result, body.baked_copy = "", None
+        if body.object is not None:
+            body.object = _beside(body.object, step / metres_per_unit(scene), collection)
+            body.name = body.object.name
+    settings.active_edit = len(settings.edits) - 1
+    return new.name
+
+
+def remove(settings: bpy.types.PropertyGroup) -> str:
+    """Forget the present edit and work on its neighbour; objects and keyframes stay. Returns its name.
+
+    Raises:
+        UsageError: when it is the only one.
+    """
+    if len(settings.edits) < 2:
+        raise UsageError("There is only one edit.", "Take its bodies off the list instead.")
+    index = settings.loaded_edit
+    name = settings.edits[index].name
+    neighbour = index - 1 if index else 1
+    _copy(settings.edits[neighbour], settings)
+    settings.edits.remove(index)
+    settings.loaded_edit = neighbour - 1 if neighbour > index else neighbour
+    settings.active_edit = settings.loaded_edit
+    return name
+
+
+def _copy(source: bpy.types.PropertyGroup, target: bpy.types.PropertyGroup) -> None:
+    """The fields of an edit, bodies and colliders with theirs."""
+    from ..properties import EditOptions
+
+    for name in EditOptions.__annotations__:
+        if source.bl_rna.properties[name].type == "COLLECTION":
+            _copy_items(getattr(source, name), getattr(target, name))
+        else:
+            setattr(target, name, getattr(source, name))
+
+
+def _copy_items(source: bpy.types.bpy_prop_collection, target: bpy.types.bpy_prop_collection) -> None:
+    target.clear()
+    for item in source:
+        new = target.add()
+        for prop in item.bl_rna.properties:
+            if not prop.is_readonly:
+                setattr(new, prop.identifier, getattr(item, prop.identifier))
+
+
+def _beside(obj: bpy.types.Object, step: Vector, collection: bpy.types.Collection) -> bpy.types.Object:
+    copy = own_copy(obj)
+    collection.objects.link(copy)
+    clear_bake(copy)
+    if HIDDEN in copy:
+        del copy[HIDDEN]
+    copy.hide_viewport = copy.hide_render = False
+    bpy.context.view_layer.update()
+    if copy.animation_data is None and not copy.constraints:
+        copy.matrix_world = Matrix.Translation(step) @ copy.matrix_world
+    else:
+        # under keyframes and constraints the place itself cannot be moved
+        copy.delta_location = Vector(copy.delta_location) + step
+    return copy
+
+
+def _free_name(settings: bpy.types.PropertyGroup) -> str:
+    taken, number = {edit.name for edit in settings.edits}, 2
+    while f"Edit {number}" in taken:
+        number += 1
+    return f"Edit {number}"
+
+
+def _width(settings: bpy.types.PropertyGroup) -> float:
+    """Of the field along X [m]; one metre where there is none."""
+    obj = settings.field_object
+    if obj is None or obj.type != "MESH" or not len(obj.data.vertices):
+        return 1.0
+    across = [corner[0] for corner in obj.bound_box]
+    return max((max(across) - min(across)) * abs(obj.matrix_world.to_scale().x) * metres_per_unit(settings.id_data), 0.1)

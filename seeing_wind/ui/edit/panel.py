@@ -1,0 +1,142 @@
+"""What the panels *Edit* and *Bake* draw: edits, bodies, what surrounds them, and how motion is kept. Reads settings only."""
+
+import bpy
+
+from ..panel_pieces import draw_override
+
+
+def draw_edits(layout, settings, space: str) -> None:
+    """The list of edits, once there is more than one, and the way to a second."""
+    if not len(settings.edits):
+        row = layout.row()
+        row.enabled = bool(len(settings.bodies))
+        row.operator("seeing_wind.duplicate_edit", text="Duplicate Edit to Compare", icon="DUPLICATE")
+        return
+    row = layout.row()
+    row.template_list("SEEING_WIND_UL_edits", space, settings, "edits", settings, "active_edit", rows=2)
+    buttons = row.column(align=True)
+    buttons.operator("seeing_wind.duplicate_edit", text="", icon="DUPLICATE")
+    buttons.operator("seeing_wind.remove_edit", text="", icon="REMOVE")
+
+
+def draw_bodies(layout, settings, space: str) -> None:
+    """The list of bodies, and the ways to one more."""
+    row = layout.row()
+    row.template_list("SEEING_WIND_UL_bodies", space, settings, "bodies", settings, "active_body", rows=3)
+    buttons = row.column(align=True)
+    buttons.operator("seeing_wind.insert_mesh", text="", icon="ADD")
+    buttons.operator("seeing_wind.remove_body", text="", icon="REMOVE")
+    sub = layout.row()
+    sub.enabled = settings.recovered_object is not None
+    sub.operator("seeing_wind.insert_mesh", text="Insert Recovered Object", icon="OUTLINER_OB_MESH").recovered = True
+
+
+def draw_body(column, body, settings) -> None:
+    """The settings of one body."""
+    if not body.is_recovered:
+        column.prop(body, "object")
+        column.prop(body, "material")
+    obj = settings.recovered_object if body.is_recovered else body.object
+    column.prop(body, "mass_scale")
+    column.prop(body, "stiffness_scale")
+    if obj is not None:
+        column.prop_search(body, "pin_group", obj, "vertex_groups", text="Pinned")
+    if body.is_recovered:
+        column.prop(body, "free_mode", text="Holds of the Clip")
+        if body.free_mode == "GROUP" and obj is not None:
+            column.prop_search(body, "free_group", obj, "vertex_groups", text="Freed")
+    for name in ("mass", "youngs_modulus") if body.use_mass else ("density", "mass", "youngs_modulus"):
+        draw_override(column, body, name)
+    column.prop(body, "use_velocity")
+    if body.use_velocity:
+        column.prop(body, "velocity")
+    column.prop(body, "start_frame")
+
+
+def draw_surroundings(column, settings, space: str) -> None:
+    """Field, gravity, what the bodies run into, and where the edit is shown."""
+    row = column.row()
+    row.use_property_decorate = True  # its keyframes count
+    row.prop(settings, "field_strength")
+    column.prop(settings, "edit_gravity_mode")
+    if settings.edit_gravity_mode == "CUSTOM":
+        column.prop(settings, "edit_gravity")
+    column.prop(settings, "contact")
+    row = column.row(heading="Floor (m)")
+    row.prop(settings, "use_floor", text="")
+    sub = row.row()
+    sub.enabled = settings.use_floor
+    sub.prop(settings, "floor_height", text="")
+    if settings.use_floor:
+        column.prop(settings, "floor_friction")
+    if len(settings.colliders):
+        row = column.row()
+        row.template_list("SEEING_WIND_UL_colliders", space, settings, "colliders", settings, "active_collider", rows=2)
+        buttons = row.column(align=True)
+        buttons.operator("seeing_wind.insert_collider", text="", icon="ADD")
+        buttons.operator("seeing_wind.remove_collider", text="", icon="REMOVE")
+        if settings.active_collider < len(settings.colliders):
+            collider = settings.colliders[settings.active_collider]
+            column.prop(collider, "kind")
+            column.prop(collider, "friction")
+    else:
+        column.operator("seeing_wind.insert_collider", text="Collide with Selected", icon="MOD_PHYSICS")
+    if len(settings.edits):
+        column.prop(settings, "offset")
+
+
+def draw_bake(column, settings) -> None:
+    """How the motion is kept, and which part of it."""
+    column.prop(settings, "bake_way")
+    if settings.bake_way in ("AUTO", "TRANSFORM"):
+        column.prop(settings, "bake_tolerance")
+    row = column.row(heading="Frames")
+    row.prop(settings, "bake_use_frames", text="")
+    sub = row.row(align=True)
+    sub.enabled = settings.bake_use_frames
+    sub.prop(settings, "bake_frames", index=0, text="")
+    sub.prop(settings, "bake_frames", index=1, text="")
+
+
+def is_gone(obj, scene) -> bool:
+    """Whether the user has deleted an object: one that a list still names lives on outside all scenes."""
+    # by identity: a linked object and one of this file may have the same name
+    return obj is None or scene not in obj.users_scene
+
+
+class SEEING_WIND_UL_bodies(bpy.types.UIList):
+    """The bodies of the edit."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        """Name, mass and pins at a glance; an object that is gone says so."""
+        gone = not item.is_recovered and is_gone(item.object, context.scene)
+        row = layout.row()
+        row.alert = gone
+        name = item.name if item.object is None else item.object.name
+        row.label(text=f"{name} (gone)" if gone else name, icon="ERROR" if gone else "MESH_DATA")
+        if item.pin_group:
+            row.label(text="", icon="PINNED")
+        if item.mass_scale != 1.0:
+            row.label(text=f"x {item.mass_scale:g}")
+
+
+class SEEING_WIND_UL_colliders(bpy.types.UIList):
+    """What the bodies run into."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        """Its name; an object that is gone says so."""
+        row = layout.row()
+        gone = is_gone(item.object, context.scene)
+        row.alert = gone
+        row.label(text=f"{item.name} (gone)" if gone else item.object.name, icon="ERROR" if gone else "MOD_PHYSICS")
+
+
+class SEEING_WIND_UL_edits(bpy.types.UIList):
+    """The edits of one field."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        """Its name, which can be changed."""
+        layout.prop(item, "name", text="", emboss=False, icon="PHYSICS")
+
+
+LISTS = (SEEING_WIND_UL_bodies, SEEING_WIND_UL_colliders, SEEING_WIND_UL_edits)

@@ -1,0 +1,107 @@
+"""The field object in the rest of Blender: its calibration for native solvers, its export to other programs."""
+
+import os
+from pathlib import Path
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
+
+from ...engine.errors import SeeingWindError, UsageError
+from ..clip import inputs as native
+from ..edit.operators import EditOperator
+from ..install import environment as engine_environment
+from ..job import console, takes, worker_calls
+from ..job import worker as job
+from ..property_kinds import PATH
+from . import calibration as field_calibration
+from . import vdb as field_vdb
+
+ONE_FILE = [
+    ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
+    ("PLY", "PLY", "Points with force and confidence, one file per frame"),
+    ("NPZ", "NPZ", "NumPy arrays of the whole field"),
+]
+FORMATS = [("VDB", "OpenVDB", "Volumes with the grids force and confidence, one file per frame, written by Blender"), *ONE_FILE]
+
+
+class SEEING_WIND_OT_calibrate(EditOperator, bpy.types.Operator):
+    """Let the chosen object's particles, hair, cloth, rigid body or physics nodes accelerate in the recovered wind as real matter does"""
+
+    bl_idname = "seeing_wind.calibrate"
+    bl_label = "Calibrate for Object"
+
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of the object; empty: the active one")
+    density: FloatProperty(
+        name="Density (kg/m³)", default=0.0, min=0.0, soft_max=20000.0, step=1000, precision=1, options={"SKIP_SAVE"},
+        description="Of the object's matter in kilograms per cubic metre; 0: as the recovered object",
+    )  # fmt: skip
+    alone: BoolProperty(
+        name="Only This Wind", options={"SKIP_SAVE"}, description="Feel no force fields but those of the results' collection"
+    )
+    set_mass: BoolProperty(
+        name="Set Mass", options={"SKIP_SAVE"},
+        description="Rigid bodies: Blender has one weight for all of them. Change this body's mass to suit it, instead of the weight",
+    )  # fmt: skip
+
+    def edit(self, context):
+        """Every solver of the object; what one cannot do is part of the answer."""
+        scene = context.scene
+        obj = scene.objects.get(self.object) if self.object else context.active_object
+        if obj is None:
+            raise UsageError(f"There is no object {self.object!r}." if self.object else "No object is active.", "Select one.")
+        field = scene.seeing_wind.field_object
+        if field is None:
+            raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
+        said = field_calibration.calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
+        return "; ".join(said)
+
+
+class SEEING_WIND_OT_export_field(EditOperator, bpy.types.Operator):
+    """Write the recovered field for other programs"""
+
+    bl_idname = "seeing_wind.export_field"
+    bl_label = "Export Field"
+    bl_options = {"REGISTER"}
+
+    format: EnumProperty(name="Format", items=FORMATS, options={"SKIP_SAVE"}, description="Which kind of file")
+    filepath: StringProperty(
+        name="To", subtype="FILE_PATH", options=PATH,
+        description="Folder of the files (NPZ: the file); empty: a folder beside the take",
+    )  # fmt: skip
+
+    def edit(self, context):
+        """VDB in Blender, the rest by the engine."""
+        scene = context.scene
+        settings = scene.seeing_wind
+        if settings.field_object is None or not settings.recovered_take:
+            raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
+        take = takes.shown(settings) if self.format == "VDB" else takes.recovered(settings)
+        name = self.format.lower()
+        target = Path(native.clips.absolute(self.filepath)) if self.filepath else take.with_name(f"{take.stem}_wind")
+        if self.format == "VDB":
+            files = field_vdb.write_vdb(scene, settings.field_object, target)
+            return f"Wrote {len(files)} files into {target}"
+        if self.format == "NPZ" and not target.suffix:
+            target = target.with_suffix(f".{name}")
+        os.makedirs(target.parent, exist_ok=True)
+        call = worker_calls.command(engine_environment.engine_python(), "export", str(take), "--format", name, "--out", str(target))
+        self._run(job.run(call, cwd=str(take), env=worker_calls.environment()))
+        return f"Exported {name.upper()} to {target}"
+
+    def _run(self, messages: "job.Messages") -> None:
+        """Some seconds, so it is waited for. Raises SeeingWindError with what the engine said."""
+        errors: list[dict] = []
+        out = console.Console() if bpy.app.background else None
+
+        def handle(message: dict) -> None:
+            if message["type"] == "error":
+                errors.append(message)
+            if out is not None:
+                out.show(message)
+
+        if job.wait(messages, handle)["outcome"] != "done":
+            last = errors[-1] if errors else {"message": "The export failed.", "hint": ""}
+            raise SeeingWindError(last["message"], last.get("hint", ""))
+
+
+CLASSES = (SEEING_WIND_OT_calibrate, SEEING_WIND_OT_export_field)

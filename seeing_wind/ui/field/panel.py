@@ -1,0 +1,92 @@
+"""The panels of what comes after the six steps: the field object in the rest of Blender, and the edit over the clip."""
+
+import bpy
+
+from ..names import ARROWS_MATERIAL, in_figures
+from ..panels import CATEGORY
+from .node_groups import modifier_input
+
+SHOWN = ("Length", "Density", "Confidence Shown", "Slice Axis", "Slice Position", "Slice Thickness")
+"""Settings of the arrows' modifier."""
+
+
+class FieldTab:
+    """The recovered field: strength, arrows with their legend, Blender's own solvers, export."""
+
+    bl_region_type = "UI"
+    bl_category = CATEGORY
+    bl_label = "Field"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        """Once there is a field."""
+        return context.scene is not None and context.scene.seeing_wind.field_object is not None
+
+    def draw(self, context):
+        """Reads the objects' own settings: nothing is kept twice."""
+        settings, layout = context.scene.seeing_wind, self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        if settings.field_object.field is not None:
+            layout.prop(settings.field_object.field, "strength")
+        if settings.arrows_object is not None:
+            self._arrows(context, settings.arrows_object)
+        column = layout.column()
+        row = column.row()
+        row.enabled = context.active_object is not None
+        row.operator("seeing_wind.calibrate", icon="PHYSICS")
+        column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
+
+    def _arrows(self, context, arrows):
+        column = self.layout.column(heading="Arrows")
+        column.prop(arrows, "hide_viewport", text="Hide Arrows")
+        modifier = next((modifier for modifier in arrows.modifiers if modifier.type == "NODES"), None)
+        for name in SHOWN if modifier is not None else ():
+            place = modifier_input(modifier, name)
+            if place is not None:
+                column.prop(place[0], place[1], text=name)
+        space = context.space_data
+        if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
+            column.prop(space.shading, "color_type", text="Solid View Color")
+        material = bpy.data.materials.get(ARROWS_MATERIAL)
+        ramp = None
+        if material is not None:
+            ramp = next((node for node in material.node_tree.nodes if node.type == "VALTORGB"), None)
+        if ramp is not None:
+            box = self.layout.box()
+            box.template_color_ramp(ramp, "color_ramp", expand=False)
+            row = box.row()
+            row.label(text="0")
+            end = row.row()
+            end.alignment = "RIGHT"
+            end.label(text=f"{in_figures(arrows.get('seeing_wind_peak', 0.0))} N/m³")
+
+
+class CompositeTab:
+    """The edit over the clip."""
+
+    bl_region_type = "UI"
+    bl_category = CATEGORY
+    bl_label = "Composite"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        """Once there is a clip."""
+        return context.scene is not None and context.scene.active_clip is not None
+
+    def draw(self, context):
+        """Set up, then render."""
+        column = self.layout.column()
+        column.operator("seeing_wind.set_up_composite", icon="NODE_COMPOSITING")
+        column.operator("seeing_wind.render_composite", icon="RENDER_ANIMATION")
+        column.operator("seeing_wind.render_composite", text="Render This Frame", icon="RENDER_STILL").still = True
+
+
+def _panel(space: str, tab: type, order: int) -> type:
+    name = f"SEEING_WIND_PT_{space.lower()}_{tab.bl_label.lower()}"
+    body = {"bl_idname": name, "bl_space_type": space, "bl_order": order, "__doc__": tab.__doc__}
+    return type(name, (tab, bpy.types.Panel), body)
+
+
+CLASSES = tuple(_panel(space, tab, order) for space in ("VIEW_3D", "CLIP_EDITOR") for order, tab in enumerate((FieldTab, CompositeTab), 20))

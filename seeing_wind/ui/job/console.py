@@ -1,0 +1,59 @@
+"""A job's messages as lines that people and farm logs can read."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    from .worker import Message
+
+EVERY = 2.0
+"""Seconds between two lines of one stage."""
+
+
+class Console:
+    """Shows progress on `out`, warnings and errors on `err`; a line per stage, and one every few seconds within."""
+
+    def __init__(self, out: TextIO | None = None, err: TextIO | None = None) -> None:
+        self.out, self.err = out or sys.stdout, err or sys.stderr
+        self.stage, self.shown = "", -EVERY
+
+    def show(self, message: Message) -> None:
+        """One message."""
+        kind = message["type"]
+        if kind == "progress":
+            self._progress(message)
+        elif kind == "warning":
+            print(f"Warning: {message.get('message', '')}", file=self.err, flush=True)
+        elif kind == "error":
+            if message.get("log"):
+                print(message["log"], file=self.err)
+            print(f"Error: {message.get('message', '')} {message.get('hint', '')}".rstrip(), file=self.err, flush=True)
+        elif kind == "log":
+            print(message["message"], file=self.out, flush=True)
+        elif kind == "result" and message.get("outcome") != "failed":  # its error has been shown
+            for check in message.get("checks", ()):  # the doctor's
+                advice = f" ({check['advice']})" if "advice" in check else ""
+                mark = "ok" if check["ok"] else "optional" if check.get("optional") else "missing"
+                print(f"{mark:>8}  {check['name']}: {check['detail']}{advice}", file=self.out)
+            figures = [
+                f"{key} {value:.4g}" if isinstance(value, float) else f"{key} {value}"
+                for key, value in message.items()
+                if _is_figure(key, value)
+            ]
+            print(", ".join([str(message.get("outcome", "done")), *figures]), file=self.out, flush=True)
+
+    def _progress(self, message: Message) -> None:
+        stage, now = message.get("stage", ""), time.monotonic()
+        last = message.get("fraction", 0.0) >= 1.0
+        if stage == self.stage and now - self.shown < EVERY and not last:
+            return
+        self.stage, self.shown = stage, now
+        residual = f", residual {message['residual']:.4g}" if "residual" in message else ""
+        print(f"{stage:>10} {100 * message.get('fraction', 0.0):4.0f} %  {message.get('message', '')}{residual}", file=self.out, flush=True)
+
+
+def _is_figure(key: str, value: object) -> bool:
+    return key not in ("type", "outcome") and isinstance(value, (int, float, str)) and not isinstance(value, bool)

@@ -1,0 +1,266 @@
+"""Operators over long jobs: what they share. One job, two drivers: a modal timer with a window, a blocking loop without.
+
+An operator supplies `start` (gather, return the generator of messages) and `finish` (take the results in); this file does the rest.
+"""
+
+from __future__ import annotations
+
+import traceback
+from dataclasses import dataclass
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ...engine.errors import SeeingWindError
+from ..recover import freshness
+from . import console, status
+from . import worker as job
+
+TICK = 0.1
+"""Seconds between two looks at the worker: quick enough for a bar to move, rare enough to cost nothing."""
+
+PANELS = {"VIEW_3D", "CLIP_EDITOR", "PREFERENCES"}
+
+
+@dataclass
+class Running:
+    """A job of one scene."""
+
+    messages: job.Messages
+    started: bool = False
+    cancel: bool = False
+    result: job.Message | None = None
+    exit: job.Message | None = None
+
+    def poll(self) -> list[job.Message]:
+        """What the worker said since the last look; empty once `exit` is there."""
+        if self.exit is not None:
+            return []
+        try:
+            batch = self.messages.send(self.cancel) if self.started else next(self.messages)
+            self.started = True
+        except StopIteration as end:
+            self.exit = end.value
+            return []
+        for message in batch:
+            if message["type"] == "result":
+                self.result = message
+        return batch
+
+
+jobs: dict[int, Running] = {}
+"""By the scene's session id: one job per scene at a time."""
+
+
+def kill_all() -> None:
+    """End all workers at once: the file is closed, the extension switched off, or Blender ends."""
+    for key, running in list(jobs.items()):
+        del jobs[key]
+        running.messages.close()
+        status.end(status.of(key))
+
+
+class JobOperator:
+    """Mix-in of every operator that starts a worker."""
+
+    step = ""
+    """The step of the panel that the job belongs to, or "engine"."""
+
+    def start(self, scene: bpy.types.Scene) -> job.Messages:
+        """Gather, and return the job. May raise SeeingWindError; `digest` may be set to name the settings that the job was given."""
+        raise NotImplementedError
+
+    def finish(self, scene: bpy.types.Scene, result: job.Message) -> str:
+        """Take in the results of a job that was neither cancelled nor failed; returns what to tell the user."""
+        raise NotImplementedError
+
+    def execute(self, context):
+        """Start the job: with a window return at once, without one wait for it."""
+        scene, self.digest = context.scene, ""
+        self.key = scene.session_uid
+        if scene.library is not None:
+            self.report({"ERROR"}, " ".join(status.LINKED))
+            return {"CANCELLED"}
+        if self.key in jobs:
+            self.report({"ERROR"}, "A job of this scene is running. Cancel it first.")
+            return {"CANCELLED"}
+        self.console = console.Console() if bpy.app.background else None
+        # Registered before anything is started, so that a second click finds it.
+        try:
+            jobs[self.key] = Running(self.start(scene))
+        except (SeeingWindError, OSError) as error:
+            return self._fail(scene, *job.told(error))
+        status.begin(status.of(self.key), self.step, self.bl_label)
+        scene.seeing_wind.unfinished = self.step
+        if blocks(context):
+            return self._block(scene)
+        self.timer = context.window_manager.event_timer_add(TICK, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        redraw()
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        """A look at the worker at every tick; all other events are Blender's."""
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        running = jobs.get(self.key)
+        scene = next((scene for scene in bpy.data.scenes if scene.session_uid == self.key), None)
+        if running is None or scene is None:  # ended from outside, or its scene was deleted
+            self._stop(context)
+            return {"CANCELLED"}
+        if scene.seeing_wind.unfinished != self.step:  # an undo has taken it back
+            scene.seeing_wind.unfinished = self.step
+        try:
+            self._take_in(running)
+            if running.exit is None:
+                return {"PASS_THROUGH"}
+            self._remove_timer(context)
+            return self._conclude(scene, running)
+        except (SeeingWindError, OSError) as error:
+            self._stop(context)
+            return self._fail(scene, *job.told(error))
+        except Exception as error:  # a defect of ours must not leave the panel running
+            traceback.print_exc()
+            self._stop(context)
+            return self._fail(scene, f"Unexpected {type(error).__name__}: {error}.", "This is a defect: please report it with the log.")
+
+    def cancel(self, context):
+        """Blender ends the operator: its window was closed or another file is loaded."""
+        self._stop(context)
+
+    def _block(self, scene: bpy.types.Scene) -> set[str]:
+        running = jobs[self.key]
+        try:
+            running.exit = job.wait(self._relay(running), lambda message: None)
+            return self._conclude(scene, running)
+        except (SeeingWindError, OSError) as error:
+            return self._fail(scene, *job.told(error))
+        finally:
+            # also after a defect of ours, which Blender reports with its traceback
+            scene.seeing_wind.unfinished = ""
+            jobs.pop(self.key, None)
+            status.end(status.of(self.key))
+
+    def _relay(self, running: Running) -> job.Messages:
+        """The job's messages, passed through this operator on their way to the blocking driver."""
+        while running.exit is None:
+            batch = self._take_in(running)
+            if running.exit is None:
+                running.cancel = bool((yield batch)) or running.cancel
+        return running.exit
+
+    def _take_in(self, running: Running) -> list[job.Message]:
+        batch = running.poll()
+        news = [status.receive(status.of(self.key), self.step, message) for message in batch]
+        if self.console is not None:
+            for message in batch:
+                self.console.show(message)
+        if any(news):
+            redraw()
+        return batch
+
+    def _conclude(self, scene: bpy.types.Scene, running: Running) -> set[str]:
+        """The job has ended: take in its results or say what went wrong."""
+        entry, now = status.of(self.key).steps[self.step], status.of(self.key)
+        jobs.pop(self.key, None)
+        scene.seeing_wind.unfinished = ""
+        if running.exit["outcome"] == "cancelled":
+            status.end(now)
+            freshness.refresh(scene)
+            now.steps[self.step].message = f"Cancelled. {self.bl_label} goes on from what was finished"
+            redraw()
+            self.report({"WARNING"}, f"{self.bl_label} was cancelled.")
+            return {"CANCELLED"}
+        if running.exit["outcome"] == "failed":
+            if running.result is not None and running.result.get("outcome") == "diverged":
+                return self._fail(scene, "The recovery diverged.", "Check scale, material and frame rate; see the notes in the log.")
+            return self._fail(scene, entry.message, entry.hint, entry.mend, entry.log)
+        try:
+            said = self.finish(scene, running.result or {})
+        except (SeeingWindError, OSError) as error:
+            return self._fail(scene, *job.told(error))
+        status.end(now)
+        freshness.refresh(scene)
+        now.steps[self.step].message = said
+        redraw()
+        self.report({"INFO"}, said)
+        for warning in now.warnings:
+            self.report({"WARNING"}, warning)
+        return {"FINISHED"}
+
+    def _fail(self, scene: bpy.types.Scene, message: str, hint: str = "", mend: str = "", log: str = "") -> set[str]:
+        jobs.pop(scene.session_uid, None)
+        scene.seeing_wind.unfinished = ""
+        now = status.of(scene.session_uid)
+        status.fail(now, self.step, message, hint, mend, digest=self.digest, log=log)
+        status.end(now)
+        redraw()
+        self.report({"ERROR"}, f"{message} {hint}".strip())
+        return {"CANCELLED"}
+
+    def _stop(self, context) -> None:
+        self._remove_timer(context)
+        running = jobs.pop(self.key, None)
+        if running is not None:
+            running.messages.close()
+        status.end(status.of(self.key))
+        redraw()
+
+    def _remove_timer(self, context) -> None:
+        timer, self.timer = getattr(self, "timer", None), None
+        if timer is not None:
+            context.window_manager.event_timer_remove(timer)
+
+
+class SEEING_WIND_OT_cancel(bpy.types.Operator):
+    """Stop the running job at its next safe point; finished stages are kept"""
+
+    bl_idname = "seeing_wind.cancel"
+    bl_label = "Cancel"
+
+    @classmethod
+    def poll(cls, context):
+        """Only while a job runs."""
+        return context.scene is not None and context.scene.session_uid in jobs
+
+    def execute(self, context):
+        """Ask; the job's own driver does the rest."""
+        jobs[context.scene.session_uid].cancel = True
+        status.of(context.scene.session_uid).cancelling = True
+        redraw()
+        return {"FINISHED"}
+
+
+def blocks(context) -> bool:
+    """Whether there is no window whose timer could drive a job, so that the operator has to wait for it."""
+    return bpy.app.background or context.window is None
+
+
+def redraw() -> None:
+    """Let the panels draw anew, wherever they are."""
+    for manager in bpy.data.window_managers:
+        for window in manager.windows:
+            for area in window.screen.areas:
+                if area.type in PANELS:
+                    area.tag_redraw()
+
+
+@persistent
+def _before_load(*_: object) -> None:
+    kill_all()
+
+
+def register() -> None:
+    """End the workers with their file."""
+    unregister()
+    bpy.app.handlers.load_pre.append(_before_load)
+
+
+def unregister() -> None:
+    """End the workers now."""
+    kill_all()
+    if _before_load in bpy.app.handlers.load_pre:
+        bpy.app.handlers.load_pre.remove(_before_load)
+
+
+CLASSES = (SEEING_WIND_OT_cancel,)

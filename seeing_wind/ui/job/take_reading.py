@@ -1,0 +1,117 @@
+"""What a take's files say, read and checked: nothing of the scene is touched, and nothing but numbers that make sense comes out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...engine.errors import TakeError
+from ...engine.take import Take, from_arrays
+
+if TYPE_CHECKING:
+    from ...engine.records import Camera, Surface
+
+
+@dataclass(frozen=True)
+class FieldSummary:
+    """What the scene needs to know of a recovered field."""
+
+    box: np.ndarray
+    """(2, 3) lower and upper corner [m]."""
+    fps: float
+    frames: int
+    """T."""
+    density: float
+    """Of the recovered material [kg/m³]."""
+    clip: str
+    """Path of the video; "" for a field from trajectories."""
+    first_frame: int
+    """Index in the video of picture 0."""
+
+
+def recovery_notes(take: Take) -> list[str]:
+    """What the recovery of a take says of itself, the worst first; empty for a take without a report."""
+    if not take.file("report.json").is_file():
+        return []
+    notes = take.read_json("report.json").get("notes", [])
+    return [str(note) for note in notes] if isinstance(notes, list) else []
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a clip showed; a field from trajectories has none of it."""
+
+    camera: Camera
+    picture: np.ndarray
+    """(H, W, 3) uint8 RGB."""
+    surface: Surface | None
+    motion: np.ndarray
+    """(T+1, V, 3) of the surface's vertices [m]."""
+
+
+def field_summary(take: Take) -> FieldSummary:
+    """Read it from the report.
+
+    Raises:
+        TakeError: when the report is missing, or from another version.
+    """
+    report = take.read_json("report.json")
+    try:
+        box, clip = np.asarray(report["box"], dtype=np.float64), report.get("clip", {})
+        fps, frames, density = float(report["fps"]), int(report["frames"]), float(report["material"]["density"])
+        if box.shape != (2, 3) or not (np.isfinite(box).all() and 0.0 < fps < np.inf and 0.0 < density < np.inf and frames > 0):
+            raise ValueError(f"box {box.tolist()}, {fps} frames per second, {frames} frames, density {density}")
+        return FieldSummary(box, fps, frames, density, clip.get("path", ""), int(clip.get("first_frame", 0)))
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        raise TakeError(f"The report of {take.path} does not describe its field ({error}).", "Run Recover again.") from error
+
+
+def trajectory(take: Take, field: FieldSummary) -> np.ndarray:
+    """Particles (T+1, N, 3) [m] of a take.
+
+    Raises:
+        TakeError: when they are missing, not finite, or of another number of pictures than the field.
+    """
+    x = take.read_arrays("trajectory.npz").get("x")
+    if x is None or x.ndim != 3 or x.shape[::2] != (field.frames + 1, 3) or not np.isfinite(x).all():
+        raise TakeError(f"{take.file('trajectory.npz')} is no motion over {field.frames + 1} pictures.", "Run Recover again.")
+    return x
+
+
+def read_seen(take: Take, field: FieldSummary) -> Seen | None:
+    """Read everything before anything in the scene is touched. Raises TakeError for what is missing or makes no sense."""
+    if not take.file("observation.npz").is_file():
+        return None
+    from ...engine.records import Camera, Surface
+
+    arrays = take.read_arrays("observation.npz")
+    camera, picture = from_arrays(Camera, arrays, "camera."), arrays.get("image")
+    if picture is None or picture.ndim != 3 or not np.isfinite(camera.camera_to_world).all():
+        raise TakeError(f"{take.file('observation.npz')} lacks its picture or a camera.", "Run Recover again.")
+    if not take.file("particles.npz").is_file():
+        return Seen(camera, picture, None, np.empty((0, 0, 3)))
+    surface = from_arrays(Surface, take.read_arrays("particles.npz"), "surface.")
+    try:
+        motion = surface.attachment.follow(trajectory(take, field))
+        sound = surface.triangles.min() >= 0 and surface.triangles.max() < len(surface.vertices) == motion.shape[1] == len(surface.uv)
+    except (IndexError, ValueError):
+        sound = False
+    if not sound or not (np.isfinite(motion).all() and np.isfinite(surface.vertices).all() and np.isfinite(surface.uv).all()):
+        raise TakeError(f"The object in {take.file('particles.npz')} does not fit its motion.", "Run Recover again.")
+    return Seen(camera, picture, surface, motion)
+
+
+def simulated_motion(take: Take, name: str) -> dict[str, np.ndarray]:
+    """A body of a re-simulation: `vertices` (T+1, V, 3) [m], `triangles` (M, 3), `fps` [1/s].
+
+    Raises:
+        TakeError: when it is missing, damaged or not finite.
+    """
+    arrays = take.read_arrays(f"bodies/{name}.npz")
+    vertices = arrays.get("vertices", np.empty(0))
+    fps = float(arrays["fps"]) if np.shape(arrays.get("fps")) == () and "fps" in arrays else 0.0
+    if vertices.ndim != 3 or vertices.shape[2] != 3 or not (0.0 < fps < np.inf and np.isfinite(vertices).all()):
+        raise TakeError(f"The simulation of {name} in {take.path} is damaged or not finite.", "Run Re-simulate again.")
+    return arrays

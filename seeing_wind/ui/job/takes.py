@@ -1,0 +1,235 @@
+"""Where the takes of a scene are: beside the .blend file, moved with it, or in the temporary folder until the file is saved.
+
+A scene notes the absolute path of the take that it shows, and the stamp of its field. The path finds the take again after the project's
+folder has been moved or copied; the stamp tells when somebody else (another scene, another file, the command line) has recovered anew into
+the same folder, so that an edit is never simulated in a field that the scene does not show.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+from pathlib import Path
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ...engine.errors import TakeError
+from ..clip import inputs as native
+
+NO_FIELD = "There is no recovered field."
+
+
+def take_folder(settings: bpy.types.PropertyGroup) -> Path:
+    """Where the results of Recover go: the user's choice, else CLIP.take beside the .blend file, or in the temporary folder while it is
+    unsaved. Two scenes of one file never get the same folder by default."""
+    if settings.take:
+        return Path(native.clips.absolute(settings.take))
+    stem = re.sub(r"[^\w.-]+", "_", Path(bpy.path.abspath(settings.clip)).stem) or "clip"
+    clips = Path(native.clips.absolute(settings.clip)).parent
+    home = Path(bpy.data.filepath).parent if bpy.data.filepath else _temporary() / _short(str(clips))
+    scene, own = settings.id_data, Path(settings.started_take).name
+    taken = {Path(other.seeing_wind.started_take).name for other in bpy.data.scenes if other != scene}
+    if re.fullmatch(rf"{re.escape(stem)}(\.[^.]+)?\.take", own) and own not in taken:
+        return home / own
+    if f"{stem}.take" not in taken:
+        return home / f"{stem}.take"
+    return home / f"{stem}.{_plain(scene.name)}.take"
+
+
+def edit_folder(settings: bpy.types.PropertyGroup, take: Path) -> Path:
+    """Where the re-simulation of the scene's present edit goes: beside the take, and not where another scene's is."""
+    stem, edit, scene = take.name.removesuffix(".take"), settings.edit_folder or "edit", settings.id_data
+    others = [other.seeing_wind for other in bpy.data.scenes if other != scene]
+    taken = {Path(each.simulated_take).name for other in others for each in (other, *other.edits)}
+    name = f"{stem}.{edit}.take"
+    return take.with_name(name if name not in taken else f"{stem}.{edit}.{_plain(scene.name)}.take")
+
+
+def stamp_of_field(folder: Path) -> str:
+    """Which recovery the field of a take comes from; "" for a take that does not say.
+
+    Raises:
+        TakeError: when its description is damaged.
+    """
+    from ...engine.take import Take
+
+    return str(Take(folder).description().get("stages", {}).get("recover", {}).get("stamp", ""))
+
+
+def show(settings: bpy.types.PropertyGroup, folder: Path, digest: str) -> None:
+    """Note that the scene shows the field of `folder`, which was made with the settings of that digest."""
+    settings.recovered_take, settings.recovered_digest, settings.recovered_stamp = str(folder), digest, stamp_of_field(folder)
+    settings.started_take = str(folder)
+
+
+def is_shown(settings: bpy.types.PropertyGroup, folder: Path) -> bool:
+    """Whether the scene shows the field that is in `folder` now."""
+    return bool(settings.recovered_take) and shown(settings) == folder and settings.recovered_stamp == stamp_of_field(folder)
+
+
+def shown(settings: bpy.types.PropertyGroup) -> Path:
+    """The folder of the take that the scene shows, where it is now. Whether it is there at all is not looked at.
+
+    Raises:
+        TakeError: when the scene shows none.
+    """
+    if not settings.recovered_take:
+        raise TakeError(NO_FIELD, "Run Recover first, or load the results of a take.")
+    return _moved(settings.recovered_take, settings.recovered_stamp)
+
+
+def recovered(settings: bpy.types.PropertyGroup) -> Path:
+    """As `shown`, for work that needs the very field that the scene shows.
+
+    Raises:
+        TakeError: also when the folder is gone, or holds another field by now.
+    """
+    folder = shown(settings)
+    if not folder.is_dir():
+        raise TakeError(f"There is no folder {folder}.", "Put it beside the .blend file, or run Recover again.")
+    if settings.recovered_stamp and stamp_of_field(folder) != settings.recovered_stamp:
+        raise TakeError(
+            f"{folder} was recovered anew since this scene took it in.",
+            "Press Reload to take in what it holds now, or choose another Take and run Recover again.",
+        )
+    return folder
+
+
+def simulated(settings: bpy.types.PropertyGroup) -> Path:
+    """The folder of the last re-simulation, which stands beside the take.
+
+    Raises:
+        TakeError: when nothing is simulated yet.
+    """
+    if not settings.simulated_take:
+        raise TakeError("Nothing is simulated yet.", "Run Re-simulate first.")
+    former = Path(settings.simulated_take)
+    if settings.recovered_take and former.parent == Path(settings.recovered_take).parent:
+        return shown(settings).with_name(former.name)
+    return _moved(settings.simulated_take, "")
+
+
+def bring_along(settings: bpy.types.PropertyGroup, folder: Path) -> None:
+    """Before a recovery into `folder`: what an unfinished one left in the temporary folder goes on there, when the file was saved since.
+
+    Raises:
+        OSError: when it cannot be copied.
+    """
+    former = Path(settings.started_take) if settings.started_take else None
+    if former is not None and former != folder and _is_temporary(former) and former.is_dir() and not folder.exists():
+        _copy(former, folder)
+    settings.started_take = str(folder)
+
+
+def _moved(stored: str, stamp: str) -> Path:
+    """A folder that was at `stored`: beside the .blend file, with which it was moved or copied, else still there."""
+    former = Path(stored)
+    if not bpy.data.filepath:
+        return former
+    home = Path(bpy.data.filepath).parent
+    for count in range(1, min(4, len(former.parts))):
+        for start in (home, home.parent):
+            candidate = start.joinpath(*former.parts[-count:])
+            if candidate != former and candidate.is_dir() and (_is_of(candidate, stamp) if stamp else not former.is_dir()):
+                return candidate
+    return former
+
+
+def _is_of(folder: Path, stamp: str) -> bool:
+    with contextlib.suppress(TakeError):
+        return stamp_of_field(folder) == stamp
+    return False
+
+
+def _temporary() -> Path:
+    """A folder of this user's own: the system's temporary folder may be everybody's."""
+    return Path(tempfile.gettempdir()) / (f"seeing_wind-{os.getuid()}" if hasattr(os, "getuid") else "seeing_wind")
+
+
+def _is_temporary(folder: Path) -> bool:
+    return _temporary() in folder.parents
+
+
+def _plain(name: str) -> str:
+    """A scene's name as a part of a folder's."""
+    return re.sub(r"[^\w-]+", "_", name)
+
+
+def _short(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:8]
+
+
+def _copy(former: Path, folder: Path) -> None:
+    """Copy a take, aside and renamed; take.toml first, so that no stamp is newer than its files."""
+    aside = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        aside.mkdir(parents=True)
+        if (former / "take.toml").is_file():
+            shutil.copy2(former / "take.toml", aside)
+        shutil.copytree(former, aside, dirs_exist_ok=True, ignore=shutil.ignore_patterns("take.toml", ".*.part*"))
+        os.replace(aside, folder)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+# -- a file that is saved for the first time takes its results along ---------------------------------------------------------------
+
+
+@persistent
+def _before_save(path: str = "", *_: object) -> None:
+    if not path:
+        return
+    for scene in bpy.data.scenes:
+        settings = scene.seeing_wind
+        if scene.library is None and not settings.unfinished and _is_temporary(Path(settings.recovered_take)):
+            try:
+                _take_along(settings, Path(path).parent)
+            except OSError as error:
+                print(f"Seeing Wind: the results stay in {settings.recovered_take}: {error}")
+
+
+def _take_along(settings: bpy.types.PropertyGroup, home: Path) -> None:
+    """Copy take and re-simulations from the temporary folder to `home`, and let everything point there."""
+    former = Path(settings.recovered_take)
+    folder, number = home / former.name, 2
+    while folder.exists():
+        folder, number = home / f"{former.name.removesuffix('.take')}.{number}.take", number + 1
+    kept = [settings, *settings.edits]
+    for each in {each.simulated_take for each in kept if each.simulated_take}:
+        source = Path(each)
+        if source.parent == former.parent and source.is_dir():
+            target = folder.with_name(folder.name.removesuffix(".take") + source.name.removeprefix(former.name.removesuffix(".take")))
+            _copy(source, target)
+            for edit in kept:
+                if edit.simulated_take == each:
+                    edit.simulated_take = str(target)
+            _repoint(source, target)
+    if former.is_dir():
+        _copy(former, folder)
+        settings.recovered_take = settings.started_take = str(folder)
+
+
+def _repoint(former: Path, folder: Path) -> None:
+    """Point caches of that re-simulation are read from its copy."""
+    owners = [modifier for obj in bpy.data.objects for modifier in obj.modifiers if modifier.type == "MESH_CACHE"]
+    for owner in (*owners, *bpy.data.cache_files):
+        path = Path(bpy.path.abspath(owner.filepath))
+        if former in path.parents:
+            owner.filepath = str(folder / path.relative_to(former))
+
+
+def register() -> None:
+    """Attach the handler, once."""
+    unregister()
+    bpy.app.handlers.save_pre.append(_before_save)
+
+
+def unregister() -> None:
+    """Detach it."""
+    if _before_save in bpy.app.handlers.save_pre:
+        bpy.app.handlers.save_pre.remove(_before_save)

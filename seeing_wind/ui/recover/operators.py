@@ -1,0 +1,131 @@
+"""Recover the field of a clip, and put the results of a take into the scene."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ...engine.errors import TakeError, UsageError
+from ..clip import inputs as native
+from ..install import environment as engine_environment
+from ..job import status, takes, worker_calls
+from ..job import worker as job
+from ..job.operator import JobOperator
+from ..properties import ClipOptions, adopt
+from ..property_kinds import PATH
+from . import freshness, results
+
+
+class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
+    """Recover the force field that moves the object in the clip, and put it into the scene"""
+
+    bl_idname = "seeing_wind.recover"
+    bl_label = "Recover"
+    # No REGISTER: a change in the redo panel would start minutes of work.
+    bl_options = {"UNDO"}
+    step = "recover"
+
+    mask_data: StringProperty(
+        name="Mask Data", options={"SKIP_SAVE"}, description="Name of a Blender mask; with object_mode='BLENDER_MASK'"
+    )
+    proxy: StringProperty(name="Proxy", options={"SKIP_SAVE"}, description="Name of a mesh object; with scale_mode='PROXY'")
+
+    def start(self, scene):
+        """Options given as keywords become the scene's settings first."""
+        settings = scene.seeing_wind
+        adopt(settings, self.properties)
+        for name, pool in (("mask_data", bpy.data.masks), ("proxy", scene.objects)):
+            if self.properties.is_property_set(name):
+                setattr(settings, name, _found(pool, getattr(self, name)))
+        options, self.digest = worker_calls.recover_options(scene), freshness.recover_digest(scene)
+        python = engine_environment.engine_python()
+        self.folder, self.clip = takes.take_folder(settings), options[0]
+        takes.bring_along(settings, self.folder)
+        native.write(scene, worker_calls.inputs_folder(settings))
+        return self._messages(python, options, settings.field_resolution)
+
+    def _messages(self, python: str, options: list[str], resolution: int) -> "job.Messages":
+        call = worker_calls.command(python, "recover", *options, "--take", str(self.folder))
+        last = yield from job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment())
+        if last["outcome"] == "done":
+            last = yield from results.sampling(python, self.folder, resolution)
+        return last
+
+    def finish(self, scene, result):
+        """The field object, the arrows, the camera and the object itself."""
+        results.build(scene, self.folder, self.clip)
+        takes.show(scene.seeing_wind, self.folder, self.digest)
+        status.of(scene.session_uid).warnings += results.notes(self.folder)
+        return f"Recovered into {self.folder.name}"
+
+
+def _found(pool, name: str):
+    """The datablock of that name. Raises UsageError when there is none."""
+    found = pool.get(name)
+    if found is None:
+        raise UsageError(f"There is no {name!r} in this file.", "Check the name.")
+    return found
+
+
+class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
+    """Put the results of a take into the scene: field object, arrows, camera with the clip behind it, the recovered object"""
+
+    bl_idname = "seeing_wind.build_scene"
+    bl_label = "Load Results"
+    bl_options = {"UNDO"}
+    step = "recover"
+
+    take: StringProperty(
+        name="Take", subtype="DIR_PATH", options=PATH, description="Folder of the results; empty: that of the settings"
+    )
+    clip: StringProperty(name="Clip", subtype="FILE_PATH", options=PATH, description="The video, if it has been moved since")
+
+    def start(self, scene):
+        """The engine is asked for the field at the places that the scene needs."""
+        settings = scene.seeing_wind
+        if self.take:
+            self.folder = Path(native.clips.absolute(self.take))
+        else:
+            self.folder = takes.shown(settings) if settings.recovered_take else takes.take_folder(settings)
+        if not (self.folder / "field.safetensors").is_file():
+            raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
+        return results.sampling(engine_environment.engine_python(), self.folder, settings.field_resolution)
+
+    def finish(self, scene, result):
+        """As Recover does, without claiming that the settings of the scene are those of the take."""
+        results.build(scene, self.folder, native.clips.absolute(self.clip) if self.clip else "")
+        settings = scene.seeing_wind
+        if not takes.is_shown(settings, self.folder):
+            takes.show(settings, self.folder, "loaded")
+        status.of(scene.session_uid).warnings += results.notes(self.folder)
+        return f"Loaded {self.folder.name}"
+
+
+class SEEING_WIND_OT_open_report(bpy.types.Operator):
+    """Open what the recovery says of itself"""
+
+    bl_idname = "seeing_wind.open_report"
+    bl_label = "Open Report"
+
+    which: EnumProperty(name="Which", description="What to open", items=[
+        ("report.png", "Report", "Force strength, residuals and confidence over time"),
+        ("overlay.mp4", "Overlay", "The clip with the recovered forces drawn on it"),
+        (".", "Folder", "The folder of the take"),
+    ])  # fmt: skip
+
+    @classmethod
+    def poll(cls, context):
+        """Once something was recovered."""
+        return bool(context.scene.seeing_wind.recovered_take)
+
+    def execute(self, context):
+        """In the system's own viewer; without a window only its path is told."""
+        path = takes.shown(context.scene.seeing_wind) / self.which
+        if not path.exists():
+            self.report({"ERROR"}, f"There is no {path}. Run Recover again.")
+            return {"CANCELLED"}
+        self.report({"INFO"}, str(path))
+        return {"FINISHED"} if bpy.app.background else bpy.ops.wm.path_open(filepath=str(path))
+
+
+CLASSES = (SEEING_WIND_OT_recover, SEEING_WIND_OT_build_scene, SEEING_WIND_OT_open_report)

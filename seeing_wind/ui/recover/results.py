@@ -1,0 +1,257 @@
+"""From a take to the scene: the field object, its arrows, the camera with the clip behind it, and the recovered object with its motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...engine.errors import TakeError
+from ...engine.take import Take
+from ..bake.bake import bake_shape_keys
+from ..clip.clip_scene import create_recovered_object, setup_clip_scene
+from ..clip.inputs.clips import absolute, as_pattern, opened_by
+from ..field import legend as field_legend
+from ..field import physics_nodes, renewal
+from ..field import samples as field_samples
+from ..field.arrows import create_arrows
+from ..field.field_object import create_field_object
+from ..field.kernels import between, lattice
+from ..field.legend import create_legend
+from ..job import worker as job
+from ..job import worker_calls
+from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion, trajectory
+from ..units import metres_per_unit
+
+COLLECTION = "Seeing Wind"
+POINTS, SAMPLES = "blender_points.npy", "blender_samples.npz"
+POINTERS = ("field_object", "arrows_object", "recovered_object")
+"""Results that the scene's settings name; these two are children of the field object."""
+SAMPLES_OBJECT, LEGEND = "samples", "legend"
+RIDING = 64
+"""Arrows that ride on the recovered object, at most: more of them hide it."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where the field is asked for. The three groups go to the worker as one array, in this order."""
+
+    nodes: np.ndarray
+    """(M, 3) of the field object [m]."""
+    probes: np.ndarray
+    """(P, 3) between the nodes [m]."""
+    riding: np.ndarray
+    """(T, R, 3) on the moving object [m]; R may be 0."""
+
+    def rows(self) -> np.ndarray:
+        """(T, M + P + R, 3), one row per frame, as the worker's `sample` takes them."""
+        still = np.concatenate([self.nodes, self.probes])
+        return np.concatenate([np.broadcast_to(still, (len(self.riding), *still.shape)), self.riding], axis=1)
+
+    def split(self, samples: np.ndarray) -> list[np.ndarray]:
+        """Samples (T, M + P + R, ...) -> one array per group."""
+        return np.split(samples, [len(self.nodes), len(self.nodes) + len(self.probes)], axis=1)
+
+
+def notes(folder: Path) -> list[str]:
+    """What the recovery in `folder` says of itself, the worst first."""
+    return recovery_notes(Take(folder))
+
+
+def places(take: Take, resolution: int) -> Places:
+    """Where to sample the field of a take.
+
+    Raises:
+        TakeError: when the take has no report.
+    """
+    field = field_summary(take)
+    x = trajectory(take, field)[: field.frames]
+    return Places(lattice(field.box, resolution), between(field.box, resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
+
+
+def sampling(python: str, folder: Path, resolution: int) -> job.Messages:
+    """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
+    take = Take(folder)
+    points = take.file(POINTS)
+    with take.writing(points.name) as aside:
+        np.save(aside, places(take, resolution).rows())
+    options = (str(folder), "--points", str(points), "--out", str(take.file(SAMPLES)))
+    return (yield from job.run(worker_calls.command(python, "sample", *options), cwd=str(folder), env=worker_calls.environment()))
+
+
+def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
+    """Put the results of a take into `scene`, those of a former one into the objects that it has made already (see `renewal`).
+
+    Args:
+        scene: changed; see `clip_scene.setup_clip_scene` for what of it.
+        folder: of the take, sampled before (`sampling`).
+        clip: path of the video; by default the one that the take names, or the one of that name in the settings or beside the .blend file.
+
+    Raises:
+        TakeError: when the take lacks something; the scene is then as before.
+        ClipError: when Blender cannot read the clip; likewise.
+    """
+    settings, take = scene.seeing_wind, Take(folder)
+    field, where, samples = field_summary(take), places(take, settings.field_resolution), take.read_arrays(SAMPLES)
+    shape = (field.frames, where.rows().shape[1])
+    if [np.shape(samples.get(name)) for name in ("force_density", "confidence")] != [(*shape, 3), shape]:
+        raise TakeError(f"The samples in {folder} do not fit its field.", "Load the results again.")
+    if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence")):
+        raise TakeError(f"The field in {folder} is not finite everywhere.", "Run Recover again.")
+    at_nodes, at_probes, at_riding = where.split(samples["force_density"])
+    sure_nodes, _, sure_riding = where.split(samples["confidence"])
+    seen = read_seen(take, field)
+    if seen is not None:
+        path = clip or _clip(settings, field)
+        settings.camera_object = setup_clip_scene(
+            scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start
+        )
+
+    _leave_to_others(settings)
+    former, followers, groups = _made(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
+    collection = _collection(scene)
+    wind = create_field_object(
+        scene, "Recovered Wind", where.nodes, at_nodes, fps=field.fps, density=field.density, frame_start=settings.frame_start,
+        probes=where.probes, probe_vectors=at_probes, confidence=sure_nodes, take=folder, collection=collection,
+    )  # fmt: skip
+    nodes = np.broadcast_to(where.nodes, at_nodes.shape)
+    arrows = create_arrows(
+        scene, "Recovered Wind Arrows", np.concatenate([nodes, where.riding], axis=1), np.concatenate([at_nodes, at_riding], axis=1),
+        np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
+    )  # fmt: skip
+    low, high = field.box / metres_per_unit(scene)
+    aside = low - [0.06 * (high - low).max(), 0.0, 0.0]
+    legend = create_legend(
+        "Recovered Wind Legend", arrows["seeing_wind_peak"], aside, 0.6 * float((high - low).max()), collection, wind,
+    )  # fmt: skip
+    made = {"field_object": wind, SAMPLES_OBJECT: field_samples.samples_of(wind), "arrows_object": arrows, LEGEND: legend}
+    if seen is not None and seen.surface is not None:
+        made["recovered_object"] = _recovered(scene, seen, field.fps, collection)
+    kept = _in_place(scene, former, made)
+    for name in POINTERS:
+        setattr(settings, name, kept.get(name))
+    physics_nodes.follow(followers, settings.field_object)
+    if settings.recovered_object is not None:
+        _restore_groups(settings.recovered_object, groups)
+
+
+def _made(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object]:
+    """What a former run has made, by what it is; what the user has deleted already is not among it."""
+    found = {name: getattr(settings, name) for name in POINTERS}
+    for child in settings.field_object.children if settings.field_object is not None else ():
+        for name, mark in ((SAMPLES_OBJECT, field_samples.MARK), (LEGEND, field_legend.MARK)):
+            if mark in child:
+                found[name] = child
+    return {name: obj for name, obj in found.items() if obj is not None}
+
+
+def shows_field(obj: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether an object is one of those by which the scene shows the field: no body and no obstacle, whatever is selected."""
+    return any(obj == each for name, each in _made(settings).items() if name != "recovered_object")
+
+
+def _in_place(
+    scene: bpy.types.Scene, former: dict[str, bpy.types.Object], made: dict[str, bpy.types.Object]
+) -> dict[str, bpy.types.Object]:
+    """Put new results into the objects that a former run has made; those that cannot take them, or have no successor, are removed."""
+    kept = {}
+    for name, new in made.items():
+        old = former.pop(name, None)
+        if old is not None and not renewal.can_renew(old, scene):
+            former[name], old = old, None
+        kept[name] = renewal.renew(old, new) if old is not None else new
+    for obj in former.values():
+        for child in obj.children:
+            child.parent = None
+        data = obj.data
+        bpy.data.objects.remove(obj)
+        if isinstance(data, bpy.types.Mesh) and data.users == 0:
+            bpy.data.meshes.remove(data)
+    return kept
+
+
+def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
+    """A scene that was copied from another one shares its objects: these stay with the other."""
+    scene, names = settings.id_data, POINTERS
+    others = [other for other in bpy.data.scenes if other != scene]
+    theirs = {getattr(other.seeing_wind, name) for other in others for name in names}
+    shared = [name for name in names if getattr(settings, name) is not None and getattr(settings, name) in theirs]
+    for name in shared:
+        setattr(settings, name, None)
+    if shared:
+        held = {collection for other in others for collection in other.collection.children_recursive}
+        for collection in [each for each in scene.collection.children if each.get("seeing_wind") and each in held]:
+            scene.collection.children.unlink(collection)
+
+
+def _clip(settings: bpy.types.PropertyGroup, field: FieldSummary) -> str:
+    """The clip of a take, which may have been moved with the .blend file since."""
+    named = Path(field.clip)
+    candidates = [Path(absolute(settings.clip))] if settings.clip else []
+    if bpy.data.filepath:
+        candidates.append(Path(bpy.data.filepath).with_name(named.name))
+    if Path(opened_by(str(named))).is_file():
+        return field.clip
+    return str(next((each for each in candidates if _is_same(each, named)), named))
+
+
+def _is_same(candidate: Path, named: Path) -> bool:
+    """Whether a clip that is there has the name of another one: a sequence that of its pattern, whichever picture stands for it."""
+    return Path(as_pattern(str(candidate))).name == named.name and Path(opened_by(str(candidate))).is_file()
+
+
+def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.types.Collection) -> bpy.types.Object:
+    surface = seen.surface
+    obj = create_recovered_object(scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.picture, collection)
+    bake_shape_keys(obj, seen.motion, scene.seeing_wind.frame_start, fps, scene)
+    return obj
+
+
+def _groups(obj: bpy.types.Object | None) -> tuple[int, dict[str, list[tuple[int, float]]]]:
+    """Vertex groups that the user has made on the clip's object: vertices of the mesh, and per group indices with their weights."""
+    if obj is None:
+        return 0, {}
+    members: dict[str, list[tuple[int, float]]] = {group.name: [] for group in obj.vertex_groups}
+    names = [group.name for group in obj.vertex_groups]
+    for vertex in obj.data.vertices:
+        for element in vertex.groups:
+            members[names[element.group]].append((vertex.index, element.weight))
+    return len(obj.data.vertices), members
+
+
+def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tuple[int, float]]]]) -> None:
+    """On a mesh of other vertices they would mean something else."""
+    count, members = former
+    for name, weighted in members.items() if count == len(obj.data.vertices) else ():
+        group = obj.vertex_groups.new(name=name)
+        for index, weight in weighted:
+            group.add([index], weight, "REPLACE")
+
+
+def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
+    collection = next((each for each in scene.collection.children_recursive if each.get("seeing_wind")), None)
+    if collection is None:
+        collection = bpy.data.collections.new(COLLECTION)
+        collection["seeing_wind"] = True
+        scene.collection.children.link(collection)
+    return collection
+
+
+# -- re-simulated bodies ----------------------------------------------------------------------------------------------------------
+
+
+def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> list[bpy.types.Object]:
+    """All bodies of a re-simulation as new objects with their motion, for files that are made without a session before."""
+    take, made = Take(folder), []
+    for path in sorted(take.file("bodies").glob("*.npz")):
+        arrays = simulated_motion(take, path.stem)
+        mesh = bpy.data.meshes.new(path.stem)
+        mesh.from_pydata(arrays["vertices"][0].tolist(), [], arrays["triangles"].tolist())
+        mesh.update()
+        obj = bpy.data.objects.new(path.stem, mesh)
+        _collection(scene).objects.link(obj)
+        bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene)
+        made.append(obj)
+    return made
