@@ -17,7 +17,6 @@ from scipy.interpolate import RBFInterpolator
 from scipy.spatial import cKDTree
 
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.object import build
 from seeing_wind.engine.observe.object.motion.keypoints import held, place
 from seeing_wind.engine.observe.object.motion.lifting import Arap, lift
 from seeing_wind.engine.observe.object.motion.views import lifted_together, view_targets
@@ -26,6 +25,7 @@ from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Observation, TrackTargets
 from seeing_wind.engine.settings import BuildSettings, ObserveSettings
+from seeing_wind.engine.stages import build_body
 
 SCENES = ("sheet_v0", "pole_v0", "clay_v0", "banner_v0", "sheet_v1", "pole_v1", "clay_v1")
 BARS = {"first IoU": 0.95, "IoU": 0.9, "track median": 0.15, "track p90": 0.8, "alive": 0.75, "seconds": 0.5}
@@ -139,7 +139,7 @@ def together_figures(folder: Path, first: str, second: str) -> dict[str, float]:
     """Median errors of the first view's key points across and along its view [mm], lifted with the tracks of the second."""
     truth, seen = read_truth(folder / first), seen_in(folder / first, read_truth(folder / first))[0]
     other = seen_in(folder / second, read_truth(folder / second))[0]
-    body = build(seen, BuildSettings(law="von_mises", yield_stress=100.0))
+    body = build_body(seen, BuildSettings(law="von_mises", yield_stress=100.0))
     own = TrackTargets(seen.xy, seen.visible & np.isfinite(body.lifted).all(axis=-1), seen.sigma, seen.camera, body.keypoints)
     lifted = lifted_together(seen, body, [own, view_targets(body, other)]).lifted
     early = np.flatnonzero(seen.visible[0] & ~seen.on_centroid)

@@ -3,8 +3,8 @@
 The hardest bodies for one camera: they sway towards it, which hardly shows, and swing far beyond what a solver's grid gets right. A sheet
 of 28 x 20 cm is held along one edge and simulated with particles one and a half times as fine as the recovery's; its force is recovered
 from tracks of noise 0.08 px (0.1 px are declared), stiffness given. Prints the errors as recovered, as without the finer following and the
-doubt of tracks that even the solution misses (`recovery/solve/following.py`, `recovery/prior/learning.py`), and of a uniform field, and how far the
-sheets are off in depth.
+doubt of tracks that even the solution misses (`recovery/solve/first_field.py`, `recovery/prior/learning.py`), and of a uniform field, and
+how far the sheets are off in depth.
 """
 
 from __future__ import annotations

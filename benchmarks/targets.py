@@ -2,8 +2,8 @@
 
 For takes that `truth.py SHARED --takes TAKES CASE ...` left ("sheet from pixels", "banner from pixels", "sheet from the side" ...): the
 same body and the same tracks once as they were seen, residual = projection of the simulated points less the track, and twice lifted to 3D
-(`observe/object/motion/lifting.py`): as points whose noise is measured, and as points with a covariance, ALONG times as uncertain along the view as across
-it, where it is the tracks' own. All solves run here and are scored on the stored field.
+(`observe/object/motion/lifting.py`): as points whose noise is measured, and as points with a covariance, ALONG times as uncertain along
+the view as across it, where it is the tracks' own. All solves run here and are scored on the stored field.
 """
 
 from __future__ import annotations

@@ -37,6 +37,10 @@ class Progress:
         self.check()
         self._emit({"type": "progress", "stage": self.stage, "fraction": round(float(fraction), 4), "message": message, **figures})
 
+    def part(self, begin: float, end: float) -> Progress:
+        """A share of the current stage, from `begin` to `end`, as a progress of its own."""
+        return _Part(self, begin, end)
+
     def warn(self, message: str) -> None:
         """Something the user should know that does not stop the job."""
         self._emit({"type": "warning", "stage": self.stage, "message": message})
@@ -49,6 +53,25 @@ class Progress:
         """
         if self._cancelled():
             raise Cancelled
+
+
+class _Part(Progress):
+    def __init__(self, whole: Progress, begin: float, end: float) -> None:
+        super().__init__()
+        self._whole, self._begin, self._end = whole, begin, end
+
+    def begin(self, stage: str, message: str = "") -> None:
+        self._whole.stage = stage
+        self.update(0.0, message)
+
+    def update(self, fraction: float, message: str = "", **figures: float) -> None:
+        self._whole.update(self._begin + fraction * (self._end - self._begin), message, **figures)
+
+    def warn(self, message: str) -> None:
+        self._whole.warn(message)
+
+    def check(self) -> None:
+        self._whole.check()
 
 
 class NoProgress(Progress):

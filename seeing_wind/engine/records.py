@@ -189,7 +189,8 @@ class Body:
     gaussians: Gaussians
     surface: Surface
     keypoints: Attachment
-    """The K tracked points of the observation on the particles (the paper's control, Eq. (13), generalised: see observe/object/motion/control.py)."""
+    """The K tracked points of the observation on the particles (the paper's control, Eq. (13), generalised: see
+    `observe/object/motion/control.py`)."""
     lifted: np.ndarray
     """(T+1, K, 3) key points P^t lifted to 3D [m], NaN where never seen or not placed: a display and a start, not the target of the fit."""
     tie_sigma: tuple[float, ...] = ()

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from .errors import TakeError, UsageError
-from .progress import Progress
+from .progress import NoProgress, Progress
 from .records import Body, Gaussians, Observation, Outcome, Recovery, TrackTargets
 from .settings import BuildSettings, ObserveSettings, RecoverSettings, to_mapping
 from .take import Take, from_arrays, stamp_of, to_arrays
@@ -78,18 +78,31 @@ def observation_stamp(clip: str, settings: ObserveSettings) -> str:
 
 def build_stage(take: Take, observation: Observation, upstream: str, settings: BuildSettings, progress: Progress) -> tuple[Body, str]:
     """Stage *build* -> `particles.npz` and `gaussians.ply`. Returns the body and its stamp."""
-    from .observe.object import build, write_ply
+    from .look import write_ply
 
     stamp = stamp_of("build", VERSION, upstream, settings)
     kept = _kept(take, "build", stamp, lambda: read_body(take), progress)
     if kept is not None and take.file("gaussians.ply").is_file():
         return kept, stamp
     progress.begin("build", "building the body")
-    body = build(observation, settings, progress)
+    body = build_body(observation, settings, progress)
     write_gaussians(take, body.gaussians, write_ply)
     take.write_arrays("particles.npz", to_arrays(body))
     take.finish("build", stamp, to_mapping(settings))
     return body, stamp
+
+
+def build_body(observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None) -> Body:
+    """The object as physics moves it and as it looks, without a take.
+
+    Raises:
+        MaterialError, ObjectError, Cancelled: as `observe.object.build`.
+    """
+    from .look import dress
+    from .observe.object import build
+
+    progress = progress or NoProgress()
+    return dress(build(observation, settings, progress.part(0.0, 0.2)), observation, progress.part(0.2, 1.0))
 
 
 def write_gaussians(take: Take, gaussians: Gaussians, write_ply) -> None:
@@ -119,7 +132,9 @@ def recover_stage(
         that solve, distillation and refinement took.
     """
     from .field import distill, load_field
-    from .recovery import recover, recover_by_descent, refine
+    from .paper.refinement import refine
+    from .paper.schedule import recover_by_descent
+    from .recovery import recover
 
     stamp = stamp_of("recover", VERSION, upstream, settings)
     # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it. Until the field is

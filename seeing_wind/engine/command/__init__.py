@@ -1,0 +1,5 @@
+"""The command line: one module for each of its concerns.
+
+    arguments.py     verbs and options              verbs.py   what each verb does
+    trajectories.py  3D trajectories from a file    doctor.py  what is installed, and what to do about the rest
+"""

@@ -87,10 +87,10 @@ def _on(mask: str, pin: str) -> bool:
 
 def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     """One object of a clip into one take."""
+    from ..look import write_ply
     from ..look.multiview import with_views
     from ..look.report import write_report
     from ..observe import observe
-    from ..observe.object import write_ply
     from ..observe.object.motion.views import lifted_together, view_targets
 
     _material(find(arguments.material), arguments)  # a wrong one is told before the work begins

@@ -1,4 +1,11 @@
-"""Force fields f(x, t) [N/m³]: representations, distilling a recovery into one, confidence, sampling and export."""
+"""Force fields f(x, t) [N/m³].
+
+    force_field.py   what every field can do           triplane.py   the paper's causal tri-plane
+    planes.py, neural.py  what learned ones share      kplanes.py, point.py  for comparison
+    analytic.py      known fields                      distillation.py  a recovery's forces as a field
+    confidence.py    how well a value is known         sampling.py   values at points, and export
+    storage.py       fields from files                 torch_threads.py  torch on one thread
+"""
 
 from .analytic import ForceFieldAnalytic, GustField, UniformField
 from .distillation import distill

@@ -11,13 +11,16 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from ..field.torch_threads import one_torch_thread
+from ..observe.object import Built
 from ..observe.object.shape.relief import Relief
 from ..progress import NoProgress, Progress
-from ..records import Camera, Gaussians
+from ..records import Body, Camera, Gaussians, Observation
 from . import gsplat_backend
-from .gaussians import SH0, view_camera
+from .gaussians import SH0, pixel_aligned, view_camera
 from .splatting import NEAR, Tiles, blend, project, tiles_of
 
+POOR_LOOK = 25.0
+"""PSNR [dB] under which the user is told that the Gaussians do not show the object well."""
 FIT_PIXELS = 60_000
 """A mask's box of more pixels is reduced by an integer factor for the fit."""
 MARGIN = 4
@@ -31,6 +34,21 @@ FIRST = 4.0
 """Weight of the first of several pictures: its camera's clip is what the object is put back into."""
 ALPHA_WEIGHT = 0.2
 """Weight of the silhouette's squared error against the colours'."""
+
+
+def dress(built: Built, observation: Observation, progress: Progress | None = None) -> Body:
+    """The body with Gaussians that show frame 0 as the clip has it.
+
+    Raises:
+        Cancelled: between iterations.
+    """
+    progress = progress or NoProgress()
+    rough = pixel_aligned(built.relief, observation.image, built.particles.x)
+    gaussians, quality = fit(rough, built.relief, observation.image, progress=progress, behind=observation.background)
+    if quality < POOR_LOOK:
+        progress.warn(f"The Gaussians show the object with {quality:.1f} dB only; forces do not depend on it.")
+    progress.update(1.0, f"{len(gaussians.x)} Gaussians, {quality:.1f} dB", psnr=round(quality, 2))
+    return built.body(gaussians)
 
 
 def fit(

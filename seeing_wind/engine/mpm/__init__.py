@@ -1,4 +1,11 @@
-"""MLS-MPM: the forward model and its adjoint. NumPy float64 in and out; Taichi stays inside, torch above it in `autograd` only."""
+"""MLS-MPM: the forward model and its adjoint. NumPy float64 in and out; Taichi stays inside, torch above it in `autograd` only.
+
+    model.py      what stays the same        model_for.py  chosen from bodies and materials     state.py  what changes
+    rollout.py    frames of simulation       body.py       one large body on all cores          autograd.py  for torch
+    tangent.py    many changes to first order
+    checks.py, failure.py  what is refused, and what stopped a run      device.py, precision.py  Taichi's start and types
+    laws/  stress from deformation     lattice/  the grid and its boundary     kernels/  the substep
+"""
 
 import os
 

@@ -1,4 +1,11 @@
-"""From a clip to an `Observation`: camera, masks, depth, tracks. OpenCV lives here."""
+"""From a clip to an `Observation`, and from that to a body. OpenCV lives here.
+
+    observation.py   the whole stage                 networks.py  where a network takes the place of a default
+    working_size.py  large clips in a smaller copy
+    clip/    frames, camera, depth                   mask/    the object's outline
+    tracks/  where its points go                     models/  optional networks, behind `networks`
+    object/  particles, surface and key points: what the solver moves
+"""
 
 from .observation import observe
 

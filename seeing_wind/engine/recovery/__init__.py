@@ -1,8 +1,13 @@
-"""From observed motion to the force field that made it: see `recover`; `recover_by_descent` is the paper's own scheme, `refine` goes on
-from a stored field."""
+"""From observed motion to the force field that made it.
 
-from ..paper.refinement import refine
-from ..paper.schedule import recover_by_descent
+    recover.py      the whole clip, window by window         diagnostics/  what the user should know about a solution
+    solve/          Gauss-Newton through the simulator       resimulate/   a recovered field on other bodies
+    prior/          what is believed of a force beforehand
+    targets/        what was observed, as residuals
+
+The paper's own schedule for the same problem is `engine/paper/`.
+"""
+
 from .recover import recover
 
-__all__ = ["recover", "recover_by_descent", "refine"]
+__all__ = ["recover"]

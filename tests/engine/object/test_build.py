@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import MaterialError
-from seeing_wind.engine.observe.object import build
 from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.observe.object.motion.keypoints import place, ride
 from seeing_wind.engine.observe.object.shape.particles import fill
@@ -16,12 +15,13 @@ from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Body
 from seeing_wind.engine.settings import BuildSettings
+from seeing_wind.engine.stages import build_body
 from seeing_wind.engine.take import from_arrays, to_arrays
 
 
 def test_plate_to_body(plate) -> None:
     messages: list[dict] = []
-    body = build(plate, BuildSettings(material="cotton", density=300.0, particles=200), Progress(messages.append))
+    body = build_body(plate, BuildSettings(material="cotton", density=300.0, particles=200), Progress(messages.append))
     assert (body.material.name, body.material.density) == ("cotton", 300.0)
     seen = body.keypoints.follow(body.particles.x)
     assert plate.camera.project(seen)[0] == pytest.approx(plate.xy[0], abs=0.05)
@@ -36,7 +36,7 @@ def test_plate_to_body(plate) -> None:
 
 
 def test_small_ball_with_a_centroid_track(ball) -> None:
-    body = build(ball, BuildSettings(), NoProgress())
+    body = build_body(ball, BuildSettings(), NoProgress())
     centre = np.average(body.particles.x, axis=0, weights=body.particles.volume)
     radius = 5.2 / 90.0
     assert body.keypoints.follow(body.particles.x)[0] == pytest.approx(centre, abs=0.02 * radius)
@@ -80,14 +80,14 @@ def test_track_just_outside_the_mask_takes_the_nearest_depth(plate) -> None:
 
 def test_bad_material_stops_before_any_work(plate) -> None:
     with pytest.raises(MaterialError):
-        build(plate, BuildSettings(material="unobtainium"), NoProgress())
+        build_body(plate, BuildSettings(material="unobtainium"), NoProgress())
     with pytest.raises(MaterialError):
-        build(plate, BuildSettings(poisson_ratio=0.7), NoProgress())
+        build_body(plate, BuildSettings(poisson_ratio=0.7), NoProgress())
 
 
 def test_cancel(plate) -> None:
     with pytest.raises(Cancelled):
-        build(plate, BuildSettings(), Progress(cancelled=lambda: True))
+        build_body(plate, BuildSettings(), Progress(cancelled=lambda: True))
 
 
 def test_rendered_plate(shared) -> None:

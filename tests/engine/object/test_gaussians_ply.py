@@ -9,8 +9,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.errors import TakeError
+from seeing_wind.engine.look import read_ply, write_ply
 from seeing_wind.engine.look.gaussians import colours, covariances, pixel_aligned, rest_covariances, self_attached
-from seeing_wind.engine.observe.object import read_ply, write_ply
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.records import Gaussians

@@ -9,9 +9,9 @@ import pytest
 
 from seeing_wind.engine.look.multiview import with_views
 from seeing_wind.engine.look.splatting import picture
-from seeing_wind.engine.observe.object import build
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import BuildSettings
+from seeing_wind.engine.stages import build_body
 
 from .conftest import FOCAL, HEIGHT, WIDTH, camera, observed
 
@@ -44,7 +44,7 @@ def likeness(gaussians, seen: Observation) -> float:
 
 def test_the_side_that_only_the_second_camera_sees_is_added() -> None:
     front, side = sphere_from(0.0), sphere_from(90.0)
-    alone = build(front, BuildSettings(particles=120))
+    alone = build_body(front, BuildSettings(particles=120))
     both, quality = with_views(alone, front, [side])
     assert len(both.gaussians.x) > 1.2 * len(alone.gaussians.x)
     assert likeness(both.gaussians, side) > max(18.0, likeness(alone.gaussians, side) + 6.0)

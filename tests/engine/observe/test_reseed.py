@@ -11,11 +11,10 @@ from scenes import HEIGHT, WIDTH, noise, write_video
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.object import build
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Body, Camera, Observation
 from seeing_wind.engine.settings import BuildSettings, ObserveSettings
-from seeing_wind.engine.stages import track_targets
+from seeing_wind.engine.stages import build_body, track_targets
 
 SIDE, DEPTH, FOCAL, DISTANCE, FRAMES = 0.30, 0.03, 300.0, 1.0, 14
 """A square board [m], half its thickness to either side, that turns about an upright axis by 160 degrees in so many pictures."""
@@ -84,7 +83,7 @@ def body(seen: Observation) -> Body:
     with pytest.MonkeyPatch.context() as patch:
         # How the body looks is not asked here, and fitting it takes longest.
         patch.setattr("seeing_wind.engine.look.first_frame.fit", lambda gaussians, *_, **__: (gaussians, 40.0))
-        return build(seen, BuildSettings(thickness=DEPTH, particles=150), NoProgress())
+        return build_body(seen, BuildSettings(thickness=DEPTH, particles=150), NoProgress())
 
 
 def back_points(xy: np.ndarray, t: int) -> np.ndarray:

@@ -1,4 +1,10 @@
-"""What the user looks at after a recovery: report.json, report.png, overlay.mp4 and resimulated.mp4."""
+"""What the user looks at after a recovery.
+
+    report.py       report.json, and the order of the rest       figure.py   report.png
+    overlay.py      overlay.mp4 (arrows.py, dials.py, colours.py)
+    resimulated.py  resimulated.mp4, over a clean plate (backdrop.py)
+    video.py        writing MP4                                  accuracy.py errors against a known field
+"""
 
 from .accuracy import field_errors, uniform_errors
 from .overlay import write_overlay

@@ -9,11 +9,11 @@ import numpy as np
 from ...field import ForceField
 from ...field.sampling import sample_points
 from ...observe.clip.frames import read_clip
-from ...observe.object import write_ply
 from ...progress import NoProgress, Progress
 from ...records import Body, Material, Observation, Particles, Recovery, as_found
 from ...settings import RecoverSettings, to_mapping
 from ...take import Take
+from ..ply import write_ply
 from .accuracy import field_errors, uniform_errors
 from .figure import draw_report
 from .overlay import write_overlay

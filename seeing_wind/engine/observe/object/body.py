@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...look.gaussians import pixel_aligned
-from ...materials import PLASTIC_LAWS, adjusted, find
+from ...materials import PLASTIC_LAWS, Material, adjusted, find
 from ...progress import NoProgress, Progress
-from ...records import Body, Observation, Particles, Surface
+from ...records import Attachment, Body, Gaussians, Observation, Particles, Surface
 from ...settings import FLOWING_PARTICLES, PARTICLES, BuildSettings
 from .motion.keypoints import held, place, ride
 from .motion.late import among, tie
@@ -18,12 +18,28 @@ from .shape.particles import fill
 from .shape.relief import Relief, relief_of
 from .shape.surface import surface_of
 
-POOR_LOOK = 25.0
-"""PSNR [dB] under which the user is told that the Gaussians do not show the object well."""
+
+@dataclass(frozen=True)
+class Built:
+    """What moves: a `records.Body` but for its look."""
+
+    particles: Particles
+    material: Material
+    surface: Surface
+    keypoints: Attachment
+    lifted: np.ndarray
+    """(T+1, K, 3) [m], as of `records.Body`."""
+    tie_sigma: tuple[float, ...]
+    relief: Relief
+    """Front and back of the object in frame 0, for `look.dress`."""
+
+    def body(self, gaussians: Gaussians) -> Body:
+        """The body with its look."""
+        return Body(self.particles, self.material, gaussians, self.surface, self.keypoints, self.lifted, self.tie_sigma)
 
 
-def build(observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None) -> Body:
-    """Particles, material, Gaussians, surface and key points of the object in picture 0.
+def build(observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None) -> Built:
+    """Particles, material, surface and key points of the object in frame 0.
 
     Args:
         observation: what was seen; settings: material, thickness, number of particles.
@@ -50,7 +66,7 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
     flows = material.law in PLASTIC_LAWS
     count = settings.particles if settings.particles is not None else FLOWING_PARTICLES if flows else PARTICLES
     particles = fill(relief, count, observation.pin)
-    progress.update(0.05, f"{len(particles.x)} particles in a {relief.kind}, {1000.0 * relief.thickness:.1f} mm thick")
+    progress.update(0.25, f"{len(particles.x)} particles in a {relief.kind}, {1000.0 * relief.thickness:.1f} mm thick")
     surface = surface_of(relief, particles.x)
     points, tie_sigma = _key_points(observation, relief, particles, surface, progress)
     keypoints = ride(points, observation.on_centroid, particles)
@@ -59,23 +75,15 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
     visible = observation.visible & np.isfinite(points).all(axis=1)
     sigma = np.hypot(observation.sigma, tie_sigma)
     lifted = lift(observation.camera, observation.xy, visible, sigma, points, held(observation, points), arap, progress)
-    progress.update(0.2, f"{len(points)} key points lifted, surface of {len(surface.vertices)} vertices")
-    from ...look.first_frame import fit  # brings torch: here, so that the rest of this room loads fast
-
-    rough = pixel_aligned(relief, observation.image, particles.x)
-    share, behind = _Share(progress, 0.2, 1.0), observation.background
-    gaussians, quality = fit(rough, relief, observation.image, progress=share, behind=behind)
-    if quality < POOR_LOOK:
-        progress.warn(f"The Gaussians show the object with {quality:.1f} dB only; forces do not depend on it.")
-    progress.update(1.0, f"{len(gaussians.x)} Gaussians, {quality:.1f} dB", psnr=round(quality, 2))
-    return Body(
+    progress.update(1.0, f"{len(points)} key points lifted, surface of {len(surface.vertices)} vertices")
+    return Built(
         particles=particles,
         material=material,
-        gaussians=gaussians,
         surface=surface,
         keypoints=keypoints,
         lifted=lifted,
         tie_sigma=tuple(tie_sigma.tolist()),
+        relief=relief,
     )
 
 
@@ -91,19 +99,5 @@ def _key_points(
         return points, np.zeros(len(points))
     ties, sigma = tie(observation, surface, points, np.where(apart | (first == 0), first, -1), progress)
     placed = apart & np.isfinite(ties).all(axis=1)
-    progress.update(0.1, f"{int(placed.sum())} of {int(apart.sum())} later tracks tied to the body")
+    progress.update(0.5, f"{int(placed.sum())} of {int(apart.sum())} later tracks tied to the body")
     return np.where(apart[:, None], ties, points), np.where(placed, sigma, 0.0)
-
-
-class _Share(Progress):
-    """A part, `begin`..`end`, of another progress."""
-
-    def __init__(self, whole: Progress, begin: float, end: float) -> None:
-        super().__init__()
-        self._whole, self._begin, self._end = whole, begin, end
-
-    def update(self, fraction: float, message: str = "", **figures: float) -> None:
-        self._whole.update(self._begin + fraction * (self._end - self._begin), message, **figures)
-
-    def check(self) -> None:
-        self._whole.check()

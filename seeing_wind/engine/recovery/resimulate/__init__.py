@@ -1,4 +1,9 @@
-"""Meshes in, bodies out: what a user inserts, pins and weighs, moved by a recovered field."""
+"""Meshes in, bodies out: what a user inserts, pins and weighs, moved by a recovered field.
+
+    simulate.py  an edit becomes motion       mesh.py       triangle meshes from files
+    fill.py      particles for a mesh         voxels.py     the inside of a surface that is no proper solid
+    pins.py      pinned vertices              obstacles.py  what the bodies run into
+"""
 
 from .mesh import load_mesh
 from .simulate import Simulated, simulate_bodies

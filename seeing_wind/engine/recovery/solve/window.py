@@ -2,7 +2,7 @@
 
 Follow the targets with a receding horizon, solve with few modes and sparse knots, learn the prior's sizes, then solve with all modes
 that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle. A body
-that the first field loses is followed again, finely (`following`). Where the body's stiffness is free (`stiffness`), each solve is
+that the first field loses is followed again, finely (`first_field`). Where the body's stiffness is free (`stiffness`), each solve is
 followed by steps of both.
 """
 
@@ -24,7 +24,7 @@ from ..prior.kernel import Prior, modes_worth
 from ..prior.learning import STRAYED, Expected, learn_all, learnt, prior_along, strayed
 from ..targets.objective import Objective
 from ..targets.tracks import TrackChannels
-from .following import FINELY, FLOWING, USUAL, Pace, follow
+from .first_field import FINELY, FLOWING, USUAL, Pace, follow
 from .forward import Forward
 from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of
 from .gauss_newton import solve as gauss_newton

@@ -1,0 +1,5 @@
+"""What was observed, as residuals of unit variance.
+
+    objective.py  all channels together       channels.py  what both kinds of channel share
+    tracks.py     tracks of a camera [px]     points.py    points in 3D [m]
+"""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,10 +17,8 @@ from ...mpm.state import Trajectory
 from ..prior.kernel import DURATION, LENGTH, Kernel, Prior
 from ..prior.learning import prior_along
 from .forward import Forward
+from .solver import Solver
 from .warm_start import warm_start
-
-if TYPE_CHECKING:
-    from .window import WindowSolver
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ FINELY = Pace(
 """Of a body that strayed at the usual pace."""
 
 
-def follow(solver: WindowSolver, pace: Pace, share: tuple[float, float]) -> tuple[Forward, Prior, np.ndarray, int]:
+def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> tuple[Forward, Prior, np.ndarray, int]:
     """Forward model, prior, unknowns that track the whole window, and the Jacobians used.
 
     Args:
