@@ -18,7 +18,7 @@ from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from seeing_wind.ui.bake.bake.bake import bake_shape_keys, clear_bake, evaluation_time_curves  # noqa: E402
+from seeing_wind.ui.bake.bake import bake_shape_keys, clear_bake, evaluation_time_curves  # noqa: E402
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene  # noqa: E402
 from seeing_wind.ui.edit.scene_export import export_mesh, pinned_vertices  # noqa: E402
 from seeing_wind.ui.field.arrows import create_arrows  # noqa: E402

@@ -12,9 +12,9 @@ import pytest
 from mathutils import Euler, Matrix
 
 from seeing_wind.engine.errors import TakeError, UsageError
-from seeing_wind.ui.bake.bake.animation import curves_of
-from seeing_wind.ui.bake.bake.bake import MARK, Plan, bake_motion, clear_bake, is_intact, mark_of
-from seeing_wind.ui.bake.bake.rigid import rigid_fit
+from seeing_wind.ui.bake.animation import curves_of
+from seeing_wind.ui.bake.bake import MARK, Plan, bake_motion, clear_bake, is_intact, mark_of
+from seeing_wind.ui.bake.rigid import rigid_fit
 
 WAYS = [
     "SHAPE_KEYS",
@@ -238,7 +238,7 @@ def test_modifiers_wake_when_alembic_fails(grid, tmp_path, monkeypatch) -> None:
     def fail(*_: object) -> None:
         raise UsageError("no Alembic", "none")
 
-    monkeypatch.setattr("seeing_wind.ui.bake.bake.cache.bake_alembic", fail)
+    monkeypatch.setattr("seeing_wind.ui.bake.cache.bake_alembic", fail)
     monkeypatch.setattr("seeing_wind.ui.bake.bake._way", lambda *_: "ALEMBIC")
     grid.modifiers.new("Bend", "SIMPLE_DEFORM")
     with pytest.raises(UsageError):

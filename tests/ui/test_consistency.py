@@ -12,7 +12,7 @@ import pytest
 
 import seeing_wind.ui as ui
 from seeing_wind.ui.bake import bake
-from seeing_wind.ui.bake.bake.animation import keyframes
+from seeing_wind.ui.bake.animation import keyframes
 from seeing_wind.ui.field.samples import samples_of
 from seeing_wind.ui.field.vdb import read_samples
 from seeing_wind.ui.job import status

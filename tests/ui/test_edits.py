@@ -12,7 +12,7 @@ import pytest
 
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit
 from seeing_wind.ui.bake import bake
-from seeing_wind.ui.bake.bake.animation import curves_of
+from seeing_wind.ui.bake.animation import curves_of
 from seeing_wind.ui.edit import bodies
 from seeing_wind.ui.edit import panel as panel_edit
 from seeing_wind.ui.job import status

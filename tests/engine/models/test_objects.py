@@ -14,7 +14,7 @@ import pytest
 from seeing_wind.engine.command.arguments import parser, settings_of
 from seeing_wind.engine.command.verbs import identify, recover
 from seeing_wind.engine.errors import ModelError, ObjectError, UsageError
-from seeing_wind.engine.observe.mask.first_mask.first_mask import read_mask
+from seeing_wind.engine.observe.mask.first_mask import read_mask
 from seeing_wind.engine.observe.models.endpoint import endpoint_of
 from seeing_wind.engine.observe.models.objects import find_objects
 from seeing_wind.engine.progress import NoProgress, Progress

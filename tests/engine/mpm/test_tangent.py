@@ -13,7 +13,7 @@ from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.mpm.tangent import Changes, applies_to, tangents
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.recovery.prior.kernel.basis import spatial_basis
+from seeing_wind.engine.recovery.prior.basis import spatial_basis
 from tests.engine.mpm.bodies import RUBBER, block
 
 FPS, FRAMES = 30.0, 5

@@ -10,7 +10,7 @@ import pytest
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.observe.clip.frames.camera import find_camera, read_camera
+from seeing_wind.engine.observe.clip.camera import find_camera, read_camera
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 

@@ -11,7 +11,7 @@ import pytest
 from scenes import Scene, write_video
 
 from seeing_wind.engine.errors import ClipError, UsageError
-from seeing_wind.engine.observe.clip.frames.frames import read_clip
+from seeing_wind.engine.observe.clip.frames import read_clip
 from seeing_wind.engine.progress import Progress
 
 

@@ -11,7 +11,7 @@ from scenes import Scene, moving_body, noise, write_video
 
 from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.clip.frames.defects import check_pictures, tell_defects
+from seeing_wind.engine.observe.clip.defects import check_pictures, tell_defects
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.observe.clip.frames.depth import object_depth, read_depth, typical_depth
+from seeing_wind.engine.observe.clip.depth import object_depth, read_depth, typical_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 
 MASK = np.zeros((20, 30), bool)

@@ -14,8 +14,8 @@ from scenes import Scene, write_video
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.clip.frames.camera import read_camera
-from seeing_wind.engine.observe.clip.frames.lens import Lens
+from seeing_wind.engine.observe.clip.camera import read_camera
+from seeing_wind.engine.observe.clip.lens import Lens
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Camera
 from seeing_wind.engine.settings import ObserveSettings

@@ -12,8 +12,8 @@ from scenes import HEIGHT, WIDTH, Scene, ball_scene, moving_body, noise, painted
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.mask.first_mask.background import median_plate, with_first_sight
-from seeing_wind.engine.observe.mask.first_mask.first_mask import mask_from_points, read_mask
+from seeing_wind.engine.observe.mask.background import median_plate, with_first_sight
+from seeing_wind.engine.observe.mask.first_mask import mask_from_points, read_mask
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings

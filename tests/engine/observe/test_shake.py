@@ -8,8 +8,8 @@ import pytest
 from scenes import HEIGHT, WIDTH, Scene, disc_scene, noise, write_video
 
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.clip.frames.camera import find_camera
-from seeing_wind.engine.observe.clip.frames.shake import as_filmed, camera_turns, homography, steadied, through, without_spikes
+from seeing_wind.engine.observe.clip.camera import find_camera
+from seeing_wind.engine.observe.clip.shake import as_filmed, camera_turns, homography, steadied, through, without_spikes
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 

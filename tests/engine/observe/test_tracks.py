@@ -12,8 +12,8 @@ from scipy.interpolate import RBFInterpolator
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.tracks.tracker.anchor import align, cut_patches
-from seeing_wind.engine.observe.tracks.tracker.neighbours import disagreement, predict
+from seeing_wind.engine.observe.tracks.anchor import align, cut_patches
+from seeing_wind.engine.observe.tracks.neighbours import disagreement, predict
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings

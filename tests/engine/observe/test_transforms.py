@@ -10,7 +10,7 @@ import pytest
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.observe.clip.frames.camera import read_camera
+from seeing_wind.engine.observe.clip.camera import read_camera
 
 # A camera at (0, -2, 0) that looks along +Y with z up, as nerfstudio writes it: columns are right, up, backward, place.
 MATRIX = [[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, -2.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]

@@ -11,8 +11,8 @@ from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Attachment, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.prior import learning as beliefs
-from seeing_wind.engine.recovery.prior.kernel.basis import hats, spatial_basis, velocity_basis
-from seeing_wind.engine.recovery.prior.kernel.learning import strayed
+from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis, velocity_basis
+from seeing_wind.engine.recovery.prior.learning import strayed
 from seeing_wind.engine.recovery.solve import warm_start, window
 from seeing_wind.engine.recovery.solve.forward import Forward
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve

@@ -9,10 +9,10 @@ import torch
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
-from seeing_wind.engine.recovery.prior.kernel.basis import hats, spatial_basis, velocity_basis
-from seeing_wind.engine.recovery.prior.kernel.evidence import _log_evidence, held_to, learn
-from seeing_wind.engine.recovery.prior.kernel.kernel import Kernel, Places, Prior, modes_worth
-from seeing_wind.engine.recovery.prior.kernel.learning import noise_share
+from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis, velocity_basis
+from seeing_wind.engine.recovery.prior.evidence import _log_evidence, held_to, learn
+from seeing_wind.engine.recovery.prior.kernel import Kernel, Places, Prior, modes_worth
+from seeing_wind.engine.recovery.prior.learning import noise_share
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve
 from seeing_wind.engine.recovery.targets.channels import noise_of
 from seeing_wind.engine.recovery.targets.objective import Objective
@@ -278,7 +278,7 @@ def test_gauss_newton_finds_the_minimum_of_a_curved_problem_and_steps_round_brea
 
 def test_stretch_is_held_down_and_turning_is_not() -> None:
     """A plate that has turned by a quarter: rotation fields cost nothing extra, in-plane stretch costs, out-of-plane slope does not."""
-    from seeing_wind.engine.recovery.prior.kernel.stretch import stretch_precision, stretch_rows
+    from seeing_wind.engine.recovery.prior.stretch import stretch_precision, stretch_rows
 
     x = np.stack(np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.07, 0.07, 7), [-0.005, 0.005], indexing="ij"), -1).reshape(-1, 3)
     basis = spatial_basis(x, np.ones(len(x)), 4, 1)
