@@ -13,10 +13,9 @@ from seeing_wind.engine.look.report.accuracy import field_errors
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.paper.refinement import WINDOW, _Run
+from seeing_wind.engine.paper.refinement import WINDOW, _Run, refine
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
-from seeing_wind.engine.recovery import refine
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
 
