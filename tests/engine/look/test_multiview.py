@@ -12,8 +12,7 @@ from seeing_wind.engine.look.splatting import picture
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import BuildSettings
 from seeing_wind.engine.stages import build_body
-
-from .conftest import FOCAL, HEIGHT, WIDTH, camera, observed
+from tests.engine.observations import FOCAL, HEIGHT, WIDTH, camera, observed
 
 RADIUS, DISTANCE = 0.15, 1.0
 

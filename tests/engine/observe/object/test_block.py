@@ -9,7 +9,7 @@ from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.observe.object.shape.surface import surface_of
 from seeing_wind.engine.records import Camera
-from tests.engine.conftest import observed
+from tests.engine.observations import observed
 
 EYE = Camera(288, 216, 470.0, 470.0, 143.5, 107.5, np.eye(4))
 PLATE, POST = (0.22, 0.16, 0.03), (0.06, 0.06, 0.38)

@@ -10,7 +10,7 @@ from seeing_wind.engine.observe.object.shape.inflate import balls, inflate
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.records import Camera
-from tests.engine.conftest import observed
+from tests.engine.observations import observed
 
 PIXEL = 1.0 / 400.0
 HEAD, STEM = 0.075, 0.022

@@ -10,8 +10,7 @@ import pytest
 from seeing_wind.engine.errors import ObjectError
 from seeing_wind.engine.observe.object.shape.particles import fill, spread
 from seeing_wind.engine.observe.object.shape.relief import relief_of
-
-from .conftest import FOCAL, camera, observed
+from tests.engine.observations import FOCAL, camera, observed
 
 
 def test_unprojection_goes_back_to_the_pixels(plate) -> None:

@@ -10,8 +10,7 @@ from seeing_wind.engine.errors import ObjectError
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.observe.object.shape.surface import boundary_edges, silhouette_triangles, surface_of, without_pinches
-
-from .conftest import observed
+from tests.engine.observations import observed
 
 
 def mesh_of(observation) -> tuple[trimesh.Trimesh, object, float]:

@@ -1,0 +1,5 @@
+"""The made-up observations as fixtures."""
+
+from tests.engine.observations import ball, plate
+
+__all__ = ["ball", "plate"]
