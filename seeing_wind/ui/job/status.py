@@ -1,11 +1,12 @@
 """What the panel shows, as plain state: `draw` reads it and computes nothing. No bpy here.
 
 One `SceneStatus` per scene, found by the scene's session id, which survives renaming and undo. Only transient facts live here (running,
-failed); what is done or stale follows from digests kept in the scene (see `freshness`), so undo and save keep them right.
+failed); what is done or stale follows from digests kept in the scene (see `ui/freshness.py`), so undo and save keep them right.
 """
 
 from __future__ import annotations
 
+import hashlib
 import time
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -45,7 +46,7 @@ class Step:
     hint: str = ""
     """What to do about a failure."""
     mend: str = ""
-    """Name of the control that mends it (see `panels.MENDS`), or "" for none."""
+    """Name of the control that mends it (see `panel_pieces.MENDS`), or "" for none."""
     log: str = ""
     digest: str = ""
     """While failed: the settings that failed. Others make the failure a thing of the past."""
@@ -177,3 +178,8 @@ def derive(status: SceneStatus, step: str, now: str, done: str, message: str = "
     state = State.IDLE if not done else State.DONE if done == now else State.STALE
     kept = entry.message if state == entry.state else ""
     status.steps[step] = Step(state, message=message or kept)
+
+
+def digest_of(*parts: object) -> str:
+    """A short digest of settings, for `derive`: equal for equal values, whatever session or machine they are in."""
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
