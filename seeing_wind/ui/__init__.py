@@ -1,15 +1,20 @@
 """The Blender side. Imports bpy, NumPy and the engine's ground floor; never torch, Taichi or OpenCV.
 
-bake       motion as keyframes; nothing of a take or an edit is needed for it but by its own operators
-job        the worker process: one job and its two drivers, what the panel shows of it, the takes on disk; `install`: its Python
+job        the worker process, what the panel shows of it, the takes on disk; `install`: the engine's Python
 clip       the video; `inputs`: what Blender knows of it; `object`: what is followed in it
-field      the field object, its arrows and legend; `solvers`: how Blender's own solvers feel it
 recover    the request to the engine, and its results as objects of the scene
+field      the force field object, its arrows and legend; `solvers`: how Blender's own solvers feel it
 edit       the bodies that are put into the field; `resimulate`: how they move in it
+bake       motion as keyframes
 composite  the edit over the clip
 
-Every feature has the same doors: `properties` (its settings), `operators` (thin: gather, call one function, report) and `panel`; the rest
-is its core. What needs NumPy is imported where it is used, so that switching on stays quick.
+A feature has the same doors: `properties` (its settings), `operators` (thin: gather, call one function, report), `panel`; the rest is its
+core. What needs NumPy is imported where it is used, so that switching on stays quick. Beside the features:
+
+scene_properties  all settings of a scene         property_kinds   what they are made of
+panel_pieces      what panels are made of         direct_operator  what operators without a job share
+freshness         which step is done or stale     at_exit          what is to be done when the process ends
+commands, batch   `blender --command seeing_wind` scene_mesh, scene_units  the scene's meshes as arrays, its metres
 """
 
 from __future__ import annotations

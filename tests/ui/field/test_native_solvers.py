@@ -11,15 +11,15 @@ import pytest
 from mathutils import Euler, Vector
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.field import calibration as field_calibration
-from seeing_wind.ui.field.calibration import calibrate_object
 from seeing_wind.ui.field.samples import sample_wind_group, samples_of
+from seeing_wind.ui.field.solvers import calibration as field_calibration
+from seeing_wind.ui.field.solvers.calibration import calibrate_object
 
 
 @pytest.fixture(scope="module")
 def solvers():
     """The functions that measure."""
-    return runpy.run_path(str(Path(__file__).resolve().parents[1] / "blender" / "native_solvers_check.py"), run_name="solvers")
+    return runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "native_solvers_check.py"), run_name="solvers")
 
 
 @pytest.mark.parametrize(

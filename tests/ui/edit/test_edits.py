@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit
-from seeing_wind.ui.bake import bake
-from seeing_wind.ui.bake.bake.animation import curves_of
-from seeing_wind.ui.edit import bodies
+from seeing_wind.ui import freshness
+from seeing_wind.ui.bake import bodies
+from seeing_wind.ui.bake.animation import curves_of
+from seeing_wind.ui.bake.mark import mark_of
+from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.edit import panel as panel_edit
+from seeing_wind.ui.edit.resimulate.digest import forget_geometry
 from seeing_wind.ui.job import status
-from seeing_wind.ui.recover import freshness
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +142,7 @@ def test_a_duplicated_edit_stands_beside_the_first_and_each_keeps_its_own(workpl
     bpy.ops.seeing_wind.duplicate_edit()
     assert [edit.name for edit in settings.edits] == ["Edit 1", "Edit 2"] and settings.active_edit == 1
     second = settings.bodies[0].object
-    assert second != first and second.data != first.data and bake.mark_of(second) is None and state("resimulate") == "idle"
+    assert second != first and second.data != first.data and mark_of(second) is None and state("resimulate") == "idle"
     bpy.ops.seeing_wind.scale_mass(factor=4.0)
     bpy.ops.seeing_wind.resimulate()
     bpy.ops.seeing_wind.bake()
@@ -170,7 +172,7 @@ def test_only_what_has_changed_is_baked_again(workplace, scene) -> None:
     keys = one.data.shape_keys
     curves_of(keys)[0].keyframe_points[-1].co.x = 30.0
     bpy.ops.seeing_wind.scale_mass(object="Two", factor=2.0)
-    assert state("resimulate") == "stale" and state("bake") == "stale" and bake.is_intact(two), "stale, and still there"
+    assert state("resimulate") == "stale" and state("bake") == "stale" and is_intact(two), "stale, and still there"
     bpy.ops.seeing_wind.resimulate()
     before = shown(two, 13)
     bpy.ops.seeing_wind.bake()
@@ -179,10 +181,10 @@ def test_only_what_has_changed_is_baked_again(workplace, scene) -> None:
     bpy.ops.seeing_wind.bake(force=True)
     assert curves_of(one.data.shape_keys)[0].keyframe_points[-1].co.x == 13.0
     bpy.ops.seeing_wind.bake(object="Two", way="POINT_CACHE", frames=(3, 9))
-    assert bake.mark_of(two)["way"] == "POINT_CACHE" and bake.mark_of(one)["way"] == "SHAPE_KEYS"
+    assert mark_of(two)["way"] == "POINT_CACHE" and mark_of(one)["way"] == "SHAPE_KEYS"
     assert state("bake") == "stale", "one of two is baked as the settings say"
     bpy.ops.seeing_wind.clear_bake()
-    assert bake.mark_of(one) is None and bake.mark_of(two) is None and state("bake") == "idle" and state("resimulate") == "done"
+    assert mark_of(one) is None and mark_of(two) is None and state("bake") == "idle" and state("resimulate") == "done"
 
 
 def test_modifiers_that_make_vertices_move_a_copy_and_subdivision_stays(workplace, scene) -> None:
@@ -220,7 +222,7 @@ def test_geometry_and_weights_make_results_stale_and_playing_does_not(workplace,
         assert state("bake") == "done"
     obj.vertex_groups["Top"].add([0], 0.5, "REPLACE")
     obj.data.update()
-    freshness._known.clear()
+    forget_geometry()
     freshness.refresh(scene)
     assert state("resimulate") == "stale"
 
@@ -230,7 +232,7 @@ def test_a_rigid_body_stays_fresh_while_it_plays(workplace, scene) -> None:
     bpy.ops.seeing_wind.insert_mesh()
     bpy.ops.seeing_wind.resimulate()
     bpy.ops.seeing_wind.bake()
-    assert bake.mark_of(obj)["way"] == "TRANSFORM"
+    assert mark_of(obj)["way"] == "TRANSFORM"
     rest = np.load(workplace / "out.edit.take" / "meshes" / "Box.npz")["vertices"]
     for frame in (1, 6, 13):
         scene.frame_set(frame)
@@ -295,7 +297,7 @@ def test_an_object_in_edit_mode_is_simulated_as_it_is_and_baked_later(workplace,
         bpy.ops.seeing_wind.bake()
     bpy.ops.object.mode_set(mode="OBJECT")
     bpy.ops.seeing_wind.bake()
-    assert bake.is_intact(obj)
+    assert is_intact(obj)
 
 
 def test_what_makes_no_sense_is_refused(workplace, scene) -> None:

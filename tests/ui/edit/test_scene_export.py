@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.edit.scene_export import export_mesh, export_pins, write_edit
+from seeing_wind.ui.edit.resimulate.edit_files import export_mesh, export_pins, write_edit
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from seeing_wind.ui.job.worker.console import Console
+from seeing_wind.ui.job.console import Console
 
 
 def test_the_doctor_shows_every_check_and_what_to_do() -> None:

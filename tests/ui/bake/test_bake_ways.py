@@ -12,9 +12,10 @@ import pytest
 from mathutils import Euler, Matrix
 
 from seeing_wind.engine.errors import TakeError, UsageError
-from seeing_wind.ui.bake.bake.animation import curves_of
-from seeing_wind.ui.bake.bake.bake import MARK, Plan, bake_motion, clear_bake, is_intact, mark_of
-from seeing_wind.ui.bake.bake.rigid import rigid_fit
+from seeing_wind.ui.bake.animation import curves_of
+from seeing_wind.ui.bake.mark import MARK, mark_of
+from seeing_wind.ui.bake.motion import Plan, bake_motion, clear_bake, is_intact
+from seeing_wind.ui.bake.rigid import rigid_fit
 
 WAYS = [
     "SHAPE_KEYS",
@@ -152,7 +153,7 @@ def test_what_bends_or_moves_already_does_not(grid, tmp_path) -> None:
 
 
 def test_a_very_large_motion_goes_to_a_point_cache(grid, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("seeing_wind.ui.bake.bake.LARGE", 25 * 13 * 12 - 1)
+    monkeypatch.setattr("seeing_wind.ui.bake.motion.LARGE", 25 * 13 * 12 - 1)
     assert bake_motion(grid, bending(grid), plan("AUTO", tmp_path)).way == "POINT_CACHE"
     clear_bake(grid)
     assert bake_motion(grid, bending(grid), Plan(7, 24.0)).way == "SHAPE_KEYS", "there is no place for a file"
@@ -238,8 +239,8 @@ def test_modifiers_wake_when_alembic_fails(grid, tmp_path, monkeypatch) -> None:
     def fail(*_: object) -> None:
         raise UsageError("no Alembic", "none")
 
-    monkeypatch.setattr("seeing_wind.ui.bake.bake.cache.bake_alembic", fail)
-    monkeypatch.setattr("seeing_wind.ui.bake.bake._way", lambda *_: "ALEMBIC")
+    monkeypatch.setattr("seeing_wind.ui.bake.cache.bake_alembic", fail)
+    monkeypatch.setattr("seeing_wind.ui.bake.motion._way", lambda *_: "ALEMBIC")
     grid.modifiers.new("Bend", "SIMPLE_DEFORM")
     with pytest.raises(UsageError):
         bake_motion(grid, bending(grid), plan("ALEMBIC", tmp_path))

@@ -8,10 +8,12 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui.bake import bake
+from seeing_wind.engine.take import Take
+from seeing_wind.ui import freshness
+from seeing_wind.ui.bake.mark import MARK, mark_of
+from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status
-from seeing_wind.ui.recover import freshness, results
 from tests.ui.jobs import cube, now, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -54,7 +56,7 @@ def test_a_failure_for_want_of_an_earlier_step_goes_when_that_step_is_done(workp
 def test_the_worker_gets_the_options_of_the_settings(workplace, scene) -> None:
     scene.use_gravity = False
     recover(workplace, fps=30.19, frames=(2, 9), distance=1.5, density=850.0, seed=3)
-    options = results.Take(workplace / "out.take").description()["stages"]["recover"]["settings"]["options"]
+    options = Take(workplace / "out.take").description()["stages"]["recover"]["settings"]["options"]
     pairs = dict(zip(options, options[1:]))
     assert pairs["--fps"] == "30.19" and pairs["--frames"] == "2:9" and pairs["--density"] == "850" and pairs["--seed"] == "3"
     assert "--no-gravity" in options and options[options.index("--box") + 1 :][:4] == ["20", "20", "44", "44"]
@@ -62,7 +64,7 @@ def test_the_worker_gets_the_options_of_the_settings(workplace, scene) -> None:
     assert "--refine" not in options
     scene.use_gravity, scene.seeing_wind.pixels_per_metre, scene.seeing_wind.refine = True, 398.7, 4
     bpy.ops.seeing_wind.recover(pixels_per_metre=398.7)
-    options = results.Take(workplace / "out.take").description()["stages"]["recover"]["settings"]["options"]
+    options = Take(workplace / "out.take").description()["stages"]["recover"]["settings"]["options"]
     pairs = dict(zip(options, options[1:]))
     assert pairs["--pixels-per-metre"] == "398.7" and "--distance" not in options and pairs["--gravity"] == "0"
     assert pairs["--refine"] == "4"
@@ -108,7 +110,7 @@ def test_a_failed_worker_is_told_and_nothing_stays_running(workplace, scene, mon
 
 
 def test_a_missing_engine_names_the_button_that_mends_it(workplace, scene, monkeypatch) -> None:
-    from seeing_wind.ui.install import environment as engine_environment
+    from seeing_wind.ui.job.install import environment as engine_environment
 
     monkeypatch.delenv("SEEING_WIND_PYTHON")
     monkeypatch.setattr(engine_environment, "ROOT", workplace)
@@ -151,7 +153,7 @@ def test_edit_resimulate_and_bake(workplace, scene) -> None:
     fallen = 0.5 * 3.0 * (12 / 24.0) ** 2  # under the gravity of the recovery
     np.testing.assert_allclose((ends["Free", 13] - ends["Free", 1])[:, 2], -fallen / 2.0, atol=1e-5)
     np.testing.assert_allclose((ends["Held: it", 13] - ends["Held: it", 1])[:, 2], [0.0, 0.0] + [-fallen] * 6, atol=1e-5)
-    assert scene.seeing_wind.bodies[2].baked_copy is not None and bake.MARK in scene.seeing_wind.recovered_object
+    assert scene.seeing_wind.bodies[2].baked_copy is not None and MARK in scene.seeing_wind.recovered_object
     # a second round starts from the meshes at rest, not from where the bake left them
     bpy.ops.seeing_wind.scale_mass(object="Free", factor=4.0)
     assert now(scene)["resimulate"].state == "stale" and now(scene)["bake"].state == "stale"
@@ -179,7 +181,7 @@ def test_objects_that_the_user_renames_or_deletes_never_raise(workplace, scene) 
     bpy.ops.seeing_wind.remove_body()
     bpy.ops.seeing_wind.resimulate()
     bpy.ops.seeing_wind.bake()
-    assert bake.mark_of(kept)["way"] == "TRANSFORM" and bake.is_intact(kept)  # it falls without bending
+    assert mark_of(kept)["way"] == "TRANSFORM" and is_intact(kept)  # it falls without bending
     assert bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
     assert scene.seeing_wind.field_object is not None
 

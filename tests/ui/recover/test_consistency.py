@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 import seeing_wind.ui as ui
-from seeing_wind.ui.bake import bake
-from seeing_wind.ui.bake.bake.animation import keyframes
+from seeing_wind.ui import freshness
+from seeing_wind.ui.bake.animation import keyframes
+from seeing_wind.ui.bake.mark import MARK, mark_of
+from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.field.samples import samples_of
 from seeing_wind.ui.field.vdb import read_samples
 from seeing_wind.ui.job import status
-from seeing_wind.ui.recover import freshness
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -57,7 +58,7 @@ def snapshot() -> dict:
     for obj in bpy.data.objects:
         key = obj.data.shape_keys if obj.type == "MESH" else None
         objects[obj.name] = {
-            "mark": obj.get(bake.MARK),
+            "mark": obj.get(MARK),
             "place": [round(value, 5) for row in obj.matrix_basis for value in row],
             "keys": len(key.key_blocks) if key else 0,
             "curves": keyframes(obj) + (keyframes(key) if key else []),
@@ -147,7 +148,7 @@ def test_renaming_duplicating_and_deleting_at_any_moment(workplace) -> None:
     bpy.ops.seeing_wind.resimulate()
     one.name = "Renamed after the simulation"
     bpy.ops.seeing_wind.bake()
-    assert bake.is_intact(one) and bake.is_intact(two)
+    assert is_intact(one) and is_intact(two)
     # Shift D on a baked object and on the field: the copies belong to nobody
     for obj in (one, scene.seeing_wind.field_object):
         copy = obj.copy()
@@ -181,7 +182,7 @@ def test_two_takes_and_two_scenes_in_one_file(workplace) -> None:
     bpy.ops.seeing_wind.insert_mesh(pin_group="Top")
     bpy.ops.seeing_wind.resimulate()
     bpy.ops.seeing_wind.bake()
-    field, kept = first.seeing_wind.field_object, bake.mark_of(bpy.data.objects["Flag"])
+    field, kept = first.seeing_wind.field_object, mark_of(bpy.data.objects["Flag"])
     second = bpy.data.scenes.new("Second")
     bpy.context.window.scene = second
     recover(workplace, "andere.take")
@@ -192,7 +193,7 @@ def test_two_takes_and_two_scenes_in_one_file(workplace) -> None:
     assert second.seeing_wind.field_object not in (None, field) and first.seeing_wind.field_object == field
     assert second.seeing_wind.simulated_take != first.seeing_wind.simulated_take
     assert [obj.name for obj in first.objects if obj.name in second.objects] == []
-    assert bake.mark_of(bpy.data.objects["Flag"]) == kept
+    assert mark_of(bpy.data.objects["Flag"]) == kept
     freshness.refresh_all()
     for scene in (first, second):
         assert {str(step.state) for step in status.of(scene.session_uid).steps.values()} == {"done"}
@@ -205,7 +206,7 @@ def test_two_takes_and_two_scenes_in_one_file(workplace) -> None:
     bpy.context.window.scene = first
     bpy.ops.seeing_wind.build_scene(take=str(workplace / "andere.take"))
     assert first.seeing_wind.recovered_take.endswith("andere.take") and len(first.seeing_wind.bodies) == 1
-    assert status.of(first.session_uid).steps["resimulate"].state == "stale" and bake.is_intact(bpy.data.objects["Flag"])
+    assert status.of(first.session_uid).steps["resimulate"].state == "stale" and is_intact(bpy.data.objects["Flag"])
 
 
 def test_linked_objects_are_moved_by_a_copy(workplace, tmp_path) -> None:
@@ -224,7 +225,7 @@ def test_linked_objects_are_moved_by_a_copy(workplace, tmp_path) -> None:
     bpy.ops.seeing_wind.resimulate()
     bpy.ops.seeing_wind.bake()
     copy = scene.seeing_wind.bodies[0].baked_copy
-    assert copy is not None and copy.library is None and bake.mark_of(copy)["way"] == "SHAPE_KEYS" and bake.mark_of(linked) is None
+    assert copy is not None and copy.library is None and mark_of(copy)["way"] == "SHAPE_KEYS" and mark_of(linked) is None
     bpy.ops.seeing_wind.duplicate_edit()
     assert scene.seeing_wind.bodies[0].object.library is None
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mit Verweis.blend"))

@@ -8,9 +8,9 @@ from pathlib import Path
 import bpy
 import pytest
 
-from seeing_wind.ui.edit import resimulate
+from seeing_wind.ui.edit.resimulate.operators import SEEING_WIND_OT_resimulate
 from seeing_wind.ui.job import operator as job_operator
-from seeing_wind.ui.job import status, worker_calls
+from seeing_wind.ui.job import status, worker_command
 from seeing_wind.ui.job import worker as job
 from tests.ui.jobs import cube, now, recover
 
@@ -18,8 +18,8 @@ pytestmark = pytest.mark.usefixtures("stand_in")
 
 
 def worker_job(workplace: Path):
-    call = worker_calls.command(str(workplace / "fake_python"), "recover", "clip", "--take", str(workplace / "hang.take"))
-    return job.run(call, cwd=str(workplace), env=worker_calls.environment())
+    call = worker_command.command(str(workplace / "fake_python"), "recover", "clip", "--take", str(workplace / "hang.take"))
+    return job.run(call, cwd=str(workplace), env=worker_command.environment())
 
 
 class Event:
@@ -78,12 +78,12 @@ def step_until_over(operator, window, seconds: float = 120.0) -> set[str]:
     pytest.fail("the job never ended")
 
 
-def resimulating(scene) -> resimulate.SEEING_WIND_OT_resimulate:
+def resimulating(scene) -> SEEING_WIND_OT_resimulate:
     """The operator's own `start` and `finish` under the modal driver that the tests step."""
 
     class Stepped(Modal):
         bl_label, step = "Re-simulate", "resimulate"
-        start, finish = (getattr(resimulate.SEEING_WIND_OT_resimulate, name) for name in ("start", "finish"))
+        start, finish = (getattr(SEEING_WIND_OT_resimulate, name) for name in ("start", "finish"))
 
     return Stepped(None)
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.ui.job import operator as job_operator
+from tests.ui.job.test_modal import Window, resimulating, step_until_over
 from tests.ui.jobs import cube, recover
-from tests.ui.test_modal import Window, resimulating, step_until_over
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 

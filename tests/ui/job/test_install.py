@@ -19,11 +19,11 @@ import pytest
 
 import seeing_wind.ui as ui
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.install import environment as engine_environment
-from seeing_wind.ui.install import install as engine_install
-from seeing_wind.ui.install import preferences
-from seeing_wind.ui.job import status, worker_calls
+from seeing_wind.ui.job import status, worker_command
 from seeing_wind.ui.job import worker as job
+from seeing_wind.ui.job.install import choices
+from seeing_wind.ui.job.install import environment as engine_environment
+from seeing_wind.ui.job.install import install as engine_install
 
 DOCTOR = """
 import json, one_package, torch
@@ -61,7 +61,7 @@ def place(tmp_path, monkeypatch) -> SimpleNamespace:
     (source / "seeing_wind" / "engine" / "requirements.lock").write_text(f"one_package==1.0 --hash=sha256:{locked}\n")
     (source / "seeing_wind" / "engine" / "torch.lock").write_text("torch==2.5.0\n")
     wheel(wheels, "torch", "2.5.0", "BUILD = 'from PyPI'")
-    for module in (engine_environment, worker_calls):
+    for module in (engine_environment, engine_install, worker_command):
         monkeypatch.setattr(module, "ROOT", source)
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
     for name in [name for name in os.environ if name.startswith("PIP_") and name != "PIP_CONFIG_FILE"]:
@@ -201,7 +201,7 @@ def test_the_lock_pins_every_requirement() -> None:
 
 def test_wheels_need_no_online_access_and_a_wrong_folder_is_told(place, monkeypatch) -> None:
     chosen = SimpleNamespace(python="", torch="CPU", wheels=str(place.wheels))
-    monkeypatch.setattr(preferences, "preferences", lambda: chosen)
+    monkeypatch.setattr(choices, "preferences", lambda: chosen)
     monkeypatch.setattr(engine_install, "user_environment", lambda create: place.environment)
     assert not bpy.app.online_access
     engine_install.install().close()
@@ -215,7 +215,7 @@ def test_wheels_need_no_online_access_and_a_wrong_folder_is_told(place, monkeypa
 
 def test_use_this_python(monkeypatch, tmp_path) -> None:
     chosen = SimpleNamespace(python=sys.executable, torch="CPU", wheels="")
-    monkeypatch.setattr(preferences, "preferences", lambda: chosen)
+    monkeypatch.setattr(choices, "preferences", lambda: chosen)
     monkeypatch.setenv("SEEING_WIND_PYTHON", "/somewhere/else")
     assert engine_environment.engine_python() == sys.executable
     chosen.python = str(tmp_path / "none")

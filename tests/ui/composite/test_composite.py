@@ -10,8 +10,8 @@ import pytest
 
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.field import vdb as field_vdb
+from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import samples_of
-from seeing_wind.ui.names import in_figures
 
 
 @pytest.fixture(autouse=True)

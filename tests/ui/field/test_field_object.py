@@ -9,10 +9,10 @@ from mathutils import Euler, Vector
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui.field.arrows import create_arrows, ramp_colours
-from seeing_wind.ui.field.calibration import calibrate_particles
 from seeing_wind.ui.field.field_object import create_field_object
 from seeing_wind.ui.field.kernels import choose_power, evaluate, fit_nodes, lattice, paired_directions
 from seeing_wind.ui.field.node_groups import set_input
+from seeing_wind.ui.field.solvers.calibration import calibrate_particles
 
 DEGREES, RELATIVE = 2.0, 0.05
 

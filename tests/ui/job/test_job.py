@@ -13,7 +13,7 @@ import pytest
 
 from seeing_wind.ui.job import worker as job
 
-WORKER = Path(__file__).with_name("fake_worker.py")
+WORKER = Path(__file__).resolve().parents[1] / "fake_worker.py"
 BASE = {key: value for key, value in os.environ.items() if not key.startswith(("PYTHON", "SEEING_WIND"))}
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import bpy
 import pytest
 
-from seeing_wind.ui.clip import inputs as native
-from seeing_wind.ui.recover import freshness
+from seeing_wind.ui import freshness
+from seeing_wind.ui.clip.inputs import clips
 from tests.ui.jobs import now
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -34,7 +34,7 @@ def test_a_sequence_is_recovered_whichever_picture_was_chosen(scene, pictures, t
     ops.draw_box(box=(20, 20, 44, 44))
     assert ops.recover(distance=2.0, take=str(tmp_path / "out.take")) == {"FINISHED"}
     assert len(bpy.data.movieclips) == 1 and scene.camera.data.background_images[0].clip == scene.active_clip
-    assert native.clips.scene_frame(scene.active_clip, 0) == scene.seeing_wind.frame_start
+    assert clips.scene_frame(scene.active_clip, 0) == scene.seeing_wind.frame_start
     assert ops.build_scene() == {"FINISHED"}
 
 
@@ -54,7 +54,7 @@ def test_files_of_a_clip_are_those_that_the_engine_reads(pictures, workplace) ->
     (pictures / "other_1.png").write_bytes(b"")
     for path in (pictures, pictures / "shot_%04d.png", pictures / "shot_*.png", pictures / "no_%d.png", workplace / "clip.mp4"):
         expected = files_of(str(path)) or [path]
-        assert native.clips.files_of(str(path)) == expected, path
+        assert clips.files_of(str(path)) == expected, path
 
 
 def test_another_clip_needs_another_box(scene, pictures, workplace) -> None:

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.take import Take
-from seeing_wind.ui.bake import bake
+from seeing_wind.ui import freshness
+from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status, takes
-from seeing_wind.ui.recover import freshness
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -102,7 +102,7 @@ def test_a_file_saved_for_the_first_time_takes_its_results_along(workplace, temp
         shutil.rmtree(each)
     bpy.ops.wm.open_mainfile(filepath=str(home / "x.blend"))
     assert states() == {"done"} and low() == pytest.approx(fallen)
-    assert takes.recovered(bpy.context.scene.seeing_wind) == home / "clip.take" and bake.is_intact(bpy.data.objects["Cube"])
+    assert takes.recovered(bpy.context.scene.seeing_wind) == home / "clip.take" and is_intact(bpy.data.objects["Cube"])
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} and bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
 
 

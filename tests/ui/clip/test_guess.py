@@ -9,9 +9,10 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from seeing_wind.ui.install import preferences
-from seeing_wind.ui.job import status, worker_calls
-from seeing_wind.ui.recover import freshness
+from seeing_wind.ui import freshness
+from seeing_wind.ui.job import status, worker_command
+from seeing_wind.ui.job.install import choices, preferences
+from seeing_wind.ui.recover.request import RecoverRequest
 
 KEY = "sk-a-key-that-nobody-may-keep"
 SQUARE = {"object": "white card", "material": "paper", "type": "elastoplastic", "box": [16, 16, 48, 48]}
@@ -32,7 +33,7 @@ def chosen(monkeypatch):
     """Preferences as the user fills them in."""
     engine = {"python": sys.executable, "torch": "CPU", "wheels": ""}
     values = SimpleNamespace(**engine, material_endpoint="", material_model="a-model", material_key=KEY)
-    monkeypatch.setattr(preferences, "preferences", lambda: values)
+    monkeypatch.setattr(choices, "preferences", lambda: values)
     return values
 
 
@@ -46,12 +47,12 @@ def test_what_is_in_the_clip_is_shown_used_and_can_be_changed(scene, workplace, 
     assert (guess.name, guess.made_of, guess.law) == ("white_card", "paper", "VON_MISES") and Path(guess.mask).is_file()
     assert settings.object_mode == "BOX" and not settings.use_density  # nothing is changed by the answer
     assert bpy.ops.seeing_wind.use_guess() == {"FINISHED"}
-    options = worker_calls.recover_options(scene)
+    options = RecoverRequest.of(scene).options
     pairs = dict(zip(options, options[1:]))
     assert pairs["--mask"] == guess.mask and pairs["--law"] == "von_mises" and pairs["--density"] == "800"
     assert pairs["--yield-stress"] == "3e+07" and "--viscosity" not in options
     settings.density = 900.0
-    options = worker_calls.recover_options(scene)
+    options = RecoverRequest.of(scene).options
     assert options[options.index("--density") + 1] == "900"
     # the key is neither in the file nor in the take
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"), compress=False)
@@ -65,7 +66,7 @@ def test_the_key_is_for_the_server_of_the_preferences_only(scene, workplace, see
     scene.seeing_wind.clip, scene.seeing_wind.take = str(workplace / "clip.mp4"), str(tmp_path / "asked.take")
     assert bpy.ops.seeing_wind.identify(endpoint=seen.url) == {"FINISHED"}
     assert len(seen.asked) == 2 and not any("Authorization" in each for each in seen.headers)
-    assert worker_calls.KEY_VARIABLE not in worker_calls.environment()
+    assert worker_command.KEY_VARIABLE not in worker_command.environment()
 
 
 def test_what_stands_in_the_way_is_said_with_its_mend(scene, workplace, chosen, tmp_path) -> None:

@@ -17,19 +17,21 @@ import seeing_wind.ui as ui
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Camera
-from seeing_wind.ui.clip import inputs as native
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene
+from seeing_wind.ui.clip.frame_on_screen import box_in_picture, box_on_screen
 from seeing_wind.ui.clip.inputs.camera import scene_camera
 from seeing_wind.ui.clip.inputs.clips import as_pattern, loaded_clip
-from seeing_wind.ui.clip.picture_frame import box_in_picture, box_on_screen
-from seeing_wind.ui.job import worker_calls
+from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
+from seeing_wind.ui.clip.object.options import object_options
+from seeing_wind.ui.clip.options import clip_options
+from seeing_wind.ui.recover.request import INPUTS, RecoverRequest
 
 WIDTH, HEIGHT, PICTURES = 96, 64, 13
 
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory) -> Path:
-    tools = runpy.run_path(str(Path(__file__).with_name("extension.py")))
+    tools = runpy.run_path(str(Path(__file__).resolve().parents[1] / "extension.py"))
     return tools["make_clip"](tmp_path_factory.mktemp("video") / "clip.mp4", PICTURES, (WIDTH, HEIGHT))
 
 
@@ -48,10 +50,17 @@ def pixel(x: float, y: float) -> tuple[float, float]:
 
 
 def written(settings, folder: Path) -> dict[str, Path]:
-    native.write(bpy.context.scene, folder)
-    options = native.options(bpy.context.scene, folder)
-    assert all(Path(path).is_file() for path in options[1::2])
-    return dict(zip(options[::2], map(Path, options[1::2])))
+    """The files made from the scene, by the worker's option for each."""
+    made = {}
+    for each in scene_inputs(bpy.context.scene):
+        made[each.option] = folder / each.name
+        each.write(bpy.context.scene, made[each.option])
+    assert all(path.is_file() for path in made.values())
+    return made
+
+
+def stamps() -> list[tuple]:
+    return [each.stamp for each in scene_inputs(bpy.context.scene)]
 
 
 def test_tracks_are_in_our_pixels_and_rows_are_the_file_s_pictures(settings, tmp_path) -> None:
@@ -69,7 +78,7 @@ def test_tracks_are_in_our_pixels_and_rows_are_the_file_s_pictures(settings, tmp
     assert visible[:10, 0].all() and not visible[10:, 0].any() and visible[:10, 1].tolist() == [True] * 3 + [False] + [True] * 6
     settings.use_frames, settings.frames = True, (11, 12)
     with pytest.raises(ObjectError, match="No track has a marker in picture 11"):
-        native.write(bpy.context.scene, tmp_path)
+        written(settings, tmp_path)
 
 
 def test_a_clip_that_starts_later_keeps_its_tracks(settings, tmp_path) -> None:
@@ -158,14 +167,14 @@ def test_a_mask_is_drawn_at_the_clip_s_size(settings, tmp_path) -> None:
     expected[11:41, 21:61] = True
     expected[21:31, 31:41] = False
     np.testing.assert_array_equal(read_png(written(settings, tmp_path)["--mask"]), expected)
-    before = native.stamp(bpy.context.scene)
+    before = stamps()
     mask.name = "Leaf of Another Name"
-    assert native.stamp(bpy.context.scene) == before
+    assert stamps() == before
     hole.splines[0].points[0].co.x += 0.05
-    assert native.stamp(bpy.context.scene) != before
+    assert stamps() != before
     bpy.data.masks.remove(mask)
     with pytest.raises(ObjectError, match="No mask is chosen"):
-        native.options(bpy.context.scene, tmp_path)
+        scene_inputs(bpy.context.scene)
 
 
 def test_a_round_mask_has_the_area_of_a_disc(settings, tmp_path) -> None:
@@ -216,9 +225,9 @@ def test_sensor_fit(settings, fit) -> None:
 
 def test_a_camera_solve_is_found_by_itself_and_sees_its_own_points(settings, tmp_path) -> None:
     clip = loaded_clip(settings)
-    assert "--fov" in worker_calls.object_options(with_box(settings))
+    assert "--fov" in object_options(with_box(settings), tmp_path)[0]
     solve(clip)
-    options = worker_calls.object_options(settings)
+    options = object_options(settings, tmp_path)[0]
     assert "--camera" in options and "--fov" not in options, "automatic: a solve goes before the field of view"
     assert "--distance" not in options, "and its scale is the scene's: the object is about where the world's origin is"
     values = json.loads(written(settings, tmp_path)["--camera"].read_text())
@@ -230,7 +239,7 @@ def test_a_camera_solve_is_found_by_itself_and_sees_its_own_points(settings, tmp
             seen = local[:2] / local[2] * [values["fx"], values["fy"]] + [values["cx"], values["cy"]]
             assert np.abs(pixel(*seen) - np.array(marker.co)).max() < 1e-3
     settings.camera_mode = "FOV"
-    assert "--fov" in worker_calls.object_options(settings)
+    assert "--fov" in object_options(settings, tmp_path)[0]
 
 
 def with_box(settings):
@@ -284,7 +293,7 @@ def test_a_proxy_gives_the_depth_of_each_pixel(settings, tmp_path, unit) -> None
     assert hit.sum() > 500 and np.abs(depth - expected)[hit].max() < 3e-3
     settings.scale_mode = "DISTANCE"
     with pytest.raises(ObjectError, match="does not give its depth"):
-        native.options(scene, tmp_path)
+        scene_inputs(scene)
 
 
 def test_what_is_missing_is_told(settings, tmp_path) -> None:
@@ -299,16 +308,42 @@ def test_what_is_missing_is_told(settings, tmp_path) -> None:
         for name, value in change.items():
             setattr(settings, name, value)
         with pytest.raises(error, match=says):
-            native.options(scene, tmp_path)
+            scene_inputs(scene)
 
 
 def test_gravity_is_the_scene_s_in_its_units(settings) -> None:
     scene = bpy.context.scene
-    assert worker_calls.gravity_options(scene)[1:] == ["0", "0", "-9.81"]
+
+    def gravity() -> tuple[str, ...]:
+        options = RecoverRequest.of(scene).options
+        return options[options.index("--gravity") + 1 :][:3]
+
+    with_box(settings)
+    assert gravity() == ("0", "0", "-9.81")
     scene.unit_settings.scale_length = 0.1
-    assert float(worker_calls.gravity_options(scene)[3]) == pytest.approx(-0.981, rel=1e-6), "what Blender's own panel shows then"
+    assert float(gravity()[2]) == pytest.approx(-0.981, rel=1e-6), "what Blender's own panel shows then"
     scene.unit_settings.system = "NONE"
-    assert worker_calls.gravity_options(scene)[1:] == ["0", "0", "-9.81"]
+    assert gravity() == ("0", "0", "-9.81")
+
+
+def test_one_request_gives_options_digest_and_files(settings, tmp_path) -> None:
+    scene, mask = bpy.context.scene, bpy.data.masks.new("Leaf")
+    spline(mask.layers.new(name="Outer"), [(20.5, 10.5), (60.5, 10.5), (60.5, 40.5), (20.5, 40.5)])
+    settings.take, settings.object_mode, settings.mask_data = str(tmp_path / "one.take"), "BLENDER_MASK", mask
+    request = RecoverRequest.of(scene)
+    file = tmp_path / "one.take" / INPUTS / "mask.png"
+    assert request.options[request.options.index("--mask") + 1] == str(file) and not file.exists()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        request.digest = ""
+    request.write_inputs(scene)
+    assert file.is_file() and RecoverRequest.of(scene) == request, "the file is no setting"
+    settings.take = str(tmp_path / "moved.take")
+    assert RecoverRequest.of(scene).digest == request.digest, "nor is its place"
+    mask.layers[0].splines[0].points[0].co.x += 0.05
+    assert RecoverRequest.of(scene).digest != request.digest
+    settings.object_mode = "BOX"
+    with pytest.raises(ObjectError, match="No box"):
+        RecoverRequest.of(scene)
 
 
 def test_a_sequence_of_pictures_plays_at_the_scene_s_rate(settings, tmp_path) -> None:
@@ -318,7 +353,7 @@ def test_a_sequence_of_pictures_plays_at_the_scene_s_rate(settings, tmp_path) ->
     settings.clip = str(first)
     scene = bpy.context.scene
     scene.render.fps, scene.render.fps_base = 30, 1.001
-    assert worker_calls.clip_options(settings) == [str(tmp_path / "wind è_%03d.png"), "--fps", "29.97003"]
+    assert clip_options(settings) == [str(tmp_path / "wind è_%03d.png"), "--fps", "29.97003"]
 
 
 def test_boxes_on_the_screen_and_in_the_picture() -> None:
