@@ -15,6 +15,7 @@ scene_properties  all settings of a scene         property_kinds   what they are
 panel_pieces      what panels are made of         direct_operator  what operators without a job share
 freshness         which step is done or stale     at_exit          what is to be done when the process ends
 commands, batch   `blender --command seeing_wind` scene_mesh, scene_units  the scene's meshes as arrays, its metres
+user_paths        paths as the user writes them
 """
 
 from __future__ import annotations

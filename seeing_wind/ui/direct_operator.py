@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from ..engine.errors import SeeingWindError, UsageError
-from . import freshness
 from .job import status, worker
 
 
@@ -25,6 +24,6 @@ class DirectOperator:
         except (SeeingWindError, OSError) as error:
             self.report({"ERROR"}, " ".join(worker.told(error)[:2]).strip())
             return {"CANCELLED"}
-        freshness.refresh(context.scene)
+        status.refresh(context.scene)
         self.report({"INFO"}, said)
         return {"FINISHED"}

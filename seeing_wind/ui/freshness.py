@@ -104,14 +104,16 @@ HANDLERS = (("undo_post", _after_undo), ("redo_post", _after_undo), ("load_post"
 
 
 def register() -> None:
-    """Attach the handlers, once."""
+    """Attach the handlers, once, and let the features say when something has changed."""
     unregister()
+    status.refreshers.append(refresh)
     for name, handler in HANDLERS:
         getattr(bpy.app.handlers, name).append(handler)
 
 
 def unregister() -> None:
     """Detach the handlers, also those of a former registration."""
+    status.refreshers.clear()
     for name, handler in HANDLERS:
         handlers = getattr(bpy.app.handlers, name)
         for present in [

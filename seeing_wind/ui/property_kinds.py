@@ -7,7 +7,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ..engine.materials import LAWS, MATERIALS
-from . import freshness
+from .job import status
 
 KEPT = {"SKIP_SAVE"}
 """An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
@@ -50,7 +50,7 @@ def changed(self, context) -> None:
     """The update of every setting that the status depends on."""
     scene = self.id_data
     if isinstance(scene, bpy.types.Scene):  # None while these are the arguments of an operator
-        freshness.refresh(scene)
+        status.refresh(scene)
 
 
 def is_mesh(self, candidate) -> bool:

@@ -18,7 +18,8 @@ from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from seeing_wind.ui.bake.motion import bake_shape_keys, clear_bake, evaluation_time_curves  # noqa: E402
+from seeing_wind.ui.bake.motion import bake_shape_keys, clear_bake  # noqa: E402
+from seeing_wind.ui.bake.shapes import evaluation_time_curves  # noqa: E402
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene  # noqa: E402
 from seeing_wind.ui.edit.resimulate.edit_files import export_mesh  # noqa: E402
 from seeing_wind.ui.field.arrows import create_arrows  # noqa: E402

@@ -9,11 +9,12 @@ from gpu_extras.batch import batch_for_shader
 
 from ...engine.conventions import front_view
 from ...engine.errors import ClipError, UsageError
-from .. import freshness
 from ..direct_operator import DirectOperator
+from ..job import status
 from ..job.operator import redraw
 from ..property_kinds import PATH
-from .inputs.clips import absolute, first_picture, loaded_clip, scene_frame
+from ..user_paths import absolute
+from .inputs.clips import first_picture, loaded_clip, scene_frame
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
 LOOKING = ("MOUSE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEEL", "TRACKPAD", "NDOF", "NUMPAD", "HOME")
@@ -112,7 +113,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             self.report({"ERROR"}, "The box is too small. Drag from one corner of the object to the opposite one.")
             return {"CANCELLED"}
         settings.object_mode, settings.box = "BOX", self.box
-        freshness.refresh(context.scene)
+        status.refresh(context.scene)
         self.report({"INFO"}, f"Box of {right - left:.0f} x {bottom - top:.0f} pixels")
         return {"FINISHED"}
 

@@ -7,7 +7,8 @@ import os
 import bpy
 
 from ...engine.errors import ClipError, UsageError
-from .inputs.clips import absolute, as_pattern
+from ..user_paths import absolute
+from .inputs.clips import as_pattern
 
 
 def clip_options(settings: bpy.types.PropertyGroup) -> list[str]:

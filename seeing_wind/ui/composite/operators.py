@@ -5,10 +5,10 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 
-from ..clip.inputs.clips import absolute
 from ..direct_operator import DirectOperator
 from ..job import takes
 from ..property_kinds import PATH
+from ..user_paths import absolute
 
 BEHIND = [
     ("AUTO", "Automatic", "The clip, or the clean plate when the clip's own object is simulated anew"),

@@ -6,10 +6,10 @@ import bpy
 from mathutils import Matrix, Vector
 
 from ...engine.errors import UsageError
-from .. import freshness
 from ..bake.at_rest import own_copy
 from ..bake.bodies import HIDDEN
 from ..bake.motion import clear_bake
+from ..job import status
 from ..scene_units import metres_per_unit
 
 GAP = 1.2
@@ -29,7 +29,7 @@ def switch(settings: bpy.types.PropertyGroup) -> None:
     _take_over(settings.edits[wanted], settings)
     if settings.active_edit != wanted:
         settings.active_edit = wanted
-    freshness.refresh(settings.id_data)
+    status.refresh(settings.id_data)
 
 
 def duplicate(scene: bpy.types.Scene) -> str:

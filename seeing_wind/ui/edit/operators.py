@@ -6,11 +6,11 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ...engine.errors import UsageError
-from ..clip.inputs.clips import absolute
 from ..direct_operator import DirectOperator
 from ..job.worker import said_by
 from ..property_kinds import KINDS, MATERIAL_ITEMS, PATH
 from ..recover.shown import shows_field
+from ..user_paths import absolute
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 

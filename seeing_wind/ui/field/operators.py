@@ -7,12 +7,12 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
-from ..clip.inputs.clips import absolute
 from ..direct_operator import DirectOperator
 from ..job import console, takes, worker
 from ..job.install.environment import engine_python
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
+from ..user_paths import absolute
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),

@@ -12,7 +12,6 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...engine.errors import SeeingWindError
-from .. import freshness
 from . import console, status, worker
 
 TICK = 0.1
@@ -165,7 +164,7 @@ class JobOperator:
         scene.seeing_wind.unfinished = ""
         if running.exit["outcome"] == "cancelled":
             status.end(now)
-            freshness.refresh(scene)
+            status.refresh(scene)
             now.steps[self.step].message = f"Cancelled. {self.bl_label} goes on from what was finished"
             redraw()
             self.report({"WARNING"}, f"{self.bl_label} was cancelled.")
@@ -179,7 +178,7 @@ class JobOperator:
         except (SeeingWindError, OSError) as error:
             return self._fail(scene, *worker.told(error))
         status.end(now)
-        freshness.refresh(scene)
+        status.refresh(scene)
         now.steps[self.step].message = said
         redraw()
         self.report({"INFO"}, said)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -93,6 +94,16 @@ def of(scene_id: int) -> SceneStatus:
 def forget_all() -> None:
     """After a file was loaded: its scenes are others."""
     _scenes.clear()
+
+
+refreshers: list[Callable[[Any], None]] = []
+"""Who brings the status of a scene up to date: `ui/freshness.py`, which knows all features and stands above them."""
+
+
+def refresh(scene: Any) -> None:
+    """Settings or data of a scene have changed: which steps are done or stale is found out anew."""
+    for each in refreshers:
+        each(scene)
 
 
 def begin(status: SceneStatus, step: str, title: str) -> None:

@@ -19,7 +19,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...engine.errors import TakeError
-from ..clip.inputs.clips import absolute
+from ..user_paths import absolute
 
 NO_FIELD = "There is no recovered field."
 

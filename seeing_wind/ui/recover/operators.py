@@ -6,12 +6,12 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...engine.errors import TakeError, UsageError
-from ..clip.inputs.clips import absolute
 from ..job import status, takes, worker
 from ..job.install.environment import engine_python
 from ..job.operator import JobOperator
 from ..job.worker_command import ROOT, command, environment
 from ..property_kinds import PATH
+from ..user_paths import absolute
 from .properties import RecoverOptions, adopt
 from .request import RecoverRequest
 

@@ -12,7 +12,7 @@ from ...engine.errors import TakeError
 from ...engine.take import Take
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
-from ..clip.inputs.clips import absolute, as_pattern, opened_by
+from ..clip.inputs.clips import as_pattern, opened_by
 from ..field.arrows import create_arrows
 from ..field.field_object import create_field_object
 from ..field.kernels import between, lattice
@@ -23,6 +23,7 @@ from ..job import worker
 from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion, trajectory
 from ..job.worker_command import command, environment
 from ..scene_units import metres_per_unit
+from ..user_paths import absolute
 from .renew_in_place import can_renew, renew
 from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 

@@ -8,7 +8,8 @@ import pytest
 from mathutils import Euler
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.bake.motion import bake_shape_keys, baked_copy, clear_bake, evaluation_time_curves
+from seeing_wind.ui.bake.motion import bake_shape_keys, baked_copy, clear_bake
+from seeing_wind.ui.bake.shapes import evaluation_time_curves
 
 
 @pytest.fixture

@@ -49,7 +49,7 @@ def test_a_changed_picture_makes_the_recovery_stale(scene, pictures, tmp_path) -
 
 
 def test_files_of_a_clip_are_those_that_the_engine_reads(pictures, workplace) -> None:
-    from seeing_wind.engine.observe.clip.frames.frames import files_of
+    from seeing_wind.engine.observe.clip.frames import files_of
 
     (pictures / "other_1.png").write_bytes(b"")
     for path in (pictures, pictures / "shot_%04d.png", pictures / "shot_*.png", pictures / "no_%d.png", workplace / "clip.mp4"):
