@@ -9,6 +9,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..engine.errors import SeeingWindError
+from .bake.plan import stamp_of_bakes
 from .clip.object.options import object_options
 from .clip.options import clip_options
 from .edit.resimulate.digest import edit_digest, forget_geometry
@@ -29,20 +30,13 @@ def refresh(scene: bpy.types.Scene) -> None:
     status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))
     status.derive(now, "resimulate", edit, settings.simulated_digest)
-    status.derive(now, "bake", edit and edit + _stamp_of_bakes(scene), settings.baked_digest)
+    status.derive(now, "bake", edit and edit + stamp_of_bakes(scene), settings.baked_digest)
 
 
 def refresh_all() -> None:
     """All scenes."""
     for scene in bpy.data.scenes:
         refresh(scene)
-
-
-def _stamp_of_bakes(scene: bpy.types.Scene) -> str:
-    """Of the settings of a bake. Read only for a scene with bodies: it needs NumPy."""
-    from .bake.bodies import stamp_of_bakes
-
-    return stamp_of_bakes(scene)
 
 
 def _attempt(now: status.SceneStatus, step: str, gather: Callable[[], T], started: bool) -> T | None:

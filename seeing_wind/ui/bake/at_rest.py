@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import bpy
 
-from .mark import mark_of
 from .motion import awake_on_top, clear_bake
+from .plan import mark_of
 
 
 @contextlib.contextmanager

@@ -17,18 +17,11 @@ from ..job.take_reading import simulated_motion
 from ..scene_units import metres_per_unit
 from . import rigid as bake_rigid
 from .at_rest import at_rest
-from .mark import AUTO, TRANSFORM, mark_of
-from .motion import Baked, Plan, awake_on_top, bake_motion, baked_copy, clear_bake
+from .motion import awake_on_top, bake_motion, baked_copy, clear_bake
+from .plan import AUTO, TRANSFORM, Baked, Plan, mark_of, plan_of, stamp_of_bakes
 
 HIDDEN = "seeing_wind_replaced"
 """Custom property of an object that a baked copy stands in for: its own visibility, viewport and render."""
-
-
-def plan_of(scene: bpy.types.Scene) -> Plan:
-    """How the scene's settings want motions to be baked; rate and cache are those of the motion."""
-    settings = scene.seeing_wind
-    frames = tuple(settings.bake_frames) if settings.bake_use_frames else None
-    return Plan(settings.frame_start, 1.0, settings.bake_way, frames, rigid_tolerance=0.01 * settings.bake_tolerance)
 
 
 def bake_body(
@@ -67,11 +60,6 @@ def clear_body(scene: bpy.types.Scene, body: bpy.types.PropertyGroup) -> bool:
     _remove_copy(body)
     source = None if body.is_recovered else body.object
     return (source is not None and clear_bake(source)) or copied
-
-
-def stamp_of_bakes(scene: bpy.types.Scene) -> str:
-    """Of the settings of a bake, without the motion."""
-    return repr(plan_of(scene))
 
 
 def _stamp(vertices: np.ndarray, plan: Plan, unit: float) -> str:

@@ -7,8 +7,6 @@ motion too large for a .blend file goes into a point cache beside it (PC2, or Al
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -20,43 +18,10 @@ from ..scene_units import metres_per_unit
 from . import cache as bake_cache
 from . import rigid as bake_rigid
 from . import shapes as bake_shapes
-from .mark import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, mark_of
+from .plan import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, Baked, Plan, mark_of
 
 LARGE = 48_000_000
 """Bytes of coordinates beyond which a point cache beside the file is better than shape keys inside it: 60 pictures of 67000 vertices."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How a motion is to be baked."""
-
-    frame_start: int
-    """Scene frame of picture 0."""
-    fps: float
-    """Of the pictures [1/s]."""
-    way: str = AUTO
-    frames: tuple[int, int] | None = None
-    """First and last scene frame to bake, inclusive; None bakes all. Before and after them the body stands still."""
-    cache: Path | None = None
-    """Where a point cache goes, without its suffix; None where there is no place for one."""
-    rigid_tolerance: float = bake_rigid.TOLERANCE
-    """A body counts as rigid while no vertex is farther from a rigid motion than this part of the body's size."""
-    stamp: str = ""
-    """Of what the motion depends on: an object whose bake has this stamp is left alone. "" always bakes."""
-    frames_follow_time: bool = False
-    """Keep the speed where the scene's frame rate is another than `fps`; otherwise one scene frame is one picture, as in a take."""
-
-
-@dataclass(frozen=True)
-class Baked:
-    """What `bake_motion` did."""
-
-    way: str
-    pictures: int
-    residual: float
-    """Largest distance of a vertex from the best rigid motion [m]."""
-    kept: bool = False
-    """The object had this very bake already."""
 
 
 def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene | None = None) -> Baked:

@@ -13,8 +13,8 @@ from mathutils import Euler, Matrix
 
 from seeing_wind.engine.errors import TakeError, UsageError
 from seeing_wind.ui.bake.animation import curves_of
-from seeing_wind.ui.bake.mark import MARK, mark_of
-from seeing_wind.ui.bake.motion import Plan, bake_motion, clear_bake, is_intact
+from seeing_wind.ui.bake.motion import bake_motion, clear_bake, is_intact
+from seeing_wind.ui.bake.plan import MARK, Plan, mark_of
 from seeing_wind.ui.bake.rigid import rigid_fit
 
 WAYS = [

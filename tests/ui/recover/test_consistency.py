@@ -13,8 +13,8 @@ import pytest
 import seeing_wind.ui as ui
 from seeing_wind.ui import freshness
 from seeing_wind.ui.bake.animation import keyframes
-from seeing_wind.ui.bake.mark import MARK, mark_of
 from seeing_wind.ui.bake.motion import is_intact
+from seeing_wind.ui.bake.plan import MARK, mark_of
 from seeing_wind.ui.field.samples import samples_of
 from seeing_wind.ui.field.vdb import read_samples
 from seeing_wind.ui.job import status

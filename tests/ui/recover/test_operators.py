@@ -10,8 +10,8 @@ import pytest
 
 from seeing_wind.engine.take import Take
 from seeing_wind.ui import freshness
-from seeing_wind.ui.bake.mark import MARK, mark_of
 from seeing_wind.ui.bake.motion import is_intact
+from seeing_wind.ui.bake.plan import MARK, mark_of
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status
 from tests.ui.jobs import cube, now, recover

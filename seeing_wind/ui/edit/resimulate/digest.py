@@ -8,7 +8,7 @@ from array import array
 import bpy
 
 from ...bake.animation import keyframes
-from ...bake.mark import mark_of
+from ...bake.plan import mark_of
 from ...job.status import digest_of
 from ...scene_units import metres_per_unit
 
