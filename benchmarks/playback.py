@@ -180,7 +180,7 @@ def arrows(scene):
 
 def baked(scene):
     """A grid with absolute shape keys, one per frame."""
-    from seeing_wind.ui.bake.bake import bake_shape_keys
+    from seeing_wind.ui.bake.motion import bake_shape_keys
 
     side = int(np.sqrt(VERTICES))
     x, y = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, VERTICES // side))

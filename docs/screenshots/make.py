@@ -16,10 +16,8 @@ from mathutils import Euler, Vector
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind import ui  # noqa: E402
-from seeing_wind.ui import panels
-from seeing_wind.ui.field import panel as panel_field
+from seeing_wind.ui import freshness
 from seeing_wind.ui.job import status  # noqa: E402
-from seeing_wind.ui.recover import freshness
 
 SHOT = os.environ["SEEING_WIND_SHOT"]
 FOLDER = Path(os.environ["SEEING_WIND_CLIP"]).parent
@@ -128,10 +126,9 @@ def main() -> None:
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.view.ui_scale = 0.85
     if SHOT == "field":  # the panels of the six steps closed, the later ones open
-        for cls in panels.PANELS:
-            cls.bl_options = {"DEFAULT_CLOSED"}
-        for cls in panel_field.CLASSES:
-            cls.bl_options = set()
+        for cls in ui.CLASSES:
+            if issubclass(cls, bpy.types.Panel):
+                cls.bl_options = {"DEFAULT_CLOSED"} if cls.step else set()
     ui.register()
     bpy.context.window_manager.windows[0].screen.show_statusbar = False
     steps = script()

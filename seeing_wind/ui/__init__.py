@@ -1,39 +1,77 @@
-"""The Blender side. Imports bpy, NumPy and the engine's ground floor; never torch, Taichi or OpenCV."""
+"""The Blender side. Imports bpy, NumPy and the engine's ground floor; never torch, Taichi or OpenCV.
+
+job        the worker process, what the panel shows of it, the takes on disk; `install`: the engine's Python
+clip       the video; `inputs`: what Blender knows of it; `object`: what is followed in it
+recover    the request to the engine, and its results as objects of the scene
+field      the force field object, its arrows and legend; `solvers`: how Blender's own solvers feel it
+edit       the bodies that are put into the field; `resimulate`: how they move in it
+bake       motion as keyframes
+composite  the edit over the clip
+
+A feature has the same doors: `properties` (its settings), `operators` (thin: gather, call one function, report), `panel`; the rest is its
+core. What needs NumPy is imported where it is used, so that switching on stays quick. Beside the features:
+
+scene_properties  all settings of a scene         property_kinds   what they are made of
+panel_pieces      what panels are made of         direct_operator  what operators without a job share
+freshness         which step is done or stale     at_exit          what is to be done when the process ends
+commands, batch   `blender --command seeing_wind` scene_mesh, scene_units  the scene's meshes as arrays, its metres
+user_paths        paths as the user writes them
+"""
 
 from __future__ import annotations
 
 import bpy
 
-from . import later
-
-later.declare(
-    __name__,
-    (
-        "animation", "bake", "batch", "bodies", "clip_scene", "composite", "console", "edit_export", "edits", "engine_environment",
-        "engine_install", "field_calibration", "field_vdb", "job", "native", "picture_frame", "results", "scene_export", "worker_calls",
-    ),
-)  # fmt: skip
-
-from . import leaving, operators, panels, properties
-from .field import panel as panel_field
-from .install import environment as engine_environment
-from .install import preferences
-from .job import commands, status, takes
+from . import at_exit, commands, freshness, scene_properties
+from .bake import operators as bake_operators
+from .bake import panel as bake_panel
+from .clip import operators as clip_operators
+from .clip import panel as clip_panel
+from .clip.object import operators as object_operators
+from .clip.object import panel as object_panel
+from .clip.object import properties as object_properties
+from .composite import operators as composite_operators
+from .composite import panel as composite_panel
+from .edit import operators as edit_operators
+from .edit import panel as edit_panel
+from .edit import properties as edit_properties
+from .edit.resimulate import operators as resimulate_operators
+from .edit.resimulate import panel as resimulate_panel
+from .field import operators as field_operators
+from .field import panel as field_panel
 from .job import operator as job_operator
-from .recover import freshness
+from .job import status, takes
+from .job.install import environment
+from .job.install import operators as install_operators
+from .job.install import preferences as install_preferences
+from .recover import operators as recover_operators
+from .recover import panel as recover_panel
 
-CLASSES = (*preferences.CLASSES, *properties.CLASSES, *operators.CLASSES, *job_operator.CLASSES, *panels.CLASSES, *panel_field.CLASSES)
+FEATURES = (
+    install_preferences, install_operators,
+    clip_operators, clip_panel,
+    object_properties, object_operators, object_panel,
+    recover_operators, recover_panel,
+    field_operators, field_panel,
+    edit_properties, edit_operators, edit_panel,
+    resimulate_operators, resimulate_panel,
+    bake_operators, bake_panel,
+    composite_operators, composite_panel,
+)  # fmt: skip
+"""What is switched on, in the order of the work; the scene's settings come last, being made of theirs."""
+
+CLASSES = tuple(cls for door in (job_operator, *FEATURES, scene_properties) for cls in door.CLASSES)
+
+HANDLERS = (scene_properties, freshness, job_operator, takes, commands)
+"""What is more than classes."""
 
 
 def register() -> None:
     """Called by Blender when the extension is switched on."""
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    bpy.types.Scene.seeing_wind = bpy.props.PointerProperty(type=properties.SEEING_WIND_PG_scene)
-    freshness.register()
-    job_operator.register()
-    takes.register()
-    commands.register()
+    for each in HANDLERS:
+        each.register()
     bpy.app.timers.register(_look_round, first_interval=0.0)
 
 
@@ -41,19 +79,16 @@ def unregister() -> None:
     """Called by Blender when the extension is switched off: running workers end with it."""
     if bpy.app.timers.is_registered(_look_round):
         bpy.app.timers.unregister(_look_round)
-    commands.unregister()
-    takes.unregister()
-    job_operator.unregister()
-    freshness.unregister()
+    for each in reversed(HANDLERS):
+        each.unregister()
     status.forget_all()
-    del bpy.types.Scene.seeing_wind
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)
 
 
 def _look_round() -> None:
     """While it is being switched on, Blender lends no data: the first look at the scenes comes right after."""
-    engine_environment.refresh()
+    environment.refresh()
     freshness.refresh_all()
 
 
@@ -64,5 +99,6 @@ def _at_exit() -> None:
         unregister()
 
 
-leaving.actions.append(_at_exit)
-leaving.let_go = bpy.app.module
+commands.switch_on = register
+at_exit.actions.append(_at_exit)
+at_exit.let_go = bpy.app.module

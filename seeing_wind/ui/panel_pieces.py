@@ -1,11 +1,19 @@
-"""What the panels are put together from: states, messages with the button that mends them, progress bars."""
+"""What the panels are put together from: the tab they stand in, states, messages with the button that mends them, progress bars.
+
+`draw` only reads settings and `status`.
+"""
 
 from __future__ import annotations
 
 import textwrap
 
+import bpy
+
 from .job import status
 from .job.status import State
+
+CATEGORY = "Seeing Wind"
+"""The sidebar tab."""
 
 ICONS = {State.IDLE: "RADIOBUT_OFF", State.DONE: "CHECKMARK", State.STALE: "FILE_REFRESH", State.RUNNING: "SORTTIME", State.FAILED: "ERROR"}
 
@@ -20,6 +28,52 @@ MENDS = {
     "open_preferences": ("seeing_wind.open_preferences", "Open Preferences", "PREFERENCES"),
 }
 """The control that mends an error, by `SeeingWindError.mend`."""
+
+
+class Tab:
+    """Mix-in of all panels of the sidebar tab."""
+
+    bl_region_type = "UI"
+    bl_category = CATEGORY
+    step = ""
+    """The step of the work that the panel stands for, or ""."""
+
+    def draw_header_preset(self, context):
+        """How the step stands, at the right end of its title."""
+        if self.step:
+            step = status.of(context.scene.session_uid).steps[self.step]
+            row = self.layout.row()
+            row.alert = step.state == State.FAILED
+            row.active = step.state != State.IDLE
+            row.label(text="", icon=ICONS[step.state])
+            row.separator()
+
+    def columns(self):
+        """A layout with names beside their values."""
+        self.layout.use_property_split = True
+        self.layout.use_property_decorate = False
+        return self.layout.column(), bpy.context.scene.seeing_wind
+
+
+def panels(tab: type[Tab], order: int) -> tuple[type, ...]:
+    """The panel of the 3D viewport and that of the Movie Clip Editor: Blender wants a class of its own for each.
+
+    Args:
+        tab: what both draw. A step's panel carries its number in the title.
+        order: place in the tab, from 0.
+    """
+    made = []
+    for space in ("VIEW_3D", "CLIP_EDITOR"):
+        name = f"SEEING_WIND_PT_{space.lower()}_{tab.step or tab.bl_label.lower()}"
+        body = {
+            "bl_idname": name,
+            "bl_space_type": space,
+            "bl_order": order,
+            "bl_label": f"{order + 1}. {tab.bl_label}" if tab.step else tab.bl_label,
+            "__doc__": tab.__doc__,
+        }
+        made.append(type(name, (tab, bpy.types.Panel), body))
+    return tuple(made)
 
 
 def draw_text(layout, context, text: str, icon: str = "NONE") -> None:

@@ -1,13 +1,13 @@
 """Of what the settings are made: kinds of properties, and the items that can be chosen from.
 
-No postponed annotations here, as in `properties`.
+No postponed annotations here, as in the files that use it.
 """
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ..engine.materials import LAWS, MATERIALS
-from .recover import freshness
+from .job import status
 
 KEPT = {"SKIP_SAVE"}
 """An operator starts from the scene's settings, not from its own last call. Scenes are saved all the same."""
@@ -50,7 +50,7 @@ def changed(self, context) -> None:
     """The update of every setting that the status depends on."""
     scene = self.id_data
     if isinstance(scene, bpy.types.Scene):  # None while these are the arguments of an operator
-        freshness.refresh(scene)
+        status.refresh(scene)
 
 
 def is_mesh(self, candidate) -> bool:

@@ -18,13 +18,15 @@ from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
-from seeing_wind.ui.bake.bake import bake_shape_keys, clear_bake, evaluation_time_curves  # noqa: E402
+from seeing_wind.ui.bake.motion import bake_shape_keys, clear_bake  # noqa: E402
+from seeing_wind.ui.bake.shapes import evaluation_time_curves  # noqa: E402
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene  # noqa: E402
-from seeing_wind.ui.edit.scene_export import export_mesh, pinned_vertices  # noqa: E402
+from seeing_wind.ui.edit.resimulate.edit_files import export_mesh  # noqa: E402
 from seeing_wind.ui.field.arrows import create_arrows  # noqa: E402
-from seeing_wind.ui.field.calibration import calibrate_particles  # noqa: E402
 from seeing_wind.ui.field.field_object import create_field_object  # noqa: E402
 from seeing_wind.ui.field.kernels import between, lattice  # noqa: E402
+from seeing_wind.ui.field.solvers.calibration import calibrate_particles  # noqa: E402
+from seeing_wind.ui.scene_mesh import pinned_vertices  # noqa: E402
 
 FPS = 24.0
 DENSITY = 120.0

@@ -19,9 +19,9 @@ from mathutils import Euler, Vector
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 checks = runpy.run_path(str(Path(__file__).with_name("field_object_check.py")), run_name="checks")
 
-from seeing_wind.ui.field.calibration import calibrate_object  # noqa: E402
 from seeing_wind.ui.field.node_groups import GroupBuilder, set_input, set_up_modifier  # noqa: E402
 from seeing_wind.ui.field.samples import sample_wind_group, samples_of  # noqa: E402
+from seeing_wind.ui.field.solvers.calibration import calibrate_object  # noqa: E402
 
 PROBES = 200
 BOX, CENTRE, DENSITY, FPS, FRAMES, FRAME_START = (checks[name] for name in ("BOX", "CENTRE", "DENSITY", "FPS", "FRAMES", "FRAME_START"))
@@ -201,7 +201,7 @@ def sample_wind_errors(field: bpy.types.Object, interval: int) -> tuple[float, f
 def nodes_errors(field: bpy.types.Object, interval: int, substeps: int) -> tuple[float, float]:
     """Blender 5.2's Cloth Dynamics as a modifier, on small sheets; two frames, since it starts with half a move."""
     scene = bpy.context.scene
-    from seeing_wind.ui.field.physics_nodes import ASSETS
+    from seeing_wind.ui.field.solvers.physics_nodes import ASSETS
 
     path = str(Path(bpy.utils.system_resource("DATAFILES")) / ASSETS)
     with bpy.data.libraries.load(path) as (source, wanted):

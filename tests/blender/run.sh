@@ -29,6 +29,9 @@ echo "-- install and drive"
 # The exit code of install-file says nothing; drive_extension.py fails if it did not work.
 "$blender" --command extension install-file -r user_default -e "$work/seeing_wind.zip"
 "$blender" -b --python-exit-code 9 --python "$root/tests/blender/drive_extension.py"
+# It walks all modules that are loaded, as Preferences > Add-ons does.
+"$blender" --command extension list 2>&1 | tee "$work/list"
+grep -q "seeing_wind" "$work/list" && ! grep -q Traceback "$work/list" || { echo "extension list failed" >&2; exit 1; }
 
 echo "-- the field object, bakes and exports"
 "$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/field_object_check.py"

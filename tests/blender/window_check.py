@@ -24,7 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import seeing_wind.ui as ui  # noqa: E402
-from seeing_wind.ui.clip.picture_frame import box_on_screen, picture_corners  # noqa: E402
+from seeing_wind.ui.clip.frame_on_screen import box_on_screen, picture_corners  # noqa: E402
 from seeing_wind.ui.job import operator as job_operator  # noqa: E402
 from seeing_wind.ui.job import status
 

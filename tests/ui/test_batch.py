@@ -10,7 +10,7 @@ import extension
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.job import batch, commands
+from seeing_wind.ui import batch, commands
 
 JOBS = """
 [[job]]

@@ -8,7 +8,7 @@ import bpy
 import extension
 import pytest
 
-from seeing_wind.ui.job import commands
+from seeing_wind.ui import commands
 
 
 @pytest.fixture(autouse=True)

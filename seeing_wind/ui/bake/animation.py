@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable
 
 import bpy
-import numpy as np
 
 
 def curves_of(datablock: bpy.types.ID) -> list[bpy.types.FCurve]:
@@ -44,9 +44,9 @@ def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple[float, ...]
     """All keyframes of a datablock as plain values: what a digest of its animation needs."""
     found = []
     for curve in curves_of(datablock):
-        flat = np.empty(2 * len(curve.keyframe_points))
+        flat = array("f", bytes(8 * len(curve.keyframe_points)))
         curve.keyframe_points.foreach_get("co", flat)
-        found.append((curve.data_path, curve.array_index, tuple(np.round(flat, 5))))
+        found.append((curve.data_path, curve.array_index, tuple(round(value, 5) for value in flat)))
     return found
 
 

@@ -11,9 +11,6 @@ from mathutils import Matrix
 
 from .animation import curves_of, make_linear, remove_curves
 
-TOLERANCE = 0.002
-"""Of the body's size: a fifth of a percent is not seen. Elastic bodies that bend more are no rigid ones."""
-
 PATHS = ("location", "rotation_quaternion")
 _TURNS = ("rotation_euler", "rotation_quaternion", "rotation_axis_angle")
 

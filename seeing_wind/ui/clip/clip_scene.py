@@ -11,7 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...engine.errors import ClipError, UsageError
-from ..units import metres_per_unit
+from ..scene_units import metres_per_unit
 from .inputs.clips import opened_by
 
 CAMERA = "Seeing Wind Camera"

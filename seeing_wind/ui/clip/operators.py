@@ -9,12 +9,12 @@ from gpu_extras.batch import batch_for_shader
 
 from ...engine.conventions import front_view
 from ...engine.errors import ClipError, UsageError
-from ..edit.operators import EditOperator
-from ..job import operator as job_operator
+from ..direct_operator import DirectOperator
+from ..job import status
+from ..job.operator import redraw
 from ..property_kinds import PATH
-from ..recover import freshness
-from . import clip_scene, picture_frame
-from . import inputs as native
+from ..user_paths import absolute
+from .inputs.clips import first_picture, loaded_clip, scene_frame
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
 LOOKING = ("MOUSE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEEL", "TRACKPAD", "NDOF", "NUMPAD", "HOME")
@@ -24,7 +24,7 @@ SMALLEST = 3.0
 """Pixels of the clip that a box must measure: less is a click by mistake."""
 
 
-class SEEING_WIND_OT_choose_clip(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
     """Choose the video, show it behind the scene, and take rate, size and place in time from it"""
 
     bl_idname = "seeing_wind.choose_clip"
@@ -43,7 +43,7 @@ class SEEING_WIND_OT_choose_clip(EditOperator, bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def edit(self, context):
+    def act(self, context):
         """The clip is seen behind the scene at once."""
         scene = context.scene
         settings = scene.seeing_wind
@@ -55,17 +55,17 @@ class SEEING_WIND_OT_choose_clip(EditOperator, bpy.types.Operator):
             path = clip.filepath
         if not path:
             raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
-        another = native.clips.absolute(path) != native.clips.absolute(settings.clip)
+        another = absolute(path) != absolute(settings.clip)
         former, settings.clip = settings.clip, path
         try:
-            clip = native.clips.loaded_clip(settings)
+            clip = loaded_clip(settings)
         except ClipError:
             settings.clip = former
             raise
         if former and another:  # box and pictures that were chosen for the former one mean nothing here
             settings.box, settings.use_frames = (0.0, 0.0, 0.0, 0.0), False
         if clip.frame_start != 1 or clip.frame_offset:
-            settings.frame_start = native.clips.scene_frame(clip, native.clips.first_picture(settings))
+            settings.frame_start = scene_frame(clip, first_picture(settings))
         scene.active_clip = clip
         _show(scene, clip)
         return f"{clip.name}: {clip.frame_duration} pictures of {clip.size[0]} x {clip.size[1]}"
@@ -73,12 +73,15 @@ class SEEING_WIND_OT_choose_clip(EditOperator, bpy.types.Operator):
 
 def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip) -> None:
     """Put the clip behind the camera that Recover will use: the scene's own where the settings say so, else one of ours."""
+    from .clip_scene import set_background, setup_clip_scene  # these need NumPy
+    from .inputs.camera import camera_source
+
     settings = scene.seeing_wind
-    first = native.clips.first_picture(settings)
-    if settings.camera_mode in ("SOLVE", "SCENE") or (settings.camera_mode == "AUTO" and native.camera_source(scene)):
+    first = first_picture(settings)
+    if settings.camera_mode in ("SOLVE", "SCENE") or (settings.camera_mode == "AUTO" and camera_source(scene)):
         camera = scene.camera
         if camera is not None and camera.type == "CAMERA" and not len(camera.data.background_images):
-            clip_scene.set_background(camera.data, clip)
+            set_background(camera.data, clip)
         return
     width, height = clip.size
     focal = 0.5 * width / math.tan(0.5 * math.radians(settings.fov))
@@ -88,7 +91,7 @@ def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip) -> None:
     }  # fmt: skip
     last = settings.frames[1] if settings.use_frames else clip.frame_duration - 1 + clip.frame_offset
     fps = settings.fps or clip.fps or scene.render.fps / scene.render.fps_base
-    clip_scene.setup_clip_scene(scene, bpy.path.abspath(clip.filepath), camera, fps, first, max(last - first, 1), settings.frame_start)
+    setup_clip_scene(scene, bpy.path.abspath(clip.filepath), camera, fps, first, max(last - first, 1), settings.frame_start)
 
 
 class SEEING_WIND_OT_draw_box(bpy.types.Operator):
@@ -110,7 +113,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             self.report({"ERROR"}, "The box is too small. Drag from one corner of the object to the opposite one.")
             return {"CANCELLED"}
         settings.object_mode, settings.box = "BOX", self.box
-        freshness.refresh(context.scene)
+        status.refresh(context.scene)
         self.report({"INFO"}, f"Box of {right - left:.0f} x {bottom - top:.0f} pixels")
         return {"FINISHED"}
 
@@ -118,7 +121,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         """Show the first picture, then wait for the mouse."""
         scene, space = context.scene, context.space_data
         try:
-            clip = native.clips.loaded_clip(scene.seeing_wind) if scene.seeing_wind.clip else None
+            clip = loaded_clip(scene.seeing_wind) if scene.seeing_wind.clip else None
         except (ClipError, UsageError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -135,7 +138,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         else:
             self.report({"ERROR"}, "Draw the box in a 3D viewport with a camera, or in the Movie Clip Editor.")
             return {"CANCELLED"}
-        scene.frame_set(native.clips.scene_frame(clip, native.clips.first_picture(scene.seeing_wind)))
+        scene.frame_set(scene_frame(clip, first_picture(scene.seeing_wind)))
         # the button may be in the sidebar; the picture is in the area's main region
         self.area = context.area
         self.region = next(region for region in self.area.regions if region.type == "WINDOW")
@@ -170,7 +173,9 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             if corners is None:
                 self.report({"ERROR"}, "The picture is not in view. Press Numpad 0 for the camera's view and try again.")
                 return {"CANCELLED"}
-            self.box = picture_frame.box_in_picture(corners, self.start, at, *self.size)
+            from .frame_on_screen import box_in_picture  # needs NumPy
+
+            self.box = box_in_picture(corners, self.start, at, *self.size)
             return self.execute(context)
         # not undo, nor anything else that changes the scene under the box
         looks = event.type.startswith(LOOKING) and self.start is None
@@ -193,8 +198,10 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         return next((each for each in images if each.clip is not None and each.clip.name == self.clip), None)
 
     def _corners(self, context):
+        from .frame_on_screen import picture_corners  # needs NumPy
+
         with context.temp_override(area=self.area, region=self.region, space_data=self.area.spaces.active):
-            return picture_frame.picture_corners(bpy.context, self.region)
+            return picture_corners(bpy.context, self.region)
 
     def _end(self, context) -> None:
         if self.handler is None:
@@ -206,7 +213,7 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             background.display_depth, background.alpha, context.scene.camera.data.show_background_images = self.former
         context.window.cursor_modal_restore()
         context.workspace.status_text_set(None)
-        job_operator.redraw()
+        redraw()
 
     def _draw(self, context) -> None:
         if bpy.context.area != self.area:
@@ -215,11 +222,13 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             low, high = (tuple(map(pick, self.start, self.end)) for pick in (min, max))
             _rectangle(low, high, (1.0, 0.55, 0.1, 1.0))
             return
-        corners, box = picture_frame.picture_corners(bpy.context, self.region), context.scene.seeing_wind.box
+        from .frame_on_screen import box_on_screen, picture_corners  # needs NumPy
+
+        corners, box = picture_corners(bpy.context, self.region), context.scene.seeing_wind.box
         if corners is not None:
             _rectangle(*corners, (1.0, 1.0, 1.0, 0.35))
             if box[2] > box[0]:
-                _rectangle(*picture_frame.box_on_screen(corners, tuple(box), *self.size), (1.0, 0.55, 0.1, 0.6))
+                _rectangle(*box_on_screen(corners, tuple(box), *self.size), (1.0, 0.55, 0.1, 0.6))
 
 
 def _rectangle(low, high, colour: tuple[float, float, float, float]) -> None:

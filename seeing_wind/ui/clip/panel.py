@@ -1,94 +1,39 @@
-"""What the panel *Object* draws: where the object is, and what it is taken to be made of. Reads settings only."""
+"""The panel *Clip*."""
 
-import bpy
-
-from ...engine.materials import MATERIALS
 from ..job import status
 from ..job.status import State
-from ..panel_pieces import draw_failure, draw_override, draw_progress, draw_text
+from ..panel_pieces import Tab, draw_engine, draw_failure, panels
 
 
-def draw_object(column, settings) -> None:
-    """The way to mark the object, and the control that does it."""
-    column.prop(settings, "object_mode")
-    if settings.object_mode == "BOX":
-        row = column.row()
-        row.scale_y = 1.2
-        row.operator("seeing_wind.draw_box", text="Draw Box", icon="SELECT_SET")
-        sub = column.column(align=True)
-        for index, text in enumerate(("Box Left (px)", "Top", "Right", "Bottom")):
-            sub.prop(settings, "box", index=index, text=text)
-    elif settings.object_mode == "MASK":
-        column.prop(settings, "mask")
-    elif settings.object_mode == "BLENDER_MASK":
-        column.prop(settings, "mask_data")
-    column.prop(settings, "use_tracks")
+class ClipTab(Tab):
+    """Which clip, which part of it, through which camera."""
+
+    bl_label = "Clip"
+    step = "clip"
+
+    def draw(self, context):
+        """The engine's state comes first: without one nothing works."""
+        if status.engine.problem is not None or "engine" in status.of(context.scene.session_uid).steps:
+            draw_engine(self.layout, context)
+        row = self.layout.row(align=True)
+        row.operator("seeing_wind.choose_clip", text="Choose Clip", icon="FILE_MOVIE")
+        row.operator("seeing_wind.choose_clip", text="Active Clip", icon="TRACKER").active = True
+        column, settings = self.columns()
+        column.prop(settings, "clip")
+        column.prop(settings, "fps")
+        row = column.row(heading="Pictures")
+        row.prop(settings, "use_frames", text="")
+        sub = row.row(align=True)
+        sub.enabled = settings.use_frames
+        sub.prop(settings, "frames", index=0, text="")
+        sub.prop(settings, "frames", index=1, text="")
+        column.prop(settings, "camera_mode")
+        if settings.camera_mode in ("AUTO", "FOV", "JSON"):
+            column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
+        column.prop(settings, "frame_start")
+        step = status.of(context.scene.session_uid).steps["clip"]
+        if step.state == State.FAILED:
+            draw_failure(self.layout, context, step)
 
 
-class SEEING_WIND_UL_guesses(bpy.types.UIList):
-    """What a model saw in the clip."""
-
-    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
-        """What it is, what it is made of, how heavy."""
-        row = layout.row()
-        row.label(text=f"{item.name}: {item.made_of}", icon="OBJECT_DATA")
-        sub = row.row()
-        sub.alignment = "RIGHT"
-        sub.label(text=f"{item.density:.3g} kg/m³")
-
-
-def draw_guesses(layout, context, settings, space: str) -> None:
-    """Ask a model what is in the clip, and choose from its answers."""
-    header, body = layout.panel("SEEING_WIND_guesses", default_closed=not len(settings.guesses))
-    header.label(text="Ask a Model")
-    if body is None:
-        return
-    now = status.of(context.scene.session_uid)
-    asked = now.steps.get("identify")
-    if now.running == "identify" and asked is not None:
-        draw_progress(body, asked, now.cancelling)
-        return
-    row = body.row()
-    row.enabled = now.steps["clip"].state == State.DONE and not now.running
-    row.operator("seeing_wind.identify", icon="QUESTION")
-    if asked is not None and asked.state == State.FAILED:
-        draw_failure(body, context, asked)
-    elif asked is not None and asked.message:
-        draw_text(body, context, asked.message)
-    if len(settings.guesses):
-        body.template_list("SEEING_WIND_UL_guesses", space, settings, "guesses", settings, "active_guess", rows=2)
-        body.operator("seeing_wind.use_guess", icon="CHECKMARK")
-
-
-def draw_more(layout, settings) -> None:
-    """What few need: the law, its further numbers, and how much effort the recovery makes."""
-    header, body = layout.panel("SEEING_WIND_more", default_closed=True)
-    header.label(text="More")
-    if body is None:
-        return
-    column = body.column()
-    column.prop(settings, "law")
-    for name in ("poisson_ratio", "yield_stress", "viscosity"):
-        draw_override(column, settings, name)
-    column.separator()
-    column.prop(settings, "particles")
-    column.prop(settings, "iterations")
-    column.prop(settings, "refine")
-    column.prop(settings, "seed")
-
-
-LISTS = (SEEING_WIND_UL_guesses,)
-
-
-def draw_material(column, settings) -> None:
-    """The numbers that the chosen material stands for, unless they are replaced below."""
-    material = MATERIALS[settings.material]
-    shown = []
-    if not settings.use_density:
-        shown.append(f"{material.density:g} kg/m³")
-    if not settings.use_youngs_modulus:
-        shown.append(f"{material.youngs_modulus:.3g} Pa")
-    if shown:
-        row = column.row()
-        row.active = False
-        row.label(text=", ".join(shown), icon="BLANK1")
+CLASSES = panels(ClipTab, 0)

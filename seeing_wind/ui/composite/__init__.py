@@ -1,0 +1,6 @@
+"""The edit over the clip: holdout, shadows, clean plate, light and compositor.
+
+operators  Set Up Composite, Render over Clip
+panel      the panel *Composite*
+composite  setting it up, and rendering, in Blender 4.5 and 5
+"""

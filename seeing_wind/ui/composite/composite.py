@@ -18,7 +18,7 @@ import numpy as np
 from ...engine.errors import SeeingWindError, UsageError
 from ...engine.take import Take
 from ..clip.clip_scene import picture_image
-from ..field.legend import MARK as LEGEND
+from ..field.display import LEGEND_MARK
 from ..job import takes
 from ..job.worker import said_by
 
@@ -132,7 +132,7 @@ def _plate(settings: bpy.types.PropertyGroup) -> bpy.types.Image:
 
 
 def _legends(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    return [obj for obj in scene.objects if LEGEND in obj]
+    return [obj for obj in scene.objects if LEGEND_MARK in obj]
 
 
 def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:

@@ -5,11 +5,10 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 
-from ..clip import inputs as native
-from ..edit.operators import EditOperator
+from ..direct_operator import DirectOperator
 from ..job import takes
 from ..property_kinds import PATH
-from . import composite
+from ..user_paths import absolute
 
 BEHIND = [
     ("AUTO", "Automatic", "The clip, or the clean plate when the clip's own object is simulated anew"),
@@ -18,7 +17,7 @@ BEHIND = [
 ]
 
 
-class SEEING_WIND_OT_set_up_composite(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
     """Set up camera background, holdout, shadow catcher, clean plate, light and compositor, so that a render shows the edit in the clip"""
 
     bl_idname = "seeing_wind.set_up_composite"
@@ -29,14 +28,14 @@ class SEEING_WIND_OT_set_up_composite(EditOperator, bpy.types.Operator):
     samples: IntProperty(name="Samples", default=32, min=1, soft_max=512, step=16, description="Of Cycles, per pixel")
     show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")
 
-    def edit(self, context):
+    def act(self, context):
         """May be repeated after any change."""
-        return str(
-            composite.set_up(context.scene, plate=self.behind, floor=self.floor, samples=self.samples, show_field=self.show_field)
-        )
+        from .composite import set_up  # needs NumPy
+
+        return str(set_up(context.scene, plate=self.behind, floor=self.floor, samples=self.samples, show_field=self.show_field))
 
 
-class SEEING_WIND_OT_render_composite(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
     """Render the edit over the clip into a video"""
 
     bl_idname = "seeing_wind.render_composite"
@@ -49,15 +48,17 @@ class SEEING_WIND_OT_render_composite(EditOperator, bpy.types.Operator):
     )  # fmt: skip
     still: BoolProperty(name="This Frame Only", options={"SKIP_SAVE"}, description="A picture of the current frame instead of the video")
 
-    def edit(self, context):
+    def act(self, context):
         """Sets the composite up first when it has not been."""
+        from . import composite  # needs NumPy
+
         scene = context.scene
         if not composite.is_set_up(scene):
             composite.set_up(scene)
         if self.filepath:
-            path = Path(native.clips.absolute(self.filepath))
+            path = Path(absolute(self.filepath))
         else:
-            home = takes.shown(scene.seeing_wind).parent if scene.seeing_wind.recovered_take else Path(native.clips.absolute("//"))
+            home = takes.shown(scene.seeing_wind).parent if scene.seeing_wind.recovered_take else Path(absolute("//"))
             path = home / ("composite.png" if self.still else "composite.mp4")
         composite.render(scene, path, still=self.still)
         return f"Rendered {path}" if bpy.app.background else f"Rendering into {path}"

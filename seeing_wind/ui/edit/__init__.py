@@ -1,0 +1,9 @@
+"""Step 4, the edit: meshes that are put into the field, what is held, how heavy they are, what is in their way.
+
+properties  its settings: bodies, colliders, further edits
+operators   insert, remove, pin, scale, let go; colliders; duplicate and remove an edit
+panel       the panel *Edit*
+edits       several edits of one field: one is worked on, the others are kept
+
+`resimulate` is step 5.
+"""

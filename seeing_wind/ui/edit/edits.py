@@ -6,11 +6,11 @@ import bpy
 from mathutils import Matrix, Vector
 
 from ...engine.errors import UsageError
-from ..bake.bake import clear_bake
-from ..recover import freshness
-from ..units import metres_per_unit
-from .bodies import HIDDEN
-from .scene_export import own_copy
+from ..bake.at_rest import own_copy
+from ..bake.bodies import HIDDEN
+from ..bake.motion import clear_bake
+from ..job import status
+from ..scene_units import metres_per_unit
 
 GAP = 1.2
 """A copied edit stands that many widths of the field beside its original."""
@@ -23,13 +23,13 @@ def switch(settings: bpy.types.PropertyGroup) -> None:
         return
     wanted = min(settings.active_edit, count - 1)
     if settings.loaded_edit < count:
-        _copy(settings, settings.edits[settings.loaded_edit])
+        _keep(settings, settings.edits[settings.loaded_edit])
     # set first: taking over the settings calls their updates, which look at the scene
     settings.loaded_edit = wanted
-    _copy(settings.edits[wanted], settings)
+    _take_over(settings.edits[wanted], settings)
     if settings.active_edit != wanted:
         settings.active_edit = wanted
-    freshness.refresh(settings.id_data)
+    status.refresh(settings.id_data)
 
 
 def duplicate(scene: bpy.types.Scene) -> str:
@@ -46,10 +46,10 @@ def duplicate(scene: bpy.types.Scene) -> str:
     if not len(settings.edits):
         settings.edits.add().name = "Edit 1"
         settings.loaded_edit = settings.active_edit = 0
-    _copy(settings, settings.edits[settings.loaded_edit])
+    _keep(settings, settings.edits[settings.loaded_edit])
     new = settings.edits.add()
     new.name = _free_name(settings)
-    _copy(settings, new)
+    _keep(settings, new)
     new.edit_folder = new.name.lower().replace(" ", "_")
     new.simulated_digest = new.simulated_take = new.baked_digest = ""
     step = Vector((_width(settings) * GAP, 0.0, 0.0))
@@ -76,18 +76,31 @@ def remove(settings: bpy.types.PropertyGroup) -> str:
     index = settings.loaded_edit
     name = settings.edits[index].name
     neighbour = index - 1 if index else 1
-    _copy(settings.edits[neighbour], settings)
+    _take_over(settings.edits[neighbour], settings)
     settings.edits.remove(index)
     settings.loaded_edit = neighbour - 1 if neighbour > index else neighbour
     settings.active_edit = settings.loaded_edit
     return name
 
 
-def _copy(source: bpy.types.PropertyGroup, target: bpy.types.PropertyGroup) -> None:
-    """The fields of an edit, bodies and colliders with theirs."""
-    from ..properties import EditOptions
+def _keep(settings: bpy.types.PropertyGroup, edit: bpy.types.PropertyGroup) -> None:
+    """Put the edit that is worked on into its place of the list."""
+    _copy(settings, edit, _fields(edit))
 
-    for name in EditOptions.__annotations__:
+
+def _take_over(edit: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> None:
+    """Work on a kept edit."""
+    _copy(edit, settings, _fields(edit))
+
+
+def _fields(edit: bpy.types.PropertyGroup) -> list[str]:
+    """What a kept edit has of its own: all that it shares with the scene's settings, but not its name in the list."""
+    return [prop.identifier for prop in edit.bl_rna.properties if prop.identifier not in ("rna_type", "name")]
+
+
+def _copy(source: bpy.types.PropertyGroup, target: bpy.types.PropertyGroup, fields: list[str]) -> None:
+    """The fields of an edit, bodies and colliders with theirs."""
+    for name in fields:
         if source.bl_rna.properties[name].type == "COLLECTION":
             _copy_items(getattr(source, name), getattr(target, name))
         else:

@@ -1,47 +1,23 @@
-"""The edit: which meshes move in the recovered field, what is held, and how heavy they are."""
+"""The edit: which meshes move in the recovered field, what is held, how heavy they are, what is in their way; and further edits."""
 
 from pathlib import Path
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
-from ...engine.errors import SeeingWindError, UsageError
-from ..clip import inputs as native
-from ..job import status
-from ..job import worker as job
-from ..property_kinds import MATERIAL_ITEMS, PATH
-from ..recover import freshness, results
-from . import scene_export
+from ...engine.errors import UsageError
+from ..direct_operator import DirectOperator
+from ..job.worker import said_by
+from ..property_kinds import KINDS, MATERIAL_ITEMS, PATH
+from ..recover.shown import shows_field
+from ..user_paths import absolute
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
 SAME = [("SAME", "As Recovered", "The material of the object in the clip"), *MATERIAL_ITEMS]
 
 
-class EditOperator:
-    """Mix-in: a function that may raise SeeingWindError, run and reported."""
-
-    bl_options = {"REGISTER", "UNDO"}
-
-    def edit(self, context) -> str:
-        """Do it; returns what to tell the user."""
-        raise NotImplementedError
-
-    def execute(self, context):
-        """Run `edit`, then bring the panel up to date."""
-        try:
-            if context.scene.library is not None:
-                raise UsageError(*status.LINKED)
-            said = self.edit(context)
-        except (SeeingWindError, OSError) as error:
-            self.report({"ERROR"}, " ".join(job.told(error)[:2]).strip())
-            return {"CANCELLED"}
-        freshness.refresh(context.scene)
-        self.report({"INFO"}, said)
-        return {"FINISHED"}
-
-
-class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
     """Let the selected meshes, a file's mesh or the clip's own object move in the recovered field"""
 
     bl_idname = "seeing_wind.insert_mesh"
@@ -65,7 +41,7 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
     )
     velocity: FloatVectorProperty(name="Velocity (m/s)", size=3, options={"SKIP_SAVE"}, description="At the start")
 
-    def edit(self, context):
+    def act(self, context):
         """Add one body per mesh."""
         settings = context.scene.seeing_wind
         if self.recovered and settings.recovered_object is None:
@@ -92,7 +68,7 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
     def _meshes(self, context) -> list:
         settings = context.scene.seeing_wind
         if self.filepath:
-            found = _import(native.clips.absolute(self.filepath))
+            found = _import(absolute(self.filepath))
         elif self.object:
             obj = context.scene.objects.get(self.object)
             if obj is None or obj.type != "MESH":
@@ -100,20 +76,20 @@ class SEEING_WIND_OT_insert_mesh(EditOperator, bpy.types.Operator):
             found = [obj]
         else:
             found = list(context.selected_objects)
-        found = [obj for obj in found if obj.type == "MESH" and not results.shows_field(obj, settings)]
+        found = [obj for obj in found if obj.type == "MESH" and not shows_field(obj, settings)]
         if not found:
             given = self.filepath or self.object
             raise UsageError(f"{given} is no mesh that could move." if given else "No mesh is selected.", "Choose the meshes to move.")
         return found
 
 
-class SEEING_WIND_OT_remove_body(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_remove_body(DirectOperator, bpy.types.Operator):
     """Take the active body off the list; its object stays"""
 
     bl_idname = "seeing_wind.remove_body"
     bl_label = "Remove"
 
-    def edit(self, context):
+    def act(self, context):
         """Objects and keyframes are not touched."""
         settings = context.scene.seeing_wind
         index = _active(settings)
@@ -123,7 +99,7 @@ class SEEING_WIND_OT_remove_body(EditOperator, bpy.types.Operator):
         return f"Removed {name} from the list"
 
 
-class SEEING_WIND_OT_pin_vertices(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_pin_vertices(DirectOperator, bpy.types.Operator):
     """Hold the vertices of a vertex group in place"""
 
     bl_idname = "seeing_wind.pin_vertices"
@@ -132,8 +108,10 @@ class SEEING_WIND_OT_pin_vertices(EditOperator, bpy.types.Operator):
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
     vertex_group: StringProperty(name="Vertex Group", options={"SKIP_SAVE"}, description="Empty: the object's active group")
 
-    def edit(self, context):
+    def act(self, context):
         """Check that the group holds something, and note it."""
+        from ..scene_mesh import FIRM, pinned_vertices  # needs NumPy
+
         settings = context.scene.seeing_wind
         body = settings.bodies[_active(settings, self.object)]
         obj = settings.recovered_object if body.is_recovered else body.object
@@ -143,13 +121,13 @@ class SEEING_WIND_OT_pin_vertices(EditOperator, bpy.types.Operator):
             obj.update_from_editmode()
         active = obj.vertex_groups.active
         group = self.vertex_group or (active.name if active else "")
-        _, weights = scene_export.pinned_vertices(obj, context.evaluated_depsgraph_get(), group)
+        _, weights = pinned_vertices(obj, context.evaluated_depsgraph_get(), group)
         body.pin_group = group
-        soft = int((weights < scene_export.FIRM).sum())
+        soft = int((weights < FIRM).sum())
         return f"{len(weights)} vertices of {body.name} are held" + (f", {soft} of them softly" if soft else "")
 
 
-class SEEING_WIND_OT_scale_mass(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_scale_mass(DirectOperator, bpy.types.Operator):
     """Set the mass of a body relative to its material: twice the mass accelerates half as much in the same wind"""
 
     bl_idname = "seeing_wind.scale_mass"
@@ -160,7 +138,7 @@ class SEEING_WIND_OT_scale_mass(EditOperator, bpy.types.Operator):
     )
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
 
-    def edit(self, context):
+    def act(self, context):
         """Noted for the next re-simulation."""
         settings = context.scene.seeing_wind
         body = settings.bodies[_active(settings, self.object)]
@@ -168,7 +146,7 @@ class SEEING_WIND_OT_scale_mass(EditOperator, bpy.types.Operator):
         return f"{body.name} has {self.factor:g} times its mass"
 
 
-class SEEING_WIND_OT_scale_stiffness(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_scale_stiffness(DirectOperator, bpy.types.Operator):
     """Set the stiffness of a body relative to its material's Young's modulus"""
 
     bl_idname = "seeing_wind.scale_stiffness"
@@ -179,7 +157,7 @@ class SEEING_WIND_OT_scale_stiffness(EditOperator, bpy.types.Operator):
     )
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
 
-    def edit(self, context):
+    def act(self, context):
         """Noted for the next re-simulation."""
         settings = context.scene.seeing_wind
         body = settings.bodies[_active(settings, self.object)]
@@ -187,7 +165,7 @@ class SEEING_WIND_OT_scale_stiffness(EditOperator, bpy.types.Operator):
         return f"{body.name} is {self.factor:g} times as stiff as its material"
 
 
-class SEEING_WIND_OT_free_recovered(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_free_recovered(DirectOperator, bpy.types.Operator):
     """Let go of the clip's object where it was held in the clip: everywhere, or at the vertices of a group"""
 
     bl_idname = "seeing_wind.free_recovered"
@@ -195,19 +173,91 @@ class SEEING_WIND_OT_free_recovered(EditOperator, bpy.types.Operator):
 
     vertex_group: StringProperty(name="Vertex Group", options={"SKIP_SAVE"}, description="Of the recovered object; empty: everywhere")
 
-    def edit(self, context):
+    def act(self, context):
         """Noted for the next re-simulation; the object is inserted if it is not yet."""
         settings = context.scene.seeing_wind
         if settings.recovered_object is None:
             raise UsageError("There is no recovered object.", "Run Recover first.")
         if self.vertex_group:
-            scene_export.pinned_vertices(settings.recovered_object, context.evaluated_depsgraph_get(), self.vertex_group)
+            pinned_vertices(settings.recovered_object, context.evaluated_depsgraph_get(), self.vertex_group)
         body = next((body for body in settings.bodies if body.is_recovered), None)
         if body is None:
             body = settings.bodies.add()
             body.name, body.is_recovered = "Recovered Object", True
         body.free_mode, body.free_group = ("GROUP" if self.vertex_group else "ALL"), self.vertex_group
         return f"{self.vertex_group or 'The whole object'} is let go"
+
+
+class SEEING_WIND_OT_insert_collider(DirectOperator, bpy.types.Operator):
+    """Let the bodies collide with the selected meshes, which they do not move"""
+
+    bl_idname = "seeing_wind.insert_collider"
+    bl_label = "Add Collider"
+
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of a mesh object; empty: all selected ones")
+    kind: EnumProperty(name="Contact", items=KINDS, options={"SKIP_SAVE"}, description="What happens at its surface")
+    friction: FloatProperty(
+        name="Friction", default=0.3, min=0.0, soft_max=1.0, options={"SKIP_SAVE"}, description="Coulomb's coefficient: 0 is ice, 1 rubber"
+    )
+
+    def act(self, context):
+        """One collider per mesh; what is a body of this edit cannot be one."""
+        settings = context.scene.seeing_wind
+        found = [context.scene.objects.get(self.object)] if self.object else list(context.selected_objects)
+        taken = {each.object for each in (*settings.colliders, *settings.bodies)}
+        meshes = [obj for obj in found if obj is not None and obj.type == "MESH"]
+        new = [obj for obj in meshes if obj not in taken and not shows_field(obj, settings)]
+        if not new:
+            raise UsageError("There is no mesh to collide with.", "Select meshes that are neither bodies nor colliders of this edit.")
+        for obj in new:
+            collider = settings.colliders.add()
+            collider.name, collider.object, collider.kind, collider.friction = obj.name, obj, self.kind, self.friction
+        settings.active_collider = len(settings.colliders) - 1
+        return f"Bodies collide with {', '.join(obj.name for obj in new)}"
+
+
+class SEEING_WIND_OT_remove_collider(DirectOperator, bpy.types.Operator):
+    """Take the active collider off the list; its object stays"""
+
+    bl_idname = "seeing_wind.remove_collider"
+    bl_label = "Remove Collider"
+
+    def act(self, context):
+        """Its object is not touched."""
+        settings = context.scene.seeing_wind
+        index = settings.active_collider
+        if index >= len(settings.colliders):
+            raise UsageError("There is no collider.", "Add one first.")
+        name = settings.colliders[index].name
+        settings.colliders.remove(index)
+        settings.active_collider = max(0, min(index, len(settings.colliders) - 1))
+        return f"Bodies no longer collide with {name}"
+
+
+class SEEING_WIND_OT_duplicate_edit(DirectOperator, bpy.types.Operator):
+    """Copy this edit with its objects and place it beside the original, to compare the two"""
+
+    bl_idname = "seeing_wind.duplicate_edit"
+    bl_label = "Duplicate Edit"
+
+    def act(self, context):
+        """The copy is worked on from now on; it is not simulated yet."""
+        from .edits import duplicate  # needs NumPy
+
+        return f"Working on {duplicate(context.scene)}"
+
+
+class SEEING_WIND_OT_remove_edit(DirectOperator, bpy.types.Operator):
+    """Forget this edit and work on the one beside it; objects and keyframes stay"""
+
+    bl_idname = "seeing_wind.remove_edit"
+    bl_label = "Remove Edit"
+
+    def act(self, context):
+        """Objects and keyframes are not touched."""
+        from .edits import remove  # needs NumPy
+
+        return f"Removed {remove(context.scene.seeing_wind)}"
 
 
 def _active(settings: bpy.types.PropertyGroup, name: str = "") -> int:
@@ -232,11 +282,12 @@ def _import(path: str) -> list[bpy.types.Object]:
     try:
         getattr(bpy.ops.wm, importer)(filepath=path)
     except RuntimeError as error:
-        raise UsageError(f"Blender cannot import {path}: {job.said_by(error)}.", "Choose another file.") from error
+        raise UsageError(f"Blender cannot import {path}: {said_by(error)}.", "Choose another file.") from error
     return [obj for obj in bpy.data.objects if obj not in before and obj.type == "MESH"]
 
 
 CLASSES = (
     SEEING_WIND_OT_insert_mesh, SEEING_WIND_OT_remove_body, SEEING_WIND_OT_pin_vertices, SEEING_WIND_OT_scale_mass,
-    SEEING_WIND_OT_scale_stiffness, SEEING_WIND_OT_free_recovered,
+    SEEING_WIND_OT_scale_stiffness, SEEING_WIND_OT_free_recovered, SEEING_WIND_OT_insert_collider, SEEING_WIND_OT_remove_collider,
+    SEEING_WIND_OT_duplicate_edit, SEEING_WIND_OT_remove_edit,
 )  # fmt: skip

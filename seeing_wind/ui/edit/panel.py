@@ -1,11 +1,29 @@
-"""What the panels *Edit* and *Bake* draw: edits, bodies, what surrounds them, and how motion is kept. Reads settings only."""
+"""The panel *Edit*: edits, bodies, and what surrounds them."""
 
 import bpy
 
-from ..panel_pieces import draw_override
+from ..panel_pieces import Tab, draw_override, panels
 
 
-def draw_edits(layout, settings, space: str) -> None:
+class EditTab(Tab):
+    """What else shall move in the wind."""
+
+    bl_label = "Edit"
+    step = "edit"
+
+    def draw(self, context):
+        """The list of bodies and the active one's settings."""
+        settings = context.scene.seeing_wind
+        _draw_edits(self.layout, settings, self.bl_space_type)
+        _draw_bodies(self.layout, settings, self.bl_space_type)
+        column, settings = self.columns()
+        if settings.active_body < len(settings.bodies):
+            _draw_body(column, settings.bodies[settings.active_body], settings)
+        column.separator()
+        _draw_surroundings(column, settings, self.bl_space_type)
+
+
+def _draw_edits(layout, settings, space: str) -> None:
     """The list of edits, once there is more than one, and the way to a second."""
     if not len(settings.edits):
         row = layout.row()
@@ -19,7 +37,7 @@ def draw_edits(layout, settings, space: str) -> None:
     buttons.operator("seeing_wind.remove_edit", text="", icon="REMOVE")
 
 
-def draw_bodies(layout, settings, space: str) -> None:
+def _draw_bodies(layout, settings, space: str) -> None:
     """The list of bodies, and the ways to one more."""
     row = layout.row()
     row.template_list("SEEING_WIND_UL_bodies", space, settings, "bodies", settings, "active_body", rows=3)
@@ -31,7 +49,7 @@ def draw_bodies(layout, settings, space: str) -> None:
     sub.operator("seeing_wind.insert_mesh", text="Insert Recovered Object", icon="OUTLINER_OB_MESH").recovered = True
 
 
-def draw_body(column, body, settings) -> None:
+def _draw_body(column, body, settings) -> None:
     """The settings of one body."""
     if not body.is_recovered:
         column.prop(body, "object")
@@ -53,7 +71,7 @@ def draw_body(column, body, settings) -> None:
     column.prop(body, "start_frame")
 
 
-def draw_surroundings(column, settings, space: str) -> None:
+def _draw_surroundings(column, settings, space: str) -> None:
     """Field, gravity, what the bodies run into, and where the edit is shown."""
     row = column.row()
     row.use_property_decorate = True  # its keyframes count
@@ -83,19 +101,6 @@ def draw_surroundings(column, settings, space: str) -> None:
         column.operator("seeing_wind.insert_collider", text="Collide with Selected", icon="MOD_PHYSICS")
     if len(settings.edits):
         column.prop(settings, "offset")
-
-
-def draw_bake(column, settings) -> None:
-    """How the motion is kept, and which part of it."""
-    column.prop(settings, "bake_way")
-    if settings.bake_way in ("AUTO", "TRANSFORM"):
-        column.prop(settings, "bake_tolerance")
-    row = column.row(heading="Frames")
-    row.prop(settings, "bake_use_frames", text="")
-    sub = row.row(align=True)
-    sub.enabled = settings.bake_use_frames
-    sub.prop(settings, "bake_frames", index=0, text="")
-    sub.prop(settings, "bake_frames", index=1, text="")
 
 
 def is_gone(obj, scene) -> bool:
@@ -139,4 +144,4 @@ class SEEING_WIND_UL_edits(bpy.types.UIList):
         layout.prop(item, "name", text="", emboss=False, icon="PHYSICS")
 
 
-LISTS = (SEEING_WIND_UL_bodies, SEEING_WIND_UL_colliders, SEEING_WIND_UL_edits)
+CLASSES = (SEEING_WIND_UL_bodies, SEEING_WIND_UL_colliders, SEEING_WIND_UL_edits, *panels(EditTab, 3))

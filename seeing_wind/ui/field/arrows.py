@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
-from ..names import ARROWS_MATERIAL
-from ..units import metres_per_unit
+from ..scene_units import metres_per_unit
+from .display import ARROWS_MATERIAL
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 
 WEAK_TO_STRONG = (

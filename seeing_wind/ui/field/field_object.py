@@ -6,7 +6,7 @@ current frame's directions, so the field changes with time without handlers or k
 and is saved with the file.
 
 What a native solver feels of it depends on the solver; `field_calibration` sets each object's weights so that matter of density rho
-accelerates by f / rho. For Geometry Nodes, `field_samples` keeps the field's values in a hidden child.
+accelerates by f / rho. For Geometry Nodes, `samples` keeps the field's values in a hidden child.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
-from ..units import metres_per_unit
+from ..scene_units import metres_per_unit
 from .kernels import choose_power, evaluate, fit_nodes, halved, lattice_counts, paired_directions, source_places
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 from .samples import create_samples, sample_wind_group

@@ -5,12 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..names import in_figures
 from .arrows import COLOUR, arrow_material, ramp_colours
+from .display import LEGEND_MARK, in_figures
 from .node_groups import GroupBuilder, set_up_modifier
 
-MARK = "seeing_wind_legend"
-"""Custom property of the legend."""
 CELLS = 48
 WIDTH = 0.06
 """Of the bar, relative to its height."""
@@ -40,7 +38,7 @@ def create_legend(
     mesh.color_attributes.active_color_name = COLOUR
     mesh.materials.append(arrow_material())
     obj = bpy.data.objects.new(name, mesh)
-    obj[MARK] = True
+    obj[LEGEND_MARK] = True
     obj.location, obj.hide_render, obj.hide_select = corner.tolist(), True, True
     collection.objects.link(obj)
     if parent is not None:

@@ -7,14 +7,12 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
 from ...engine.errors import SeeingWindError, UsageError
-from ..clip import inputs as native
-from ..edit.operators import EditOperator
-from ..install import environment as engine_environment
-from ..job import console, takes, worker_calls
-from ..job import worker as job
+from ..direct_operator import DirectOperator
+from ..job import console, takes, worker
+from ..job.install.environment import engine_python
+from ..job.worker_command import command, environment
 from ..property_kinds import PATH
-from . import calibration as field_calibration
-from . import vdb as field_vdb
+from ..user_paths import absolute
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
@@ -24,7 +22,7 @@ ONE_FILE = [
 FORMATS = [("VDB", "OpenVDB", "Volumes with the grids force and confidence, one file per frame, written by Blender"), *ONE_FILE]
 
 
-class SEEING_WIND_OT_calibrate(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
     """Let the chosen object's particles, hair, cloth, rigid body or physics nodes accelerate in the recovered wind as real matter does"""
 
     bl_idname = "seeing_wind.calibrate"
@@ -43,8 +41,10 @@ class SEEING_WIND_OT_calibrate(EditOperator, bpy.types.Operator):
         description="Rigid bodies: Blender has one weight for all of them. Change this body's mass to suit it, instead of the weight",
     )  # fmt: skip
 
-    def edit(self, context):
+    def act(self, context):
         """Every solver of the object; what one cannot do is part of the answer."""
+        from .solvers.calibration import calibrate_object  # needs NumPy
+
         scene = context.scene
         obj = scene.objects.get(self.object) if self.object else context.active_object
         if obj is None:
@@ -52,11 +52,11 @@ class SEEING_WIND_OT_calibrate(EditOperator, bpy.types.Operator):
         field = scene.seeing_wind.field_object
         if field is None:
             raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
-        said = field_calibration.calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
+        said = calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
         return "; ".join(said)
 
 
-class SEEING_WIND_OT_export_field(EditOperator, bpy.types.Operator):
+class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
     """Write the recovered field for other programs"""
 
     bl_idname = "seeing_wind.export_field"
@@ -69,7 +69,7 @@ class SEEING_WIND_OT_export_field(EditOperator, bpy.types.Operator):
         description="Folder of the files (NPZ: the file); empty: a folder beside the take",
     )  # fmt: skip
 
-    def edit(self, context):
+    def act(self, context):
         """VDB in Blender, the rest by the engine."""
         scene = context.scene
         settings = scene.seeing_wind
@@ -77,18 +77,20 @@ class SEEING_WIND_OT_export_field(EditOperator, bpy.types.Operator):
             raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
         take = takes.shown(settings) if self.format == "VDB" else takes.recovered(settings)
         name = self.format.lower()
-        target = Path(native.clips.absolute(self.filepath)) if self.filepath else take.with_name(f"{take.stem}_wind")
+        target = Path(absolute(self.filepath)) if self.filepath else take.with_name(f"{take.stem}_wind")
         if self.format == "VDB":
-            files = field_vdb.write_vdb(scene, settings.field_object, target)
+            from .vdb import write_vdb  # needs NumPy
+
+            files = write_vdb(scene, settings.field_object, target)
             return f"Wrote {len(files)} files into {target}"
         if self.format == "NPZ" and not target.suffix:
             target = target.with_suffix(f".{name}")
         os.makedirs(target.parent, exist_ok=True)
-        call = worker_calls.command(engine_environment.engine_python(), "export", str(take), "--format", name, "--out", str(target))
-        self._run(job.run(call, cwd=str(take), env=worker_calls.environment()))
+        call = command(engine_python(), "export", str(take), "--format", name, "--out", str(target))
+        self._run(worker.run(call, cwd=str(take), env=environment()))
         return f"Exported {name.upper()} to {target}"
 
-    def _run(self, messages: "job.Messages") -> None:
+    def _run(self, messages: "worker.Messages") -> None:
         """Some seconds, so it is waited for. Raises SeeingWindError with what the engine said."""
         errors: list[dict] = []
         out = console.Console() if bpy.app.background else None
@@ -99,7 +101,7 @@ class SEEING_WIND_OT_export_field(EditOperator, bpy.types.Operator):
             if out is not None:
                 out.show(message)
 
-        if job.wait(messages, handle)["outcome"] != "done":
+        if worker.wait(messages, handle)["outcome"] != "done":
             last = errors[-1] if errors else {"message": "The export failed.", "hint": ""}
             raise SeeingWindError(last["message"], last.get("hint", ""))
 

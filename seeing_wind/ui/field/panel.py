@@ -1,20 +1,18 @@
-"""The panels of what comes after the six steps: the field object in the rest of Blender, and the edit over the clip."""
+"""The panel *Field*: the field object in the rest of Blender."""
 
 import bpy
 
-from ..names import ARROWS_MATERIAL, in_figures
-from ..panels import CATEGORY
+from ..panel_pieces import Tab, panels
+from .display import ARROWS_MATERIAL, in_figures
 from .node_groups import modifier_input
 
 SHOWN = ("Length", "Density", "Confidence Shown", "Slice Axis", "Slice Position", "Slice Thickness")
 """Settings of the arrows' modifier."""
 
 
-class FieldTab:
+class FieldTab(Tab):
     """The recovered field: strength, arrows with their legend, Blender's own solvers, export."""
 
-    bl_region_type = "UI"
-    bl_category = CATEGORY
     bl_label = "Field"
     bl_options = {"DEFAULT_CLOSED"}
 
@@ -62,31 +60,4 @@ class FieldTab:
             end.label(text=f"{in_figures(arrows.get('seeing_wind_peak', 0.0))} N/m³")
 
 
-class CompositeTab:
-    """The edit over the clip."""
-
-    bl_region_type = "UI"
-    bl_category = CATEGORY
-    bl_label = "Composite"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        """Once there is a clip."""
-        return context.scene is not None and context.scene.active_clip is not None
-
-    def draw(self, context):
-        """Set up, then render."""
-        column = self.layout.column()
-        column.operator("seeing_wind.set_up_composite", icon="NODE_COMPOSITING")
-        column.operator("seeing_wind.render_composite", icon="RENDER_ANIMATION")
-        column.operator("seeing_wind.render_composite", text="Render This Frame", icon="RENDER_STILL").still = True
-
-
-def _panel(space: str, tab: type, order: int) -> type:
-    name = f"SEEING_WIND_PT_{space.lower()}_{tab.bl_label.lower()}"
-    body = {"bl_idname": name, "bl_space_type": space, "bl_order": order, "__doc__": tab.__doc__}
-    return type(name, (tab, bpy.types.Panel), body)
-
-
-CLASSES = tuple(_panel(space, tab, order) for space in ("VIEW_3D", "CLIP_EDITOR") for order, tab in enumerate((FieldTab, CompositeTab), 20))
+CLASSES = panels(FieldTab, 20)

@@ -12,11 +12,10 @@ from typing import Any
 import bpy
 import numpy as np
 
+from .display import SAMPLES_MARK
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 
 SAMPLE_WIND = "Sample Wind"
-MARK = "seeing_wind_samples"
-"""Custom property of the object with the values."""
 FORCE, COUNT, SURE = "force", "lattice_count", "confidence"
 """Attributes: the field [N per cubic scene unit-metre, as the field object has it], nodes along each axis, confidence in 0..1."""
 
@@ -44,7 +43,7 @@ def create_samples(
     mesh.attributes.new(SURE, "FLOAT", "POINT").data.foreach_set("value", confidence.astype(np.float32).ravel())
     mesh.update()
     obj = bpy.data.objects.new(f"{field.name} Samples", mesh)
-    obj[MARK] = True
+    obj[SAMPLES_MARK] = True
     obj.hide_render = obj.hide_viewport = obj.hide_select = True
     field.users_collection[0].objects.link(obj)
     obj.parent = field
@@ -63,7 +62,7 @@ def create_samples(
 
 def samples_of(field: bpy.types.Object) -> bpy.types.Object | None:
     """The object with the values of a field object, if it is still there."""
-    return next((child for child in field.children if MARK in child), None)
+    return next((child for child in field.children if SAMPLES_MARK in child), None)
 
 
 def sample_wind_group(samples: bpy.types.Object | None = None, density: float = 1000.0) -> bpy.types.NodeTree:

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
-from ..units import metres_per_unit
+from ..scene_units import metres_per_unit
 from .samples import COUNT, FORCE, SURE, samples_of
 
 GRIDS = ("force", "confidence")

@@ -1,0 +1,12 @@
+"""Long jobs in a second process: one job, two drivers, and what the panel shows of it.
+
+worker          a program as a generator of messages; no bpy
+worker_command  the engine's command line and environment
+operator        what all operators over jobs share: a modal timer with a window, a loop without; Cancel
+status          what the panels show: plain state of each step, no bpy
+console         a job's messages as lines of text, for `blender -b`
+takes           where the takes of a scene are, and which of them it shows
+take_reading    what a take's files say, read and checked
+
+`install` finds and makes the Python that the jobs run in.
+"""

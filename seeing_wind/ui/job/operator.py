@@ -12,9 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...engine.errors import SeeingWindError
-from ..recover import freshness
-from . import console, status
-from . import worker as job
+from . import console, status, worker
 
 TICK = 0.1
 """Seconds between two looks at the worker: quick enough for a bar to move, rare enough to cost nothing."""
@@ -26,13 +24,13 @@ PANELS = {"VIEW_3D", "CLIP_EDITOR", "PREFERENCES"}
 class Running:
     """A job of one scene."""
 
-    messages: job.Messages
+    messages: worker.Messages
     started: bool = False
     cancel: bool = False
-    result: job.Message | None = None
-    exit: job.Message | None = None
+    result: worker.Message | None = None
+    exit: worker.Message | None = None
 
-    def poll(self) -> list[job.Message]:
+    def poll(self) -> list[worker.Message]:
         """What the worker said since the last look; empty once `exit` is there."""
         if self.exit is not None:
             return []
@@ -66,11 +64,11 @@ class JobOperator:
     step = ""
     """The step of the panel that the job belongs to, or "engine"."""
 
-    def start(self, scene: bpy.types.Scene) -> job.Messages:
+    def start(self, scene: bpy.types.Scene) -> worker.Messages:
         """Gather, and return the job. May raise SeeingWindError; `digest` may be set to name the settings that the job was given."""
         raise NotImplementedError
 
-    def finish(self, scene: bpy.types.Scene, result: job.Message) -> str:
+    def finish(self, scene: bpy.types.Scene, result: worker.Message) -> str:
         """Take in the results of a job that was neither cancelled nor failed; returns what to tell the user."""
         raise NotImplementedError
 
@@ -89,7 +87,7 @@ class JobOperator:
         try:
             jobs[self.key] = Running(self.start(scene))
         except (SeeingWindError, OSError) as error:
-            return self._fail(scene, *job.told(error))
+            return self._fail(scene, *worker.told(error))
         status.begin(status.of(self.key), self.step, self.bl_label)
         scene.seeing_wind.unfinished = self.step
         if blocks(context):
@@ -118,7 +116,7 @@ class JobOperator:
             return self._conclude(scene, running)
         except (SeeingWindError, OSError) as error:
             self._stop(context)
-            return self._fail(scene, *job.told(error))
+            return self._fail(scene, *worker.told(error))
         except Exception as error:  # a defect of ours must not leave the panel running
             traceback.print_exc()
             self._stop(context)
@@ -131,17 +129,17 @@ class JobOperator:
     def _block(self, scene: bpy.types.Scene) -> set[str]:
         running = jobs[self.key]
         try:
-            running.exit = job.wait(self._relay(running), lambda message: None)
+            running.exit = worker.wait(self._relay(running), lambda message: None)
             return self._conclude(scene, running)
         except (SeeingWindError, OSError) as error:
-            return self._fail(scene, *job.told(error))
+            return self._fail(scene, *worker.told(error))
         finally:
             # also after a defect of ours, which Blender reports with its traceback
             scene.seeing_wind.unfinished = ""
             jobs.pop(self.key, None)
             status.end(status.of(self.key))
 
-    def _relay(self, running: Running) -> job.Messages:
+    def _relay(self, running: Running) -> worker.Messages:
         """The job's messages, passed through this operator on their way to the blocking driver."""
         while running.exit is None:
             batch = self._take_in(running)
@@ -149,7 +147,7 @@ class JobOperator:
                 running.cancel = bool((yield batch)) or running.cancel
         return running.exit
 
-    def _take_in(self, running: Running) -> list[job.Message]:
+    def _take_in(self, running: Running) -> list[worker.Message]:
         batch = running.poll()
         news = [status.receive(status.of(self.key), self.step, message) for message in batch]
         if self.console is not None:
@@ -166,7 +164,7 @@ class JobOperator:
         scene.seeing_wind.unfinished = ""
         if running.exit["outcome"] == "cancelled":
             status.end(now)
-            freshness.refresh(scene)
+            status.refresh(scene)
             now.steps[self.step].message = f"Cancelled. {self.bl_label} goes on from what was finished"
             redraw()
             self.report({"WARNING"}, f"{self.bl_label} was cancelled.")
@@ -178,9 +176,9 @@ class JobOperator:
         try:
             said = self.finish(scene, running.result or {})
         except (SeeingWindError, OSError) as error:
-            return self._fail(scene, *job.told(error))
+            return self._fail(scene, *worker.told(error))
         status.end(now)
-        freshness.refresh(scene)
+        status.refresh(scene)
         now.steps[self.step].message = said
         redraw()
         self.report({"INFO"}, said)

@@ -1,12 +1,14 @@
 """What the panel shows, as plain state: `draw` reads it and computes nothing. No bpy here.
 
 One `SceneStatus` per scene, found by the scene's session id, which survives renaming and undo. Only transient facts live here (running,
-failed); what is done or stale follows from digests kept in the scene (see `freshness`), so undo and save keep them right.
+failed); what is done or stale follows from digests kept in the scene (see `ui/freshness.py`), so undo and save keep them right.
 """
 
 from __future__ import annotations
 
+import hashlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -45,7 +47,7 @@ class Step:
     hint: str = ""
     """What to do about a failure."""
     mend: str = ""
-    """Name of the control that mends it (see `panels.MENDS`), or "" for none."""
+    """Name of the control that mends it (see `panel_pieces.MENDS`), or "" for none."""
     log: str = ""
     digest: str = ""
     """While failed: the settings that failed. Others make the failure a thing of the past."""
@@ -92,6 +94,16 @@ def of(scene_id: int) -> SceneStatus:
 def forget_all() -> None:
     """After a file was loaded: its scenes are others."""
     _scenes.clear()
+
+
+refreshers: list[Callable[[Any], None]] = []
+"""Who brings the status of a scene up to date: `ui/freshness.py`, which knows all features and stands above them."""
+
+
+def refresh(scene: Any) -> None:
+    """Settings or data of a scene have changed: which steps are done or stale is found out anew."""
+    for each in refreshers:
+        each(scene)
 
 
 def begin(status: SceneStatus, step: str, title: str) -> None:
@@ -177,3 +189,8 @@ def derive(status: SceneStatus, step: str, now: str, done: str, message: str = "
     state = State.IDLE if not done else State.DONE if done == now else State.STALE
     kept = entry.message if state == entry.state else ""
     status.steps[step] = Step(state, message=message or kept)
+
+
+def digest_of(*parts: object) -> str:
+    """A short digest of settings, for `derive`: equal for equal values, whatever session or machine they are in."""
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]

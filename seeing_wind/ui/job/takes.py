@@ -19,7 +19,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...engine.errors import TakeError
-from ..clip import inputs as native
+from ..user_paths import absolute
 
 NO_FIELD = "There is no recovered field."
 
@@ -28,9 +28,9 @@ def take_folder(settings: bpy.types.PropertyGroup) -> Path:
     """Where the results of Recover go: the user's choice, else CLIP.take beside the .blend file, or in the temporary folder while it is
     unsaved. Two scenes of one file never get the same folder by default."""
     if settings.take:
-        return Path(native.clips.absolute(settings.take))
+        return Path(absolute(settings.take))
     stem = re.sub(r"[^\w.-]+", "_", Path(bpy.path.abspath(settings.clip)).stem) or "clip"
-    clips = Path(native.clips.absolute(settings.clip)).parent
+    clips = Path(absolute(settings.clip)).parent
     home = Path(bpy.data.filepath).parent if bpy.data.filepath else _temporary() / _short(str(clips))
     scene, own = settings.id_data, Path(settings.started_take).name
     taken = {Path(other.seeing_wind.started_take).name for other in bpy.data.scenes if other != scene}

@@ -1,0 +1,10 @@
+"""Step 3, Recover: what the engine is asked, and what comes back as objects of the scene.
+
+properties      its settings, and what the scene notes of its results
+operators       Recover, Reload, Open Report
+panel           the panel *Recover*
+request         one snapshot of a scene: options, digest, and the files made from the scene
+results         from a take to the scene: field, arrows, legend, camera, recovered object
+shown           which objects of a scene show its field; no NumPy
+renew_in_place  new results in the objects of a former run, so that what points at them stays
+"""

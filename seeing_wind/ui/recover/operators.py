@@ -6,17 +6,17 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 from ...engine.errors import TakeError, UsageError
-from ..clip import inputs as native
-from ..install import environment as engine_environment
-from ..job import status, takes, worker_calls
-from ..job import worker as job
+from ..job import status, takes, worker
+from ..job.install.environment import engine_python
 from ..job.operator import JobOperator
-from ..properties import ClipOptions, adopt
+from ..job.worker_command import ROOT, command, environment
 from ..property_kinds import PATH
-from . import freshness, results
+from ..user_paths import absolute
+from .properties import RecoverOptions, adopt
+from .request import RecoverRequest
 
 
-class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
+class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
     """Recover the force field that moves the object in the clip, and put it into the scene"""
 
     bl_idname = "seeing_wind.recover"
@@ -37,22 +37,25 @@ class SEEING_WIND_OT_recover(JobOperator, ClipOptions, bpy.types.Operator):
         for name, pool in (("mask_data", bpy.data.masks), ("proxy", scene.objects)):
             if self.properties.is_property_set(name):
                 setattr(settings, name, _found(pool, getattr(self, name)))
-        options, self.digest = worker_calls.recover_options(scene), freshness.recover_digest(scene)
-        python = engine_environment.engine_python()
-        self.folder, self.clip = takes.take_folder(settings), options[0]
+        request, python = RecoverRequest.of(scene), engine_python()
+        self.digest, self.folder, self.clip = request.digest, request.take, request.clip
         takes.bring_along(settings, self.folder)
-        native.write(scene, worker_calls.inputs_folder(settings))
-        return self._messages(python, options, settings.field_resolution)
+        request.write_inputs(scene)
+        return self._messages(python, request, settings.field_resolution)
 
-    def _messages(self, python: str, options: list[str], resolution: int) -> "job.Messages":
-        call = worker_calls.command(python, "recover", *options, "--take", str(self.folder))
-        last = yield from job.run(call, cwd=str(worker_calls.ROOT), env=worker_calls.environment())
+    def _messages(self, python: str, request: RecoverRequest, resolution: int) -> "worker.Messages":
+        from .results import sampling  # needs NumPy
+
+        call = command(python, "recover", *request.options, "--take", str(request.take))
+        last = yield from worker.run(call, cwd=str(ROOT), env=environment())
         if last["outcome"] == "done":
-            last = yield from results.sampling(python, self.folder, resolution)
+            last = yield from sampling(python, request.take, resolution)
         return last
 
     def finish(self, scene, result):
         """The field object, the arrows, the camera and the object itself."""
+        from . import results  # needs NumPy
+
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
         status.of(scene.session_uid).warnings += results.notes(self.folder)
@@ -84,16 +87,20 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         """The engine is asked for the field at the places that the scene needs."""
         settings = scene.seeing_wind
         if self.take:
-            self.folder = Path(native.clips.absolute(self.take))
+            self.folder = Path(absolute(self.take))
         else:
             self.folder = takes.shown(settings) if settings.recovered_take else takes.take_folder(settings)
         if not (self.folder / "field.safetensors").is_file():
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
-        return results.sampling(engine_environment.engine_python(), self.folder, settings.field_resolution)
+        from .results import sampling  # needs NumPy
+
+        return sampling(engine_python(), self.folder, settings.field_resolution)
 
     def finish(self, scene, result):
         """As Recover does, without claiming that the settings of the scene are those of the take."""
-        results.build(scene, self.folder, native.clips.absolute(self.clip) if self.clip else "")
+        from . import results  # needs NumPy
+
+        results.build(scene, self.folder, absolute(self.clip) if self.clip else "")
         settings = scene.seeing_wind
         if not takes.is_shown(settings, self.folder):
             takes.show(settings, self.folder, "loaded")

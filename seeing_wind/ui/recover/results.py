@@ -10,26 +10,25 @@ import numpy as np
 
 from ...engine.errors import TakeError
 from ...engine.take import Take
-from ..bake.bake import bake_shape_keys
+from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
-from ..clip.inputs.clips import absolute, as_pattern, opened_by
-from ..field import legend as field_legend
-from ..field import physics_nodes, renewal
-from ..field import samples as field_samples
+from ..clip.inputs.clips import as_pattern, opened_by
 from ..field.arrows import create_arrows
 from ..field.field_object import create_field_object
 from ..field.kernels import between, lattice
 from ..field.legend import create_legend
-from ..job import worker as job
-from ..job import worker_calls
+from ..field.samples import samples_of
+from ..field.solvers import physics_nodes
+from ..job import worker
 from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion, trajectory
-from ..units import metres_per_unit
+from ..job.worker_command import command, environment
+from ..scene_units import metres_per_unit
+from ..user_paths import absolute
+from .renew_in_place import can_renew, renew
+from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 
 COLLECTION = "Seeing Wind"
 POINTS, SAMPLES = "blender_points.npy", "blender_samples.npz"
-POINTERS = ("field_object", "arrows_object", "recovered_object")
-"""Results that the scene's settings name; these two are children of the field object."""
-SAMPLES_OBJECT, LEGEND = "samples", "legend"
 RIDING = 64
 """Arrows that ride on the recovered object, at most: more of them hide it."""
 
@@ -71,18 +70,18 @@ def places(take: Take, resolution: int) -> Places:
     return Places(lattice(field.box, resolution), between(field.box, resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
 
 
-def sampling(python: str, folder: Path, resolution: int) -> job.Messages:
+def sampling(python: str, folder: Path, resolution: int) -> worker.Messages:
     """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
     take = Take(folder)
     points = take.file(POINTS)
     with take.writing(points.name) as aside:
         np.save(aside, places(take, resolution).rows())
     options = (str(folder), "--points", str(points), "--out", str(take.file(SAMPLES)))
-    return (yield from job.run(worker_calls.command(python, "sample", *options), cwd=str(folder), env=worker_calls.environment()))
+    return (yield from worker.run(command(python, "sample", *options), cwd=str(folder), env=environment()))
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
-    """Put the results of a take into `scene`, those of a former one into the objects that it has made already (see `renewal`).
+    """Put the results of a take into `scene`, those of a former one into the objects that it has made already (see `renew_in_place`).
 
     Args:
         scene: changed; see `clip_scene.setup_clip_scene` for what of it.
@@ -110,7 +109,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         )
 
     _leave_to_others(settings)
-    former, followers, groups = _made(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
+    former, followers, groups = made_before(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
     collection = _collection(scene)
     wind = create_field_object(
         scene, "Recovered Wind", where.nodes, at_nodes, fps=field.fps, density=field.density, frame_start=settings.frame_start,
@@ -126,7 +125,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     legend = create_legend(
         "Recovered Wind Legend", arrows["seeing_wind_peak"], aside, 0.6 * float((high - low).max()), collection, wind,
     )  # fmt: skip
-    made = {"field_object": wind, SAMPLES_OBJECT: field_samples.samples_of(wind), "arrows_object": arrows, LEGEND: legend}
+    made = {"field_object": wind, SAMPLES_OBJECT: samples_of(wind), "arrows_object": arrows, LEGEND: legend}
     if seen is not None and seen.surface is not None:
         made["recovered_object"] = _recovered(scene, seen, field.fps, collection)
     kept = _in_place(scene, former, made)
@@ -137,21 +136,6 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         _restore_groups(settings.recovered_object, groups)
 
 
-def _made(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object]:
-    """What a former run has made, by what it is; what the user has deleted already is not among it."""
-    found = {name: getattr(settings, name) for name in POINTERS}
-    for child in settings.field_object.children if settings.field_object is not None else ():
-        for name, mark in ((SAMPLES_OBJECT, field_samples.MARK), (LEGEND, field_legend.MARK)):
-            if mark in child:
-                found[name] = child
-    return {name: obj for name, obj in found.items() if obj is not None}
-
-
-def shows_field(obj: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
-    """Whether an object is one of those by which the scene shows the field: no body and no obstacle, whatever is selected."""
-    return any(obj == each for name, each in _made(settings).items() if name != "recovered_object")
-
-
 def _in_place(
     scene: bpy.types.Scene, former: dict[str, bpy.types.Object], made: dict[str, bpy.types.Object]
 ) -> dict[str, bpy.types.Object]:
@@ -159,9 +143,9 @@ def _in_place(
     kept = {}
     for name, new in made.items():
         old = former.pop(name, None)
-        if old is not None and not renewal.can_renew(old, scene):
+        if old is not None and not can_renew(old, scene):
             former[name], old = old, None
-        kept[name] = renewal.renew(old, new) if old is not None else new
+        kept[name] = renew(old, new) if old is not None else new
     for obj in former.values():
         for child in obj.children:
             child.parent = None

@@ -11,7 +11,7 @@ import numpy as np
 from ....engine.errors import UsageError
 from ....engine.take import Take
 from ...bake.animation import keyframes
-from ...units import metres_per_unit
+from ...scene_units import metres_per_unit
 from .clips import clip_of, first_picture, loaded_clip, marker_frame, scene_frame
 
 BLENDER_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])

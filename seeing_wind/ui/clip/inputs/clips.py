@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 
@@ -10,13 +9,9 @@ import bpy
 
 from ....engine.errors import ClipError
 from ....engine.sequences import PICTURE_SUFFIXES, is_sequence, pictures_of
+from ...user_paths import absolute
 
 PICTURES = {*PICTURE_SUFFIXES, ".dpx"}
-
-
-def absolute(path: str, library: bpy.types.Library | None = None) -> str:
-    """A path as the user wrote it (`//` beside the .blend, `~`) as an absolute one."""
-    return os.path.abspath(os.path.expanduser(bpy.path.abspath(path, library=library)))
 
 
 def clip_of(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip | None:

@@ -10,8 +10,10 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ....engine.errors import UsageError
-from ...edit.scene_export import at_rest, mesh_arrays, write_array
-from ...units import metres_per_unit
+from ....engine.take import Take
+from ...bake.at_rest import at_rest
+from ...scene_mesh import mesh_arrays
+from ...scene_units import metres_per_unit
 from .camera import scene_camera
 from .clips import first_picture
 
@@ -35,7 +37,8 @@ def write_depth(scene: bpy.types.Scene, path: Path) -> None:
         raise UsageError(
             f"The camera does not see the proxy {settings.proxy.name} in the first picture.", "Place it where the object is in the clip."
         )
-    write_array(path, depth)
+    with Take(path.parent).writing(path.name) as aside:
+        np.save(aside, depth)
 
 
 def depth_of(vertices: np.ndarray, triangles: np.ndarray, camera: dict, picture: int) -> np.ndarray:

@@ -1,0 +1,64 @@
+"""An object as it is without its bake, on a passing copy where it carries one."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+import bpy
+
+from .motion import awake_on_top, clear_bake
+from .plan import mark_of
+
+
+@contextlib.contextmanager
+def at_rest(obj: bpy.types.Object, scene: bpy.types.Scene, whole: bool = False) -> Iterator[bpy.types.Object]:
+    """An object as it is before any bake and, unless it is wanted whole, without the modifiers that act on top of a simulated motion.
+
+    The object itself where it is so already; else a passing copy, so that neither its keyframes nor its visibility are touched. What is
+    hidden, or in a collection that is, gets a copy too: Blender evaluates neither modifiers nor place of it.
+    """
+    if obj.mode == "EDIT":
+        obj.update_from_editmode()
+    on_top = [] if whole else awake_on_top(obj)
+    if mark_of(obj) is None and not on_top and obj.visible_get():
+        yield obj
+        return
+    copy = own_copy(obj)
+    for name in on_top:
+        copy.modifiers[name].show_viewport = False
+    copy.hide_viewport = False
+    scene.collection.objects.link(copy)
+    try:
+        clear_bake(copy)
+        yield copy
+    finally:
+        discard(copy)
+
+
+def own_copy(obj: bpy.types.Object) -> bpy.types.Object:
+    """A copy of a mesh object with mesh and animation of its own, not linked to any collection yet."""
+    copy = obj.copy()
+    copy.data = obj.data.copy()
+    for owner in (copy, copy.data.shape_keys):
+        data = owner.animation_data if owner is not None else None
+        if data is not None and data.action is not None:
+            # a copy shares its original's keyframes; clearing a bake on it must not clear theirs
+            slot = data.action_slot.identifier if data.action_slot is not None else ""
+            data.action = data.action.copy()
+            if slot:
+                data.action_slot = next(each for each in data.action.slots if each.identifier == slot)
+    return copy
+
+
+def discard(obj: bpy.types.Object) -> None:
+    """Remove an object of `own_copy` with its mesh and keyframes."""
+    mesh = obj.data
+    owners = [obj, mesh.shape_keys] if mesh.shape_keys is not None else [obj]
+    actions = [owner.animation_data.action for owner in owners if owner.animation_data is not None]
+    bpy.data.objects.remove(obj)
+    if mesh.users == 0:
+        bpy.data.meshes.remove(mesh)
+    for action in actions:
+        if action is not None and action.users == 0:
+            bpy.data.actions.remove(action)

@@ -1,0 +1,184 @@
+"""Bodies of a re-simulation get their motion: on their own object where that can carry it, else on a copy that stands in for it."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...engine.errors import TakeError
+from ...engine.take import Take
+from ..job import takes
+from ..job.take_reading import simulated_motion
+from ..scene_units import metres_per_unit
+from . import rigid as bake_rigid
+from .at_rest import at_rest
+from .motion import awake_on_top, bake_motion, baked_copy, clear_bake
+from .plan import AUTO, TRANSFORM, Baked, Plan, mark_of, plan_of, stamp_of_bakes
+
+HIDDEN = "seeing_wind_replaced"
+"""Custom property of an object that a baked copy stands in for: its own visibility, viewport and render."""
+
+
+def bake_body(
+    scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan, force: bool = False
+) -> tuple[bpy.types.Object, Baked]:
+    """Give one body of the edit its simulated motion as keyframes. Returns the object that carries it, and how.
+
+    A copy carries the motion where the object cannot: modifiers that change the number of vertices, shape keys of the user's, a shared or
+    linked mesh (the object is then hidden), or the recovered object, whose own motion is that of the clip.
+
+    Args:
+        folder: of the re-simulation's take; a point cache goes there too.
+        plan: how; its rate, cache and stamp are filled in here.
+        force: bake again what has not changed.
+
+    Raises:
+        TakeError: when the re-simulation has no such body, or the object is gone.
+        UsageError: as `bake_motion`.
+    """
+    take, settings = Take(folder), scene.seeing_wind
+    arrays = simulated_motion(take, body.result)
+    vertices, fps = arrays["vertices"] + np.asarray(settings.offset), float(arrays["fps"])
+    source = settings.recovered_object if body.is_recovered else body.object
+    if source is None or scene not in source.users_scene:
+        raise TakeError(f"The object of {body.name} is gone.", "Take it off the list, or undo its deletion.")
+    plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"))
+    if not force:
+        plan = dataclasses.replace(plan, stamp=_stamp(vertices, plan, metres_per_unit(scene)))
+    obj = _carrier(scene, body, source, vertices, plan)
+    return obj, bake_motion(obj, vertices, plan, scene)
+
+
+def clear_body(scene: bpy.types.Scene, body: bpy.types.PropertyGroup) -> bool:
+    """Take the motion of one body away: its object is as before, a copy that stood in for it is removed. Returns whether there was any."""
+    copied = body.baked_copy is not None
+    _remove_copy(body)
+    source = None if body.is_recovered else body.object
+    return (source is not None and clear_bake(source)) or copied
+
+
+def _stamp(vertices: np.ndarray, plan: Plan, unit: float) -> str:
+    return hashlib.sha256(vertices.tobytes() + repr((plan, unit)).encode()).hexdigest()[:16]
+
+
+def _carrier(
+    scene: bpy.types.Scene, body: bpy.types.PropertyGroup, source: bpy.types.Object, vertices: np.ndarray, plan: Plan
+) -> bpy.types.Object:
+    """The object that gets the motion: `source` or a copy, made now or by a former bake."""
+    if not body.is_recovered and _fits(source, vertices, plan):
+        _remove_copy(body)
+        return source
+    copy = body.baked_copy
+    if copy is not None and copy.name in scene.objects and len(copy.data.vertices) == vertices.shape[1]:
+        return copy
+    _remove_copy(body)
+    at = scene.frame_current
+    scene.frame_set(scene.seeing_wind.frame_start)
+    try:
+        if body.is_recovered:
+            copy = baked_copy(source, bpy.context.evaluated_depsgraph_get(), f"{source.name} Simulated", _home(scene, source))
+        else:
+            with at_rest(source, scene) as still:
+                copy = baked_copy(still, bpy.context.evaluated_depsgraph_get(), f"{source.name} Simulated", _home(scene, source))
+            _repeat_subdivision(source, copy)
+            _hide(source)
+    finally:
+        scene.frame_set(at)
+    body.baked_copy = copy
+    return copy
+
+
+def _fits(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan) -> bool:
+    """Whether an object can carry a motion itself."""
+    if obj.library is not None:
+        return False
+    if plan.way == TRANSFORM:
+        return True
+    if plan.way == AUTO and not bake_rigid.obstacle(obj, mark_of(obj) or {}):
+        fit = bake_rigid.rigid_fit(vertices)
+        if fit.residual <= plan.rigid_tolerance * fit.size:
+            return True
+    keyed = obj.data.shape_keys is not None and mark_of(obj) is None
+    shared = obj.data.users > 1 or obj.data.library is not None
+    return not keyed and not shared and len(obj.data.vertices) == vertices.shape[1]
+
+
+def _home(scene: bpy.types.Scene, obj: bpy.types.Object) -> bpy.types.Collection:
+    """A collection of this scene and this file that the object is in, else the scene's own."""
+    ours = {scene.collection, *scene.collection.children_recursive}
+    return next((each for each in obj.users_collection if each in ours and each.library is None), scene.collection)
+
+
+def _repeat_subdivision(source: bpy.types.Object, copy: bpy.types.Object) -> None:
+    """The subdivision that stays on top of the motion, on the copy too."""
+    if mark_of(source) is not None:
+        return
+    for name in reversed(awake_on_top(source)):
+        former, new = source.modifiers[name], copy.modifiers.new(name, "SUBSURF")
+        for setting in ("subdivision_type", "levels", "render_levels", "quality", "show_viewport", "show_render"):
+            setattr(new, setting, getattr(former, setting))
+
+
+def _hide(obj: bpy.types.Object) -> None:
+    if obj.library is None and HIDDEN not in obj:
+        obj[HIDDEN] = [int(obj.hide_viewport), int(obj.hide_render)]
+        obj.hide_viewport = obj.hide_render = True
+
+
+def _remove_copy(body: bpy.types.PropertyGroup) -> None:
+    """Remove the copy that stood in for a body's object, and show that object again."""
+    copy, source = body.baked_copy, body.object
+    if source is not None and HIDDEN in source:
+        source.hide_viewport, source.hide_render = (bool(value) for value in source[HIDDEN])
+        del source[HIDDEN]
+    if copy is None:
+        return
+    body.baked_copy = None
+    clear_bake(copy)
+    mesh = copy.data
+    bpy.data.objects.remove(copy)
+    if mesh.users == 0:
+        bpy.data.meshes.remove(mesh)
+
+
+def bake_bodies(scene: bpy.types.Scene, name: str = "", force: bool = False) -> list[tuple[bpy.types.Object, Baked]]:
+    """Bake all bodies of the last re-simulation, or the one whose body or object has this name.
+
+    Raises:
+        TakeError: when nothing is simulated yet, or the object of a body is gone.
+    """
+    settings = scene.seeing_wind
+    bodies = [body for body in settings.bodies if body.result]
+    if not bodies:
+        raise TakeError("Nothing is simulated yet.", "Run Re-simulate first.")
+    folder = takes.simulated(settings)
+    chosen = _named(bodies, name)
+    missing = [body.name for body in chosen if not (folder / "bodies" / f"{body.result}.npz").is_file()]
+    if missing:
+        raise TakeError(f"{folder} holds no motion of {', '.join(missing)}.", "Run Re-simulate again.")
+    done = [bake_body(scene, body, folder, plan_of(scene), force) for body in chosen]
+    if len(chosen) == len(bodies):
+        settings.baked_digest = settings.simulated_digest + stamp_of_bakes(scene)
+    return done
+
+
+def clear_bodies(scene: bpy.types.Scene, name: str = "") -> int:
+    """Take the motion of all bodies away, or of the one of this name. Returns of how many."""
+    settings = scene.seeing_wind
+    cleared = sum(clear_body(scene, body) for body in _named(list(settings.bodies), name))
+    settings.baked_digest = ""
+    return cleared
+
+
+def _named(bodies: Sequence[bpy.types.PropertyGroup], name: str) -> list[bpy.types.PropertyGroup]:
+    if not name:
+        return list(bodies)
+    found = [body for body in bodies if name == body.name or (body.object is not None and body.object.name == name)]
+    if not found:
+        raise TakeError(f"{name!r} is not simulated.", "Insert it and run Re-simulate first.")
+    return found

@@ -1,0 +1,269 @@
+"""A simulated mesh as keyframes, in the way that suits it. The file then plays without this add-on and without the engine.
+
+Absolute shape keys with a keyed evaluation time are the default. A body that stays rigid gets keys of location and rotation instead; a
+motion too large for a .blend file goes into a point cache beside it (PC2, or Alembic where the build has it).
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ...engine.errors import UsageError
+from ..scene_units import metres_per_unit
+from . import cache as bake_cache
+from . import rigid as bake_rigid
+from . import shapes as bake_shapes
+from .plan import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, Baked, Plan, mark_of
+
+LARGE = 48_000_000
+"""Bytes of coordinates beyond which a point cache beside the file is better than shape keys inside it: 60 pictures of 67000 vertices."""
+
+
+def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene | None = None) -> Baked:
+    """Give a mesh object the motion of its vertices; a former bake is replaced.
+
+    But for keys of location and rotation, the object's modifiers are put to sleep, since the simulation has seen their effect already
+    (`clear_bake` wakes them). Subdivision at the end of the stack, and modifiers that were added after a former bake, stay on top of the
+    motion. The mesh itself stays what it was.
+
+    Args:
+        obj: a mesh object with V vertices (any number for keys of location and rotation); it may be moving itself, its motion is taken out.
+        vertices: (T+1, V, 3) in the world [m].
+        scene: for units and frame rate; by default the context's.
+
+    Raises:
+        UsageError: for anything but a mesh, other vertex counts, values that are not finite, shape keys of the user's, a range without two
+            pictures, a way that this object or this build of Blender cannot go.
+    """
+    scene = scene or bpy.context.scene
+    vertices = np.asarray(vertices, dtype=np.float64)
+    _check_motion(obj, vertices)
+    chosen, frames = _pictures(len(vertices), plan, scene)
+    fit = bake_rigid.rigid_fit(vertices)
+    way = _way(obj, fit, vertices[chosen], plan, scene)
+    if plan.stamp and is_intact(obj) and mark_of(obj)["stamp"] == plan.stamp:
+        return Baked(mark_of(obj)["way"], len(chosen), fit.residual, kept=True)
+    if way != TRANSFORM:
+        _check_mesh(obj, vertices.shape[1])
+    on_top = awake_on_top(obj)
+    record: dict[str, Any] = {"way": way, "stamp": plan.stamp, "slept": []}
+    if way == TRANSFORM:
+        clear_bake(obj)
+        record["former"] = bake_rigid.bake(obj, fit, chosen, frames, metres_per_unit(scene))
+    else:
+        local = _in_object_space(obj, vertices[chosen] / metres_per_unit(scene), frames, scene)
+        # a full disk shows here, while the object still has its former bake
+        written = bake_cache.write_cache(local, plan.cache) if way == POINT_CACHE else None
+        clear_bake(obj)
+        record["slept"] = _put_to_sleep(obj, on_top)
+        try:
+            if way == SHAPE_KEYS:
+                bake_shapes.bake(obj, local, chosen, frames)
+            elif way == POINT_CACHE:
+                bake_cache.show_pc2(obj, written, frames)
+            else:
+                bake_cache.bake_alembic(obj, local, frames, plan.cache, scene)
+        except Exception:
+            _wake(obj, record["slept"])
+            raise
+    obj[MARK] = json.dumps(record)
+    return Baked(way, len(chosen), fit.residual)
+
+
+def bake_shape_keys(
+    obj: bpy.types.Object,
+    vertices: np.ndarray,
+    frame_start: int,
+    fps: float,
+    scene: bpy.types.Scene | None = None,
+    frames_follow_time: bool = False,
+) -> bpy.types.Key:
+    """`bake_motion` to absolute shape keys, one per picture. Returns the shape key data of the mesh."""
+    bake_motion(obj, vertices, Plan(frame_start, fps, SHAPE_KEYS, frames_follow_time=frames_follow_time), scene)
+    return obj.data.shape_keys
+
+
+def clear_bake(obj: bpy.types.Object) -> bool:
+    """Take a former bake from an object and wake its modifiers. Returns whether there was one; shape keys of the user's stay.
+
+    Keyframes that the user has changed go with the bake. Files of a point cache stay, for an undo may need them.
+    """
+    record = mark_of(obj)
+    if record is None:
+        return False
+    if record["way"] == SHAPE_KEYS:
+        bake_shapes.clear(obj)
+    elif record["way"] == TRANSFORM:
+        bake_rigid.clear(obj, record["former"])
+    else:
+        bake_cache.clear(obj)
+    _wake(obj, record["slept"])
+    del obj[MARK]
+    return True
+
+
+def is_intact(obj: bpy.types.Object) -> bool:
+    """Whether the bake that the mark speaks of is still there: the user may have deleted keys, modifier or file."""
+    record = mark_of(obj)
+    if record is None:
+        return False
+    if record["way"] == SHAPE_KEYS:
+        return bake_shapes.is_intact(obj)
+    if record["way"] == TRANSFORM:
+        return bake_rigid.is_intact(obj)
+    return bake_cache.is_intact(obj)
+
+
+def awake_on_top(obj: bpy.types.Object) -> list[str]:
+    """Names of the modifiers that act on top of a simulated motion instead of being part of what is simulated.
+
+    These are the subdivision surfaces at the end of the stack, and on a baked object all modifiers that are awake.
+    """
+    if mark_of(obj) is not None and mark_of(obj)["way"] != TRANSFORM:
+        return [modifier.name for modifier in obj.modifiers if modifier.show_viewport and modifier.name != bake_cache.MODIFIER]
+    last = []
+    for modifier in reversed(obj.modifiers):
+        if modifier.type != "SUBSURF":
+            break
+        last.append(modifier.name)
+    return last
+
+
+def baked_copy(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, name: str = "", collection: bpy.types.Collection | None = None
+) -> bpy.types.Object:
+    """A copy of an object as it is displayed, its modifiers applied: what to bake to where modifiers make vertices, or keys are in use.
+
+    Args:
+        obj: a mesh object; its transform stays the copy's.
+        depsgraph: evaluated at the frame whose shape is wanted.
+        name: of the copy.
+        collection: where to link it, by default where `obj` is.
+    """
+    mesh = bpy.data.meshes.new_from_object(obj.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph)
+    copy = bpy.data.objects.new(name or f"{obj.name} Simulated", mesh)
+    copy.matrix_world = obj.matrix_world.copy()
+    (collection or obj.users_collection[0]).objects.link(copy)
+    return copy
+
+
+# -- what can be baked, and how ---------------------------------------------------------------------------------------------------
+
+
+def _check_motion(obj: bpy.types.Object, vertices: np.ndarray) -> None:
+    if obj.type != "MESH":
+        raise UsageError(f"{obj.name} is no mesh.", "Convert it to a mesh first (Object > Convert).")
+    if obj.mode == "EDIT":
+        raise UsageError(f"{obj.name} is in Edit Mode, where it can get no keyframes.", "Leave Edit Mode (Tab) and bake again.")
+    if vertices.ndim != 3 or vertices.shape[2] != 3 or vertices.shape[0] < 2:
+        raise UsageError(f"Simulated vertices have the shape {vertices.shape}.", "Expected (T + 1, V, 3) with two pictures or more.")
+    if not np.isfinite(vertices).all():
+        raise UsageError(f"The simulation of {obj.name} has vertices that are not finite.", "Simulate it again.")
+
+
+def _check_mesh(obj: bpy.types.Object, simulated: int) -> None:
+    if obj.data.library is not None or obj.data.override_library is not None:
+        raise UsageError(f"The mesh of {obj.name} is linked from another file.", "Make it local (Object > Relations), or bake to a copy.")
+    if obj.data.shape_keys is not None and MARK not in obj:
+        raise UsageError(f"{obj.name} has shape keys of its own.", "Bake to a copy of it, or remove its shape keys.")
+    if obj.data.users > 1:
+        raise UsageError(
+            f"{obj.name} shares its mesh with other objects.", "Make it a single user of its mesh (Object > Relations) and bake again."
+        )
+    count = len(obj.data.vertices)
+    if simulated != count:
+        hint = (
+            "Its modifiers change the vertices: bake to a copy instead."
+            if obj.modifiers
+            else "Simulate it again: its mesh has changed since."
+        )
+        raise UsageError(f"{obj.name} has {count} vertices, the simulation {simulated}.", hint)
+
+
+def _pictures(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the pictures to bake, and their scene frames."""
+    stride = scene.render.fps / scene.render.fps_base / plan.fps if plan.frames_follow_time else 1.0
+    frames = plan.frame_start + stride * np.arange(count)
+    if plan.frames is None:
+        return np.arange(count), frames
+    first, last = plan.frames
+    chosen = np.flatnonzero((frames >= first - 1e-6) & (frames <= last + 1e-6))
+    if len(chosen) < 2:
+        raise UsageError(
+            f"Frames {first} to {last} hold {len(chosen)} of the simulated pictures.",
+            f"Choose two or more of the frames {frames[0]:g} to {frames[-1]:g}.",
+        )
+    return chosen, frames[chosen]
+
+
+def _way(obj: bpy.types.Object, fit: bake_rigid.RigidFit, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> str:
+    obstacle = bake_rigid.obstacle(obj, mark_of(obj) or {})
+    rigid = fit.residual <= plan.rigid_tolerance * fit.size
+    if plan.way == TRANSFORM:
+        if obstacle:
+            raise UsageError(f"{obj.name} cannot have keys of location and rotation: {obstacle}.", "Bake it to shape keys.")
+        if not rigid:
+            share = 100.0 * fit.residual / max(fit.size, 1e-12)
+            raise UsageError(
+                f"{obj.name} does not stay rigid: it bends by {share:.2g} % of its size.", "Bake it to shape keys, or allow more."
+            )
+        return TRANSFORM
+    if plan.way == ALEMBIC and not bpy.app.build_options.alembic:
+        raise UsageError("This build of Blender has no Alembic.", "Bake to a point cache (PC2) instead.")
+    if plan.way in (POINT_CACHE, ALEMBIC) and plan.cache is None:
+        raise UsageError("There is no place for a point cache.", "Save the file first, or choose a folder for the take.")
+    if plan.way != AUTO:
+        return plan.way
+    if rigid and not obstacle:
+        return TRANSFORM
+    return POINT_CACHE if vertices.size * 4 > LARGE and plan.cache is not None else SHAPE_KEYS
+
+
+def _put_to_sleep(obj: bpy.types.Object, on_top: list[str]) -> list[list[Any]]:
+    """Switch off the modifiers whose effect is in the simulated motion. Returns name and former visibility of each."""
+    asleep = []
+    for modifier in obj.modifiers:
+        if modifier.show_viewport and modifier.name not in on_top:
+            asleep.append([modifier.name, modifier.show_viewport, modifier.show_render])
+            modifier.show_viewport = modifier.show_render = False
+    return asleep
+
+
+def _wake(obj: bpy.types.Object, asleep: list[list[Any]]) -> None:
+    for name, viewport, render in asleep:
+        modifier = obj.modifiers.get(name)
+        if modifier is not None:
+            modifier.show_viewport, modifier.show_render = viewport, render
+
+
+def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
+    """World coordinates (T+1, V, 3) in scene units -> the object's own without any bake, at each picture's frame where the object moves."""
+    mark, lineage = mark_of(obj), [obj]
+    while lineage[-1].parent is not None:
+        lineage.append(lineage[-1].parent)
+    if mark is not None and mark["way"] == TRANSFORM:
+        matrices = [Matrix(mark["former"]["world"])] * len(vertices)
+    elif any(each.animation_data or each.constraints or each.rigid_body for each in lineage):
+        matrices = _matrices_over_time(obj, frames, scene)
+    else:
+        bpy.context.view_layer.update()
+        matrices = [obj.matrix_world.copy()] * len(vertices)
+    local = np.empty_like(vertices)
+    for picture, matrix in enumerate(matrices):
+        inverse = np.array(matrix.inverted_safe())
+        local[picture] = vertices[picture] @ inverse[:3, :3].T + inverse[:3, 3]
+    return local
+
+
+def _matrices_over_time(obj: bpy.types.Object, frames: np.ndarray, scene: bpy.types.Scene) -> list[Matrix]:
+    before, matrices = scene.frame_current_final, []
+    for frame in frames:
+        scene.frame_set(int(frame), subframe=float(frame % 1.0))
+        matrices.append(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world.copy())
+    scene.frame_set(int(before), subframe=float(before % 1.0))
+    return matrices

@@ -1,0 +1,29 @@
+"""The panel *Bake*."""
+
+from ..panel_pieces import Tab, draw_job, panels
+
+
+class BakeTab(Tab):
+    """Motion to keyframes."""
+
+    bl_label = "Bake"
+    step = "bake"
+
+    def draw(self, context):
+        """How, which frames, go."""
+        column, settings = self.columns()
+        column.prop(settings, "bake_way")
+        if settings.bake_way in ("AUTO", "TRANSFORM"):
+            column.prop(settings, "bake_tolerance")
+        row = column.row(heading="Frames")
+        row.prop(settings, "bake_use_frames", text="")
+        sub = row.row(align=True)
+        sub.enabled = settings.bake_use_frames
+        sub.prop(settings, "bake_frames", index=0, text="")
+        sub.prop(settings, "bake_frames", index=1, text="")
+        missing = "" if settings.simulated_take else "First re-simulate"
+        draw_job(self.layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", missing)
+        self.layout.operator("seeing_wind.clear_bake", icon="X")
+
+
+CLASSES = panels(BakeTab, 5)

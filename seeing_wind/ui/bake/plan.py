@@ -1,0 +1,74 @@
+"""How a motion is to be baked, and what an object says of how it was. Without NumPy: the status of a scene asks at every change."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+MARK = "seeing_wind_bake"
+"""Custom property of an object that carries a bake: JSON of how it was made, and of what to restore."""
+
+SHAPE_KEYS, POINT_CACHE, TRANSFORM, ALEMBIC, AUTO = "SHAPE_KEYS", "POINT_CACHE", "TRANSFORM", "ALEMBIC", "AUTO"
+
+RIGID_TOLERANCE = 0.002
+"""Of the body's size: a fifth of a percent is not seen. Elastic bodies that bend more are no rigid ones."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a motion is to be baked."""
+
+    frame_start: int
+    """Scene frame of picture 0."""
+    fps: float
+    """Of the pictures [1/s]."""
+    way: str = AUTO
+    frames: tuple[int, int] | None = None
+    """First and last scene frame to bake, inclusive; None bakes all. Before and after them the body stands still."""
+    cache: Path | None = None
+    """Where a point cache goes, without its suffix; None where there is no place for one."""
+    rigid_tolerance: float = RIGID_TOLERANCE
+    """A body counts as rigid while no vertex is farther from a rigid motion than this part of the body's size."""
+    stamp: str = ""
+    """Of what the motion depends on: an object whose bake has this stamp is left alone. "" always bakes."""
+    frames_follow_time: bool = False
+    """Keep the speed where the scene's frame rate is another than `fps`; otherwise one scene frame is one picture, as in a take."""
+
+
+@dataclass(frozen=True)
+class Baked:
+    """What `bake_motion` did."""
+
+    way: str
+    pictures: int
+    residual: float
+    """Largest distance of a vertex from the best rigid motion [m]."""
+    kept: bool = False
+    """The object had this very bake already."""
+
+
+def plan_of(scene: bpy.types.Scene) -> Plan:
+    """How the scene's settings want motions to be baked; rate and cache are those of the motion."""
+    settings = scene.seeing_wind
+    frames = tuple(settings.bake_frames) if settings.bake_use_frames else None
+    return Plan(settings.frame_start, 1.0, settings.bake_way, frames, rigid_tolerance=0.01 * settings.bake_tolerance)
+
+
+def stamp_of_bakes(scene: bpy.types.Scene) -> str:
+    """Of the settings of a bake, without the motion."""
+    return repr(plan_of(scene))
+
+
+def mark_of(obj: bpy.types.Object) -> dict[str, Any] | None:
+    """How the bake that an object carries was made; None for no bake."""
+    text = obj.get(MARK)
+    if text is None:
+        return None
+    if text.startswith("{"):
+        return json.loads(text)
+    # before 0.2: the names of the sleeping modifiers, one per line
+    return {"way": SHAPE_KEYS, "stamp": "", "slept": [[name, True, True] for name in text.splitlines()]}

@@ -1,0 +1,74 @@
+"""What the scene knows already, as files that the engine reads: mask, tracks, depth of a proxy mesh, camera."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ....engine.errors import ObjectError, UsageError
+from .camera import camera_source, write_camera
+from .clips import clip_of
+from .depth import write_depth
+from .mask import mask_stamp, write_mask, write_plane_mask
+from .tracks import tracks_stamp, write_tracks
+
+
+@dataclass(frozen=True)
+class SceneInput:
+    """One file that is made from the scene."""
+
+    option: str
+    """Of the worker, which takes the file's path."""
+    name: str
+    """Of the file."""
+    stamp: tuple
+    """Of what the file would hold; cheap enough to ask for at every change."""
+    write: Callable[[bpy.types.Scene, Path], object]
+    """Makes the file. Raises SeeingWindError where mask, tracks or proxy hold nothing in the first picture."""
+
+
+def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
+    """The files that the settings of `scene` call for; nothing is written.
+
+    Raises:
+        ObjectError: an object mode whose datablock is missing.
+        UsageError: a camera or proxy that is missing.
+    """
+    settings, found = scene.seeing_wind, []
+    if settings.object_mode in ("BLENDER_MASK", "PLANE", "PROXY"):
+        found += _object(settings)
+    if settings.use_tracks:
+        clip = clip_of(settings)
+        if clip is None or not (len(clip.tracking.tracks) or len(clip.tracking.plane_tracks)):
+            raise ObjectError("The clip has no tracks.", "Track points on the object in the Movie Clip Editor, or switch Tracks off.")
+        found.append(SceneInput("--tracks", "tracks.npz", tracks_stamp(clip), write_tracks))
+    if settings.scale_mode == "PROXY" and settings.proxy is None:
+        raise UsageError("No proxy mesh is chosen.", "Place a mesh where the object is in the first picture, as the camera sees it.")
+    camera = camera_source(scene)
+    if settings.scale_mode == "PROXY":
+        if not camera:
+            raise UsageError("A proxy is seen through a camera, and there is none.", "Use the scene's camera or a camera solve.")
+        place = tuple(tuple(row) for row in settings.proxy.matrix_world)
+        found.append(SceneInput("--depth", "depth.npy", place, write_depth))
+    if camera:
+        found.append(SceneInput("--camera", "camera.json", camera, write_camera))
+    return tuple(found)
+
+
+def _object(settings: bpy.types.PropertyGroup) -> list[SceneInput]:
+    """The object's outline, where a datablock of the scene gives it; a proxy gives it by its depth."""
+    if settings.object_mode == "BLENDER_MASK":
+        if settings.mask_data is None:
+            raise ObjectError("No mask is chosen.", "Draw one in the Image or Movie Clip Editor (Mask mode) and choose it here.")
+        return [SceneInput("--mask", "mask.png", mask_stamp(settings.mask_data), write_mask)]
+    if settings.object_mode == "PLANE":
+        clip = clip_of(settings)
+        if clip is None or not len(clip.tracking.plane_tracks):
+            raise ObjectError("The clip has no plane track.", "Make one in the Movie Clip Editor (Create Plane Track), or draw a box.")
+        return [SceneInput("--mask", "mask.png", tracks_stamp(clip), write_plane_mask)]
+    if settings.scale_mode != "PROXY":
+        raise ObjectError("The proxy mesh marks the object but does not give its depth.", "Choose Proxy Mesh for the scale too.")
+    return []

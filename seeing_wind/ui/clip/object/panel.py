@@ -1,0 +1,122 @@
+"""The panel *Object*: where the object is, and what it is taken to be made of."""
+
+import bpy
+
+from ....engine.materials import MATERIALS
+from ...job import status
+from ...job.status import State
+from ...panel_pieces import Tab, draw_failure, draw_override, draw_progress, draw_text, panels
+
+
+class ObjectTab(Tab):
+    """Which object, at what scale, made of what."""
+
+    bl_label = "Object"
+    step = "object"
+
+    def draw(self, context):
+        """Box or mask, distance or scale, material."""
+        column, settings = self.columns()
+        _draw_object(column, settings)
+        column.separator()
+        column.prop(settings, "scale_mode")
+        if settings.scale_mode == "PROXY" or settings.object_mode == "PROXY":
+            column.prop(settings, "proxy")
+        else:
+            column.prop(settings, "pixels_per_metre" if settings.scale_mode == "PIXELS" else "distance")
+        column.prop(settings, "material")
+        _draw_material(column, settings)
+        for name in ("density", "youngs_modulus", "thickness"):
+            draw_override(column, settings, name)
+        column.prop(settings, "pin")
+        _draw_guesses(self.layout, context, settings, self.bl_space_type)
+        _draw_more(self.layout, settings)
+        step = status.of(context.scene.session_uid).steps["object"]
+        if step.state == State.FAILED:
+            draw_failure(self.layout, context, step)
+
+
+def _draw_object(column, settings) -> None:
+    """The way to mark the object, and the control that does it."""
+    column.prop(settings, "object_mode")
+    if settings.object_mode == "BOX":
+        row = column.row()
+        row.scale_y = 1.2
+        row.operator("seeing_wind.draw_box", text="Draw Box", icon="SELECT_SET")
+        sub = column.column(align=True)
+        for index, text in enumerate(("Box Left (px)", "Top", "Right", "Bottom")):
+            sub.prop(settings, "box", index=index, text=text)
+    elif settings.object_mode == "MASK":
+        column.prop(settings, "mask")
+    elif settings.object_mode == "BLENDER_MASK":
+        column.prop(settings, "mask_data")
+    column.prop(settings, "use_tracks")
+
+
+class SEEING_WIND_UL_guesses(bpy.types.UIList):
+    """What a model saw in the clip."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        """What it is, what it is made of, how heavy."""
+        row = layout.row()
+        row.label(text=f"{item.name}: {item.made_of}", icon="OBJECT_DATA")
+        sub = row.row()
+        sub.alignment = "RIGHT"
+        sub.label(text=f"{item.density:.3g} kg/m³")
+
+
+def _draw_guesses(layout, context, settings, space: str) -> None:
+    """Ask a model what is in the clip, and choose from its answers."""
+    header, body = layout.panel("SEEING_WIND_guesses", default_closed=not len(settings.guesses))
+    header.label(text="Ask a Model")
+    if body is None:
+        return
+    now = status.of(context.scene.session_uid)
+    asked = now.steps.get("identify")
+    if now.running == "identify" and asked is not None:
+        draw_progress(body, asked, now.cancelling)
+        return
+    row = body.row()
+    row.enabled = now.steps["clip"].state == State.DONE and not now.running
+    row.operator("seeing_wind.identify", icon="QUESTION")
+    if asked is not None and asked.state == State.FAILED:
+        draw_failure(body, context, asked)
+    elif asked is not None and asked.message:
+        draw_text(body, context, asked.message)
+    if len(settings.guesses):
+        body.template_list("SEEING_WIND_UL_guesses", space, settings, "guesses", settings, "active_guess", rows=2)
+        body.operator("seeing_wind.use_guess", icon="CHECKMARK")
+
+
+def _draw_more(layout, settings) -> None:
+    """What few need: the law, its further numbers, and how much effort the recovery makes."""
+    header, body = layout.panel("SEEING_WIND_more", default_closed=True)
+    header.label(text="More")
+    if body is None:
+        return
+    column = body.column()
+    column.prop(settings, "law")
+    for name in ("poisson_ratio", "yield_stress", "viscosity"):
+        draw_override(column, settings, name)
+    column.separator()
+    column.prop(settings, "particles")
+    column.prop(settings, "iterations")
+    column.prop(settings, "refine")
+    column.prop(settings, "seed")
+
+
+def _draw_material(column, settings) -> None:
+    """The numbers that the chosen material stands for, unless they are replaced below."""
+    material = MATERIALS[settings.material]
+    shown = []
+    if not settings.use_density:
+        shown.append(f"{material.density:g} kg/m³")
+    if not settings.use_youngs_modulus:
+        shown.append(f"{material.youngs_modulus:.3g} Pa")
+    if shown:
+        row = column.row()
+        row.active = False
+        row.label(text=", ".join(shown), icon="BLANK1")
+
+
+CLASSES = (SEEING_WIND_UL_guesses, *panels(ObjectTab, 1))

@@ -1,0 +1,25 @@
+"""The panel *Composite*."""
+
+from ..panel_pieces import Tab, panels
+
+
+class CompositeTab(Tab):
+    """The edit over the clip."""
+
+    bl_label = "Composite"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        """Once there is a clip."""
+        return context.scene is not None and context.scene.active_clip is not None
+
+    def draw(self, context):
+        """Set up, then render."""
+        column = self.layout.column()
+        column.operator("seeing_wind.set_up_composite", icon="NODE_COMPOSITING")
+        column.operator("seeing_wind.render_composite", icon="RENDER_ANIMATION")
+        column.operator("seeing_wind.render_composite", text="Render This Frame", icon="RENDER_STILL").still = True
+
+
+CLASSES = panels(CompositeTab, 21)

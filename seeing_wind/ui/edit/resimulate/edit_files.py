@@ -1,0 +1,116 @@
+"""The files that `resimulate` reads: meshes, lists of pinned vertices, and the edit.toml that names them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ....engine.errors import UsageError
+from ....engine.take import Take, toml_text
+from ...scene_mesh import FIRM, mesh_arrays, pinned_vertices
+from ...scene_units import metres_per_unit
+
+EDIT = "edit.toml"
+
+
+@dataclass(frozen=True)
+class ExportedMesh:
+    """What was written of one object."""
+
+    path: Path
+    vertices: int
+    triangles: int
+    applied: bool
+    """Modifiers changed the number of vertices: the result fits a copy of the evaluated object, not its own mesh."""
+
+
+def export_mesh(
+    obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, path: str | Path, shift: Sequence[float] = (0.0, 0.0, 0.0)
+) -> ExportedMesh:
+    """Write an object as displayed (modifiers applied, world space) as NPZ: `vertices` (V, 3) float64 [m], `triangles` (M, 3) int32.
+
+    Args:
+        obj: a mesh object or one that Blender can turn into a mesh.
+        depsgraph: evaluated at the frame wanted.
+        path: of the NPZ; its folder is made.
+        shift: (3,) added to the vertices [m].
+
+    Raises:
+        UsageError: when the object has no triangles, or vertices that are not finite.
+    """
+    vertices, triangles = mesh_arrays(obj, depsgraph)
+    if not np.isfinite(vertices).all():
+        raise UsageError(f"{obj.name} has vertices that are nowhere (not a number).", "Delete them, or the modifier that makes them.")
+    vertices = vertices * metres_per_unit(depsgraph.scene) + np.asarray(shift)
+    path = Path(path)
+    Take(path.parent).write_arrays(path.name, {"vertices": vertices, "triangles": triangles})
+    applied = obj.type != "MESH" or len(vertices) != len(obj.data.vertices)
+    return ExportedMesh(path, len(vertices), len(triangles), applied)
+
+
+def export_pins(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str, path: str | Path) -> tuple[int, Path | None]:
+    """Write the vertices of `pinned_vertices` as NPY. Returns how many there are, and where their weights are (None: all firm)."""
+    pinned, weights = pinned_vertices(obj, depsgraph, group)
+    return len(pinned), write_pins(path, pinned, weights)
+
+
+def write_pins(path: str | Path, pinned: np.ndarray, weights: np.ndarray) -> Path | None:
+    """Write indices (n,) as NPY, and weights (n,) beside them as NAME.weights.npy (its path is returned) unless all hold firmly."""
+    path = Path(path)
+    write_array(path, pinned)
+    if (weights >= FIRM).all():
+        return None
+    beside = path.with_name(f"{path.stem}.weights.npy")
+    write_array(beside, np.where(weights >= FIRM, 1.0, weights))
+    return beside
+
+
+def write_array(path: Path, array: np.ndarray) -> None:
+    """Write an NPY, aside and renamed."""
+    with Take(path.parent).writing(path.name) as aside:
+        np.save(aside, array)
+
+
+def write_edit(
+    folder: str | Path,
+    bodies: list[dict[str, Any]],
+    gravity: tuple[float, float, float] | None,
+    colliders: Sequence[dict[str, Any]] = (),
+    **settings: Any,
+) -> Path:
+    """Write `edit.toml`, the engine's description of a re-simulation.
+
+    Args:
+        folder: of the file; paths in `bodies` may be relative to it.
+        bodies: one mapping per `[[body]]`: name, mesh, material, and what is overridden; None leaves a key out.
+        gravity: [m/s²], None for none.
+        colliders: one mapping per `[[collider]]`.
+        settings: further keys at the top, such as `field_strength` (a number, or one per frame).
+    """
+    top = {"gravity": list(gravity) if gravity is not None else [0.0, 0.0, 0.0], **settings}
+    tables = {"body": bodies, "collider": colliders}
+    kept = {
+        name: [{key: _plain(value) for key, value in each.items() if value is not None} for each in table] for name, table in tables.items()
+    }
+    with Take(folder).writing(EDIT) as path:
+        plain = {key: _plain(value) for key, value in top.items() if value is not None}
+        path.write_text(toml_text(plain | {name: table for name, table in kept.items() if table or name == "body"}), encoding="utf-8")
+    return Path(folder) / EDIT
+
+
+def _plain(value: Any) -> Any:
+    """Blender's and NumPy's arrays, and paths, as TOML has them."""
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, (str, bool, int, float, dict)):
+        return value
+    return [_plain(item) for item in value]

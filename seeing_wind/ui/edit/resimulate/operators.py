@@ -1,0 +1,53 @@
+"""Simulate the edit in the recovered field."""
+
+import bpy
+
+from ...job import takes, worker
+from ...job.install.environment import engine_python
+from ...job.operator import JobOperator
+from ...job.worker_command import command, environment
+from .digest import edit_digest
+
+
+class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
+    """Simulate the inserted bodies in the recovered field, with the same physics"""
+
+    bl_idname = "seeing_wind.resimulate"
+    bl_label = "Re-simulate"
+    bl_options = {"UNDO"}
+    step = "resimulate"
+
+    def start(self, scene):
+        """Write the edit, then let the engine simulate it."""
+        from .edit_export import export_edit  # needs NumPy
+
+        settings, python = scene.seeing_wind, engine_python()
+        source = takes.recovered(settings)
+        self.folder = takes.edit_folder(settings, source)
+        edit = export_edit(scene, source, self.folder)
+        self.digest = edit_digest(scene)
+        self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}
+        call = command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))
+        return worker.run(call, cwd=str(self.folder), env=environment())
+
+    def finish(self, scene, result):
+        """The motion stays in the take until it is baked."""
+        settings = scene.seeing_wind
+        # another edit may be worked on by now
+        for edit in (settings, *settings.edits) if settings.edit_folder == self.of_edit else settings.edits:
+            if edit.edit_folder == self.of_edit:
+                for body in edit.bodies:  # an undo while it ran has taken the names back
+                    body.result = self.names.get(_who(body), "")
+                edit.simulated_digest, edit.simulated_take = self.digest, str(self.folder)
+                break
+        return f"Simulated into {self.folder.name}"
+
+
+def _who(body: bpy.types.PropertyGroup) -> int:
+    """What a body moves, however it is called: 0 for the clip's own object, -1 for one that is gone."""
+    if body.is_recovered:
+        return 0
+    return body.object.session_uid if body.object is not None else -1
+
+
+CLASSES = (SEEING_WIND_OT_resimulate,)

@@ -1,0 +1,116 @@
+"""Which step is done, and which is stale because its settings have changed since. Runs on a change, an undo and a load, never in `draw`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..engine.errors import SeeingWindError
+from .bake.plan import stamp_of_bakes
+from .clip.object.options import object_options
+from .clip.options import clip_options
+from .edit.resimulate.digest import edit_digest, forget_geometry
+from .job import status
+from .recover.request import RecoverRequest, inputs_folder
+
+T = TypeVar("T")
+
+
+def refresh(scene: bpy.types.Scene) -> None:
+    """Bring the status of `scene` up to date with its settings."""
+    settings, now = scene.seeing_wind, status.of(scene.session_uid)
+    clip = _attempt(now, "clip", lambda: clip_options(settings), bool(settings.clip))
+    begun = any(settings.box) or settings.object_mode != "BOX"
+    marked = _attempt(now, "object", lambda: object_options(settings, inputs_folder(settings)), begun)
+    recover = RecoverRequest.from_parts(scene, clip, marked).digest if clip and marked else "incomplete"
+    edit = edit_digest(scene)
+    status.derive(now, "recover", recover, settings.recovered_digest)
+    status.derive(now, "edit", edit, edit, _count(settings))
+    status.derive(now, "resimulate", edit, settings.simulated_digest)
+    status.derive(now, "bake", edit and edit + stamp_of_bakes(scene), settings.baked_digest)
+
+
+def refresh_all() -> None:
+    """All scenes."""
+    for scene in bpy.data.scenes:
+        refresh(scene)
+
+
+def _attempt(now: status.SceneStatus, step: str, gather: Callable[[], T], started: bool) -> T | None:
+    """A step that is done as soon as its settings make sense; nothing is said while the user has not begun with it.
+
+    Returns what `gather` did, None where it could not.
+    """
+    try:
+        gathered = gather()
+        now.steps[step] = status.Step(status.State.DONE)
+        return gathered
+    except SeeingWindError as error:
+        state = status.State.FAILED if started else status.State.IDLE
+        now.steps[step] = status.Step(state, message=error.message if started else error.hint, hint=error.hint if started else "")
+        return None
+
+
+def _count(settings: bpy.types.PropertyGroup) -> str:
+    count = len(settings.bodies)
+    return "" if not count else "1 body" if count == 1 else f"{count} bodies"
+
+
+# -- when Blender changes the data without a property's update --------------------------------------------------------------------
+
+
+@persistent
+def _after_undo(*_: object) -> None:
+    forget_geometry()
+    refresh_all()
+
+
+@persistent
+def _after_load(*_: object) -> None:
+    status.forget_all()
+    forget_geometry()
+    refresh_all()
+    for scene in bpy.data.scenes:
+        _say_what_was_cut_off(scene)
+
+
+def _say_what_was_cut_off(scene: bpy.types.Scene) -> None:
+    """The file was saved while a job ran: its worker has ended with that Blender, its finished stages lie in the take."""
+    step, now = scene.seeing_wind.unfinished, status.of(scene.session_uid)
+    if step in now.steps:
+        title = step.replace("resimulate", "re-simulate").capitalize()
+        now.steps[step].message = f"{title} was running when this file was saved. Run it again: it goes on from what was finished"
+
+
+@persistent
+def _after_edit(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None, *_: object) -> None:
+    # Moving or deleting an inserted object changes no property of ours.
+    if len(scene.seeing_wind.bodies):
+        if depsgraph is None or any(update.is_updated_geometry for update in depsgraph.updates):
+            forget_geometry()
+        refresh(scene)
+
+
+HANDLERS = (("undo_post", _after_undo), ("redo_post", _after_undo), ("load_post", _after_load), ("depsgraph_update_post", _after_edit))
+
+
+def register() -> None:
+    """Attach the handlers, once, and let the features say when something has changed."""
+    unregister()
+    status.refreshers.append(refresh)
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
+
+
+def unregister() -> None:
+    """Detach the handlers, also those of a former registration."""
+    status.refreshers.clear()
+    for name, handler in HANDLERS:
+        handlers = getattr(bpy.app.handlers, name)
+        for present in [
+            h for h in handlers if getattr(h, "__qualname__", "") == handler.__qualname__ and h.__module__ == handler.__module__
+        ]:
+            handlers.remove(present)

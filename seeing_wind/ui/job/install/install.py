@@ -1,0 +1,152 @@
+"""Install Engine: a Python environment of its own for the engine, as a job of several programs.
+
+It lies in the extension's user folder, which Blender deletes with the extension. What a broken download or a cancel leaves is used by the
+next try: the environment is kept, and so are the packages that pip has fetched (`CACHE`), until everything is there.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import bpy
+
+from ....engine.errors import SeeingWindError, UsageError
+from .. import worker
+from ..worker_command import ROOT, command, environment
+from .choices import engine_choices
+from .environment import MARKER, NoOnlineAccess, answers, base_python, executable, user_environment
+
+CACHE = "downloads"
+"""Folder of pip's cache inside the environment's."""
+
+CPU_INDEX = "https://download.pytorch.org/whl/cpu"
+CUDA_INDEX = "https://download.pytorch.org/whl/cu130"
+"""PyTorch's own indexes of builds. On Linux the build on PyPI has CUDA; on Windows it has none."""
+
+TRYING = "Trying the engine"
+AGAIN = "Press Install Engine again: it goes on with what has been downloaded."
+
+RETRIES = ("--retries", "8", "--timeout", "60")
+"""Of a connection that breaks or stalls."""
+
+
+def install() -> worker.Messages:
+    """Make the environment and install the engine's packages, as a job.
+
+    Raises:
+        NoOnlineAccess: when Blender may not go online and no folder of wheels is named.
+        UsageError: when the folder of wheels is not there.
+        SeeingWindError: when there is no fitting Python or no place for the environment.
+    """
+    torch, wheels = engine_choices()
+    if wheels and not Path(wheels).is_dir():
+        raise UsageError(f"There is no folder of wheels {wheels}.", "Correct it in the preferences, or clear it to download the packages.")
+    if not wheels and not bpy.app.online_access:
+        raise NoOnlineAccess(
+            "Installing the engine needs the network, and Blender may not use it.",
+            "Allow Online Access in Preferences > System > Network, or name a folder of wheels in the extension's preferences.",
+        )
+    folder = user_environment(create=True)
+    if folder is None:
+        raise SeeingWindError("This is not an installed extension.", "From source, run `make setup` instead.")
+    return run(base_python(), folder, torch, wheels)
+
+
+class Program(NamedTuple):
+    """One of the programs that are run."""
+
+    title: str
+    first: float
+    """Of the whole job's progress, where it begins."""
+    last: float
+    command: list[str]
+
+
+def run(base: str, folder: Path, torch: str, wheels: str) -> worker.Messages:
+    """All programs one after the other; the marker is written when the engine has said that it is well."""
+    (folder / MARKER).unlink(missing_ok=True)
+    last: worker.Message = {}
+    for program in programs(base, folder, torch, wheels):
+        yield [{"type": "progress", "fraction": program.first, "message": program.title}]
+        last = yield from _told(worker.run(program.command, cwd=str(folder), env=environment()), program)
+        if last["outcome"] != "done":
+            return last
+    (folder / MARKER).write_text("made by Install Engine\n", encoding="utf-8")
+    shutil.rmtree(folder / CACHE, ignore_errors=True)
+    return last
+
+
+def programs(base: str, folder: Path, torch: str, wheels: str) -> list[Program]:
+    """What is to be run.
+
+    Args:
+        base: a Python that can make environments.
+        torch: CPU or CUDA.
+        wheels: a folder of wheels to take everything from instead of the network, or "".
+    """
+    python = str(executable(folder))
+    pip = [python, "-m", "pip", "install", "--no-input", "--disable-pip-version-check", "--progress-bar", "off"]
+    engine = ROOT / "seeing_wind" / "engine"
+    # --clear empties the folder with the cache in it: only an environment that is no good loses it
+    made = [] if _runs(python) else [Program("Making the environment", 0.01, 0.03, [base, "-m", "venv", "--clear", str(folder)])]
+    trying = Program(TRYING, 0.95, 1.0, command(python, "doctor"))
+    pytorch, packages = ["-r", str(engine / "torch.lock")], ["--require-hashes", "-r", str(engine / "requirements.lock")]
+    if not (torch == "CUDA" and sys.platform == "linux"):
+        pytorch.insert(0, "--no-deps")  # all that it needs but CUDA's libraries is locked with the rest
+    if wheels:
+        local = [*pip, "--no-index", "--find-links", wheels]
+        return [
+            *made,
+            Program("Installing PyTorch", 0.04, 0.5, [*local, *pytorch]),
+            Program("Installing packages", 0.5, 0.94, [*local, *packages]),
+            trying,
+        ]
+    fetch = [*pip, "--cache-dir", str(folder / CACHE), *RETRIES]
+    return [
+        *made,
+        Program("Updating pip", 0.04, 0.06, [*fetch, "--upgrade", "pip"]),
+        Program("Downloading PyTorch", 0.06, 0.5, [*fetch, *torch_index(torch), *pytorch]),
+        Program("Downloading packages", 0.5, 0.94, [*fetch, *packages]),
+        trying,
+    ]
+
+
+def torch_index(torch: str, platform: str = sys.platform) -> list[str]:
+    """pip's option for the wanted build of PyTorch; empty where PyPI has it (CUDA on Linux; one build for macOS)."""
+    if platform == "darwin" or (torch == "CUDA" and platform != "win32"):
+        return []
+    return ["--index-url", CPU_INDEX if torch == "CPU" else CUDA_INDEX]
+
+
+def _runs(python: str) -> bool:
+    """Whether an environment that an earlier try left has a Python with pip."""
+    return Path(python).is_file() and answers(python, "import pip")
+
+
+def _told(messages: worker.Messages, program: Program) -> worker.Messages:
+    """pip's lines as progress: each package brings the bar nearer to the program's end, which nobody knows beforehand."""
+    fraction, cancel = program.first, None
+    try:
+        batch = next(messages)
+        while True:
+            told = []
+            for message in batch:
+                if message["type"] == "log":
+                    if message["message"].lstrip().startswith(("Collecting", "Downloading", "Using cached", "Installing")):
+                        fraction += (program.last - fraction) * 0.05
+                    said = f"{program.title}: {message['message'].strip()[:80]}"
+                    told.append({"type": "progress", "fraction": fraction, "message": said})
+                elif message["type"] == "error" and program.title != TRYING:
+                    said = message["message"].replace("The engine stopped", f"{program.title} stopped")
+                    told.append({**message, "message": said, "hint": AGAIN})
+                else:
+                    told.append(message)
+            cancel = yield told
+            batch = messages.send(cancel)
+    except StopIteration as end:
+        return end.value
+    finally:
+        messages.close()

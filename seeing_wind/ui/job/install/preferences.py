@@ -1,0 +1,62 @@
+"""The extension's preferences: where the engine is or comes from, and whom to ask what is in a clip."""
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ...panel_pieces import draw_engine
+from . import environment
+from .choices import EXTENSION
+
+BUILDS = [
+    ("CPU", "CPU", "A small build of PyTorch (about 0.2 GB) that runs everywhere and is what the engine uses by itself"),
+    ("CUDA", "CUDA", "A build for NVIDIA cards (several GB), on Linux and Windows"),
+]
+
+
+def _changed(self, context) -> None:
+    environment.refresh()
+
+
+class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
+    """Preferences > Add-ons > Seeing Wind."""
+
+    bl_idname = EXTENSION
+
+    python: StringProperty(
+        name="Use This Python", subtype="FILE_PATH", update=_changed,
+        description="Python 3.11 to 3.13 with the engine's packages; empty uses the engine that Install Engine made",
+    )  # fmt: skip
+    torch: EnumProperty(name="PyTorch", items=BUILDS, description="Which build Install Engine downloads")
+    wheels: StringProperty(
+        name="Folder of Wheels", subtype="DIR_PATH",
+        description="Install Engine takes all packages from this folder instead of the network; empty downloads them",
+    )  # fmt: skip
+
+    material_endpoint: StringProperty(
+        name="Address", description="OpenAI-compatible server of a vision-language model, such as http://localhost:11434/v1"
+    )
+    material_model: StringProperty(name="Model", description="The server's name of the model that looks at the clip's first picture")
+    material_key: StringProperty(
+        name="Key", subtype="PASSWORD",
+        description="Of the server, if it wants one. Kept in Blender's preferences, never in a .blend file or a take",
+    )  # fmt: skip
+
+    def draw(self, context) -> None:
+        """The engine, then the model."""
+        self.layout.use_property_split = True
+        column = self.layout.column(heading="Engine")
+        column.prop(self, "python")
+        row = column.row()
+        row.prop(self, "torch", expand=True)
+        column.prop(self, "wheels")
+        row = self.layout.row()
+        row.operator("seeing_wind.install_engine", icon="IMPORT")
+        row.operator("seeing_wind.doctor", icon="HEART")
+        draw_engine(self.layout, context, button=False)
+        column = self.layout.column(heading="What Is in the Clip")
+        column.prop(self, "material_endpoint")
+        column.prop(self, "material_model")
+        column.prop(self, "material_key")
+
+
+CLASSES = (SEEING_WIND_AP_preferences,)

@@ -1,0 +1,27 @@
+"""The worker's command line and environment."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+"""The folder that holds the package `seeing_wind`: there the worker finds it under its plain name."""
+
+
+def command(python: str, verb: str, *options: str) -> list[str]:
+    """The worker's command line."""
+    return [python, "-m", "seeing_wind.engine", verb, *options]
+
+
+KEY_VARIABLE = "SEEING_WIND_MATERIAL_KEY"
+"""Where the engine looks for the key of the model that is asked about materials."""
+
+
+def environment(key: str = "") -> dict[str, str]:
+    """This process's environment without Blender's Python settings, which would break another Python. `key` is for one that asks."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    # Bytecode stays out of the extension's folder, which Blender owns and may not be writable.
+    if key:
+        kept[KEY_VARIABLE] = key
+    return kept | {"PYTHONPATH": str(ROOT), "PYTHONUTF8": "1", "PYTHONNOUSERSITE": "1", "PYTHONDONTWRITEBYTECODE": "1"}

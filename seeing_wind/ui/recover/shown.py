@@ -1,0 +1,26 @@
+"""The objects by which a scene shows a recovered field. Without NumPy: what the user selects is held against them."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..field.display import LEGEND_MARK, SAMPLES_MARK
+
+POINTERS = ("field_object", "arrows_object", "recovered_object")
+"""Results that the scene's settings name; these two are children of the field object."""
+SAMPLES_OBJECT, LEGEND = "samples", "legend"
+
+
+def made_before(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object]:
+    """What a former run has made, by what it is; what the user has deleted already is not among it."""
+    found = {name: getattr(settings, name) for name in POINTERS}
+    for child in settings.field_object.children if settings.field_object is not None else ():
+        for name, mark in ((SAMPLES_OBJECT, SAMPLES_MARK), (LEGEND, LEGEND_MARK)):
+            if mark in child:
+                found[name] = child
+    return {name: obj for name, obj in found.items() if obj is not None}
+
+
+def shows_field(obj: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether an object is one of those by which the scene shows the field: no body and no obstacle, whatever is selected."""
+    return any(obj == each for name, each in made_before(settings).items() if name != "recovered_object")

@@ -1,0 +1,67 @@
+"""Objects of the scene as arrays: meshes as displayed, and the vertices of a vertex group."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..engine.errors import UsageError
+
+FIRM = 0.999
+"""A vertex of this weight or more is held firmly; of less, drawn back like a spring."""
+
+THINNEST = 1e-6
+"""Smallest scale of an object relative to its largest: under it no keyframes in its own space could move it in the world."""
+
+
+def mesh_arrays(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[np.ndarray, np.ndarray]:
+    """An object as displayed: vertices (V, 3) float64 in the world, in the scene's units, and triangles (M, 3) int32, normals outwards.
+
+    Raises:
+        UsageError: when the object has no triangles, or a scale of 0.
+    """
+    evaluated = obj.evaluated_get(depsgraph)
+    try:
+        mesh = evaluated.to_mesh()
+    except RuntimeError as error:
+        raise UsageError(f"{obj.name} has no geometry.", "Choose a mesh object.") from error
+    try:
+        mesh.calc_loop_triangles()
+        local = np.empty((len(mesh.vertices), 3), dtype=np.float32)
+        triangles = np.empty((len(mesh.loop_triangles), 3), dtype=np.int32)
+        mesh.vertices.foreach_get("co", local.reshape(-1))
+        mesh.loop_triangles.foreach_get("vertices", triangles.reshape(-1))
+    finally:
+        evaluated.to_mesh_clear()
+    if len(triangles) == 0:
+        raise UsageError(f"{obj.name} has no faces.", "Choose a mesh with a surface.")
+    matrix = np.array(evaluated.matrix_world)
+    stretch = np.linalg.svd(matrix[:3, :3], compute_uv=False)
+    if not stretch[-1] > THINNEST * stretch[0]:
+        raise UsageError(f"{obj.name} has a scale of 0.", "Give it another scale, or apply it (Object > Apply > Scale).")
+    if np.linalg.det(matrix[:3, :3]) < 0.0:
+        # a mirrored object would turn its surface inside out
+        triangles = triangles[:, ::-1]
+    return local.astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3], np.ascontiguousarray(triangles)
+
+
+def pinned_vertices(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str) -> tuple[np.ndarray, np.ndarray]:
+    """Indices (n,) int64 of the evaluated mesh's vertices in a vertex group, and their weights (n,) in 0..1; those of weight 0 left out.
+
+    Raises:
+        UsageError: when there is no such group, or no vertex in it.
+    """
+    vertex_group = obj.vertex_groups.get(group)
+    if vertex_group is None:
+        raise UsageError(
+            f"{obj.name} has no vertex group {group!r}.", "Make one in Properties > Data > Vertex Groups and assign the vertices to hold."
+        )
+    index, evaluated = vertex_group.index, obj.evaluated_get(depsgraph)
+    mesh = evaluated.to_mesh()
+    try:
+        found = [(vertex.index, g.weight) for vertex in mesh.vertices for g in vertex.groups if g.group == index and g.weight > 0.0]
+    finally:
+        evaluated.to_mesh_clear()
+    if not found:
+        raise UsageError(f"No vertex of {obj.name} has a weight in {group!r}.", "Assign the vertices to hold to that group.")
+    return np.array([vertex for vertex, _ in found], dtype=np.int64), np.array([weight for _, weight in found], dtype=np.float64)

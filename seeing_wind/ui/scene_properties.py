@@ -1,0 +1,30 @@
+"""`scene.seeing_wind`: the settings of all steps in one property group."""
+
+import bpy
+
+from .bake.properties import BakeSettings
+from .clip.object.properties import ObjectSettings
+from .clip.properties import ClipSettings
+from .edit.properties import EditOptions, EditSettings
+from .field.properties import FieldSettings
+from .recover.properties import RecoverOptions, RecoverResults
+
+
+class SEEING_WIND_PG_scene(
+    RecoverOptions, ClipSettings, ObjectSettings, EditOptions, EditSettings, BakeSettings, FieldSettings, RecoverResults,
+    bpy.types.PropertyGroup,
+):  # fmt: skip
+    """`scene.seeing_wind`."""
+
+
+CLASSES = (SEEING_WIND_PG_scene,)
+
+
+def register() -> None:
+    """Give every scene its settings."""
+    bpy.types.Scene.seeing_wind = bpy.props.PointerProperty(type=SEEING_WIND_PG_scene)
+
+
+def unregister() -> None:
+    """Take them away."""
+    del bpy.types.Scene.seeing_wind

@@ -1,0 +1,154 @@
+"""The field object in the rest of Blender, and the edit over the clip: operators as a script calls them, on the stand-in for the engine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from seeing_wind.ui.composite import composite
+from seeing_wind.ui.field import vdb as field_vdb
+from seeing_wind.ui.field.display import in_figures
+from seeing_wind.ui.field.samples import samples_of
+
+
+@pytest.fixture(autouse=True)
+def recovered(stand_in, workplace) -> None:
+    """A field recovered."""
+    options = {"clip": str(workplace / "clip.mp4"), "box": (20, 20, 44, 44), "distance": 2.0, "take": str(workplace / "out.take")}
+    assert bpy.ops.seeing_wind.recover(**options) == {"FINISHED"}
+
+
+def render(path: Path) -> np.ndarray:
+    """(H, W, 3) in 0..255, row 0 at the top, of the current frame."""
+    import cv2
+
+    assert bpy.ops.seeing_wind.render_composite(filepath=str(path), still=True) == {"FINISHED"}
+    return cv2.imread(str(path))[:, :, ::-1].astype(int)
+
+
+def red_cube(scene) -> None:
+    """A glowing cube in the lower left of the picture."""
+    bpy.ops.mesh.primitive_cube_add(size=0.2, location=(-0.5, 0.0, -0.3))
+    material = bpy.data.materials.new("Red")
+    material.use_nodes = True
+    surface = material.node_tree.nodes["Principled BSDF"].inputs
+    surface["Base Color"].default_value = (0.0, 0.0, 0.0, 1.0)
+    surface["Emission Color"].default_value, surface["Emission Strength"].default_value = (1.0, 0.0, 0.0, 1.0), 1.0
+    bpy.context.object.data.materials.append(material)
+
+
+def test_the_edit_is_rendered_over_the_clip(scene, tmp_path):
+    red_cube(scene)
+    scene.frame_set(4)
+    said = composite.set_up(scene, samples=1)
+    assert said.behind == "clip" and said.light
+    picture = render(tmp_path / "over.png")
+    assert picture.shape == (64, 96, 3)
+    # picture 3 of the clip: grey 60, a square of 230 from column 26 to 50
+    assert np.abs(picture[4:16, 60:90] - 60).max() < 12
+    assert np.abs(picture[28:36, 32:44] - 230).max() < 14
+    cube = picture[44:56, 12:24].reshape(-1, 3).mean(0)
+    assert cube[0] > 150 and cube[0] > cube[1] + 80
+    # another frame shows another picture of the clip
+    scene.frame_set(12)
+    assert np.abs(render(tmp_path / "later.png")[28:36, 30:38] - 60).max() < 12
+
+
+def test_the_clips_object_simulated_anew_is_shown_over_the_clean_plate(scene, tmp_path):
+    bpy.ops.seeing_wind.insert_mesh(recovered=True)
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.seeing_wind.bake()
+    assert bpy.ops.seeing_wind.set_up_composite(samples=1) == {"FINISHED"}
+    assert scene.seeing_wind.recovered_object.hide_render
+    scene.frame_set(1)
+    picture = render(tmp_path / "plate.png")
+    assert np.abs(picture[2:8, 80:94] - [20, 120, 40]).max() < 4
+    # asked for the clip instead, the object is in it and the mesh only hides what is behind
+    assert bpy.ops.seeing_wind.set_up_composite(samples=1, behind="CLIP") == {"FINISHED"}
+    assert scene.seeing_wind.recovered_object.is_holdout
+    assert np.abs(render(tmp_path / "clip.png")[2:8, 80:94] - 60).max() < 12
+
+
+def test_set_up_again_makes_nothing_twice(scene):
+    red_cube(scene)
+    bpy.ops.seeing_wind.insert_mesh(object="Cube")
+    for _ in range(2):
+        assert bpy.ops.seeing_wind.set_up_composite(floor=True) == {"FINISHED"}
+        scene.objects[composite.FLOOR].location.z = -3.0
+    assert len([obj for obj in scene.objects if obj.type == "LIGHT"]) == 1
+    assert [obj.name for obj in scene.objects if obj.type == "MESH" and obj.is_shadow_catcher] == [composite.FLOOR]
+    assert scene.objects[composite.FLOOR].location.z == -3.0
+    tree = getattr(scene, "compositing_node_group", None) or scene.node_tree
+    assert len([node for node in tree.nodes if node.get("seeing_wind")]) == 4
+
+
+def test_without_a_clip_it_is_refused(scene):
+    scene.active_clip = None
+    with pytest.raises(RuntimeError, match="no camera with a clip"):
+        bpy.ops.seeing_wind.set_up_composite()
+
+
+def test_calibrate_takes_the_active_object_and_reports(scene):
+    bpy.ops.mesh.primitive_grid_add(size=0.5)
+    obj = bpy.context.object
+    with pytest.raises(RuntimeError, match="no physics"):
+        bpy.ops.seeing_wind.calibrate()
+    cloth = obj.modifiers.new("Cloth", "CLOTH")
+    assert bpy.ops.seeing_wind.calibrate(density=200.0) == {"FINISHED"}
+    weight = cloth.settings.effector_weights.wind
+    assert bpy.ops.seeing_wind.calibrate(object=obj.name) == {"FINISHED"}
+    # the recovered density is 700: a heavier sheet feels less
+    assert cloth.settings.effector_weights.wind / weight == pytest.approx(200.0 / 700.0, rel=1e-5)
+    with pytest.raises(RuntimeError, match="no object 'Nobody'"):
+        bpy.ops.seeing_wind.calibrate(object="Nobody")
+    scene.seeing_wind.field_object = None
+    with pytest.raises(RuntimeError, match="no recovered field"):
+        bpy.ops.seeing_wind.calibrate(object=obj.name)
+
+
+def test_the_field_goes_into_vdb_files_where_blender_can(scene, tmp_path):
+    if not field_vdb.available():
+        with pytest.raises(RuntimeError, match="no OpenVDB"):
+            bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "vdb"))
+        return
+    assert bpy.ops.seeing_wind.export_field(filepath=str(tmp_path / "vdb")) == {"FINISHED"}
+    assert len(list((tmp_path / "vdb").glob("*.vdb"))) == 12
+
+
+def test_other_formats_are_the_engines(scene, tmp_path, capfd):
+    assert bpy.ops.seeing_wind.export_field(format="PLY", filepath=str(tmp_path / "ply")) == {"FINISHED"}
+
+
+def test_the_legend_names_the_peak_and_shows_its_colours_in_solid_view(scene):
+    legend = scene.objects["Recovered Wind Legend"]
+    texts = [node.inputs["String"].default_value for node in legend.modifiers[0].node_group.nodes if node.type == "STRING_TO_CURVES"]
+    assert f"{in_figures(scene.seeing_wind.arrows_object['seeing_wind_peak'])} N/m³" in texts and "0" in texts
+    mesh = legend.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    assert mesh.color_attributes.active_color_name == "wind_colour" and len(mesh.polygons) > 48
+
+
+def test_reloading_the_results_leaves_one_of_each(scene):
+    before = {obj.name for obj in scene.objects}
+    assert bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
+    assert {obj.name for obj in scene.objects} == before
+    settings = scene.seeing_wind
+    assert samples_of(settings.field_object) is not None and settings.arrows_object.parent == settings.field_object
+
+
+@pytest.mark.skipif(bpy.app.version >= (5, 0, 0), reason="there the compositor cannot be switched off with nodes in it")
+def test_nodes_of_a_compositor_that_was_switched_off_stay(scene):
+    scene.use_nodes = True
+    scene.node_tree.nodes.new("CompositorNodeBlur").name = "Mine"
+    scene.use_nodes = False
+    composite.set_up(scene)
+    assert "Mine" in scene.node_tree.nodes and composite.is_set_up(scene)
+
+
+def test_a_picture_that_cannot_be_written_is_told(scene, tmp_path):
+    (tmp_path / "x.png").mkdir()
+    with pytest.raises(RuntimeError, match="could not render") as raised:
+        bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "x.png"), still=True)
+    assert "Traceback" not in str(raised.value)

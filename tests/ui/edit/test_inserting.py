@@ -1,0 +1,90 @@
+"""Which meshes become bodies, and as what they are simulated: hidden ones, scaled to nothing, the results' own objects, awkward names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from seeing_wind.ui.job import operator as job_operator
+from tests.ui.job.test_modal import Window, resimulating, step_until_over
+from tests.ui.jobs import cube, recover
+
+pytestmark = pytest.mark.usefixtures("stand_in")
+
+
+def exported(scene, name: str) -> np.ndarray:
+    """Vertices (V, 3) [m] as the engine got them."""
+    return np.load(Path(scene.seeing_wind.simulated_take) / "meshes" / f"{name}.npz")["vertices"]
+
+
+@pytest.mark.parametrize("how", ["shown", "eye", "viewport", "excluded", "collection", "layer"])
+def test_a_hidden_object_is_simulated_as_it_would_be_shown(workplace, scene, how) -> None:
+    recover(workplace)
+    obj, collection = cube("Aside", scene), bpy.data.collections.new("Stage")
+    scene.collection.children.link(collection)
+    collection.objects.link(obj)
+    scene.collection.objects.unlink(obj)
+    obj.modifiers.new("Thick", "SOLIDIFY")
+    obj.location.x = 5.0
+    layer = bpy.context.view_layer.layer_collection.children["Stage"]
+    hide = {
+        "shown": lambda: None, "eye": lambda: obj.hide_set(True), "viewport": lambda: setattr(obj, "hide_viewport", True),
+        "excluded": lambda: setattr(layer, "exclude", True), "collection": lambda: setattr(collection, "hide_viewport", True),
+        "layer": lambda: setattr(layer, "hide_viewport", True),
+    }  # fmt: skip
+    hide[how]()
+    objects = len(bpy.data.objects)
+    bpy.ops.seeing_wind.insert_mesh(object="Aside")
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+    vertices = exported(scene, "Aside")
+    assert len(vertices) == 16 and vertices[:, 0].min() > 4.8 and len(bpy.data.objects) == objects
+
+
+@pytest.mark.parametrize("scale", [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1e-30, 1.0, 1.0)])
+def test_a_scale_of_nothing_is_refused(workplace, scene, scale) -> None:
+    recover(workplace)
+    cube("Flat", scene).scale = scale
+    bpy.ops.seeing_wind.insert_mesh(object="Flat")
+    with pytest.raises(RuntimeError, match="Flat has a scale of 0"):
+        bpy.ops.seeing_wind.resimulate()
+
+
+def test_everything_selected_inserts_what_can_move(workplace, scene) -> None:
+    recover(workplace)
+    cube("One", scene)
+    bpy.ops.object.select_all(action="SELECT")
+    assert bpy.ops.seeing_wind.insert_mesh() == {"FINISHED"}
+    settings = scene.seeing_wind
+    assert sorted((body.name, body.is_recovered) for body in settings.bodies) == [("One", False), ("Recovered Object", True)]
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+    settings.bodies.clear()
+    bpy.ops.seeing_wind.insert_collider()
+    assert {each.name for each in settings.colliders} == {"One", "Recovered Object"}
+
+
+def test_any_name_can_be_simulated(workplace, scene) -> None:
+    recover(workplace)
+    names = ["ж" * 31, "../..\\x:?*", " . ", "a", "A", "長" * 60]
+    for name in names:
+        cube(name, scene)
+        bpy.ops.seeing_wind.insert_mesh(object=bpy.context.object.name)
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} == bpy.ops.seeing_wind.bake()
+    results = {body.result.lower() for body in scene.seeing_wind.bodies}
+    assert len(results) == len(names) and all(len(result.encode()) < 220 for result in results)
+
+
+def test_a_body_deleted_during_the_run_does_not_take_the_recovered_object_s_result(workplace, scene, monkeypatch) -> None:
+    recover(workplace)
+    cube("Gone", scene)
+    bpy.ops.seeing_wind.insert_mesh(object="Gone")
+    bpy.ops.seeing_wind.insert_mesh(recovered=True)
+    monkeypatch.setattr(job_operator, "blocks", lambda context: False)
+    operator, window = resimulating(scene), Window(scene)
+    assert operator.execute(window) == {"RUNNING_MODAL"}
+    bpy.data.objects.remove(bpy.data.objects["Gone"])
+    assert step_until_over(operator, window) == {"FINISHED"}
+    assert [body.result for body in scene.seeing_wind.bodies] == ["", "Recovered Object"]
+    assert bpy.ops.seeing_wind.bake() == {"FINISHED"}
