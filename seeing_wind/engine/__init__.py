@@ -1,3 +1,12 @@
-"""The engine: from a clip to a force field to a re-simulation. Importing this package imports nothing heavy."""
+"""The engine: from a clip to a force field to a re-simulation. Importing this package imports nothing heavy.
+
+    stages.py   observe -> build -> recover -> resimulate, each kept in the take     command/  the command line
+    observe/    from a clip to an observation, and to a body of particles
+    recovery/   from observed motion to the force that made it, and on to other bodies     paper/  the paper's own way
+    field/      force fields                    mpm/    the solver and its derivatives     look/   pictures
+
+The ground floor, which Blender's process may import too: conventions.py (units, axes), errors.py, progress.py, settings.py,
+records.py (what stages hand on), materials.py, take.py (the folder of a clip), sequences.py (clips that are many files).
+"""
 
 __version__ = "0.1.0"

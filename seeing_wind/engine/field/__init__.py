@@ -1,10 +1,9 @@
 """Force fields f(x, t) [N/m³].
 
-    force_field.py   what every field can do           triplane.py   the paper's causal tri-plane
-    planes.py, neural.py  what learned ones share      kplanes.py, point.py  for comparison
-    analytic.py      known fields                      distillation.py  a recovery's forces as a field
-    confidence.py    how well a value is known         sampling.py   values at points, and export
-    storage.py       fields from files                 torch_threads.py  torch on one thread
+    force_field.py   what every field can do         representations/  the causal tri-plane and others
+    analytic.py      known fields                    distillation.py   a recovery's forces as a field
+    confidence.py    how well a value is known       sampling.py       values at points, and export
+    storage.py       fields from files               torch_threads.py  torch on one thread
 """
 
 from .analytic import ForceFieldAnalytic, GustField, UniformField

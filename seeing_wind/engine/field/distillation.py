@@ -21,12 +21,12 @@ from ..progress import NoProgress, Progress
 from ..records import Particles, Recovery
 from .confidence import confidence_map
 from .force_field import ForceField
-from .kplanes import ForceFieldKPlanes, KPlanes
-from .neural import NeuralModule
-from .planes import Stencil
-from .point import ForceFieldPoint
+from .representations.kplanes import ForceFieldKPlanes, KPlanes
+from .representations.neural import NeuralModule
+from .representations.planes import Stencil
+from .representations.point import ForceFieldPoint
+from .representations.triplane import CausalTriPlane, ForceFieldTriPlane
 from .torch_threads import one_torch_thread
-from .triplane import CausalTriPlane, ForceFieldTriPlane
 
 ITERATIONS = 800
 """Adam iterations for clips up to two seconds; longer clips get more, see `_iterations`."""

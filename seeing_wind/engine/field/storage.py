@@ -12,9 +12,9 @@ from safetensors import SafetensorError, safe_open
 from ..errors import TakeError, UsageError
 from .analytic import ForceFieldAnalytic
 from .force_field import UNITS, VERSION, ForceField
-from .kplanes import ForceFieldKPlanes
-from .point import ForceFieldPoint
-from .triplane import ForceFieldTriPlane
+from .representations.kplanes import ForceFieldKPlanes
+from .representations.point import ForceFieldPoint
+from .representations.triplane import ForceFieldTriPlane
 
 REPRESENTATIONS: dict[str, type[ForceField]] = {
     cls.representation: cls for cls in (ForceFieldTriPlane, ForceFieldKPlanes, ForceFieldPoint, ForceFieldAnalytic)

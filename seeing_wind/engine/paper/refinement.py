@@ -18,7 +18,7 @@ import torch
 
 from ..errors import SimulationError
 from ..field.force_field import ForceField
-from ..field.neural import ForceFieldNeural, NeuralModule
+from ..field.representations.neural import ForceFieldNeural, NeuralModule
 from ..mpm.autograd import simulate
 from ..mpm.model import Model
 from ..mpm.model_for import model_for

@@ -101,7 +101,7 @@ def test_it_can_be_cancelled_and_reports(tumbling):
 def test_every_frames_code_starts_from_its_predecessor():
     import torch
 
-    from seeing_wind.engine.field.triplane import CausalTimeEncoder
+    from seeing_wind.engine.field.representations.triplane import CausalTimeEncoder
 
     torch.manual_seed(0)
     encoder = CausalTimeEncoder(FRAMES, 8)

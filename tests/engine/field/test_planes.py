@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 import torch
 
-from seeing_wind.engine.field.planes import Planes, decoder, spline_weights
-from seeing_wind.engine.field.triplane import CausalTriPlane
+from seeing_wind.engine.field.representations.planes import Planes, decoder, spline_weights
+from seeing_wind.engine.field.representations.triplane import CausalTriPlane
 
 
 @pytest.mark.parametrize("degree", [1, 2])

@@ -7,8 +7,8 @@ from typing import Self
 import numpy as np
 from scipy.spatial import cKDTree
 
-from .confidence import ConfidenceMap
-from .force_field import ForceField
+from ..confidence import ConfidenceMap
+from ..force_field import ForceField
 
 
 class ForceFieldPoint(ForceField):

@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from torch import nn
 
-from .confidence import ConfidenceMap
-from .force_field import ForceField
+from ..confidence import ConfidenceMap
+from ..force_field import ForceField
 from .planes import Stencil
 
 
