@@ -27,8 +27,8 @@ class Products:
         self._progress = progress
         self.record: dict[str, Any] = {"level": level, "seconds": {}, "missing": {}}
 
-    def make(self, name: str, work: Callable[[], T]) -> T | None:
-        """What `work` returns; None where it fails, which is told in a warning.
+    def make(self, name: str, work: Callable[[], T], *, timed: bool = True) -> T | None:
+        """What `work` returns; None where it fails, which is told in a warning. Not `timed`: its seconds are not kept.
 
         Raises:
             Cancelled: as `work` does.
@@ -46,7 +46,8 @@ class Products:
             traceback.print_exc()
             self._miss(name, f"Unexpected {type(error).__name__}: {error}. The log has the details.")
             return None
-        self.record["seconds"][name] = round(self.record["seconds"].get(name, 0.0) + time.perf_counter() - started, 3)
+        if timed:
+            self.record["seconds"][name] = round(time.perf_counter() - started, 3)
         return result
 
     def _miss(self, name: str, why: str) -> None:

@@ -75,7 +75,7 @@ def write_report(
             alike = products.make("likeness", lambda: likeness(footage, body, recovery, measured, progress))
         if alike is not None:
             figures["resimulated"] = alike
-    products.make("report.json", lambda: take.write_json("report.json", figures))
+    products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)
     return figures
 
 
@@ -98,7 +98,7 @@ def write_trajectory_report(
     figures["report"] = products.record
     if level != "none":
         _first(take, products, figures, recovery, particles, field.fps, confidence, None)
-        products.make("report.json", lambda: take.write_json("report.json", figures))
+        products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)
     return figures
 
 
@@ -119,7 +119,7 @@ def _first(
             draw_report(path, figures, recovery, particles, fps, confidence, observation)
 
     products.make("report.png", page)
-    products.make("report.json", lambda: take.write_json("report.json", figures))
+    products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)
 
 
 def _write_look(take: Take, footage: Footage, body: Body, recovery: Recovery, progress: Progress) -> Body:
