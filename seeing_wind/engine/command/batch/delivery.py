@@ -41,7 +41,8 @@ def _check_shippable(job: Job) -> None:
     for name in (row.get(key) for row in rows for key in EDIT_FILES):
         if isinstance(name, str) and Path(name).is_absolute():
             raise UsageError(
-                f"{job.edit} names {name}, which a node does not have.", "Name it relative to the edit, or use a shared folder and --shared."
+                f"{job.edit} names {name}, which a node does not have.",
+                "Name it relative to the edit, or use a shared folder and --shared.",
             )
 
 

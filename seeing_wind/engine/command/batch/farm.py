@@ -54,6 +54,7 @@ class Farm:
         self.shared, self.attempts = shared, attempts
         self.flights: list[Flight] = []
         self.waiting: list[Job] = []
+        self._line = ""
 
     def run(self) -> None:
         """Do all jobs that are not done, and write the summary whenever one ends.
@@ -155,7 +156,7 @@ class Farm:
         self.summary.end(flight.job, outcome, time.monotonic() - flight.started, message)
 
     def _tell(self) -> None:
-        """One line for all jobs. A safe point."""
+        """One line for all jobs, when it has changed. A safe point."""
         ended, total = len(self.summary.outcomes), len(self.summary.jobs)
         failed = self.summary.count("failed")
         at_work = [f"{flight.job.name} {flight.stage} {100 * flight.fraction:.0f} %" for flight in self.flights if flight.node]
@@ -163,7 +164,11 @@ class Farm:
         parts = [f"{ended - failed} of {total} done"] + [f"{failed} failed"] * bool(failed) + at_work[:SHOWN] + more
         queued = len(self.waiting) + sum(not flight.node for flight in self.flights)
         parts += [f"{queued} wait"] * bool(queued)
-        self.progress.update((ended + sum(flight.fraction for flight in self.flights)) / total, ", ".join(parts))
+        line = ", ".join(parts)
+        self.progress.check()
+        if line != self._line:
+            self._line = line
+            self.progress.update((ended + sum(flight.fraction for flight in self.flights)) / total, line)
 
     def _stop_all(self) -> None:
         """Cancel what runs, wait until it has stopped at a safe point, and note it; the rest is left."""

@@ -62,8 +62,9 @@ def carry_out(order: Order, files: Mapping[str, bytes]) -> Generator[Message, No
     """
     yield {"type": "started", "host": socket.gethostname()}
     root = Path(tempfile.mkdtemp(prefix="seeing_wind_job_"))
+    away = {} if order.shared else {path: str(_below(root, path)) for path in {*order.paths, *order.takes, *files}}
+    home = dict(sorted(((there, here) for here, there in away.items()), key=lambda pair: -len(pair[0])))
     try:
-        away = {} if order.shared else {path: str(_below(root, path)) for path in {*order.paths, *order.takes, *files}}
         for path, content in files.items():
             place = Path(away[path])
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -74,14 +75,13 @@ def carry_out(order: Order, files: Mapping[str, bytes]) -> Generator[Message, No
             words = [away.get(word, word) if word in order.paths else word for word in call]
             yield from _sparse(messages_of(words, order.threads))
         if not order.shared:
-            home = dict(sorted(((there, here) for here, there in away.items()), key=lambda pair: -len(pair[0])))
             for take in order.takes:
                 yield from _files(take, Path(away[take]), home)
         yield {"type": "delivered"}
     except EngineDied as error:
-        yield {"type": "died", "message": str(error)}
+        yield {"type": "died", "message": _at_home(str(error), home)}
     except SeeingWindError as error:
-        yield {"type": "failed", "message": str(error)}
+        yield {"type": "failed", "message": _at_home(str(error), home)}
     finally:
         shutil.rmtree(root, ignore_errors=True)
 
@@ -114,15 +114,19 @@ def _sparse(batches: Iterable[list[Message]]) -> Generator[Message, None, None]:
                 yield message
 
 
+def _at_home(text: str, home: Mapping[str, str]) -> str:
+    """A text with the asker's paths in place of this node's, plain or as JSON and TOML write them."""
+    for there, here in home.items():
+        text = text.replace(there, here).replace(json.dumps(there)[1:-1], json.dumps(here)[1:-1])
+    return text
+
+
 def _files(take: str, folder: Path, home: Mapping[str, str]) -> Generator[Message, None, None]:
     """All files of a take, its own paths the asker's again."""
     for path in sorted(folder.rglob("*")):
         if path.is_file():
             if path.suffix in TEXTS:
-                text = path.read_text(encoding="utf-8")
-                for there, here in home.items():
-                    text = text.replace(json.dumps(there)[1:-1], json.dumps(here)[1:-1])
-                path.write_text(text, encoding="utf-8")
+                path.write_text(_at_home(path.read_text(encoding="utf-8"), home), encoding="utf-8")
             elif path.suffix == ".npz":
                 _rename_in(folder, path.relative_to(folder).as_posix(), home)
             yield {"type": "file", "take": take, "name": path.relative_to(folder).as_posix(), "content": path.read_bytes()}
@@ -135,9 +139,7 @@ def _rename_in(folder: Path, name: str, home: Mapping[str, str]) -> None:
     changed = False
     for key, array in arrays.items():
         if array.dtype.kind == "U" and array.ndim == 0:
-            text = str(array)
-            for there, here in home.items():
-                text = text.replace(json.dumps(there)[1:-1], json.dumps(here)[1:-1])
+            text = _at_home(str(array), home)
             changed = changed or text != str(array)
             arrays[key] = np.array(text)
     if changed:
