@@ -104,7 +104,8 @@ def differences(reference: Path, take: Path) -> list[str]:
         ours, theirs = reference / name, take / name
         if name.endswith(".npz"):
             with np.load(ours) as a, np.load(theirs) as b:
-                wrong += [f"{name} {key}" for key in {*a.files} | {*b.files} if key not in a or key not in b or not np.array_equal(a[key], b[key])]
+                keys = {*a.files} | {*b.files}
+                wrong += [f"{name} {key}" for key in sorted(keys) if key not in a or key not in b or not np.array_equal(a[key], b[key])]
         elif name.endswith(".json"):
             a, b = json.loads(ours.read_text()), json.loads(theirs.read_text())
             wrong += [f"{name} {key}" for key in a.keys() | b.keys() if key != "seconds" and a.get(key) != b.get(key)]
