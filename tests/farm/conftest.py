@@ -24,7 +24,7 @@ def batch_of_eight(tmp_path: Path) -> Path:
         tables.append(f'[[job]]\nname = "body {k}"\ntrajectories = "t{k}.npz"\ntake = "body{k}.take"\n{QUICK}\n')
     clip(tmp_path / "square.avi")
     (tmp_path / "edit.toml").write_text('[[body]]\nname = "square"\nmesh = "recovered"\nmass_scale = 2.0\n')
-    options = 'box = [12, 10, 32, 30], distance = 2.0, material = "leaf", particles = 60, iterations = 1'
+    options = 'box = [19, 13, 53, 47], distance = 2.0, material = "leaf", particles = 60, iterations = 1'
     for name, more in (("square", ""), ("edited square", 'edit = "edit.toml"\n')):
         take = name.replace(" ", "_")
         tables.append(f'[[job]]\nname = "{name}"\nclip = "square.avi"\ntake = "{take}.take"\nrecover = {{ {options} }}\n{more}')

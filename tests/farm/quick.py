@@ -23,13 +23,14 @@ def trajectories(path: Path, push: float, frames: int = 6) -> None:
 
 
 def clip(path: Path) -> None:
-    """A bright square that drifts over a plain background, 64x48 pixels."""
+    """A speckled square that drifts over a plain background, 96x64 pixels."""
     import cv2
 
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (96, 64))
+    speckles = cv2.resize(np.random.default_rng(1).integers(0, 255, (8, 8, 3), np.uint8), (32, 32), interpolation=cv2.INTER_CUBIC)
     for t in range(5):
-        picture = np.full((48, 64, 3), 90, np.uint8)
-        picture[10 + t : 30 + t, 12:32] = 220
+        picture = np.full((64, 96, 3), 90, np.uint8)
+        picture[14 + t : 46 + t, 20 + t : 52 + t] = speckles
         writer.write(picture)
     writer.release()
 

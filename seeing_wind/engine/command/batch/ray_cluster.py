@@ -15,6 +15,7 @@ from .needs import Needs
 from .node import Order, edition
 from .process import Message
 
+NODE = f"{__package__}.node"
 PROBE_SECONDS = 120.0
 """For a node to start a Python and say which engine it has."""
 
@@ -172,33 +173,41 @@ class Cluster:
         self._ray.cancel(running.generator, force=force)
 
 
-# What follows is sent by its code, not by its name: it must run, and say so, on a node that has no engine or another one.
+# What follows is sent by its code, not by its name: it must run, and say so, on a node that has no engine or another one. So each of the
+# inner functions imports by name all that it uses.
 
 
 def _probe() -> Callable[[], str]:
+    name = NODE
+
     def say_edition() -> str:
+        import importlib
+
         try:
-            from seeing_wind.engine.command.batch.node import edition
+            return str(importlib.import_module(name).edition())
         except ImportError as error:
             return f"lacks the engine ({error})"
-        return edition()
 
     return say_edition
 
 
 def _task() -> Callable[..., Generator[dict[str, Any], None, None]]:
+    name = NODE
+
     def work(order: Any, paths: list[str], contents: list[Any], wanted: str) -> Generator[dict[str, Any], None, None]:
+        import importlib
+
         import ray
 
         try:
-            from seeing_wind.engine.command.batch.node import carry_out, edition
+            node = importlib.import_module(name)
         except ImportError as error:
             yield {"type": "failed", "message": f"The node {ray.util.get_node_ip_address()} lacks the engine: {error}."}
             return
-        if edition() != wanted:
-            yield {"type": "failed", "message": f"The node {ray.util.get_node_ip_address()} has the engine {edition()}, not {wanted}."}
+        if node.edition() != wanted:
+            yield {"type": "failed", "message": f"The node {ray.util.get_node_ip_address()} has the engine {node.edition()}, not {wanted}."}
             return
         yield {"type": "placed", "node": ray.get_runtime_context().get_node_id()}
-        yield from carry_out(order, dict(zip(paths, ray.get(contents), strict=True)))
+        yield from node.carry_out(order, dict(zip(paths, ray.get(contents), strict=True)))
 
     return work
