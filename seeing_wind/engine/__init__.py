@@ -6,7 +6,8 @@
     field/      force fields                    mpm/    the solver and its derivatives     look/   pictures
 
 The ground floor, which Blender's process may import too: conventions.py (units, axes), errors.py, progress.py, settings.py,
-records.py (what stages hand on), materials.py, take.py (the folder of a clip), sequences.py (clips that are many files).
+records.py (what stages hand on), materials.py, take.py (the folder of a clip), sequences.py (clips that are many
+files), masks.py (a clip's masks, packed).
 """
 
 __version__ = "0.1.0"

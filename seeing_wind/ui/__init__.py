@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import at_exit, commands, freshness, scene_properties
+from . import at_exit, batch, commands, freshness, scene_properties
 from .bake import operators as bake_operators
 from .bake import panel as bake_panel
 from .clip import operators as clip_operators
@@ -99,6 +99,6 @@ def _at_exit() -> None:
         unregister()
 
 
-commands.switch_on = register
+batch.switch_on = register
 at_exit.actions.append(_at_exit)
 at_exit.let_go = bpy.app.module

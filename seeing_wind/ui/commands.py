@@ -1,27 +1,27 @@
 """`blender --command seeing_wind VERB ...`: the worker's verbs and options, unchanged, with Blender's scene on top.
 
-`recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`; `batch JOBS.toml` does many of them, see `batch`. Exit
-codes are the worker's: 0 done, 1 failed, 2 wrong usage, 130 cancelled.
+`recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`; `batch JOBS.toml` does many of them, and `bake` makes a
+file of takes that are there, see `batch`. Exit codes are the worker's: 0 done, 1 failed, 2 wrong usage, 130 cancelled.
 """
 
 from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
 
 from ..engine.errors import SeeingWindError, UsageError
 from . import batch
-from .job import console, takes, worker
-from .job.install.choices import asked_model
+from .job import console
 from .job.install.environment import engine_python
 from .job.worker_command import command, environment
 
 NAME = "seeing_wind"
 VERBS = ("recover", "recover-trajectories", "sample", "resimulate", "export", "identify", "doctor")
+FILED = ("batch", "bake")
+"""Verbs that this side has of its own; functions of `batch`."""
 SAVES = ("recover", "recover-trajectories", "resimulate")
 
 USAGE = f"""usage: blender --command {NAME} VERB ...
@@ -29,7 +29,9 @@ USAGE = f"""usage: blender --command {NAME} VERB ...
 verbs: {", ".join(VERBS)}
 Each takes the options of `python -m seeing_wind.engine VERB`; see `blender --command {NAME} VERB --help`.
 {", ".join(SAVES)} also take --save FILE.blend.
-batch JOBS.toml [--again] does many clips and edits; what is done already is not done again."""
+batch JOBS.toml [--again] does many clips and edits; what is done already is not done again. With --ray ADDRESS it makes their takes on a
+Ray cluster, with --openjd FOLDER it writes a bundle for a farm; see docs/batch.md.
+bake TAKE [--edit-take DIR] [--clip CLIP] [--composite] --save FILE.blend makes a file of takes that are there."""
 
 
 def main(argv: list[str]) -> int:
@@ -39,51 +41,19 @@ def main(argv: list[str]) -> int:
         return 0 if argv else 2
     out = console.Console()
     try:
-        if argv[0] == "batch":
-            return _batch(argv[1:], out)
+        if argv[0] in FILED:
+            return getattr(batch, argv[0])(argv[1:], out)
         verb, options, save = _split(argv)
         python = engine_python()
         if "-h" in options or "--help" in options:
             return subprocess.run(command(python, verb, *options), env=environment(), check=False).returncode
-        code = _run(python, verb, options, out)
+        code = batch.run_verb(python, verb, options, out.show)
         if code == 0 and save:
             code = _save(python, verb, options, save, out)
         return code
     except SeeingWindError as error:
         out.show({"type": "error", "message": error.message, "hint": error.hint})
         return error.exit_code
-
-
-def _batch(options: list[str], out: console.Console) -> int:
-    """All jobs of a file.
-
-    Raises:
-        UsageError: for wrong options, or a file that is none.
-    """
-    words = [word for word in options if word != "--again"]
-    if len(words) != 1 or words[0].startswith("-"):
-        raise UsageError("batch takes one file of jobs.", f"blender --command {NAME} batch JOBS.toml [--again]")
-    python = engine_python()
-    return batch.run(Path(words[0]), lambda each: _job(python, each, out), lambda line: print(line, flush=True), "--again" in options)
-
-
-def _job(python: str, each: batch.Job, out: console.Console) -> int:
-    """One job of a batch; returns its exit code."""
-    code = _run(python, "recover", each.recover_options(), out) if each.clip is not None else 0
-    if code == 0 and each.edit is not None:
-        code = _run(python, "resimulate", each.resimulate_options(), out)
-    if code == 0 and (each.save is not None or each.render is not None):
-        code = _build(python, each.take, str(each.clip or ""), each.edit_take, out)
-    if code:
-        return code
-    if each.save is not None:
-        _save_file(str(each.save))
-    if each.render is not None:
-        from .composite import composite  # needs NumPy
-
-        composite.set_up(bpy.context.scene)
-        composite.render(bpy.context.scene, each.render)
-    return 0
 
 
 def _split(argv: list[str]) -> tuple[str, list[str], str]:
@@ -94,7 +64,7 @@ def _split(argv: list[str]) -> tuple[str, list[str], str]:
     """
     verb, options, save = argv[0], [], ""
     if verb not in VERBS:
-        raise UsageError(f"There is no verb '{verb}'.", f"Verbs: {', '.join(VERBS)}, batch.")
+        raise UsageError(f"There is no verb '{verb}'.", f"Verbs: {', '.join((*VERBS, *FILED))}.")
     rest = iter(argv[1:])
     for word in rest:
         if word == "--save" or word.startswith("--save="):
@@ -108,55 +78,16 @@ def _split(argv: list[str]) -> tuple[str, list[str], str]:
     return verb, options, save
 
 
-def _run(python: str, verb: str, options: list[str], out: console.Console) -> int:
-    """Run the worker in the user's own folder, so that relative paths mean what they say."""
-    call = command(python, verb, *options)
-    key = asked_model()[2] if any(option.startswith("--material-endpoint") for option in options) else ""
-    last = worker.wait(worker.run(call, cwd=os.getcwd(), env=environment(key) | {"PYTHONSAFEPATH": "1"}), out.show)
-    return last["code"] if last["code"] in (0, 1, 2) else worker.CANCELLED if last["outcome"] == "cancelled" else 1
-
-
 def _save(python: str, verb: str, options: list[str], save: str, out: console.Console) -> int:
     """A new file with the results: the field and the recovered object, and for a re-simulation its bodies with their motion."""
     take = Path(_value(options, "--take")).resolve()
     # The folder of the recovered field is the verb's own argument where --take names the re-simulation.
     source = Path(options[0]).resolve() if verb == "resimulate" else take
     clip = str(Path(options[0]).resolve()) if verb == "recover" else ""
-    code = _build(python, source, clip, take if verb == "resimulate" else None, out)
+    code = batch.build(python, source, clip, take if verb == "resimulate" else None, out.show)
     if code == 0:
-        _save_file(save)
+        batch.save_file(save)
     return code
-
-
-def _build(python: str, source: Path, clip: str, edit: Path | None, out: console.Console) -> int:
-    """An empty file with the results of a take, and of a re-simulation; returns the exit code."""
-    from .recover import results  # needs NumPy
-
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    scene = bpy.context.scene
-    if not hasattr(scene, "seeing_wind"):  # factory settings switch extensions off
-        switch_on()
-    settings = scene.seeing_wind
-    last = worker.wait(results.sampling(python, source, settings.field_resolution), out.show)
-    if last["outcome"] != "done":
-        return worker.CANCELLED if last["outcome"] == "cancelled" else 1
-    results.build(scene, source, clip)
-    takes.show(settings, source, "loaded")
-    if edit is not None:
-        settings.simulated_take, settings.simulated_digest = str(edit), "loaded"
-        results.import_bodies(scene, edit, settings.frame_start)
-    return 0
-
-
-def _save_file(save: str) -> None:
-    path = os.path.abspath(save)
-    try:
-        os.makedirs(os.path.dirname(path), exist_ok=True)
-        bpy.ops.wm.save_as_mainfile(filepath=path)
-    except (OSError, RuntimeError) as error:
-        said = error.strerror if isinstance(error, OSError) else worker.said_by(error)
-        raise SeeingWindError(f"{path} cannot be saved: {said}.", "Choose a folder that can be written.") from error
-    print(f"Saved {path}", flush=True)
 
 
 def _value(options: list[str], name: str) -> str:
@@ -168,9 +99,6 @@ def _value(options: list[str], name: str) -> str:
             return word.partition("=")[2]
     raise UsageError(f"{name} is missing.", f"See `blender --command {NAME} --help`.")
 
-
-switch_on: Callable[[], None]
-"""Registers the whole extension; the package sets it."""
 
 _handle: object | None = None
 

@@ -82,6 +82,8 @@ def resimulate(options: list[str]) -> None:
             pinned = np.load(edit_path.parent / body["pin"])
             vertices[:, pinned] = mesh["vertices"][pinned]
         out.write_arrays(f"bodies/{body['name']}.npz", {"vertices": vertices, "triangles": mesh["triangles"], "fps": np.array(FPS)})
+    out.write_json("resimulation.json", {"source": options[0]})
+    out.finish("resimulate", "0", {"source": options[0], "edit": str(edit_path)})
 
 
 def main() -> None:

@@ -9,8 +9,11 @@ import bpy
 import extension
 import pytest
 
-from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui import batch, commands
+from seeing_wind.engine.command.batch.jobs import read_jobs
+from seeing_wind.engine.command.batch.summary import Summary
+from seeing_wind.engine.take import Take
+from seeing_wind.ui import commands
+from seeing_wind.ui.composite import composite
 
 JOBS = """
 [[job]]
@@ -51,43 +54,6 @@ def test_a_job_runs_from_clip_to_file_and_is_not_done_twice(workplace, capsys):
     assert rows(workplace)[0]["outcome"] == "done"
 
 
-def test_a_failed_job_does_not_stop_the_others_and_is_tried_again(workplace, capsys):
-    (workplace / "jobs.toml").write_text(
-        '[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\n[[job]]\nname = "b"\nclip = "clip.mp4"\ntake = "b.take"\n'
-    )
-    codes = iter([1, 0, 0])
-    done = []
-
-    def do(job: batch.Job) -> int:
-        done.append(job.name)
-        job.take.mkdir(exist_ok=True)
-        (job.take / "field.safetensors").touch()
-        return next(codes)
-
-    assert batch.run(workplace / "jobs.toml", do, lambda line: None) == 1
-    assert [row["outcome"] for row in rows(workplace)] == ["failed", "done"]
-    assert batch.run(workplace / "jobs.toml", do, lambda line: None) == 0
-    assert done == ["a", "b", "a"] and [row["outcome"] for row in rows(workplace)] == ["done", "skipped"]
-
-
-def test_a_cancel_leaves_the_rest(workplace):
-    (workplace / "jobs.toml").write_text(
-        '[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\n[[job]]\nname = "b"\nclip = "clip.mp4"\ntake = "b.take"\n'
-    )
-    assert batch.run(workplace / "jobs.toml", lambda job: 130, lambda line: None) == 130
-    assert [row["outcome"] for row in rows(workplace)] == ["cancelled", "left"]
-
-
-def test_a_cancel_forgets_nothing_of_what_was_done_before(workplace):
-    text = '[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\n[[job]]\nname = "b"\nclip = "clip.mp4"\ntake = "b.take"\n'
-    (workplace / "jobs.toml").write_text(text)
-    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 0
-    (workplace / "jobs.toml").write_text(text.replace('"a.take"', '"c.take"'))
-    assert batch.run(workplace / "jobs.toml", lambda job: 130, lambda line: None) == 130
-    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 0
-    assert [row["outcome"] for row in rows(workplace)] == ["done", "skipped"]
-
-
 def test_a_job_that_breaks_does_not_stop_the_others(workplace, capsys):
     (workplace / "a file").write_text("no folder")
     (workplace / "jobs.toml").write_text(
@@ -100,29 +66,49 @@ def test_a_job_that_breaks_does_not_stop_the_others(workplace, capsys):
     assert [row["outcome"] for row in rows(workplace)] == ["failed", "done", "failed"]
     assert all("cannot be saved" in row["message"] for row in rows(workplace)[::2]) and (workplace / "b.blend").is_file()
     assert "1 of 3 jobs are done" in capsys.readouterr().out
-    # a defect in one of them too
-    order = iter([RuntimeError("defect"), 0, 0])
-
-    def do(job: batch.Job) -> int:
-        now = next(order)
-        if isinstance(now, Exception):
-            raise now
-        return now
-
-    assert batch.run(workplace / "jobs.toml", do, lambda line: None, again=True) == 1
-    assert [row["message"] for row in rows(workplace)] == ["RuntimeError: defect", "", ""]
 
 
-def test_a_mesh_of_an_edit_that_was_changed_is_simulated_again(workplace):
-    (workplace / "flag.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    (workplace / "edit.toml").write_text('[[body]]\nname = "flag"\nmesh = "flag.obj"\n[[collider]]\nname = "w"\nmesh = "wall.obj"\n')
-    job = batch.read_jobs(workplace / "jobs.toml")[0]
-    first = job.digest()
-    assert job.digest() == first
-    for name in ("flag.obj", "wall.obj"):
-        (workplace / name).write_text("v 0 0 0\nv 2 0 0\nv 0 1 0\nv 1 1 1\nf 1 2 3\n")
-        assert job.digest() != first
-        first = job.digest()
+def test_a_failed_job_says_what_the_engine_said(workplace, monkeypatch):
+    (workplace / "jobs.toml").write_text('[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\n')
+    monkeypatch.setenv("SEEING_WIND_FAKE", "error")
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 1
+    assert rows(workplace)[0]["message"].startswith("The box lies outside the picture of 480 x 270 pixels. Draw it")
+
+
+def test_a_take_of_another_edit_is_neither_taken_for_done_nor_written_over(workplace):
+    """Such as one that was re-simulated in the panel, which takes the same name."""
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 0
+    Take(workplace / "leaf.edit.take").finish("resimulate", "1", {"edit": str(workplace / "panel.toml")})
+    bodies = (workplace / "leaf.edit.take" / "bodies" / "leaf.npz").stat().st_mtime_ns
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 1
+    said = rows(workplace)[0]["message"]
+    assert "re-simulation of another edit" in said and "panel.toml" in said
+    assert (workplace / "leaf.edit.take" / "bodies" / "leaf.npz").stat().st_mtime_ns == bodies
+
+
+def test_takes_that_the_engine_made_are_not_made_again(workplace):
+    """The engine's batch, here or on a farm, leaves save and render for Blender's."""
+    jobs = workplace / "jobs.toml"
+    assert commands.main(["batch", str(jobs)]) == 0
+    (workplace / "out" / "leaf.blend").unlink()
+    (job,) = read_jobs(jobs)
+    Summary(jobs, [job], whole=False, again=True).end(job, "done", 1.0)
+    assert rows(workplace)[0]["message"] == "save and render are left for Blender" and rows(workplace)[0]["digest"] == ""
+    field = (workplace / "leaf.take" / "field.safetensors").stat().st_mtime_ns
+    assert commands.main(["batch", str(jobs)]) == 0
+    assert rows(workplace)[0]["outcome"] == "done" and (workplace / "out" / "leaf.blend").is_file()
+    assert (workplace / "leaf.take" / "field.safetensors").stat().st_mtime_ns == field
+
+
+def test_bake_makes_a_file_of_takes_that_are_there(workplace):
+    assert commands.main(["batch", str(workplace / "jobs.toml")]) == 0
+    out = workplace / "baked.blend"
+    takes = [str(workplace / "leaf.take"), "--edit-take", str(workplace / "leaf.edit.take"), "--clip", str(workplace / "clip.mp4")]
+    assert commands.main(["bake", *takes, "--composite", "--save", str(out)]) == 0
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    assert len(bpy.data.objects["leaf"].data.shape_keys.key_blocks) == 13 and composite.is_set_up(bpy.context.scene)
+    for wrong in ([], ["a.take"], ["a.take", "--save", "x.txt"], ["a.take", "--save", "x.blend", "--more"]):
+        assert commands.main(["bake", *wrong]) == 2
 
 
 def test_several_edits_of_one_clip(workplace):
@@ -132,42 +118,6 @@ def test_several_edits_of_one_clip(workplace):
     assert commands.main(["batch", str(workplace / "jobs.toml")]) == 0
     assert [row["outcome"] for row in rows(workplace)] == ["done", "done", "done"]
     assert all((workplace / f"{name}.take" / "bodies" / "leaf.npz").is_file() for name in ("one", "two"))
-
-
-def test_options_become_words(workplace):
-    job = batch.read_jobs(workplace / "jobs.toml")[0]
-    assert job.recover_options() == [
-        str(workplace / "clip.mp4"), "--take", str(workplace / "leaf.take"), "--box", "20", "20", "44", "44", "--distance", "2.0",
-    ]  # fmt: skip
-    assert job.edit_take == workplace / "leaf.edit.take"
-    (workplace / "jobs.toml").write_text(
-        '[[job]]\nclip = "clip.mp4"\ntake = "t"\nrecover = { no_gravity = true, mask = "m.png", seed = 4 }\n'
-    )
-    assert batch.read_jobs(workplace / "jobs.toml")[0].recover_options()[3:] == [
-        "--no-gravity", "--mask", str(workplace / "m.png"), "--seed", "4",
-    ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("", "no \\[\\[job\\]\\]"),
-        ("x = 3", "no \\[\\[job\\]\\]"),
-        ("[[job]", "no TOML"),
-        ('[[job]]\nclip = "clip.mp4"', "no take"),
-        ('[[job]]\ntake = "t"', "neither a clip nor"),
-        ('[[job]]\ntake = "t"\nclip = "none.mp4"', "no file"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ncolour = "red"', "unknown key colour"),
-        ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
-        ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', "job 1 and job 2 recover different"),
-        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a"\n[[job]]\ntake = "u"\nclip = "clip.mp4"\nsave = "a"', "both write"),
-    ],
-)
-def test_wrong_files_are_refused_before_anything_is_done(workplace, text, says):
-    (workplace / "jobs.toml").write_text(text)
-    with pytest.raises(UsageError, match=says):
-        batch.read_jobs(workplace / "jobs.toml")
 
 
 @pytest.mark.parametrize("argv", [["batch"], ["batch", "--again"], ["batch", "a.toml", "b.toml"], ["batch", "no.toml"]])

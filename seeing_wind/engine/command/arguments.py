@@ -124,6 +124,7 @@ def parser() -> Parser:
     identify.add_argument("--material-model", required=True, metavar="NAME")
     identify.add_argument("--detector-model", metavar="MODEL", help="finds each object by its name: Grounding DINO")
     identify.add_argument("--mask-model", metavar="MODEL", help="cuts each object out: SAM 2")
+    _batch(verbs.add_parser("batch", help="many clips and edits, here or on a farm", allow_abbrev=False))
     verbs.add_parser("doctor", help="what is installed, what works, what to do about the rest", allow_abbrev=False)
     return root
 
@@ -184,6 +185,16 @@ def _recover_trajectories(p: Parser) -> None:
     _gravity(p, "the file's, or none")
     _material(p, default=None)
     _solve(p)
+
+
+def _batch(p: Parser) -> None:
+    p.add_argument("jobs", type=path, metavar="JOBS.toml", help="see docs/batch.md; what is done already is not done again")
+    p.add_argument("--again", action="store_true", help="go through all jobs; finished stages of a take are still kept")
+    where = p.add_mutually_exclusive_group()
+    where.add_argument("--ray", metavar="ADDRESS", help="run on this Ray cluster, HOST:PORT of its head, or auto; needs the extra `farm`")
+    where.add_argument("--openjd", type=path, metavar="FOLDER", help="run nothing; write an Open Job Description bundle for a farm")
+    p.add_argument("--shared", action="store_true", help="with --ray: every node sees the files under the same paths; nothing is shipped")
+    p.add_argument("--attempts", type=whole(1, 100), metavar="N", help="with --ray: starts of one job at most, if its node dies; default 3")
 
 
 def _gravity(p: Parser, default: str = str(GRAVITY)) -> None:

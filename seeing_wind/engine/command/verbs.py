@@ -222,6 +222,13 @@ def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
     return {"outcome": "converged", "objects": write_objects(Take(arguments.take), found)}
 
 
+def batch(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`batch JOBS.toml`: see `batch.verb`."""
+    from .batch.verb import batch
+
+    return batch(arguments, progress)
+
+
 def doctor(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`doctor`: what works here. Fails when something required does not."""
     from .doctor import examine
@@ -243,6 +250,7 @@ VERBS: dict[str, Callable[[argparse.Namespace, Progress], Result]] = {
     "resimulate": resimulate,
     "export": export,
     "identify": identify,
+    "batch": batch,
     "doctor": doctor,
 }
 

@@ -50,7 +50,17 @@ def on_gpu() -> bool:
 
 
 def cores() -> int:
-    """Cores that this process may use; some systems cannot say and count the machine's. A container's share is rounded up."""
+    """Cores that this process may use; some systems cannot say and count the machine's. A container's share is rounded up.
+
+    SEEING_WIND_THREADS lowers it, where several engines share a machine: threads in excess of the cores wait for each other on the spot.
+    """
+    asked = os.environ.get("SEEING_WIND_THREADS", "")
+    if asked.isdecimal() and int(asked) > 0:
+        return min(_cores(), int(asked))
+    return _cores()
+
+
+def _cores() -> int:
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     share = _QUOTA.read_text().split() if _QUOTA.is_file() else []
     # Microseconds of processor time in each period of so many; more threads than that would be stopped while others wait for them.

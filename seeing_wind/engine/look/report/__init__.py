@@ -1,9 +1,11 @@
 """What the user looks at after a recovery.
 
-    report.py       report.json, and the order of the rest       figure.py   report.png
-    overlay.py      overlay.mp4 (arrows.py, dials.py, colours.py)
-    resimulated.py  resimulated.mp4, over a clean plate (backdrop.py)
-    video.py        writing MP4                                  accuracy.py errors against a known field
+    report.py       report.json, and the order of the rest       products.py  each product apart from the others
+    figure.py       report.png                                   footage.py   the clip once more, small
+    overlay.py      overlay.mp4                                  drawing.py   its arrows and instruments
+    resimulated.py  resimulated.mp4                              backdrop.py  its clean plate
+    colours.py      from weak to strong                          video.py     writing MP4
+    accuracy.py     errors against a known field
 """
 
 from .accuracy import field_errors, uniform_errors

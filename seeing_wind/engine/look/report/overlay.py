@@ -15,9 +15,8 @@ from ...field.sampling import sample_points
 from ...progress import NoProgress, Progress
 from ...records import Camera, Observation, Recovery
 from ...take import Take
-from .arrows import draw_arrow
 from .colours import force_colours, scale_top
-from .dials import Dials
+from .drawing import Dials, draw_arrow
 from .video import video_writer
 
 LONGER = 960

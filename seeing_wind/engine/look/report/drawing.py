@@ -1,16 +1,18 @@
-"""The instruments on the overlay: colour bar, net-force dial, frame and time."""
+"""What is drawn over a frame: arrows that stay legible on any ground, and the instruments: colour bar, net-force dial, frame and time."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from .arrows import draw_arrow
 from .colours import force_colours
 
+OUTLINE = (18, 20, 24)
+"""Dark, so that light arrows stand out on light pictures."""
 GROUND = (16, 18, 22, 158)
 """RGBA of the panels behind the instruments."""
 
@@ -102,3 +104,30 @@ class Dials:
         draw.text((left, 30 * u), "N/m³", (*INK, 255), self.bold, "lm")
         for part in (0.0, 0.25, 0.5, 0.75, 1.0):
             draw.text((left + wide + 8 * u, upper + (1 - part) * (high - 1)), f"{part * self.top:.5g}", (*INK, 255), self.small, "lm")
+
+
+def draw_arrow(canvas: np.ndarray, tail: np.ndarray, tip: np.ndarray, colour: tuple[float, ...], size: float) -> None:
+    """Draw an anti-aliased arrow with a dark outline into `canvas` (H, W, 3), from `tail` to `tip` (2,) [px]; `size` scales its width."""
+    span = tip - tail
+    length = float(np.linalg.norm(span))
+    if not np.isfinite(length) or length > 4 * max(canvas.shape):
+        return
+    if length < 2 * size:
+        centre = _fixed(tail[None])[0]
+        cv2.circle(canvas, (int(centre[0]), int(centre[1])), int(3.4 * size * 16), OUTLINE, -1, cv2.LINE_AA, 4)
+        cv2.circle(canvas, (int(centre[0]), int(centre[1])), int(2.2 * size * 16), colour, -1, cv2.LINE_AA, 4)
+        return
+    along = span / length
+    across = np.array([-along[1], along[0]])
+    head = min(11.0 * size, 0.62 * length)
+    half, wing = min(1.7 * size, 0.2 * head), 0.46 * head
+    neck = length - 0.88 * head
+    outline = [(0, -half), (neck, -half), (length - head, -wing), (length, 0), (length - head, wing), (neck, half), (0, half)]
+    corners = _fixed(np.array([tail + a * along + b * across for a, b in outline]))
+    cv2.polylines(canvas, [corners], True, OUTLINE, max(2, round(2.6 * size)), cv2.LINE_AA, 4)
+    cv2.fillPoly(canvas, [corners], colour, cv2.LINE_AA, 4)
+
+
+def _fixed(points: np.ndarray) -> np.ndarray:
+    """Pixels in OpenCV's fixed point with four fractional bits."""
+    return np.round(points * 16).astype(np.int32)

@@ -1,0 +1,101 @@
+"""What goes to a node and what comes back: a job's files by their content, its takes written aside and renamed when they are whole."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tomllib
+from pathlib import Path
+
+from ...errors import TakeError, UsageError
+from .jobs import EDIT_FILES, FILES, Job
+from .node import Order
+
+LEFT_HERE = {"report.png", "overlay.mp4"}
+"""Files of a take that a re-simulation does not read."""
+
+
+def order_of(job: Job, threads: int, shared: bool) -> Order:
+    """What a node has to do.
+
+    Raises:
+        UsageError: when the job names files in a way that cannot be shipped.
+    """
+    named = [job.take, job.edit_take, job.source, job.edit]
+    paths = [str(path) for path in named if path is not None] + [str(job.recover[key]) for key in sorted(FILES & job.recover.keys())]
+    if not shared:
+        _check_shippable(job)
+    return Order(job.calls(), [str(take) for take in job.takes()], paths, threads, shared)
+
+
+def _check_shippable(job: Job) -> None:
+    for option in sorted({"objects", "view"} & job.recover.keys()):
+        raise UsageError(f"The files of {option} in {job.name} cannot be shipped.", "Put the batch on a shared folder and add --shared.")
+    if job.edit is None:
+        return
+    try:
+        tables = tomllib.loads(job.edit.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return  # told by the engine
+    rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]
+    for name in (row.get(key) for row in rows for key in EDIT_FILES):
+        if isinstance(name, str) and Path(name).is_absolute():
+            raise UsageError(
+                f"{job.edit} names {name}, which a node does not have.",
+                "Name it relative to the edit, or use a shared folder and --shared.",
+            )
+
+
+def files_of(job: Job) -> list[Path]:
+    """All that a node needs: what the job reads, and what its takes hold already, so that finished stages are kept."""
+    files = [Path(os.path.abspath(path)) for path in job.reads()]
+    for take in (job.take, job.edit_take):
+        if take is not None and take.is_dir():
+            leave = LEFT_HERE if take not in job.takes() else set()
+            files += [path for path in sorted(take.rglob("*")) if path.is_file() and path.name not in leave]
+    return list(dict.fromkeys(files))
+
+
+class Incoming:
+    """The takes of one attempt at a job as they come in."""
+
+    def __init__(self, takes: list[str]) -> None:
+        self._places = {take: Path(take).with_name(f".{Path(take).name}.incoming") for take in takes}
+        self.discard()
+
+    def write(self, take: str, name: str, content: bytes) -> None:
+        """One file of a take.
+
+        Raises:
+            TakeError: when it cannot be written, or its name leads out of the take.
+        """
+        place = self._places[take]
+        path = place / name
+        if not path.resolve().is_relative_to(place.resolve()):
+            raise TakeError(f"A node sent a file named {name}.", "Nothing was written; see that node's engine.")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with open(path, "wb") as handle:
+                handle.write(content)
+                handle.flush()
+                os.fsync(handle.fileno())
+        except OSError as error:
+            raise TakeError(f"{path} cannot be written: {error.strerror or error}.", "Free some space, or mend the folder.") from error
+
+    def accept(self) -> None:
+        """Put the takes in their places. What was there is removed when the new one stands. Raises TakeError as `write` does."""
+        for take, place in self._places.items():
+            former = place.with_name(f".{Path(take).name}.former")
+            try:
+                shutil.rmtree(former, ignore_errors=True)
+                if Path(take).exists():
+                    os.replace(take, former)
+                os.replace(place, take)
+            except OSError as error:
+                raise TakeError(f"{take} cannot be replaced: {error.strerror or error}.", f"The new one is in {place}.") from error
+            shutil.rmtree(former, ignore_errors=True)
+
+    def discard(self) -> None:
+        """Remove what an attempt that failed has left."""
+        for place in self._places.values():
+            shutil.rmtree(place, ignore_errors=True)

@@ -1,0 +1,220 @@
+"""A batch's file: JOBS.toml.
+
+Every job is a TOML table; paths count from the file.
+
+    [[job]]
+    name = "leaf"
+    clip = "leaf.mp4"                       # recover this clip (or `trajectories = "leaf.npz"`) ...
+    take = "leaf.take"                      # ... into this folder (needed; without a clip it is there, or a job above makes it)
+    recover = { box = [20, 20, 44, 44], distance = 2.0, material = "leaf" }     # options of the verb, without their dashes
+    edit = "edit.toml"                      # then re-simulate this edit ...
+    edit_take = "leaf.edit.take"            # ... into this folder; by default beside the take
+    save = "leaf.blend"                     # and save a file with field, object and bodies
+    render = "leaf_edited.mp4"              # and render it over the clip
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import tomllib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ...errors import TakeError, UsageError
+
+KEYS = {"name", "clip", "trajectories", "take", "recover", "edit", "edit_take", "save", "render"}
+PATHS = KEYS - {"name", "recover"}
+SOURCES = ("clip", "trajectories")
+FILES = {"mask", "pin", "camera", "tracks", "depth", "objects"}
+"""Options of `recover` that are paths."""
+EDIT_FILES = ("mesh", "pin", "pin_weights", "free")
+"""Keys of an edit's bodies and colliders that are paths."""
+FIELD = "field.safetensors"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One table of the file, its paths absolute."""
+
+    name: str
+    take: Path
+    clip: Path | None = None
+    trajectories: Path | None = None
+    recover: dict[str, Any] = field(default_factory=dict)
+    edit: Path | None = None
+    edit_take: Path | None = None
+    save: Path | None = None
+    render: Path | None = None
+
+    @property
+    def source(self) -> Path | None:
+        """What is recovered; None where the take is there already or another job makes it."""
+        return self.clip or self.trajectories
+
+    @property
+    def needs_blender(self) -> bool:
+        """Whether it ends with something that only Blender makes."""
+        return self.save is not None or self.render is not None
+
+    def calls(self) -> list[list[str]]:
+        """The engine's verbs with their options, in order."""
+        calls = []
+        if self.source is not None:
+            verb = "recover" if self.clip is not None else "recover-trajectories"
+            calls.append([verb, str(self.source), "--take", str(self.take), *_words(self.recover)])
+        if self.edit is not None:
+            calls.append(["resimulate", str(self.take), "--edit", str(self.edit), "--take", str(self.edit_take)])
+        return calls
+
+    def takes(self) -> list[Path]:
+        """The folders that its verbs write."""
+        return [self.take] * (self.source is not None) + ([self.edit_take] if self.edit_take is not None else [])
+
+    def reads(self) -> list[Path]:
+        """The files that it reads, those that are there."""
+        found = [self.source, self.edit, *(Path(self.recover[key]) for key in FILES & self.recover.keys()), *named_in(self.edit)]
+        if self.clip is not None and _is_sequence(self.clip):
+            found += sorted((self.clip if self.clip.is_dir() else self.clip.parent).iterdir())
+        return [path for path in found if path is not None and path.is_file()]
+
+    def takes_made(self) -> bool:
+        """Whether its takes are there, and the re-simulation is that of its own edit."""
+        simulated = self.edit_take is None or (self.edit_take / "resimulation.json").is_file()
+        return simulated and (self.take / FIELD).is_file() and self._other_edit() is None
+
+    def files_made(self) -> bool:
+        """Whether what Blender makes of them is there."""
+        return all(path.exists() for path in (self.save, self.render) if path is not None)
+
+    def takes_digest(self) -> str:
+        """Of all that its takes are made from: what the file says, and the files that it names."""
+        reads = self.reads() + [self.take / FIELD] * (self.source is None)
+        marks = [(str(path), path.stat().st_mtime_ns, path.stat().st_size) for path in reads if path.is_file()]
+        said = dataclasses.replace(self, save=None, render=None)
+        return hashlib.sha256(json.dumps([repr(said), marks]).encode()).hexdigest()
+
+    def digest(self) -> str:
+        """Of all that the job says and reads."""
+        return hashlib.sha256(json.dumps([self.takes_digest(), str(self.save), str(self.render)]).encode()).hexdigest()
+
+    def check_edit_take(self) -> None:
+        """See that the folder of the re-simulation is not that of another edit, say one made in Blender's panel.
+
+        Raises:
+            TakeError: when it is, or cannot be read.
+        """
+        other = self._other_edit()
+        if other is not None and self.edit is not None:
+            raise TakeError(
+                f"{self.edit_take} holds the re-simulation of another edit, {other}.",
+                f'Give {self.name} an edit_take of its own, such as "{self.take.stem}.{self.edit.stem}.take", or remove that folder.',
+            )
+
+    def _other_edit(self) -> str | None:
+        from ...take import Take  # imports NumPy, which Blender shall not load at its start
+
+        if self.edit is None or self.edit_take is None:
+            return None
+        stages = Take(self.edit_take).description().get("stages", {})
+        of = stages.get("resimulate", {}).get("settings", {}).get("edit")
+        return None if of is None or Path(of).resolve() == self.edit.resolve() else str(of)
+
+
+def read_jobs(path: Path) -> list[Job]:
+    """The jobs of a file.
+
+    Raises:
+        UsageError: no such file, no TOML, no jobs, an unknown key, a missing file, two jobs of one name or with one result.
+    """
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UsageError(f"The jobs {path} cannot be read: {error.strerror}.", "Give the path of a TOML file.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"The jobs {path} are no TOML: {error}.", "Mend that line.") from error
+    tables = values.pop("job", [])
+    if values or not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
+        raise UsageError(f"{path} has no [[job]], or something beside them.", "See docs/batch.md for what belongs in it.")
+    jobs = [_job(table, number, path) for number, table in enumerate(tables, start=1)]
+    _check_together(jobs)
+    return jobs
+
+
+def _check_together(jobs: list[Job]) -> None:
+    """Raises UsageError for jobs that write over each other, or one that nothing gives a field."""
+    names = [job.name for job in jobs]
+    written: dict[Path, str] = {}
+    makers: dict[Path, Job] = {}
+    for job in jobs:
+        if names.count(job.name) > 1:
+            raise UsageError(f"Two jobs are named {job.name}.", "Give each a name of its own.")
+        if job.source is not None:
+            other = makers.setdefault(job.take, job)
+            if (other.source, other.recover) != (job.source, job.recover):
+                raise UsageError(f"{other.name} and {job.name} recover different things into {job.take}.", "Give one another take.")
+        elif job.take not in makers and not (job.take / FIELD).is_file():
+            raise UsageError(
+                f"{job.name} has neither a clip nor a take with a field.", 'Add clip = "...", or put it under the job that makes the take.'
+            )
+        for output in (job.edit_take, job.save, job.render):
+            if output is not None and written.setdefault(output, job.name) != job.name:
+                raise UsageError(f"{written[output]} and {job.name} both write {output}.", "Give one of them another path.")
+
+
+def _job(table: dict[str, Any], number: int, path: Path) -> Job:
+    unknown = sorted(set(table) - KEYS)
+    if unknown:
+        raise UsageError(f"Job {number} has the unknown key {unknown[0]}.", f"Known are {', '.join(sorted(KEYS))}.")
+    name = table.get("name", f"job {number}")
+    for key in sorted(set(table) - {"recover"}):
+        if not isinstance(table[key], str) or not table[key]:
+            raise UsageError(f"{key} of {name} is no text.", "Put it into quotation marks.")
+    options = table.get("recover", {})
+    if not isinstance(options, dict):
+        raise UsageError(f"recover of {name} is no table.", "Write it as { distance = 2.0 }.")
+    if "take" not in table:
+        raise UsageError(f"{name} has no take.", 'Say with take = "NAME.take" where the results go.')
+    if set(SOURCES) <= table.keys():
+        raise UsageError(f"{name} has a clip and trajectories.", "Leave one out, or make two jobs of it.")
+    home = path.resolve().parent
+    paths = {key: Path(os.path.abspath(home / os.path.expanduser(table[key]))) for key in PATHS & table.keys()}
+    for key in (*SOURCES, "edit"):
+        if key in paths and not paths[key].is_file() and not (key == "clip" and _is_sequence(paths[key])):
+            raise UsageError(f"{key} of {name}: there is no file {paths[key]}.", "Correct the path; it counts from the jobs' file.")
+    if "edit" in paths:
+        paths.setdefault("edit_take", paths["take"].with_name(f"{paths['take'].name.removesuffix('.take')}.edit.take"))
+    options = {key: os.path.abspath(home / value) if key in FILES and isinstance(value, str) else value for key, value in options.items()}
+    return Job(name=name, recover=options, **paths)
+
+
+def _words(options: dict[str, Any]) -> list[str]:
+    """A table of options as words of a command line."""
+    words = []
+    for key, value in options.items():
+        if value is False:
+            continue
+        words.append(f"--{key.replace('_', '-')}")
+        if value is not True:
+            words += [str(each) for each in (value if isinstance(value, list) else [value])]
+    return words
+
+
+def _is_sequence(clip: Path) -> bool:
+    """Whether it is a folder or a pattern of pictures; what is in it is the engine's to say."""
+    return clip.is_dir() or (clip.parent.is_dir() and ("*" in clip.name or "%" in clip.name))
+
+
+def named_in(edit: Path | None) -> list[Path]:
+    """Meshes and lists of vertices that an edit names; of an edit that cannot be read the engine speaks when its turn comes."""
+    if edit is None:
+        return []
+    try:
+        tables = tomllib.loads(edit.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]
+    return [edit.parent / row[key] for row in rows for key in EDIT_FILES if isinstance(row.get(key), str)]

@@ -1,0 +1,221 @@
+"""A batch as an Open Job Description (job template 2023-09): steps that a studio's farm runs in its own order on its own machines.
+
+Per job: recover -> re-simulate -> bake (a .blend, in Blender with this extension) -> render (a task per frame, in any Blender). Paths are
+written from the folder of the jobs' file, which is a parameter, so that a farm can map it to where its machines see it.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import ClipError, UsageError
+from ...progress import Progress
+from ...take import DAMAGED, Take
+from .jobs import Job
+from .needs import MIB, RENDER, TABLE, Needs
+from .node import edition
+from .process import ROOT
+
+TEMPLATE, PARAMETERS = "template.json", "parameters.json"
+"""The job, and its folders as the machine that wrote it sees them."""
+NAME_LENGTH = 64
+"""Characters of a step's name at most, by the specification."""
+FIRST_FRAME = 1
+"""Scene frame of picture 0 in a file that `bake` makes."""
+
+CHECK = """\
+import sys
+from seeing_wind.engine.command.batch.node import edition
+if edition() != sys.argv[1]:
+    print(f"openjd_fail: this machine has the engine {edition()}, the job was written by {sys.argv[1]}")
+    sys.exit(1)
+"""
+
+
+def write_bundle(jobs: list[Job], path: Path, folder: Path, progress: Progress) -> dict[str, Any]:
+    """Write template.json and parameters.json into `folder` for the jobs of the file `path`, those too that are done here: what is
+    repeated is the farm's to decide.
+
+    Returns:
+        Both paths, the steps' names and how many frames are rendered.
+
+    Raises:
+        UsageError: a name that is too long for a step, or braces that the template would read as its own.
+        ClipError: a clip to be rendered that cannot be read.
+    """
+    progress.begin("batch", "counts frames")
+    bundle = Bundle(path.resolve().parent)
+    for job in jobs:
+        progress.check()
+        bundle.add(job, next((other for other in jobs if other.take == job.take and other.source is not None), None))
+    template = bundle.template(f"Seeing Wind: {path.name}")
+    Take(folder).write_json(PARAMETERS, bundle.parameters())
+    Take(folder).write_json(TEMPLATE, template)
+    files = {"template": str(folder / TEMPLATE), "parameters": str(folder / PARAMETERS)}
+    return {**files, "steps": [step["name"] for step in bundle.steps], "frames": bundle.frames}
+
+
+class Bundle:
+    """The steps of a template as they come together.
+
+    Args:
+        home: the folder that paths are written from.
+    """
+
+    def __init__(self, home: Path) -> None:
+        self.folders = [home]
+        self.steps: list[dict[str, Any]] = []
+        self.frames = 0
+
+    def add(self, job: Job, maker: Job | None) -> None:
+        """The steps of one job; `maker` is the first job that recovers into its take, None where the take is there already."""
+        after: str | None = f"{maker.name}: recover" if maker is not None else None
+        for call in job.calls():
+            if call[0] == "resimulate":
+                after = self._step(f"{job.name}: re-simulate", TABLE[call[0]], self._engine(call), after, [_ENGINE])
+            elif maker is job:
+                self._step(f"{job.name}: recover", TABLE[call[0]], self._engine(call), None, [_ENGINE])
+        if not job.needs_blender:
+            return
+        scene = job.save or job.render.with_suffix(".blend")  # type: ignore[union-attr]
+        words = ["--command", "seeing_wind", "bake", self._path(job.take), "--save", self._path(scene)]
+        clip = maker.clip if maker is not None else None
+        words += ["--clip", self._path(clip)] if clip is not None else []
+        words += ["--edit-take", self._path(job.edit_take)] if job.edit_take is not None else []
+        words += ["--composite"] if job.render is not None else []
+        after = self._step(f"{job.name}: bake", RENDER, _action("{{Param.Blender}}", words), after, [_ENGINE, _EXTENSION])
+        if job.render is not None:
+            pictures = self._path(job.render.with_suffix(".frames"))
+            words = ["--background", self._path(scene), "--render-output", f"{pictures}/####", "--render-format", "PNG"]
+            words += ["--use-extension", "1", "--render-frame", "{{Task.Param.Frame}}"]
+            count = _pictures(job, maker)
+            self.frames += count
+            last = FIRST_FRAME + count - 1
+            space = {"taskParameterDefinitions": [{"name": "Frame", "type": "INT", "range": f"{FIRST_FRAME}-{last}"}]}
+            self._step(f"{job.name}: render", RENDER, _action("{{Param.Blender}}", words), after, [], space)
+
+    def template(self, name: str) -> dict[str, Any]:
+        """The whole job template."""
+        folders = [
+            {"name": name, "type": "PATH", "objectType": "DIRECTORY", "dataFlow": "INOUT"} for name in self.parameters() if name != "Engine"
+        ]
+        folders[0]["description"] = "Holds the jobs' file, its clips and its takes; the same for all machines."
+        return {
+            "specificationVersion": "jobtemplate-2023-09",
+            "name": name[:128],
+            "parameterDefinitions": [
+                *folders,
+                {"name": "Python", "type": "STRING", "default": sys.executable, "description": "Python with the engine's packages"},
+                {"name": "Engine", "type": "PATH", "objectType": "DIRECTORY", "dataFlow": "NONE",
+                 "description": "The folder that holds the package seeing_wind"},
+                {"name": "Edition", "type": "STRING", "default": edition(), "description": "The engine that all machines must have"},
+                {"name": "Blender", "type": "STRING", "default": "blender", "description": "For bake with the extension switched on"},
+            ],
+            "steps": self.steps,
+        }  # fmt: skip
+
+    def parameters(self) -> dict[str, str]:
+        """The folders as this machine sees them; a template may not have them as defaults."""
+        return {**{f"Folder{k or ''}": str(folder) for k, folder in enumerate(self.folders)}, "Engine": str(ROOT)}
+
+    def _step(
+        self, name: str, needs: Needs, script: dict[str, Any], after: str | None, environments: list[dict[str, Any]],
+        space: dict[str, Any] | None = None,
+    ) -> str:  # fmt: skip
+        if len(name) > NAME_LENGTH:
+            raise UsageError(f"'{name}' is too long for a step.", f"Shorten the job's name: {NAME_LENGTH} characters with the step's.")
+        _plain(name)
+        step: dict[str, Any] = {"name": name, "script": script}
+        if after is not None:
+            step["dependencies"] = [{"dependsOn": after}]
+        if environments:
+            step["stepEnvironments"] = environments
+        if space is not None:
+            step["parameterSpace"] = space
+        amounts = {"vcpu": needs.cpus, "memory": needs.memory // MIB}
+        step["hostRequirements"] = {"amounts": [{"name": f"amount.worker.{key}", "min": value} for key, value in amounts.items()]}
+        self.steps.append(step)
+        return name
+
+    def _engine(self, call: list[str]) -> dict[str, Any]:
+        words = [self._path(Path(word)) if _is_path(word) else word for word in call]
+        return _action("{{Param.Python}}", ["-m", "seeing_wind.engine", *words])
+
+    def _path(self, path: Path) -> str:
+        """A path from the parameter of its folder; one outside the jobs' folder makes a parameter of the folder that it is in."""
+        for k, folder in enumerate(self.folders):
+            if path.is_relative_to(folder):
+                return f"{{{{Param.Folder{k or ''}}}}}/{_plain(path.relative_to(folder).as_posix())}"
+        self.folders.append(path.parent)
+        return self._path(path)
+
+
+def _is_path(word: str) -> bool:
+    """All paths of a job are absolute, and nothing else in a call is."""
+    return Path(word).is_absolute()
+
+
+def _plain(text: str) -> str:
+    if "{{" in text or "}}" in text:
+        raise UsageError(f"'{text}' holds double braces, which a job template reads as its own.", "Rename it.")
+    return text
+
+
+def _action(command: str, words: list[str]) -> dict[str, Any]:
+    for word in words:
+        if "{{Param." not in word and "{{Task." not in word:
+            _plain(word)
+    return {"actions": {"onRun": {"command": command, "args": words}}}
+
+
+def _pictures(job: Job, maker: Job | None) -> int:
+    """How many pictures the job's clip has, so how many frames it renders."""
+    frames = maker.recover.get("frames") if maker is not None else None
+    if isinstance(frames, str) and frames.count(":") == 1:
+        first, last = frames.split(":")
+        return int(last) - int(first) + 1
+    if maker is None:
+        return int(Take(job.take).read_json("report.json")["frames"]) + 1
+    try:
+        if maker.trajectories is not None:
+            with np.load(maker.trajectories, allow_pickle=False) as data:
+                return len(data["x"])
+    except (*DAMAGED, KeyError) as error:
+        raise UsageError(f"{maker.trajectories} is no file of trajectories: {error}.", "See `recover-trajectories --help`.") from error
+    return _count(maker.clip)
+
+
+def _count(clip: Path | None) -> int:
+    """Pictures of a clip, by decoding: containers' own numbers are wrong too often."""
+    from ...observe.clip.frames import files_of
+
+    files = files_of(str(clip))
+    if files != [clip]:
+        return len(files)
+    import cv2
+
+    capture, count = cv2.VideoCapture(str(clip)), 0
+    while capture.grab():
+        count += 1
+    capture.release()
+    if count == 0:
+        raise ClipError(f"{clip} holds no picture that can be read.", "Convert it to H.264 MP4, or give a folder of pictures.")
+    return count
+
+
+_ENGINE: dict[str, Any] = {
+    "name": "Seeing Wind's engine",
+    "variables": {"PYTHONPATH": "{{Param.Engine}}", "SEEING_WIND_PYTHON": "{{Param.Python}}"},
+    "script": {
+        "actions": {"onEnter": {"command": "{{Param.Python}}", "args": ["{{Env.File.Check}}", "{{Param.Edition}}"]}},
+        "embeddedFiles": [{"name": "Check", "type": "TEXT", "filename": "check.py", "data": CHECK}],
+    },
+}
+_EXTENSION: dict[str, Any] = {
+    "name": "Seeing Wind in Blender",
+    "script": {"actions": {"onEnter": {"command": "{{Param.Blender}}", "args": ["--command", "seeing_wind", "--help"]}}},
+}

@@ -1,0 +1,137 @@
+"""One verb of the engine in a process of its own: what it crashes on, and what memory it took, is gone with it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Generator, Sequence
+from pathlib import Path
+from typing import IO, Any
+
+from ...errors import SeeingWindError
+from ...records import Outcome
+
+Message = dict[str, Any]
+
+ROOT = Path(__file__).resolve().parents[4]
+"""The folder that holds the package `seeing_wind`."""
+CANCEL_GRACE = 5.0
+"""Seconds that the engine has to reach a safe point."""
+BEAT = 0.25
+"""Seconds without a message after which an empty list is yielded, so that the reader can look to other things."""
+LOG_LINES = 20
+THREADS = ("SEEING_WIND_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+"""Environment variables that say how many threads the solver and the numeric libraries take."""
+
+
+class EngineDied(SeeingWindError):
+    """The engine's process was ended from outside, by the system for want of memory as a rule."""
+
+
+def messages_of(words: Sequence[str], threads: int | None = None) -> Generator[list[Message], None, None]:
+    """Run `python -m seeing_wind.engine WORDS` and yield its messages, an empty list when there was none for a while.
+
+    Closing the generator, or an exception thrown into it, stops the process: at a safe point, or after `CANCEL_GRACE` seconds anyhow.
+
+    Args:
+        words: verb and options.
+        threads: of the engine; None leaves it to it.
+
+    Raises:
+        SeeingWindError: with the engine's own words, when it failed.
+        EngineDied: when it was killed.
+    """
+    process = subprocess.Popen(
+        [sys.executable, "-m", "seeing_wind.engine", *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, encoding="utf-8", errors="replace", env=_environment(threads), **_own_group(),
+    )  # fmt: skip
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    log: deque[str] = deque(maxlen=LOG_LINES)
+    readers = [_reader(process.stdout, lines.put), _reader(process.stderr, log.append)]
+    error: Message | None = None
+    try:
+        while process.poll() is None or readers[0].is_alive() or not lines.empty():
+            try:
+                message = _message(lines.get(timeout=BEAT))
+            except queue.Empty:
+                yield []
+                continue
+            if message.get("type") == "error":
+                error = message
+            elif message.get("type") == "result" and message.get("outcome") == Outcome.DIVERGED:
+                error = {"message": "The solve diverged.", "hint": " ".join(message.get("notes", ()))}
+            elif message:
+                yield [message]
+        if process.returncode != 0:
+            raise _failure(process.returncode, error, log)
+    finally:
+        _stop(process)
+        for reader in readers:
+            reader.join(timeout=1.0)
+
+
+def _environment(threads: int | None) -> dict[str, str]:
+    """This process's own, with this package in reach whatever the folder, and no module of that folder in its way."""
+    path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+    given = {} if threads is None else dict.fromkeys(THREADS, str(threads))
+    return {**os.environ, "PYTHONPATH": path, "PYTHONUTF8": "1", "PYTHONSAFEPATH": "1", **given}
+
+
+def _own_group() -> dict[str, Any]:
+    """A Ctrl-C at the terminal reaches the batch alone, which then stops its engines."""
+    if sys.platform == "win32":
+        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
+    return {"start_new_session": True}
+
+
+def _reader(stream: IO[str] | None, put: Any) -> threading.Thread:
+    def read() -> None:
+        with contextlib.suppress(ValueError, OSError):  # the pipe was closed from this side
+            for line in stream or ():
+                put(line.rstrip("\n"))
+
+    thread = threading.Thread(target=read, daemon=True)
+    thread.start()
+    return thread
+
+
+def _message(line: str) -> Message:
+    """A line of the engine's; empty for one that is no message."""
+    try:
+        message = json.loads(line)
+    except ValueError:
+        return {}
+    return message if isinstance(message, dict) else {}
+
+
+def _failure(code: int, error: Message | None, log: deque[str]) -> SeeingWindError:
+    if error is not None:
+        return SeeingWindError(str(error.get("message", "")), str(error.get("hint", "")))
+    if code < 0:
+        return EngineDied(f"The engine was ended by signal {-code}.", "The system may have run out of memory.")
+    last = next((line for line in reversed(log) if line.strip()), "it left no log")
+    return SeeingWindError(f"The engine stopped with code {code}: {last.rstrip('.')}.", "Run `doctor` to see what is missing.")
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    """Have a running process stop at a safe point, or end it."""
+    if process.poll() is None:
+        with contextlib.suppress(ProcessLookupError):
+            if sys.platform == "win32":
+                process.send_signal(signal.CTRL_BREAK_EVENT)
+            else:
+                process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + CANCEL_GRACE
+        while process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.05)
+        if process.poll() is None:
+            process.kill()
+            process.wait()

@@ -1,0 +1,71 @@
+"""`batch JOBS.toml`: the jobs of a file, here, on a Ray cluster, or as a bundle for another farm."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ...errors import SeeingWindError, UsageError
+from ...progress import Cancelled, Progress
+from .in_order import run_in_order
+from .jobs import Job, read_jobs
+from .process import messages_of
+from .summary import Summary
+
+
+def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """`batch JOBS.toml [--again] [--ray ADDRESS [--shared] [--attempts N]] [--openjd FOLDER]`.
+
+    Raises:
+        UsageError: as `read_jobs`, or for options that do not go together.
+        SeeingWindError: when a job failed; the others are done.
+        Cancelled: after a cancel.
+    """
+    path = Path(arguments.jobs)
+    jobs = read_jobs(path)
+    if arguments.ray is None and (arguments.shared or arguments.attempts is not None):
+        raise UsageError("--shared and --attempts belong to --ray.", "Add --ray auto, or leave them out.")
+    if arguments.openjd is not None:
+        from .openjd import write_bundle
+
+        return {"outcome": "converged", **write_bundle(jobs, path, Path(arguments.openjd), progress)}
+    summary = Summary(path, jobs, whole=False, again=arguments.again)
+    if arguments.ray is None:
+
+        def say(line: str) -> None:
+            progress.stage = "batch"
+            progress.update(len(summary.outcomes) / len(jobs), line)
+
+        run_in_order(summary, lambda job, made: _do(job, made, progress), say)
+    else:
+        from .farm import ATTEMPTS, Farm
+        from .ray_cluster import Cluster
+
+        with Cluster(arguments.ray) as cluster:
+            Farm(cluster, summary, progress, shared=arguments.shared, attempts=arguments.attempts or ATTEMPTS).run()
+    return _result(summary)
+
+
+def _do(job: Job, made: bool, progress: Progress) -> None:
+    """One job here: its verbs, each in a process of its own, their messages passed on."""
+    for call in [] if made else job.calls():
+        for messages in messages_of(call):
+            progress.check()
+            for message in messages:
+                if message["type"] == "progress":
+                    progress.stage = message["stage"]
+                    progress.update(message["fraction"], f"{job.name}: {message['message']}")
+                elif message["type"] == "warning":
+                    progress.warn(f"{job.name}: {message['message']}")
+
+
+def _result(summary: Summary) -> dict[str, Any]:
+    if summary.count("cancelled"):
+        raise Cancelled
+    failed = [each for each in summary.outcomes.values() if each.outcome == "failed"]
+    if failed:
+        told = "; ".join(f"{each.name}: {each.message}" for each in failed)
+        raise SeeingWindError(f"{len(failed)} of {len(summary.jobs)} jobs failed. {told}", f"All outcomes are in {summary.path}.")
+    jobs = [{"name": each.name, "outcome": each.outcome, "seconds": each.seconds} for each in summary.outcomes.values()]
+    return {"outcome": "converged", "summary": str(summary.path), "jobs": jobs}

@@ -1,0 +1,176 @@
+"""The file of jobs, their order and the summary: no engine, no Blender."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from seeing_wind.engine.command.batch.in_order import run_in_order
+from seeing_wind.engine.command.batch.jobs import FIELD, Job, read_jobs
+from seeing_wind.engine.command.batch.summary import Summary
+from seeing_wind.engine.errors import SeeingWindError, UsageError
+from seeing_wind.engine.progress import Cancelled
+from seeing_wind.engine.take import Take
+
+TABLE = '[[job]]\nname = "{0}"\nclip = "clip.mp4"\ntake = "{0}.take"\n'
+FULL = """
+[[job]]
+name = "leaf"
+clip = "clip.mp4"
+take = "leaf.take"
+recover = { box = [20, 20, 44, 44], distance = 2.0 }
+edit = "edit.toml"
+save = "out/leaf.blend"
+"""
+
+
+@pytest.fixture
+def workplace(tmp_path: Path) -> Path:
+    """Files that the jobs name."""
+    (tmp_path / "clip.mp4").write_bytes(b"a clip")
+    (tmp_path / "edit.toml").write_text('[[body]]\nname = "leaf"\nmesh = "recovered"\n')
+    (tmp_path / "jobs.toml").write_text(FULL)
+    return tmp_path
+
+
+def rows(folder: Path) -> list[dict]:
+    return json.loads((folder / "jobs.summary.json").read_text())["jobs"]
+
+
+def make(job: Job, made: bool) -> None:
+    """What stands for the engine: the takes' last files, and their stamp."""
+    for take, last in ((job.take, FIELD), (job.edit_take, "resimulation.json")):
+        if take is not None:
+            take.mkdir(exist_ok=True)
+            (take / last).touch()
+    if job.edit_take is not None:
+        Take(job.edit_take).finish("resimulate", "0", {"edit": str(job.edit)})
+
+
+def run(folder: Path, do=make, again: bool = False, whole: bool = False) -> int:
+    """A batch that `do` does; the exit code."""
+    path = folder / "jobs.toml"
+    summary = Summary(path, read_jobs(path), whole=whole, again=again)
+    run_in_order(summary, do, lambda line: None)
+    return summary.exit_code
+
+
+def stop(job: Job, made: bool) -> None:
+    raise Cancelled
+
+
+def test_a_failed_job_does_not_stop_the_others_and_is_tried_again(workplace):
+    (workplace / "jobs.toml").write_text(TABLE.format("a") + TABLE.format("b") + TABLE.format("c"))
+    done = []
+    ends = iter([SeeingWindError("No object.", "Draw a box."), RuntimeError("defect"), None, None, None])
+
+    def do(job: Job, made: bool) -> None:
+        done.append(job.name)
+        end = next(ends)
+        if end is not None:
+            raise end
+        make(job, made)
+
+    assert run(workplace, do) == 1
+    assert [row["outcome"] for row in rows(workplace)] == ["failed", "failed", "done"]
+    assert [row["message"] for row in rows(workplace)] == ["No object. Draw a box.", "RuntimeError: defect", ""]
+    assert run(workplace, do) == 0
+    assert done == ["a", "b", "c", "a", "b"] and [row["outcome"] for row in rows(workplace)] == ["done", "done", "skipped"]
+
+
+def test_a_cancel_leaves_the_rest_and_forgets_nothing_that_was_done_before(workplace):
+    text = TABLE.format("a") + TABLE.format("b")
+    (workplace / "jobs.toml").write_text(text)
+    assert run(workplace, stop) == 130
+    assert [row["outcome"] for row in rows(workplace)] == ["cancelled", "left"]
+    assert run(workplace) == 0
+    (workplace / "jobs.toml").write_text(text.replace('"a.take"', '"c.take"'))
+    assert run(workplace, stop) == 130
+    assert run(workplace) == 0
+    assert [row["outcome"] for row in rows(workplace)] == ["done", "skipped"]
+
+
+def test_done_is_what_has_all_its_results_of_the_same_text_and_files(workplace):
+    for change in (
+        lambda: (workplace / "clip.mp4").write_bytes(b"another clip"),
+        lambda: (workplace / "jobs.toml").write_text(FULL.replace("2.0", "3.0")),
+        lambda: (workplace / "leaf.take" / FIELD).unlink(),
+        lambda: (workplace / "leaf.edit.take" / "resimulation.json").unlink(),
+    ):
+        assert run(workplace) == 0 and rows(workplace)[0]["message"] == "save and render are left for Blender"
+        assert run(workplace) == 0 and rows(workplace)[0]["outcome"] == "skipped"
+        change()
+    assert run(workplace) == 0 and rows(workplace)[0]["outcome"] == "done"
+    assert run(workplace, again=True) == 0 and rows(workplace)[0]["outcome"] == "done"
+
+
+def test_blender_makes_what_is_left_and_no_take_twice(workplace):
+    assert run(workplace) == 0
+    were_made = []
+
+    def save(job: Job, made: bool) -> None:
+        were_made.append(made)
+        assert job.save is not None
+        job.save.parent.mkdir(exist_ok=True)
+        job.save.touch()
+
+    assert run(workplace, save, whole=True) == 0 and were_made == [True]
+    assert run(workplace, save, whole=True) == 0 and rows(workplace)[0]["outcome"] == "skipped"
+    assert run(workplace) == 0 and run(workplace, save, whole=True) == 0 and were_made == [True]
+
+
+def test_a_take_of_another_edit_is_neither_taken_for_done_nor_written_over(workplace):
+    assert run(workplace) == 0
+    Take(workplace / "leaf.edit.take").finish("resimulate", "1", {"edit": str(workplace / "panel.toml")})
+    assert run(workplace) == 1
+    assert "holds the re-simulation of another edit" in rows(workplace)[0]["message"] and "panel.toml" in rows(workplace)[0]["message"]
+
+
+def test_a_mesh_of_an_edit_that_was_changed_is_simulated_again(workplace):
+    (workplace / "flag.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (workplace / "edit.toml").write_text('[[body]]\nname = "flag"\nmesh = "flag.obj"\n[[collider]]\nname = "w"\nmesh = "wall.obj"\n')
+    job = read_jobs(workplace / "jobs.toml")[0]
+    first = job.takes_digest()
+    assert job.takes_digest() == first
+    for name in ("flag.obj", "wall.obj"):
+        (workplace / name).write_text("v 0 0 0\nv 2 0 0\nv 0 1 0\nv 1 1 1\nf 1 2 3\n")
+        assert job.takes_digest() != first
+        first = job.takes_digest()
+
+
+def test_options_become_words(workplace):
+    clip, edit, take, edit_take = (str(workplace / name) for name in ("clip.mp4", "edit.toml", "leaf.take", "leaf.edit.take"))
+    assert read_jobs(workplace / "jobs.toml")[0].calls() == [
+        ["recover", clip, "--take", take, "--box", "20", "20", "44", "44", "--distance", "2.0"],
+        ["resimulate", take, "--edit", edit, "--take", edit_take],
+    ]
+    (workplace / "jobs.toml").write_text(
+        '[[job]]\ntrajectories = "clip.mp4"\ntake = "t"\nrecover = { no_gravity = true, mask = "x/../m.png", seed = 4, pin = false }\n'
+    )
+    ((verb, *options),) = read_jobs(workplace / "jobs.toml")[0].calls()
+    assert verb == "recover-trajectories" and options[3:] == ["--no-gravity", "--mask", str(workplace / "m.png"), "--seed", "4"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "no \\[\\[job\\]\\]"),
+        ("x = 3", "no \\[\\[job\\]\\]"),
+        ("[[job]", "no TOML"),
+        ('[[job]]\nclip = "clip.mp4"', "no take"),
+        ('[[job]]\ntake = "t"', "neither a clip nor"),
+        ('[[job]]\ntake = "t"\nclip = "none.mp4"', "no file"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ncolour = "red"', "unknown key colour"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ntrajectories = "clip.mp4"', "a clip and trajectories"),
+        ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
+        ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', "job 1 and job 2 recover different"),
+        ('[[job]]\ntake = "t"\nclip = "clip.mp4"\nsave = "a"\n[[job]]\ntake = "u"\nclip = "clip.mp4"\nsave = "a"', "both write"),
+    ],
+)
+def test_wrong_files_are_refused_before_anything_is_done(workplace, text, says):
+    (workplace / "jobs.toml").write_text(text)
+    with pytest.raises(UsageError, match=says):
+        read_jobs(workplace / "jobs.toml")
