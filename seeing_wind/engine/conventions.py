@@ -28,6 +28,15 @@ if TYPE_CHECKING:
 GRAVITY = (0.0, 0.0, -9.81)
 """Standard gravity in Blender's world [m/s²]."""
 
+LARGEST_PICTURE = 2**26
+"""Pixels, eight thousand squared: what is larger is a mistake or a header that lies, and is not decoded."""
+
+FARTHEST = 2e7
+"""Metres from the origin beyond which a unit was mistaken: map coordinates reach 1e7."""
+
+FRAME_RATES = (0.1, 1e6)
+"""Frames per second between which a clip's lie: from a time-lapse to the fastest camera."""
+
 DEFAULT_FOV_DEGREES = 50.0
 """Horizontal field of view assumed when no camera is given: a 39 mm lens on Blender's 36 mm sensor, a phone's main camera in video mode."""
 

@@ -21,7 +21,6 @@ import hashlib
 import json
 import os
 import time
-import tomllib
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -29,6 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from ...engine.errors import SeeingWindError, UsageError
+from ...engine.reading import read_toml
 
 KEYS = {"name", "clip", "take", "recover", "edit", "edit_take", "save", "render"}
 PATHS = {"clip", "take", "edit", "edit_take", "save", "render"}
@@ -108,10 +108,10 @@ def read_jobs(path: Path) -> list[Job]:
         UsageError: no such file, no TOML, no jobs, an unknown key, a missing file, two jobs of one name or with one result.
     """
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        values = read_toml(path)
     except OSError as error:
-        raise UsageError(f"The jobs {path} cannot be read: {error.strerror}.", "Give the path of a TOML file.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"The jobs {path} cannot be read: {error.strerror or error}.", "Give the path of a TOML file.") from error
+    except ValueError as error:
         raise UsageError(f"The jobs {path} are no TOML: {error}.", "Mend that line.") from error
     tables = values.pop("job", [])
     if values or not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
@@ -170,7 +170,7 @@ def _is_sequence(clip: Path) -> bool:
 def _named_in(edit: Path | None) -> list[Path]:
     """Meshes and lists of vertices that an edit names; of an edit that cannot be read the engine speaks when its turn comes."""
     try:
-        tables = tomllib.loads(edit.read_text(encoding="utf-8")) if edit is not None else {}
+        tables = read_toml(edit) if edit is not None else {}
     except (OSError, ValueError):
         return []
     rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]
