@@ -5,9 +5,8 @@
     recovery/   from observed motion to the force that made it, and on to other bodies     paper/  the paper's own way
     field/      force fields                    mpm/    the solver and its derivatives     look/   pictures
 
-The ground floor, which Blender's process may import too: conventions.py (units, axes), errors.py, progress.py, settings.py,
-records.py (what stages hand on), materials.py, take.py (the folder of a clip), sequences.py (clips that are many
-files), masks.py (a clip's masks, packed).
+The ground floor, which Blender's process may import too: conventions.py (units, axes, names of clips), errors.py, progress.py,
+settings.py, records.py and masks.py (what stages hand on), materials.py, take.py (the folder of a clip), reading.py (files from outside).
 """
 
 __version__ = "0.1.0"

@@ -20,12 +20,24 @@ from typing import Any, TextIO
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 
+from .conventions import LARGEST_PICTURE  # noqa: E402
+
+# Pictures that are larger are refused by their header, before anything is allocated. Read when OpenCV loads.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_PICTURE))
+
 from .command.arguments import parser  # noqa: E402
 from .errors import MissingPackage, SeeingWindError  # noqa: E402
 from .progress import Cancelled, Progress  # noqa: E402
 from .records import Outcome  # noqa: E402
 
 CANCELLED = 130
+
+OUTSIDE = frozenset(
+    getattr(errno, name)
+    for name in "ENOSPC EDQUOT EFBIG ENAMETOOLONG ENOTDIR EISDIR EACCES EPERM EROFS ELOOP ENOENT EIO ESTALE EINVAL".split()
+    if hasattr(errno, name)
+)
+"""Errors of a disk or a path, which are nobody's defect and need no traceback."""
 
 
 class Protocol:
@@ -75,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _failed(protocol, SeeingWindError("Out of memory.", "Use fewer particles or fewer frames."))
     except OSError as error:
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT):  # a full disk is nobody's defect
+        if error.errno not in OUTSIDE:
             traceback.print_exc()
         return _failed(
             protocol,

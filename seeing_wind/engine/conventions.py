@@ -23,10 +23,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import numpy as np
+    import re
+from pathlib import Path
+
+import numpy as np
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Standard gravity in Blender's world [m/s²]."""
+
+LARGEST_PICTURE = 2**26
+"""Pixels, eight thousand squared: what is larger is a mistake or a header that lies, and is not decoded."""
+
+FARTHEST = 2e7
+"""Metres from the origin beyond which a unit was mistaken: map coordinates reach 1e7."""
+
+FRAME_RATES = (0.1, 1e6)
+"""Frames per second between which a clip's lie: from a time-lapse to the fastest camera."""
 
 DEFAULT_FOV_DEGREES = 50.0
 """Horizontal field of view assumed when no camera is given: a 39 mm lens on Blender's 36 mm sensor, a phone's main camera in video mode."""
@@ -47,3 +59,24 @@ def lame(youngs_modulus: float, poisson_ratio: float) -> tuple[float, float]:
     mu = youngs_modulus / (2.0 * (1.0 + poisson_ratio))
     lam = youngs_modulus * poisson_ratio / ((1.0 + poisson_ratio) * (1.0 - 2.0 * poisson_ratio))
     return mu, lam
+
+
+PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr"}
+
+
+def is_sequence(path: str) -> bool:
+    """Whether a path names a clip that is many images: a folder, or a pattern such as shot_%04d.png or shot_*.png."""
+    return Path(path).is_dir() or "*" in path or re.search(r"%0?\d*d", Path(path).name) is not None
+
+
+def pictures_of(path: str) -> list[Path]:
+    """The files of a sequence, ordered by the numbers in their names; none where there are none."""
+    place = Path(path)
+    if place.is_dir():
+        files = [file for file in place.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES]
+    elif "*" in path:
+        files = list(place.parent.glob(place.name)) if place.parent.is_dir() else []
+    else:
+        name = re.sub(r"%0?\d*d", r"(\\d+)", re.sub(r"([.()\[\]+])", r"\\\1", place.name))
+        files = [file for file in place.parent.glob("*") if re.fullmatch(name, file.name)] if place.parent.is_dir() else []
+    return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])

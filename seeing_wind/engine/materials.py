@@ -20,6 +20,12 @@ LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
 PLASTIC_LAWS = ("von_mises", "viscoplastic")
 """Laws that need a yield stress."""
 
+MODULI = (1e-3, 1e13)
+"""Pa between which Young's moduli lie: diamond has 1.2e12, the softest gel about one."""
+
+DENSITIES = (1e-3, 1e5)
+"""kg/m³ between which densities lie: osmium has 2.3e4, the lightest aerogel 0.2."""
+
 DEFAULT = "leaf"
 """The material of an object of which nothing is said."""
 
@@ -98,17 +104,22 @@ def _check(material: Material) -> None:
     for key in ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity"):
         if not math.isfinite(getattr(material, key)):
             raise MaterialError(f"{key} of {material.name} is not finite.", "Give a finite number in SI units.")
-    if material.density <= 0.0:
-        raise MaterialError(f"The density of {material.name} is {material.density:g} kg/m³.", "Give a density above zero.")
-    if material.youngs_modulus <= 0.0:
-        raise MaterialError(f"Young's modulus of {material.name} is {material.youngs_modulus:g} Pa.", "Give a modulus above zero.")
+    for what, value, unit, (least, most) in (
+        ("The density", material.density, "kg/m³", DENSITIES),
+        ("Young's modulus", material.youngs_modulus, "Pa", MODULI),
+    ):
+        if not least <= value <= most:
+            raise MaterialError(f"{what} of {material.name} is {value:g} {unit}.", f"Give one from {least:g} to {most:g} {unit}.")
     if not -1.0 < material.poisson_ratio < 0.5:
         raise MaterialError(
             f"Poisson's ratio of {material.name} is {material.poisson_ratio:g}.",
             "It lies between -1 and 0.5, both excluded; use 0.48 for rubber and flesh.",
         )
-    if material.yield_stress < 0.0 or material.viscosity < 0.0:
-        raise MaterialError(f"Yield stress or viscosity of {material.name} is negative.", "Give zero or more.")
+    if not (0.0 <= material.yield_stress <= MODULI[1] and 0.0 <= material.viscosity <= MODULI[1]):
+        raise MaterialError(
+            f"Yield stress or viscosity of {material.name} is {material.yield_stress:g} Pa or {material.viscosity:g} Pa s.",
+            f"Give from zero to {MODULI[1]:g}.",
+        )
     if material.law in PLASTIC_LAWS and material.yield_stress == 0.0:
         raise MaterialError(f"{material.name} has the plastic law {material.law} but no yield stress.", "Give --yield-stress in Pa.")
 

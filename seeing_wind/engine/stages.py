@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from .errors import TakeError, UsageError
 from .progress import NoProgress, Progress
+from .reading import LARGEST_ARRAYS
 from .records import Body, Gaussians, Observation, Outcome, Recovery, TrackTargets
 from .settings import BuildSettings, ObserveSettings, RecoverSettings, to_mapping
 from .take import Take, from_arrays, stamp_of, to_arrays
@@ -72,6 +73,9 @@ def observation_stamp(clip: str, settings: ObserveSettings) -> str:
 
     names = [getattr(settings, field) for field in FILES]
     contents = [(field, Path(name)) for field, name in zip(FILES, names, strict=True) if name]
+    for field, file in contents:
+        if file.is_file() and file.stat().st_size > LARGEST_ARRAYS:
+            raise UsageError(f"The file {file} of --{field} is too large: {file.stat().st_size / 1e9:.3g} GB.", "Give that of this clip.")
     words = dataclasses.replace(settings, mask=None, tracks=None, depth=None, camera=None, pin=None)
     return stamp_of("observe", VERSION, words, *files_of(clip, settings.frames), *(part for pair in contents for part in pair))
 

@@ -16,9 +16,6 @@ import json
 import os
 import re
 import tempfile
-import tomllib
-import zipfile
-import zlib
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
@@ -28,11 +25,12 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 import numpy as np
 
 from .errors import TakeError
+from .reading import LARGEST_TAKE, check_record, parse_json, read_arrays, read_json, read_toml
 
 R = TypeVar("R")
 
-DAMAGED = (OSError, ValueError, TypeError, AttributeError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error)
-"""What `np.load` without pickle and the use of its result as an archive raise for a file that is empty, cut, garbled or something else."""
+BLOCK = 2**24
+"""Bytes of a file that are hashed at once."""
 
 FORMAT = 1
 """Version of the take's layout."""
@@ -99,7 +97,7 @@ class Take:
     def read_json(self, name: str) -> dict[str, Any]:
         """Read a JSON file of the take. Raises TakeError when it is missing, unreadable, or no mapping."""
         try:
-            values = json.loads(self.file(name).read_text(encoding="utf-8"))
+            values = read_json(self.file(name))
             if not isinstance(values, dict):
                 raise ValueError("it is no mapping")
         except (OSError, ValueError) as error:
@@ -120,14 +118,9 @@ class Take:
     def read_arrays(self, name: str) -> dict[str, np.ndarray]:
         """Read an NPZ of the take without pickle. Raises TakeError when it is missing or damaged."""
         try:
-            with np.load(self.file(name), allow_pickle=False) as data:
-                arrays = {key: data[key] for key in data.files}
-            for key, array in arrays.items():
-                if not isinstance(array, np.ndarray):
-                    raise ValueError(f"{key} is no array")
-        except DAMAGED as error:
+            return read_arrays(self.file(name), limit=LARGEST_TAKE)
+        except (OSError, ValueError) as error:
             raise TakeError(f"{self.file(name)} cannot be read: {error}.", "Run `recover` for this take first.") from error
-        return arrays
 
     # -- stamps ---------------------------------------------------------------------------------------------------------------
 
@@ -141,7 +134,7 @@ class Take:
         if not path.exists():
             return {}
         try:
-            values = tomllib.loads(path.read_text(encoding="utf-8"))
+            values = read_toml(path)
             stages = values.get("stages", {})
             if not isinstance(stages, dict) or not all(isinstance(stage, dict) for stage in stages.values()):
                 raise ValueError("its stages are no tables")
@@ -179,7 +172,12 @@ def stamp_of(*parts: Any) -> str:
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, Path):
-            digest.update(part.read_bytes() if part.is_file() else str(part).encode())
+            if part.is_file():
+                with open(part, "rb") as handle:
+                    while block := handle.read(BLOCK):
+                        digest.update(block)
+            else:
+                digest.update(str(part).encode(errors="surrogateescape"))
         elif isinstance(part, np.ndarray):
             digest.update(str((part.shape, part.dtype)).encode() + np.ascontiguousarray(part).tobytes())
         elif dataclasses.is_dataclass(part) and not isinstance(part, type):
@@ -211,7 +209,8 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
     """The inverse of `to_arrays`.
 
     Raises:
-        TakeError: when a field is missing (a take of another version) or is not what `to_arrays` writes (a damaged take).
+        TakeError: when a field is missing (a take of another version), or is not what `to_arrays` writes or does not fit the others (a
+            damaged take).
     """
     hints: dict[str, Any] = get_type_hints(cls)
     values: dict[str, Any] = {}
@@ -230,12 +229,17 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
                 values[field.name] = _plain(str(arrays[key]), kind)
             except ValueError as error:
                 raise TakeError(f"The take's {key} cannot be read: {error}.", "It is damaged: run `recover` again.") from error
-    return cls(**values)
+    record = cls(**values)
+    try:
+        check_record(record)
+    except ValueError as error:
+        raise TakeError(f"The take's {error}.", "It is damaged: run `recover` again.") from error
+    return record
 
 
 def _plain(text: str, kind: Any) -> Any:
     """The value of the type `kind` that is written in JSON. Raises ValueError where it is none."""
-    value = json.loads(text)
+    value = parse_json(text)
     if isinstance(kind, type) and issubclass(kind, StrEnum):
         return kind(value)
     if not _fits(value, kind):

@@ -178,7 +178,7 @@ def _recover_trajectories(p: Parser) -> None:
     p.add_argument(
         "truth",
         metavar="TRUTH.npz",
-        help="x (T+1,N,3) m, fps; optional rho kg/m³, E Pa, nu, fixed (N,) bool, gravity (3,) m/s², yield_stress Pa, "
+        help="x (T+1,N,3) m, fps, E Pa or a material's name; optional rho kg/m³, nu, fixed (N,) bool, gravity (3,) m/s², yield_stress Pa, "
         "visible (T+1,N) bool, all true in picture 0, and the errors of x, else measured: sigma m, or covariance (3,3) or (N,3,3) m²",
     )
     p.add_argument("--take", type=path, required=True, metavar="DIR")

@@ -11,24 +11,34 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ObjectError, UsageError
-from ..materials import adjusted
+from ..conventions import FARTHEST, FRAME_RATES
+from ..errors import MaterialError, ObjectError, UsageError
+from ..materials import adjusted, find
+from ..reading import array_names, read_arrays
 from ..records import Attachment, Material, Particles, PointTargets
-from ..take import DAMAGED
 
 FIXED_DEPTH = 0.5
 """Grid cells (`RecoverSettings.clamp_depth`) at first. A file's `fixed` is what hardly moved: that reaches some way above what is held."""
-DENSITY, YOUNGS_MODULUS, POISSON_RATIO = 300.0, 1e5, 0.3
-"""Of a body whose file does not say [kg/m³], [Pa]: those of foam."""
+DENSITY, POISSON_RATIO = 300.0, 0.3
+"""Of a body whose file does not say [kg/m³]: those of foam. The stiffness is not guessed: forces that bend go with it."""
 NUMBERS = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
 """Properties of `Material` -> keys of the file."""
 HELD_WAY = 0.2
 """Particle spacings that held particles may move without a word."""
 
-READ = ("x", "fps", "rho", "E", "nu", "yield_stress", "fixed", "gravity", "visible", "sigma", "covariance")
+FASTEST = 1000.0
+"""Speed [m/s] of most of a body's points that no wind gives: three times that of sound."""
+FINEST = 1e-9
+"""Metres: no position is more certain."""
+FEW = 8
+"""Points below which a body has no shape to speak of."""
+
+READ = ("x", "fps", "rho", "E", "nu", "yield_stress", "fixed", "gravity", "visible", "sigma", "covariance", "material")
 """Keys of a file."""
-TRUTH = ("v", "acc", "material", "name", "field")
-"""What simulators write besides, for a comparison: velocities and forces are to be found, and the law is that of `yield_stress`."""
+TRUTH = ("v", "acc", "name", "field")
+"""What simulators write besides, for a comparison: velocities and forces are to be found."""
+BEHAVIOURS = ("elastic", "elastoplastic")
+"""What simulators write as `material` and is no material: the law is that of `yield_stress`."""
 OTHER_NAMES = {
     **NUMBERS, "young_modulus": "E", "poissons_ratio": "nu", "pinned": "fixed", "held": "fixed", "frame_rate": "fps", "noise": "sigma",
 }  # fmt: skip
@@ -57,9 +67,9 @@ def read_trajectories(
 ) -> Trajectories:
     """Read an NPZ with `x` (T+1,N,3) m and `fps`.
 
-    Optional are `rho` kg/m³, `E` Pa, `nu`, `yield_stress` Pa, `fixed` (N,) bool, `gravity` (3,) m/s², `visible` (T+1,N) bool, all of it
-    true in picture 0, and the errors of x: `sigma` m, the standard deviation of a coordinate, or `covariance` (3,3) or (N,3,3) m². Where a
-    point is not visible, its x is not used.
+    Needed is `E` Pa, too, or a `material` of the library, where no option gives them. Optional are `rho` kg/m³, `nu`, `yield_stress` Pa,
+    `fixed` (N,) bool, `gravity` (3,) m/s², `visible` (T+1,N) bool, all of it true in picture 0, and the errors of x: `sigma` m, the
+    standard deviation of a coordinate, or `covariance` (3,3) or (N,3,3) m². Where a point is not visible, its x is not used.
     Velocities and forces in the file, if any, are not read: they are what is to be found.
 
     Args:
@@ -68,9 +78,10 @@ def read_trajectories(
         properties: as of `materials.adjusted`, in place of the file's and the material's; None leaves those.
 
     Raises:
-        UsageError: no such file, no NPZ, a key missing, of the wrong type or shape, or a number that means nothing.
-        ObjectError: too few pictures or particles, points that picture 0 does not show, visible positions that are not finite.
-        MaterialError: as `materials.adjusted`.
+        UsageError: no such file, no NPZ, a key missing, of the wrong type or shape, or a number out of its bounds.
+        ObjectError: too few pictures or particles, points that picture 0 does not show, visible positions that are not finite, a body that
+            jumps.
+        MaterialError: as `materials.adjusted`, a material that the library does not have, or no stiffness.
     """
     values, notes = _values(path)
     for key in ("x", "fps"):
@@ -84,9 +95,10 @@ def read_trajectories(
     visible = _visible(values, x, path)
     fixed = _flags(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), "fixed", x.shape[1:2], path)
     fps = _number(values["fps"], "fps", path)
-    if fps <= 0.0:
-        raise UsageError(f"{path}: fps is {fps:g}.", "It must be above zero.")
-    sigma, covariance = _errors(values, x.shape[1], path)
+    if not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
+        raise UsageError(f"{path}: fps is {fps:g}.", f"It must lie between {FRAME_RATES[0]:g} and {FRAME_RATES[1]:g} frames per second.")
+    _check_places(x, visible, fps, path)
+    sigma, covariance = _errors(values, x.shape[1], float(np.ptp(x[visible], axis=0).max()), path)
     spacing = particle_spacing(x[0])
     particles = Particles(x=x[0], volume=np.full(x.shape[1], spacing**3), pinned=fixed, spacing=spacing)
     everyone = Attachment(index=np.arange(x.shape[1], dtype=np.int32)[:, None], weight=np.ones((x.shape[1], 1)))
@@ -95,7 +107,7 @@ def read_trajectories(
     down = _gravity(values, path) if gravity is None else gravity
     if gravity is None and "gravity" not in values:
         assumed.append("The file has no gravity, and no option gives it: it counts as part of the field.")
-    notes += assumed + list(_moving(targets.x[:, fixed], spacing))
+    notes = [*_few(x.shape[1]), *assumed, *notes, *_moving(targets.x[:, fixed], spacing)]
     return Trajectories(particles, found, targets, fps, down, notes=tuple(notes))
 
 
@@ -103,18 +115,12 @@ def _values(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], list[s
     """What the file holds of the keys in READ, and a note on keys that nobody knows."""
     if not Path(path).is_file():
         raise UsageError(f"There is no file {path}.", "Give an NPZ with x (T+1,N,3) in metres and fps.")
-    values: dict[str, np.ndarray] = {}
-    key: str | None = None
     try:
-        with np.load(path, allow_pickle=False) as data:
-            unknown = [name for name in data.files if name not in READ + TRUTH]
-            for key in [name for name in data.files if name in READ]:
-                values[key] = data[key]
-    except DAMAGED as error:
-        if key is None:
-            raise UsageError(f"{path} is no NPZ without pickle: {error}.", "Write it with numpy.savez.") from error
-        hint = f"Its dtype must be a plain number type, not object: numpy.savez(..., {key}=numpy.array({key}, dtype=float)), or bool."
-        raise UsageError(f"{path}: {key} cannot be read: {error}.", hint) from error
+        unknown = [name for name in array_names(path) if name not in READ + TRUTH]
+        values = read_arrays(path, READ)
+    except (OSError, ValueError) as error:
+        hint = "Write it with numpy.savez, each key an array of numbers or bool: numpy.array(..., dtype=float)."
+        raise UsageError(f"{path} cannot be read as trajectories: {error}.", hint) from error
     if not unknown:
         return values, []
     meant = [f"{near} by {name}" for name in unknown if (near := _near(name)) is not None]
@@ -151,21 +157,60 @@ def _visible(values: dict[str, np.ndarray], x: np.ndarray, path: str | os.PathLi
     return visible
 
 
-def _errors(values: dict[str, np.ndarray], count: int, path: str | os.PathLike[str]) -> tuple[float | None, np.ndarray | None]:
-    """What the file says of the errors of x: one standard deviation [m], or covariances (N, 3, 3) [m²]; None where it does not say."""
+def _check_places(x: np.ndarray, visible: np.ndarray, fps: float, path: str | os.PathLike[str]) -> None:
+    """Refuse visible positions x (T+1, N, 3) [m] beyond `FARTHEST`, and a body most of whose points move faster than `FASTEST`."""
+    far = float(np.abs(x[visible]).max())
+    if far > FARTHEST:
+        raise UsageError(f"{path}: a position lies {far:.3g} m from the origin.", "Check the unit: metres.")
+    step = np.where(visible[1:] & visible[:-1], np.linalg.norm(np.diff(x, axis=0), axis=2), np.nan)
+    way = np.nan_to_num([np.nanmedian(row) if np.isfinite(row).any() else 0.0 for row in step])
+    worst = int(way.argmax())
+    if way[worst] * fps > FASTEST:
+        raise ObjectError(
+            f"{path}: from picture {worst} to picture {worst + 1} the body jumps {way[worst]:.3g} m, which is {way[worst] * fps:.3g} m/s.",
+            "Check the unit of x (metres), fps, and that the points keep their order; cut the file where the body jumps.",
+        )
+
+
+def _few(count: int) -> Iterator[str]:
+    """A note on a body of too few points."""
+    if 1 < count < FEW:
+        yield f"The body is {count} points: each is simulated as a lump of its own, and only their mean motion tells of a force."
+
+
+def _errors(
+    values: dict[str, np.ndarray], count: int, extent: float, path: str | os.PathLike[str]
+) -> tuple[float | None, np.ndarray | None]:
+    """What the file says of the errors of x: one standard deviation [m], or covariances (N, 3, 3) [m²]; None where it does not say.
+
+    `extent` [m] is how far x reaches in space and time.
+    """
     if "sigma" in values and "covariance" in values:
         raise UsageError(f"{path} has both sigma and covariance.", "Leave one of them out.")
     if "sigma" in values:
         sigma = _number(values["sigma"], "sigma", path)
-        if sigma <= 0.0:
-            raise UsageError(f"{path}: sigma is {sigma:g}.", "It must be above zero, in metres; without it, it is estimated.")
+        if not FINEST <= sigma <= extent:
+            hint = f"It must lie between {FINEST:g} m and what x reaches, {extent:.3g} m; without it, it is estimated."
+            raise UsageError(f"{path}: sigma is {sigma:g}.", hint)
         return sigma, None
     if "covariance" not in values:
         return None, None
     covariance = _numbers(values["covariance"], "covariance", path)
     if covariance.shape not in ((3, 3), (count, 3, 3)):
         raise UsageError(f"{path}: covariance has shape {covariance.shape}.", f"It must be (3,3) or ({count},3,3), in m².")
+    if not np.isfinite(covariance).all() or np.abs(covariance).max() > extent**2 or not _is_covariance(covariance):
+        raise UsageError(
+            f"{path}: covariance is none of errors within what x reaches, {extent:.3g} m.",
+            "Each matrix must be finite, symmetric and without negative eigenvalues, in m².",
+        )
     return None, np.broadcast_to(covariance, (count, 3, 3)).copy()
+
+
+def _is_covariance(matrices: np.ndarray) -> bool:
+    """Whether (..., 3, 3) are symmetric without negative eigenvalues, but for rounding."""
+    size = np.abs(matrices).max(axis=(-1, -2), keepdims=True)
+    symmetric = np.abs(matrices - np.swapaxes(matrices, -1, -2)) <= 1e-6 * size
+    return bool(symmetric.all() and (np.linalg.eigvalsh(matrices) >= -1e-6 * size[..., 0]).all())
 
 
 def _gravity(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> tuple[float, float, float]:
@@ -230,7 +275,7 @@ def _material(
     Simulators that write such files (Genesis, taichi_elements) yield at a norm |dev tau| = Y of the deviatoric stress; the uniaxial
     yield stress that `Material` and the literature speak of is sqrt(3/2) times that.
     """
-    stated = {name: _number(values[key], key, path) for name, key in NUMBERS.items() if key in values}
+    stated: dict[str, Any] = {name: _number(values[key], key, path) for name, key in NUMBERS.items() if key in values}
     yield_stress = float(np.sqrt(1.5)) * _number(values.get("yield_stress", np.zeros(())), "yield_stress", path)
     if yield_stress != 0.0:
         stated["yield_stress"] = yield_stress
@@ -238,16 +283,45 @@ def _material(
         unused = [NUMBERS.get(name, name) for name in stated if properties.get(name) is None]
         notes = [f"The material {preset.name} replaces what the file says: {', '.join(unused)}."] if unused else []
         return adjusted(preset, **properties), notes
-    law = "von_mises" if yield_stress > 0.0 else "corotated"
-    guesses = {"density": DENSITY, "youngs_modulus": YOUNGS_MODULUS, "poisson_ratio": POISSON_RATIO}
     given = {name for name, value in properties.items() if value is not None}
+    named = _named(values, path)
+    if named is not None:
+        return adjusted(adjusted(named, **stated), **properties), []
+    if "youngs_modulus" not in given and "youngs_modulus" not in stated:
+        raise MaterialError(
+            f"{path} lacks E, Young's modulus in Pa, and no option gives it.",
+            "The force on a body that bends is in proportion to it: add E, or give --youngs-modulus or --material.",
+        )
+    law = "von_mises" if yield_stress > 0.0 else "corotated"
+    guesses = {"density": DENSITY, "poisson_ratio": POISSON_RATIO}
     assumed = {name: value for name, value in guesses.items() if name not in given and name not in stated}
     sources = {"from the trajectory file": [name for name in stated if name not in given], "assumed": list(assumed)}
     source = "; ".join(f"{where}: {', '.join(names)}" for where, names in sources.items() if names)
     notes = []
     if assumed:
-        units = {"density": " kg/m³", "youngs_modulus": " Pa"}
-        missing = [f"{NUMBERS[name]} ({value:g}{units.get(name, '')})" for name, value in assumed.items()]
+        missing = [f"{NUMBERS[name]} ({value:g}{' kg/m³' if name == 'density' else ''})" for name, value in assumed.items()]
         proportion = " Forces are in proportion to the density." if "density" in assumed else ""
         notes.append(f"The file lacks {', '.join(missing)}, and no option gives it: assumed.{proportion}")
-    return adjusted(Material("trajectories", law, **{**guesses, **stated}, source=source), **properties), notes
+    modulus = stated.get("youngs_modulus") or properties["youngs_modulus"]
+    whole = Material("trajectories", law, **{**guesses, "youngs_modulus": modulus, **stated}, source=source)
+    return adjusted(whole, **properties), notes
+
+
+def _named(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Material | None:
+    """The library's material that the file names; None without a name, or with one of `BEHAVIOURS`.
+
+    Raises:
+        MaterialError: a name that the library does not have.
+    """
+    if "material" not in values:
+        return None
+    name = values["material"]
+    if name.dtype.kind != "U" or name.size != 1:
+        raise UsageError(f"{path}: material is {name.dtype} of shape {name.shape}.", "Write the name of one material, or leave it out.")
+    if str(name.item()).strip().lower() in BEHAVIOURS:
+        return None
+    try:
+        return find(str(name.item()))
+    except MaterialError as error:
+        hint = f"{error.hint} Or write {' or '.join(BEHAVIOURS)}, with E and rho."
+        raise MaterialError(f"{path}: {error.message}", hint) from error

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import time
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +15,7 @@ from ..conventions import GRAVITY
 from ..errors import SeeingWindError, TakeError, UsageError
 from ..materials import adjusted, find
 from ..progress import Progress
+from ..reading import read_toml
 from ..records import Material, Outcome
 from ..settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings, from_mapping
 from ..stages import (
@@ -37,6 +37,12 @@ if TYPE_CHECKING:
     from ..observe.models.endpoint import Endpoint
 
 Result = dict[str, Any]
+
+LONGEST_NAME = 200
+"""Bytes of a body's name: most file systems end at 255, and the file has an ending and a neighbour while it is written."""
+
+RESERVED = frozenset(["CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10))])
+"""Names that Windows keeps for devices."""
 
 PAINTED_DEPTH = 0.5
 """Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a picture takes in some material that gives way."""
@@ -79,9 +85,14 @@ def _on(mask: str, pin: str) -> bool:
     """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
     import cv2
 
-    pictures = [cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
-    if pictures[0] is None or pictures[1] is None or pictures[0].shape != pictures[1].shape:
+    from ..observe.clip.pictures import read_picture
+
+    try:
+        pictures = [read_picture(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
+    except (OSError, ValueError):
         return True  # told by the stage that reads them
+    if pictures[0].shape != pictures[1].shape:
+        return True
     return bool(((pictures[0] > 0) & (pictures[1] > 0)).any())
 
 
@@ -262,26 +273,32 @@ def read_edit(path: str) -> Edit:
         UsageError: no such file, no TOML, an unknown or missing key, two bodies of one name, or none at all.
     """
     try:
-        values = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        values = read_toml(path)
     except OSError as error:
-        raise UsageError(f"The edit {path} cannot be read: {error.strerror}.", "Give the path of a TOML file.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"The edit {path} cannot be read: {error.strerror or error}.", "Give the path of a TOML file.") from error
+    except ValueError as error:
         raise UsageError(f"The edit {path} is no TOML: {error}.", "Mend that line.") from error
     tables = values.pop("body", [])
     if not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
         raise UsageError(f"The edit {path} has no [[body]].", "Add one with a name and a mesh.")
     bodies = tuple(from_mapping(BodyEdit, table, f"{path}, body {i + 1}") for i, table in enumerate(tables))
-    names = [body.name for body in bodies]
-    for name in names:
-        if names.count(name) > 1:
-            raise UsageError(f"Two bodies are named {name}.", "Give each a name of its own.")
-        if not name or any(c in name for c in '/\\:*?"<>|') or name.startswith("."):
-            raise UsageError(f"'{name}' cannot be a file's name.", "Use letters, digits, spaces, '-' and '_'.")
+    _check_names([body.name for body in bodies])
     walls = values.pop("collider", [])
     if not isinstance(walls, list) or not all(isinstance(table, dict) for table in walls):
         raise UsageError(f"The edit {path} has a collider that is no [[collider]].", "Write [[collider]] with a name and a mesh or plane.")
     colliders = tuple(from_mapping(ColliderEdit, table, f"{path}, collider {i + 1}") for i, table in enumerate(walls))
     return from_mapping(Edit, {"gravity": list(GRAVITY), **values, "body": bodies, "collider": colliders}, path)
+
+
+def _check_names(names: list[str]) -> None:
+    """UsageError unless each body can have a file of its own, on every system, before any of them is simulated."""
+    for name in names:
+        if not name.isprintable() or any(c in name for c in '/\\:*?"<>|') or name[:1] in ("", ".") or name[-1] in " .":
+            raise UsageError(f"{name!r} cannot be a file's name.", "Use letters, digits, spaces, '-' and '_'.")
+        if len(name.encode()) > LONGEST_NAME or name.split(".")[0].upper() in RESERVED:
+            raise UsageError(f"{name[:40]!r} is too long for a file's name, or reserved.", "Choose another name for the body.")
+        if [one.casefold() for one in names].count(name.casefold()) > 1:
+            raise UsageError(f"Two bodies are named {name}.", "Give each a name of its own; capitals do not count.")
 
 
 def _endpoint(arguments: argparse.Namespace) -> Endpoint | None:

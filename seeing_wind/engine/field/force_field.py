@@ -11,6 +11,7 @@ from typing import ClassVar, Self
 import numpy as np
 from safetensors.numpy import save
 
+from ..conventions import FARTHEST, FRAME_RATES
 from ..errors import TakeError, UsageError
 
 VERSION = 2
@@ -28,7 +29,7 @@ class ForceField(ABC):
         frames: T, how many frame intervals the field knows.
 
     Raises:
-        UsageError: for a box without volume, or fps or frames that are not positive.
+        UsageError: for a box without volume or beyond `FARTHEST`, a frame rate of no camera, or no frame.
     """
 
     representation: ClassVar[str] = ""
@@ -39,9 +40,11 @@ class ForceField(ABC):
         self.fps, self.frames = float(fps), int(frames)
         if self.box.shape != (2, 3) or not np.isfinite(self.box).all() or (self.box[1] <= self.box[0]).any():
             raise UsageError("A field's box must be two corners (2, 3) in metres, the lower one first.", f"Got {np.asarray(box).tolist()}.")
-        if not (np.isfinite(self.fps) and self.fps > 0) or self.frames < 1:
+        if np.abs(self.box).max() > FARTHEST:
+            raise UsageError(f"A field's box reaches {np.abs(self.box).max():.3g} m from the origin.", "Check the unit: metres.")
+        if not FRAME_RATES[0] <= self.fps <= FRAME_RATES[1] or self.frames < 1:
             raise UsageError(
-                f"A field needs a positive frame rate and at least one frame, not {fps} and {frames}.", "Recover it from a longer clip."
+                f"A field needs a camera's frame rate and at least one frame, not {fps} and {frames}.", "Recover it from a longer clip."
             )
 
     def sample(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:

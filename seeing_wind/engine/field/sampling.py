@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import UsageError
 from ..progress import NoProgress, Progress
-from ..take import DAMAGED, Take
+from ..reading import read_array
+from ..take import Take
 from .force_field import ForceField
 
 POINTS = "Save them with numpy.save in metres: (N, 3) with a frame, or (T, N, 3), one row per frame."
@@ -55,12 +56,9 @@ def read_points(path: str | PathLike[str]) -> np.ndarray:
         UsageError: when the file cannot be read as plain numbers.
     """
     try:
-        points = np.load(path, allow_pickle=False)
-    except DAMAGED as error:
+        return read_array(path)
+    except (OSError, ValueError) as error:
         raise UsageError(f"{path} cannot be read as points: {error}.", POINTS) from error
-    if not isinstance(points, np.ndarray):
-        raise UsageError(f"{path} is no NPY file.", POINTS)
-    return points
 
 
 def sample_file(

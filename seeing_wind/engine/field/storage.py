@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from os import PathLike
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 
 from ..errors import TakeError, UsageError
+from ..reading import LARGEST_ARRAYS, parse_json, regular
 from .analytic import ForceFieldAnalytic
 from .force_field import UNITS, VERSION, ForceField
 from .representations.kplanes import ForceFieldKPlanes
@@ -33,10 +33,12 @@ def load_field(path: str | PathLike[str]) -> ForceField:
     if not path.is_file():
         raise TakeError(f"There is no field at {path}.", "Run `recover` for this take first.")
     try:
+        if regular(path) > LARGEST_ARRAYS:
+            raise ValueError("it is larger than any field")
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
             tensors = {key: file.get_tensor(key) for key in file.keys()}
-    except (OSError, SafetensorError, ValueError, TypeError, AttributeError) as error:  # the last two: number types that NumPy lacks
+    except (OSError, SafetensorError, ValueError, TypeError, AttributeError, MemoryError) as error:  # the last but one: types NumPy lacks
         raise TakeError(f"{path} is no readable field: {error}.", again) from error
     try:
         name, version, units = metadata["representation"], int(metadata["version"]), metadata["units"]
@@ -45,7 +47,7 @@ def load_field(path: str | PathLike[str]) -> ForceField:
         for key, tensor in tensors.items():
             if not np.isfinite(tensor).all():
                 raise ValueError(f"{key} holds numbers that are not finite")
-        box, fps, frames = json.loads(metadata["box"]), float(metadata["fps"]), int(metadata["frames"])
+        box, fps, frames = parse_json(metadata["box"]), float(metadata["fps"]), int(metadata["frames"])
         return REPRESENTATIONS[name].from_file(tensors, metadata, box, fps, frames)
-    except (KeyError, ValueError, TypeError, RuntimeError, UsageError) as error:
+    except (KeyError, ValueError, TypeError, RuntimeError, OverflowError, UsageError) as error:
         raise TakeError(f"{path} is no field that this version knows: {error}.", again) from error

@@ -24,7 +24,7 @@ from ..progress import Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .diagnostics.remarks import force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
+from .diagnostics.remarks import astray, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
 from .prior.basis import SpatialBasis, spatial_basis
 from .prior.learning import Expected
 from .solve.stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
@@ -75,7 +75,8 @@ def recover(
 
     Raises:
         UsageError: targets that contradict each other, or are not finite where visible.
-        ObjectError: fewer than three pictures, or a body that cannot be simulated (all held, particles in one place).
+        ObjectError: fewer than three pictures, a body that cannot be simulated (all held, particles in one place), or points that no
+            force explains.
         SimulationError: when the simulation breaks down even at the start.
         Cancelled: when the user asked to stop.
     """
@@ -246,12 +247,17 @@ class _Clip:
         x = np.concatenate([one.trajectory.x[:-1] for one in kept] + [kept[-1].trajectory.x[-1:]])
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
         residual = self.objective.root_mean_square(x)
+        lost = astray(self.particles, self.objective.channels, x, residual)
+        if lost and not views:
+            raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
         self.notes += motion_remarks(self.particles, x, residual, views) + held_remarks(self.particles, self.objective.channels)
         self.notes += wild_remarks(self.objective.channels)
         acceleration = np.concatenate([one.acceleration for one in kept])
         if not self.particles.pinned.any():
             self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
         self.notes[:0] = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
+        if lost:
+            self.notes.insert(0, f"{lost} Do not use this field: check the outline, the tracks and the scale.")
         deviation = np.concatenate([one.deviation for one in kept])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
-import tomllib
 from pathlib import Path
 
 from ...errors import TakeError, UsageError
+from ...reading import read_toml
 from .jobs import EDIT_FILES, FILES, Job
 from .node import Order
 
@@ -34,7 +34,7 @@ def _check_shippable(job: Job) -> None:
     if job.edit is None:
         return
     try:
-        tables = tomllib.loads(job.edit.read_text(encoding="utf-8"))
+        tables = read_toml(job.edit)
     except (OSError, ValueError):
         return  # told by the engine
     rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]

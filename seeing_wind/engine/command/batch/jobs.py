@@ -19,12 +19,12 @@ import dataclasses
 import hashlib
 import json
 import os
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ...errors import TakeError, UsageError
+from ...reading import read_toml
 
 KEYS = {"name", "clip", "trajectories", "take", "recover", "edit", "edit_take", "save", "render"}
 PATHS = KEYS - {"name", "recover"}
@@ -131,10 +131,10 @@ def read_jobs(path: Path) -> list[Job]:
         UsageError: no such file, no TOML, no jobs, an unknown key, a missing file, two jobs of one name or with one result.
     """
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
+        values = read_toml(path)
     except OSError as error:
-        raise UsageError(f"The jobs {path} cannot be read: {error.strerror}.", "Give the path of a TOML file.") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise UsageError(f"The jobs {path} cannot be read: {error.strerror or error}.", "Give the path of a TOML file.") from error
+    except ValueError as error:
         raise UsageError(f"The jobs {path} are no TOML: {error}.", "Mend that line.") from error
     tables = values.pop("job", [])
     if values or not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
@@ -213,7 +213,7 @@ def named_in(edit: Path | None) -> list[Path]:
     if edit is None:
         return []
     try:
-        tables = tomllib.loads(edit.read_text(encoding="utf-8"))
+        tables = read_toml(edit)
     except (OSError, ValueError):
         return []
     rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]

@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...reading import read_json
 from .jobs import Job
 
 SUMMARY = ".summary.json"
@@ -98,7 +99,7 @@ class Summary:
 def _former(summary: Path) -> dict[str, tuple[str, str]]:
     """Digests of the takes and of the whole job, of those that a former run finished; a summary that cannot be read counts as none."""
     try:
-        rows = json.loads(summary.read_text(encoding="utf-8"))["jobs"]
+        rows = read_json(summary)["jobs"]
         return {row["name"]: (row["takes"], row["digest"]) for row in rows if row["takes"]}
     except (OSError, ValueError, KeyError, TypeError):
         return {}

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from ...reading import parse_json
 from ..confidence import ConfidenceMap
 from ..force_field import ForceField
 from .planes import Stencil
@@ -97,8 +98,27 @@ class ForceFieldNeural(ForceField):
 
     @classmethod
     def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
-        module = cls.module_class(frames=frames, **json.loads(metadata["shape"]))  # type: ignore[call-arg]
         weights = {key.removeprefix("module."): torch.from_numpy(value) for key, value in tensors.items() if key.startswith("module.")}
-        module.load_state_dict(weights)
+        shape = _checked_shape(parse_json(metadata["shape"]), frames, weights)
+        with torch.device("meta"):  # without memory: the file's weights take their places
+            module = cls.module_class(frames=frames, **shape)  # type: ignore[call-arg]
+        module.load_state_dict(weights, assign=True)
         confidence = ConfidenceMap.from_file(tensors, metadata)
         return cls(box, fps, frames, module, float(metadata["scale"]), confidence)
+
+
+def _checked_shape(shape: Any, frames: int, weights: dict[str, torch.Tensor]) -> dict[str, Any]:
+    """The constructor's arguments that a file states, none of them larger than the `weights` that came with them can fill.
+
+    Raises:
+        ValueError: for others. Layers and frames cost time and memory even before their weights are compared.
+    """
+    if not isinstance(shape, dict) or shape.get("degree", 2) not in (1, 2):
+        raise ValueError("its shape is none of this version")
+    values = sum(weight.numel() for weight in weights.values())
+    for key, value in [("frames", frames), *shape.items()]:
+        numbers = np.ravel(value).tolist()
+        least, most = 3 if key == "nodes" else 1, len(weights) if key == "hidden" else values
+        if len(numbers) > values or not all(isinstance(one, int) and least <= one <= most for one in numbers):
+            raise ValueError(f"{key} is {str(value)[:40]}, and it has {values} weights in {len(weights)} tensors")
+    return shape

@@ -46,7 +46,7 @@ class Plane:
 
     def __post_init__(self) -> None:
         """UsageError: see `_checked`."""
-        _checked("plane", self.kind, self.friction)
+        _checked("plane collider", self.kind, self.friction)
         for name in ("point", "normal"):
             object.__setattr__(self, name, _vector(getattr(self, name), f"The plane's {name}"))
         if not np.linalg.norm(self.normal) > 0.0:
@@ -73,7 +73,7 @@ class Box:
 
     def __post_init__(self) -> None:
         """UsageError: see `_checked`."""
-        _checked("box", self.kind, self.friction)
+        _checked("box collider", self.kind, self.friction)
         for name in ("low", "high"):
             object.__setattr__(self, name, _vector(getattr(self, name), f"The box's {name} corner"))
         if not (np.array(self.low) < self.high).all():

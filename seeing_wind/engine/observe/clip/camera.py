@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy as np
 from ...conventions import front_view
 from ...errors import UsageError
 from ...progress import Progress
+from ...reading import read_json
 from ...records import Camera
 from ...settings import ObserveSettings
 from .transforms import LENS, from_transforms, is_transforms
@@ -154,9 +154,9 @@ def _distortion(path: str, lens: tuple[float, ...], camera: Camera) -> tuple[flo
 
 def _read_json(path: str) -> dict[str, Any]:
     try:
-        values = json.loads(Path(path).read_text(encoding="utf-8"))
+        values = read_json(path)
     except OSError as error:
-        raise UsageError(f"The camera file {path} cannot be read ({error.strerror}).", "Check the path.") from error
+        raise UsageError(f"The camera file {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
     except ValueError as error:
         raise UsageError(f"The camera file {path} is not JSON ({error}).", f"It needs an object with {', '.join(KEYS)}.") from error
     if not isinstance(values, dict):

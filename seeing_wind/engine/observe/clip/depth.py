@@ -7,7 +7,7 @@ from scipy.ndimage import distance_transform_edt
 
 from ...errors import UsageError
 from ...progress import Progress
-from ...take import DAMAGED
+from ...reading import read_array
 
 LEAST_KNOWN = 0.8
 """Part of the object's pixels that a depth file must cover; the rest, mostly the silhouette's rim, takes the nearest known depth."""
@@ -20,17 +20,16 @@ def read_depth(path: str, height: int, width: int) -> np.ndarray:
         UsageError: unreadable, of another shape, or without a single positive value.
     """
     try:
-        depth = np.load(path, allow_pickle=False)
+        depth = read_array(path)
     except OSError as error:
         raise UsageError(f"The depth file {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
-    except DAMAGED as error:
+    except ValueError as error:
         raise UsageError(
             f"The depth file {path} is not an NPY array ({error}).", "Save it with numpy.save, metres, shape (H, W)."
         ) from error
-    if not isinstance(depth, np.ndarray) or depth.shape != (height, width) or depth.dtype.kind not in "fiu":
-        shape = getattr(depth, "shape", "several arrays")
+    if depth.shape != (height, width) or depth.dtype.kind not in "fiu":
         raise UsageError(
-            f"The depth file {path} has the shape {shape}, the clip {(height, width)}.", "Give metres per pixel of the first picture."
+            f"The depth file {path} has the shape {depth.shape}, the clip {(height, width)}.", "Give metres per pixel of the first picture."
         )
     depth = depth.astype(np.float32)
     if not (np.isfinite(depth) & (depth > 0)).any():

@@ -9,9 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ...conventions import FRAME_RATES, PICTURE_SUFFIXES, is_sequence, pictures_of
 from ...errors import ClipError, UsageError
 from ...progress import NoProgress, Progress
-from ...sequences import PICTURE_SUFFIXES, is_sequence, pictures_of
+from .pictures import check_size, read_picture
 from .stored import Frames, StoredFrames
 
 UNEVEN = 0.1
@@ -70,8 +71,8 @@ def read_clip(
         UsageError: a frame rate that is not positive, or none for a sequence of pictures, which carries none.
     """
     progress = progress or NoProgress()
-    if fps is not None and not (np.isfinite(fps) and fps > 0):
-        raise UsageError(f"The frame rate {fps:g} is not positive.", "Give the clip's frames per second, for example --fps 30.")
+    if fps is not None and not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
+        raise UsageError(f"The frame rate {fps:g} is not one of a camera.", "Give the clip's frames per second, for example --fps 30.")
     first, last = _range(frames)
     source, file_fps = _open(str(path))
     copies: _Copies | None = None
@@ -197,6 +198,10 @@ def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
     capture = cv2.VideoCapture(path)
     if not capture.isOpened():
         raise ClipError(f"{path} is not a video that can be opened.", "Convert it to H.264 MP4, or give a folder of pictures.")
+    try:
+        check_size(capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+    except ValueError as error:
+        raise ClipError(f"{path} is too large: {error}.", "Scale the clip down.") from error
     return _video(capture), float(capture.get(cv2.CAP_PROP_FPS))
 
 
@@ -219,7 +224,8 @@ def _pictures(files: list[Path], path: str) -> Iterator[tuple[np.ndarray, float]
     if not files:
         raise ClipError(f"No pictures at {path}.", "Give a folder or pattern of PNG, JPEG, TIFF, BMP or WebP files.")
     for file in files:
-        picture = cv2.imread(str(file), cv2.IMREAD_COLOR)
-        if picture is None:
-            raise ClipError(f"The picture {file} cannot be read.", "Remove or replace that file.")
+        try:
+            picture = read_picture(file)
+        except (OSError, ValueError) as error:
+            raise ClipError(f"The picture {file} cannot be read: {error}.", "Remove or replace that file.") from error
         yield picture, float("nan")

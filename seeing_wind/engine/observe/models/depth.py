@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import torch
 
 from ...errors import ModelError
 from ...progress import Progress
+from ...reading import read_json
 from .catalogue import known
 from .folders import config_of, find, load, load_plain, package
 
@@ -66,9 +66,9 @@ def normalised(picture: np.ndarray, width: int, height: int, folder: Path, defau
     place = folder / "preprocessor_config.json"
     if place.is_file():
         try:
-            values = json.loads(place.read_text(encoding="utf-8"))
+            values = read_json(place)
             mean, deviation = values.get("image_mean", mean), values.get("image_std", deviation)
-        except (ValueError, AttributeError) as error:
+        except (OSError, ValueError, AttributeError) as error:
             raise ModelError(f"{place} cannot be read ({error}).", "Copy all files of the model.") from error
     shrinks = width * height < picture.shape[0] * picture.shape[1]
     small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC).astype(np.float32) / 255.0

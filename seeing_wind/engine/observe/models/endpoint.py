@@ -22,6 +22,7 @@ import numpy as np
 
 from ...errors import ModelError, UsageError
 from ...progress import Progress
+from ...reading import parse_json
 
 KEY_VARIABLE = "SEEING_WIND_MATERIAL_KEY"
 """Environment variable with the endpoint's key. A name of its own: a key meant for one service must not reach another by habit."""
@@ -162,7 +163,7 @@ def _post(endpoint: Endpoint, body: dict[str, Any]) -> bytes:
 def _text(endpoint: Endpoint, data: bytes) -> str:
     """The text of the first choice."""
     try:
-        text = json.loads(data)["choices"][0]["message"]["content"]
+        text = parse_json(data)["choices"][0]["message"]["content"]
     except (ValueError, KeyError, IndexError, TypeError):
         text = None
     if not isinstance(text, str):

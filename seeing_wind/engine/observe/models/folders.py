@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import importlib
 import importlib.util
-import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 from safetensors import SafetensorError
 
 from ...errors import MissingPackage, ModelError
+from ...reading import read_json
 from .catalogue import KNOWN, cached, known
 
 PICKLES = (".bin", ".pth", ".pt", ".ckpt", ".pkl")
@@ -60,7 +60,7 @@ def config_of(folder: Path) -> dict[str, Any]:
         ModelError: missing or not JSON.
     """
     try:
-        values = json.loads((folder / "config.json").read_text(encoding="utf-8"))
+        values = read_json(folder / "config.json")
     except (OSError, ValueError) as error:
         raise ModelError(f"The folder {folder} has no readable config.json ({error}).", "Copy all files of the model.") from error
     if not isinstance(values, dict):

@@ -6,7 +6,6 @@ the reason. Answers that passed are kept in the take, so that the same picture i
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Callable
@@ -17,6 +16,7 @@ import numpy as np
 
 from ...errors import ModelError, TakeError
 from ...progress import Progress
+from ...reading import parse_json
 from ...records import Observation
 from ...settings import BuildSettings
 from ...take import Take, stamp_of
@@ -135,13 +135,9 @@ def checked(endpoint: Endpoint, question: str, pictures: list[np.ndarray], check
 def _parsed(text: str) -> Any:
     fenced = re.fullmatch(r"\s*```(?:json)?\s*(.*?)\s*```\s*", text, re.DOTALL)
     try:
-        return json.loads(fenced[1] if fenced else text, parse_constant=_no_constant)
-    except (ValueError, RecursionError) as error:
+        return parse_json(fenced[1] if fenced else text, constants=False)
+    except ValueError as error:
         raise ValueError(f"it is not JSON ({str(error)[:80]}).") from error
-
-
-def _no_constant(name: str) -> float:
-    raise ValueError(f"{name} is no JSON number")
 
 
 def exact_keys(values: Any, keys: tuple[str, ...]) -> dict[str, Any]:

@@ -3,11 +3,9 @@ masks by type, assignment of pixels to one object each."""
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -15,6 +13,7 @@ import numpy as np
 
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
+from ...reading import read_json
 from ...take import Take
 from ..mask.first_mask import mask_in_box
 from .endpoint import LONGEST_SIDE, Endpoint
@@ -149,7 +148,7 @@ def read_objects(path: str) -> list[dict[str, Any]]:
     """
     advice = "Give the objects.json that `identify` writes."
     try:
-        listed = json.loads(Path(path).read_text(encoding="utf-8"))["objects"]
+        listed = read_json(path)["objects"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UsageError(f"{path} lists no objects: {error}.", advice) from error
     if not isinstance(listed, list) or not listed or not all(isinstance(one, dict) for one in listed):

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...progress import Progress
-from ...take import DAMAGED
+from ...reading import read_arrays
 
 SIGMA = 0.3
 """Standard deviation [px] of tracks that come without one."""
@@ -64,13 +64,13 @@ def load_tracks(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         UsageError: unreadable, or without xy and visible.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            missing = [key for key in ("xy", "visible") if key not in file]
-            if missing:
-                raise UsageError(f"The tracks {path} lack {' and '.join(missing)}.", SHAPES)
-            sigma = np.asarray(file["sigma"], dtype=np.float64) if "sigma" in file else np.array(SIGMA)
-            return np.asarray(file["xy"], dtype=np.float64), np.asarray(file["visible"]).astype(bool), sigma
+        file = read_arrays(path, ("xy", "visible", "sigma"))
+        missing = [key for key in ("xy", "visible") if key not in file]
+        if missing:
+            raise UsageError(f"The tracks {path} lack {' and '.join(missing)}.", SHAPES)
+        sigma = np.asarray(file["sigma"], dtype=np.float64) if "sigma" in file else np.array(SIGMA)
+        return np.asarray(file["xy"], dtype=np.float64), file["visible"].astype(bool), sigma
     except OSError as error:
         raise UsageError(f"The tracks {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
-    except DAMAGED as error:
+    except ValueError as error:
         raise UsageError(f"The tracks {path} are not an NPZ of plain arrays ({error}).", SHAPES) from error

@@ -11,6 +11,8 @@ from ..targets.objective import Channels
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
 
+ASTRAY, ASTRAY_NOISE = 0.1, 10.0
+"""A simulation explains nothing that misses the points by more than the body's size, this share of their way, and so many deviations."""
 UNEXPLAINED = 0.1
 """Median distance of points from the simulation, relative to how far they moved, from which there is a note."""
 SUDDEN, SUDDEN_WAY = 6.0, 1e-4
@@ -25,6 +27,34 @@ HELD = 0.9
 """A track rides on what is held when so much of its weight does."""
 LOOSE = 3.0
 """Pixels by which half the tracks on what is held leave their place, from which there is a note."""
+
+
+def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, residual: np.ndarray) -> str:
+    """What to say of a simulation x (T+1, N, 3) [m] whose residual (T+1,) is at some time larger than the body; "" if at none.
+
+    Nobody can use such a force: units, frame rate or the points' order are wrong, or the body jumps between two frames.
+    """
+    first = channels[0]
+    if isinstance(first, PointChannels):
+        seen, visible, unit = first.targets.x, first.targets.visible, "m"
+        size, noise = max(2.0 * _radius(particles.x), 3.0 * particles.spacing), 0.0
+    elif isinstance(first, TrackChannels):
+        seen, visible, unit = first.targets.xy, first.targets.visible, "pixels"
+        size, noise = 2.0 * _radius(first.camera.project(x[0])[0]), float(np.median(first.targets.sigma[visible]))
+    else:
+        return ""
+    way = np.linalg.norm(np.where((visible & visible[0])[..., None], seen - seen[0], 0.0), axis=-1).max()
+    worst = int(residual.argmax())
+    if residual[worst] <= max(size, ASTRAY * way, ASTRAY_NOISE * noise):
+        return ""
+    return (
+        f"In frame {worst} the simulated body is {residual[worst]:.3g} {unit} from where it was seen, more than its size "
+        f"({size:.3g} {unit}): no force explains this motion."
+    )
+
+
+def _radius(x: np.ndarray) -> float:
+    return float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
 
 
 def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, views: int) -> list[str]:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ...conventions import FARTHEST
 from ...errors import MissingPackage, UsageError
-from ...take import DAMAGED
+from ...reading import LARGEST_ARRAYS, read_arrays, read_text, regular
 
 _HINT = "Give an OBJ, a PLY, or an NPZ with vertices (V,3) in metres and triangles (M,3)."
 
@@ -19,7 +20,7 @@ def load_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     Nothing in the file is executed: OBJ is read as text, materials are not looked at, NPZ is read without pickle.
 
     Raises:
-        UsageError: no such file, another format, no triangles, an index out of range, a vertex that is not finite.
+        UsageError: no such file, another format, no triangles, an index out of range, a vertex that is not finite or beyond `FARTHEST`.
         MissingPackage: PLY without trimesh.
     """
     path = Path(path)
@@ -40,6 +41,9 @@ def load_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     if not np.isfinite(vertices).all():
         bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise UsageError(f"{path.name}: the position of vertex {bad} is not finite.", "Mend the mesh and export it again.")
+    far = float(np.abs(vertices).max())
+    if far > FARTHEST:
+        raise UsageError(f"{path.name}: a vertex lies {far:.3g} m from the origin.", "Check the unit and the scale: metres.")
     return vertices, triangles.astype(np.int32)
 
 
@@ -47,9 +51,9 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """`v` and `f` lines of a Wavefront OBJ. (Libraries split vertices at seams and repeat them per object, which would move the pins.)"""
     vertices: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     at = 0
     try:
+        lines = read_text(path).splitlines()
         for at, line in enumerate(lines, 1):  # noqa: B007, the message names the line
             words = line.split()
             if not words:
@@ -60,7 +64,7 @@ def _read_obj(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 corners = [int(word.split("/")[0]) for word in words[1:]]
                 corners = [corner - 1 if corner > 0 else len(vertices) + corner for corner in corners]
                 triangles += [(corners[0], b, c) for b, c in zip(corners[1:], corners[2:])]
-    except ValueError as error:
+    except (OSError, ValueError) as error:
         raise UsageError(f"{path.name}, line {at}: {error}.", "Export the mesh again.") from error
     if any(len(vertex) != 3 for vertex in vertices):
         raise UsageError(f"{path.name}: a vertex has fewer than three coordinates.", "Export the mesh again.")
@@ -73,6 +77,8 @@ def _read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     except ModuleNotFoundError as error:
         raise MissingPackage("PLY meshes need the package trimesh.", "Install the engine, or give an OBJ or NPZ.") from error
     try:
+        if regular(path) > LARGEST_ARRAYS:
+            raise ValueError("it is larger than any mesh that can be simulated")
         # Unprocessed: merged or reordered vertices would move the pins.
         mesh = trimesh.load_mesh(path, file_type="ply", process=False)
         return np.asarray(mesh.vertices), np.asarray(mesh.faces)
@@ -82,10 +88,10 @@ def _read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def _read_npz(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as data:
-            missing = [key for key in ("vertices", "triangles") if key not in data]
-            if missing:
-                raise UsageError(f"{path.name} lacks {' and '.join(missing)}.", _HINT)
-            return np.asarray(data["vertices"], dtype=np.float64), data["triangles"]
-    except DAMAGED as error:
-        raise UsageError(f"{path.name} is no NPZ without pickle: {error}.", _HINT) from error
+        data = read_arrays(path, ("vertices", "triangles"))
+        missing = [key for key in ("vertices", "triangles") if key not in data]
+        if missing:
+            raise UsageError(f"{path.name} lacks {' and '.join(missing)}.", _HINT)
+        return np.asarray(data["vertices"], dtype=np.float64), data["triangles"]
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path.name} cannot be read as an NPZ: {error}.", _HINT) from error

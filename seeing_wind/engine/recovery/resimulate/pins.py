@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 
 from ...errors import UsageError
 from ...observe.object.motion.control import attach, carry
+from ...reading import read_array
 from ...records import Attachment, Particles
-from ...take import DAMAGED
 
 GRIP = 2.0
 """Particles within that many spacings of a pinned vertex are pinned: one grid cell, the least that the grid can hold still."""
@@ -45,8 +45,8 @@ def read_pins(path: str | os.PathLike[str], count: int, what: str) -> np.ndarray
     if not Path(path).is_file():
         raise UsageError(f"There is no file of pins {path}.", f"Write the indices of the pinned {what} with numpy.save.")
     try:
-        pins = np.asarray(np.load(path, allow_pickle=False))
-    except DAMAGED as error:
+        pins = read_array(path)
+    except (OSError, ValueError) as error:
         raise UsageError(f"The pins {path} cannot be read: {error}.", f"Write the indices of the pinned {what} with numpy.save.") from error
     if pins.ndim != 1 or len(pins) == 0 or not np.issubdtype(pins.dtype, np.integer):
         raise UsageError(f"The pins {path} are {pins.dtype} of shape {pins.shape}.", f"A list of at least one index of {what} is needed.")
@@ -66,8 +66,8 @@ def read_weights(path: str | os.PathLike[str], pins: str | os.PathLike[str]) -> 
     if not Path(path).is_file():
         raise UsageError(f"There is no file of weights {path}.", advice)
     try:
-        weights, index = np.asarray(np.load(path, allow_pickle=False)), np.asarray(np.load(pins, allow_pickle=False))
-    except DAMAGED as error:
+        weights, index = read_array(path), read_array(pins)
+    except (OSError, ValueError) as error:
         raise UsageError(f"The weights {path} cannot be read: {error}.", advice) from error
     if weights.shape != index.shape or not np.issubdtype(weights.dtype, np.floating):
         raise UsageError(f"The weights {path} are {weights.dtype} of shape {weights.shape} for {index.size} indices.", advice)

@@ -29,6 +29,12 @@ MIN_SUBSTEPS, MAX_SUBSTEPS = 100, 500
 """Per frame. At least so many that a fall's first frame is right to a hundredth, whatever the stiffness; at most what a recovery
 affords itself for a held body, for what was recovered must be as stiff here."""
 
+MOST_SCALED = 1e6
+"""Factor up or down beyond which a mass or a stiffness is a mistake."""
+
+FASTEST = 1e4
+"""m/s of a body's first velocity, and m/s² of gravity: more is a mistake."""
+
 TORN = 2.0
 """Stretch of an edge beyond which particles have parted: the solver has no model of fracture, but its particles lose touch."""
 
@@ -95,6 +101,8 @@ def simulate_bodies(
     if not edit.body:
         raise UsageError("The edit has no body.", "Add one with a name and a mesh.")
     strength = _strengths(edit.field_strength, field.frames)
+    if not np.linalg.norm(edit.gravity) <= FASTEST:
+        raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
     colliders = colliders_of(edit.collider, Path(base_dir))
     actors = [_enter(body, field, recovered, Path(base_dir)) for body in edit.body]
     groups = [actors] if edit.contact else [[actor] for actor in actors]
@@ -121,16 +129,22 @@ def simulate_bodies(
 
 def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
     values = np.atleast_1d(np.asarray(strength, dtype=np.float64))
-    if len(values) not in (1, frames) or not np.isfinite(values).all():
-        raise UsageError(f"field_strength has {len(values)} values for {frames} frames.", "Give one finite number, or one per frame.")
+    if len(values) not in (1, frames) or not (np.abs(values) <= MOST_SCALED).all():
+        raise UsageError(
+            f"field_strength has {len(values)} values for {frames} frames, the largest {np.abs(values).max(initial=0.0):g}.",
+            f"Give one number, or one per frame, up to {MOST_SCALED:g}.",
+        )
     return np.broadcast_to(values, (frames,))
 
 
 def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> _Actor:
     """Mesh, particles, material and pins of one body."""
     for name in ("mass_scale", "youngs_modulus_scale"):
-        if not (np.isfinite(getattr(body, name)) and getattr(body, name) > 0.0):
-            raise UsageError(f"{body.name}: {name} is {getattr(body, name)}.", "Give a number above zero; 1 leaves it as it is.")
+        if not 1.0 / MOST_SCALED <= getattr(body, name) <= MOST_SCALED:
+            raise UsageError(
+                f"{body.name}: {name} is {getattr(body, name):g}.",
+                f"Give a number from {1.0 / MOST_SCALED:g} to {MOST_SCALED:g}; 1 leaves it as it is.",
+            )
     if body.mass is not None and not (np.isfinite(body.mass) and body.mass > 0.0):
         raise UsageError(f"{body.name}: mass is {body.mass}.", "Give kilograms above zero.")
     if body.mass is not None and body.density is not None:
@@ -141,8 +155,8 @@ def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] |
         raise UsageError(f"{body.name}: free is given, but nothing holds a mesh besides its own pin.", "Leave it out, or change pin.")
     if not 0 <= body.start_frame < field.frames:
         raise UsageError(f"{body.name}: start_frame {body.start_frame} is outside the clip.", f"Its frames are 0 to {field.frames - 1}.")
-    if body.velocity is not None and (np.shape(body.velocity) != (3,) or not np.isfinite(body.velocity).all()):
-        raise UsageError(f"{body.name}: velocity is {body.velocity}.", "Give three finite numbers in m/s.")
+    if body.velocity is not None and (np.shape(body.velocity) != (3,) or not np.linalg.norm(body.velocity) <= FASTEST):
+        raise UsageError(f"{body.name}: velocity is {body.velocity}.", f"Give three numbers in m/s, {FASTEST:g} together at most.")
     if body.mesh == "recovered":
         if recovered is None:
             raise UsageError(f"{body.name}: there is no recovered object here.", "Give a mesh instead.")

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import bpy
 
+from ....engine.conventions import PICTURE_SUFFIXES, is_sequence, pictures_of
 from ....engine.errors import ClipError
-from ....engine.sequences import PICTURE_SUFFIXES, is_sequence, pictures_of
 from ...user_paths import absolute
 
 PICTURES = {*PICTURE_SUFFIXES, ".dpx"}

@@ -1,0 +1,40 @@
+"""Reading one picture from a file: a frame of a sequence, a mask, a pin mask."""
+
+from __future__ import annotations
+
+import os
+
+import cv2
+import numpy as np
+
+from ...conventions import LARGEST_PICTURE
+from ...reading import regular
+
+
+def read_picture(path: str | os.PathLike[str], flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
+    """A picture as OpenCV reads it with `flags`, by default (H, W, 3) uint8 BGR.
+
+    Raises:
+        OSError: no regular file.
+        ValueError: no picture, or one of more than `LARGEST_PICTURE` pixels. The worker has OpenCV refuse those by their header,
+            whatever the format (see `engine/__main__.py`).
+    """
+    regular(path)
+    try:
+        picture = cv2.imread(os.fspath(path), flags)
+    except cv2.error as error:
+        raise ValueError(_too_large("its header states") if "CV_IO_MAX_IMAGE" in str(error) else "it is damaged") from error
+    if picture is None:
+        raise ValueError("it is no picture, or is damaged")
+    check_size(picture.shape[1], picture.shape[0])
+    return picture
+
+
+def check_size(width: float, height: float) -> None:
+    """ValueError for a picture of more than `LARGEST_PICTURE` pixels."""
+    if width * height > LARGEST_PICTURE:
+        raise ValueError(_too_large(f"it has {width:.0f}x{height:.0f},"))
+
+
+def _too_large(what: str) -> str:
+    return f"{what} more than {LARGEST_PICTURE / 1e6:.0f} million pixels"
