@@ -12,7 +12,7 @@ A feature has the same doors: `properties` (its settings), `operators` (thin: ga
 core. What needs NumPy is imported where it is used, so that switching on stays quick. Beside the features:
 
 scene_properties  all settings of a scene         property_kinds   what they are made of
-panel_pieces      what panels are made of         direct_operator  what operators without a job share
+direct_operator   what operators without a job share
 freshness         which step is done or stale     at_exit          what is to be done when the process ends
 commands, batch   `blender --command seeing_wind` scene_mesh, scene_units  the scene's meshes as arrays, its metres
 user_paths        paths as the user writes them
