@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -169,8 +168,10 @@ def _value(options: list[str], name: str) -> str:
     raise UsageError(f"{name} is missing.", f"See `blender --command {NAME} --help`.")
 
 
-switch_on: Callable[[], None]
-"""Registers the whole extension; the package sets it."""
+def switch_on() -> None:
+    """Register the whole extension. The package, which knows all of it, puts its own function in this one's place."""
+    raise NotImplementedError
+
 
 _handle: object | None = None
 
