@@ -20,13 +20,12 @@ The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature sa
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import re
-from pathlib import Path
-
-import numpy as np
+    import numpy as np
 
 GRAVITY = (0.0, 0.0, -9.81)
 """Standard gravity in Blender's world [m/s²]."""

@@ -11,11 +11,13 @@ composite  the edit over the clip
 A feature has the same doors: `properties` (its settings), `operators` (thin: gather, call one function, report), `panel`; the rest is its
 core. What needs NumPy is imported where it is used, so that switching on stays quick. Beside the features:
 
-scene_properties  all settings of a scene         property_kinds   what they are made of
-panel_pieces      what panels are made of         direct_operator  what operators without a job share
-freshness         which step is done or stale     at_exit          what is to be done when the process ends
-commands, batch   `blender --command seeing_wind` scene_mesh, scene_units  the scene's meshes as arrays, its metres
-user_paths        paths as the user writes them
+scene_properties         all settings of a scene; property_kinds: what they are made of
+direct_operator          what operators without a job share
+freshness                which step is done, which is stale
+commands, batch          `blender --command seeing_wind`
+scene_mesh, scene_units  meshes of the scene as arrays; its metres
+user_paths               paths as the user writes them
+at_exit                  what is to be done when the process ends
 """
 
 from __future__ import annotations

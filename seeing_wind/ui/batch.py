@@ -24,9 +24,6 @@ from .job.worker_command import command, environment
 
 Show = Callable[[worker.Message], None]
 
-switch_on: Callable[[], None]
-"""Registers the whole extension; the package sets it."""
-
 
 def batch(options: list[str], out: console.Console) -> int:
     """`batch JOBS.toml [--again]`: all jobs of a file; returns the exit code. With `--ray` or `--openjd` it is the engine's verb.
@@ -147,3 +144,8 @@ def save_file(save: str) -> None:
         said = error.strerror if isinstance(error, OSError) else worker.said_by(error)
         raise SeeingWindError(f"{path} cannot be saved: {said}.", "Choose a folder that can be written.") from error
     print(f"Saved {path}", flush=True)
+
+
+def switch_on() -> None:
+    """Register the whole extension. The package, which knows all of it, puts its own function in this one's place."""
+    raise NotImplementedError

@@ -8,9 +8,9 @@ import bpy
 import pytest
 
 import seeing_wind.ui as ui
-from seeing_wind.ui import freshness, panel_pieces
+from seeing_wind.ui import freshness
 from seeing_wind.ui.edit.resimulate.digest import edit_digest
-from seeing_wind.ui.job import status
+from seeing_wind.ui.job import panel_pieces, status
 
 
 def test_register_and_unregister_twice_leaves_nothing_behind() -> None:

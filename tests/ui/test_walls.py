@@ -100,7 +100,7 @@ def test_switching_on_reads_nothing_that_works_on_results() -> None:
     works_on_results = {"recover.results", "bake.motion", "bake.bodies", "clip.inputs.scene_inputs", "edit.edits", "composite.composite"}
     for name in works_on_results:
         assert PACKAGE.joinpath("ui", *name.split(".")).with_suffix(".py").is_file()
-    assert "seeing_wind.ui.panel_pieces" in read and not {f"seeing_wind.ui.{name}" for name in works_on_results} & set(read)
+    assert "seeing_wind.ui.job.panel_pieces" in read and not {f"seeing_wind.ui.{name}" for name in works_on_results} & set(read)
     for name in read:
         path = PACKAGE.joinpath(*name.split(".")[1:])
         tree = ast.parse((path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text(encoding="utf-8"))

@@ -1,6 +1,6 @@
 """The panel *Bake*."""
 
-from ..panel_pieces import Tab, draw_job, panels
+from ..job.panel_pieces import Tab, draw_job, panels
 
 
 class BakeTab(Tab):

@@ -1,8 +1,8 @@
 """The panel *Clip*."""
 
 from ..job import status
+from ..job.panel_pieces import Tab, draw_engine, draw_failure, panels
 from ..job.status import State
-from ..panel_pieces import Tab, draw_engine, draw_failure, panels
 
 
 class ClipTab(Tab):

@@ -1,6 +1,6 @@
 """The panel *Composite*."""
 
-from ..panel_pieces import Tab, panels
+from ..job.panel_pieces import Tab, panels
 
 
 class CompositeTab(Tab):

@@ -179,6 +179,8 @@ class SEEING_WIND_OT_free_recovered(DirectOperator, bpy.types.Operator):
         if settings.recovered_object is None:
             raise UsageError("There is no recovered object.", "Run Recover first.")
         if self.vertex_group:
+            from ..scene_mesh import pinned_vertices  # needs NumPy
+
             pinned_vertices(settings.recovered_object, context.evaluated_depsgraph_get(), self.vertex_group)
         body = next((body for body in settings.bodies if body.is_recovered), None)
         if body is None:

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..panel_pieces import Tab, draw_override, panels
+from ..job.panel_pieces import Tab, draw_override, panels
 
 
 class EditTab(Tab):

@@ -2,7 +2,7 @@
 
 import bpy
 
-from ..panel_pieces import Tab, panels
+from ..job.panel_pieces import Tab, panels
 from .display import ARROWS_MATERIAL, in_figures
 from .node_groups import modifier_input
 

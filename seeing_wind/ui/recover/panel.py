@@ -1,8 +1,8 @@
 """The panel *Recover*."""
 
 from ..job import status
+from ..job.panel_pieces import Tab, draw_job, panels
 from ..job.status import State
-from ..panel_pieces import Tab, draw_job, panels
 
 
 class RecoverTab(Tab):

@@ -7,8 +7,10 @@ import bpy
 from ..field.display import LEGEND_MARK, SAMPLES_MARK
 
 POINTERS = ("field_object", "arrows_object", "recovered_object")
-"""Results that the scene's settings name; these two are children of the field object."""
+"""Results that the scene's settings name."""
+
 SAMPLES_OBJECT, LEGEND = "samples", "legend"
+"""Results that are children of the field object."""
 
 
 def made_before(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object]:

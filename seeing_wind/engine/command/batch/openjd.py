@@ -10,11 +10,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...errors import ClipError, UsageError
 from ...progress import Progress
-from ...take import DAMAGED, Take
+from ...reading import read_arrays
+from ...take import Take
 from .jobs import Job
 from .needs import MIB, RENDER, TABLE, Needs
 from .node import edition
@@ -182,9 +181,8 @@ def _pictures(job: Job, maker: Job | None) -> int:
         return int(Take(job.take).read_json("report.json")["frames"]) + 1
     try:
         if maker.trajectories is not None:
-            with np.load(maker.trajectories, allow_pickle=False) as data:
-                return len(data["x"])
-    except (*DAMAGED, KeyError) as error:
+            return len(read_arrays(maker.trajectories, {"x"})["x"])
+    except (OSError, ValueError, KeyError) as error:
         raise UsageError(f"{maker.trajectories} is no file of trajectories: {error}.", "See `recover-trajectories --help`.") from error
     return _count(maker.clip)
 

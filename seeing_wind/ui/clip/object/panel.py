@@ -4,8 +4,8 @@ import bpy
 
 from ....engine.materials import MATERIALS
 from ...job import status
+from ...job.panel_pieces import Tab, draw_failure, draw_override, draw_progress, draw_text, panels
 from ...job.status import State
-from ...panel_pieces import Tab, draw_failure, draw_override, draw_progress, draw_text, panels
 
 
 class ObjectTab(Tab):

@@ -1,6 +1,6 @@
 """The panel *Re-simulate*."""
 
-from ...panel_pieces import Tab, draw_job, panels
+from ...job.panel_pieces import Tab, draw_job, panels
 
 
 class ResimulateTab(Tab):

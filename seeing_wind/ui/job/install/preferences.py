@@ -3,7 +3,7 @@
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ...panel_pieces import draw_engine
+from ..panel_pieces import draw_engine
 from . import environment
 from .choices import EXTENSION
 

@@ -9,8 +9,8 @@ import textwrap
 
 import bpy
 
-from .job import status
-from .job.status import State
+from . import status
+from .status import State
 
 CATEGORY = "Seeing Wind"
 """The sidebar tab."""
