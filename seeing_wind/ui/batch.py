@@ -9,18 +9,19 @@ import argparse
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import bpy
 
-from ..engine.command.batch.in_order import run_in_order
-from ..engine.command.batch.jobs import Job, read_jobs
-from ..engine.command.batch.summary import Summary
 from ..engine.errors import SeeingWindError, UsageError
 from ..engine.progress import Cancelled
 from .job import console, takes, worker
 from .job.install.choices import asked_model
 from .job.install.environment import engine_python
 from .job.worker_command import command, environment
+
+if TYPE_CHECKING:
+    from ..engine.command.batch.jobs import Job
 
 Show = Callable[[worker.Message], None]
 
@@ -31,6 +32,10 @@ def batch(options: list[str], out: console.Console) -> int:
     Raises:
         UsageError: for wrong options, or a file that is none.
     """
+    from ..engine.command.batch.in_order import run_in_order  # needs NumPy
+    from ..engine.command.batch.jobs import read_jobs
+    from ..engine.command.batch.summary import Summary
+
     python = engine_python()
     if any(word.partition("=")[0] in ("--ray", "--openjd") for word in options):
         return run_verb(python, "batch", options, out.show)
