@@ -21,6 +21,7 @@ from .take import Take, from_arrays, stamp_of, to_arrays
 
 if TYPE_CHECKING:
     from .field import ForceField
+    from .journal import Journal
     from .paper.losses import MotionLoss
     from .records import Material, Particles, PointTargets
 
@@ -131,8 +132,8 @@ def recover_stage(
         the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds
         that solve, distillation and refinement took.
     """
-    from .field import distill, load_field
-    from .paper.refinement import refine
+    from .field import load_field
+    from .journal import TakeJournal
     from .paper.schedule import recover_by_descent
     from .recovery import recover
 
@@ -149,38 +150,58 @@ def recover_stage(
     if recovery is None:
         progress.begin("recover", "recovering the force")
         started = time.perf_counter()
-        if settings.schedule == "paper":
-            made = loss() if loss is not None else None
-            recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made)
-        else:
-            recovery = recover(particles, material, targets, fps, settings, progress)
-        seconds["recover"] = time.perf_counter() - started
-        if recovery.outcome == Outcome.DIVERGED:
-            return recovery, None, seconds
-        take.withdraw("solve")
-        take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": _array(fps)})
-        take.finish("solve", solved, to_mapping(settings))
+        with TakeJournal(take, solved, progress) as journal:
+            if settings.schedule == "paper":
+                made = loss() if loss is not None else None
+                recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made, journal)
+            else:
+                recovery = recover(particles, material, targets, fps, settings, progress, journal)
+            seconds["recover"] = time.perf_counter() - started
+            if recovery.outcome == Outcome.DIVERGED:
+                return recovery, None, seconds
+            take.withdraw("solve")
+            take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": _array(fps)})
+            take.finish("solve", solved, to_mapping(settings))
+    with TakeJournal(take, stamp, progress) as journal:
+        field = _fitted(recovery, particles, material, fps, settings, progress, journal, seconds)
+        with take.writing(FITTED) as path:
+            field.save(path)
+        # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
+        take.withdraw("recover")
+        if take.file(SOLVED).is_file():
+            os.replace(take.file(SOLVED), take.file("trajectory.npz"))
+        os.replace(take.file(FITTED), take.file("field.safetensors"))
+        take.finish("recover", stamp, to_mapping(settings))
+    return recovery, field, seconds
+
+
+def _fitted(
+    recovery: Recovery,
+    particles: Particles,
+    material: Material,
+    fps: float,
+    settings: RecoverSettings,
+    progress: Progress,
+    journal: Journal,
+    seconds: dict[str, float],
+) -> ForceField:
+    """The field that holds the recovered forces, refined if the settings say so; adds the seconds that either took."""
+    from .field import distill
+    from .paper.refinement import refine
+
     progress.begin("distill", "fitting the field")
     started = time.perf_counter()
-    field = distill(recovery, particles, fps, settings.representation, settings.seed, progress)
+    field = distill(recovery, particles, fps, settings.representation, settings.seed, progress, journal)
     seconds["distill"] = time.perf_counter() - started
     if settings.refine:
         progress.begin("refine", "refining the field")
         started = time.perf_counter()
-        refined = refine(field, recovery, particles, material, settings, progress)
+        refined = refine(field, recovery, particles, material, settings, progress, journal)
         field, seconds["refine"] = refined.field, time.perf_counter() - started
         if refined.before:
             off = f"{1e3 * refined.after:.3g} mm ({1e3 * refined.before:.3g} mm before)"
             progress.update(1.0, f"the field's own simulation strays {off} from the recovered motion")
-    with take.writing(FITTED) as path:
-        field.save(path)
-    # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
-    take.withdraw("recover")
-    if take.file(SOLVED).is_file():
-        os.replace(take.file(SOLVED), take.file("trajectory.npz"))
-    os.replace(take.file(FITTED), take.file("field.safetensors"))
-    take.finish("recover", stamp, to_mapping(settings))
-    return recovery, field, seconds
+    return field
 
 
 def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
