@@ -10,6 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from .masks import Masks
 from .materials import Material as Material
 
 
@@ -98,8 +99,8 @@ class Observation:
     """(H, W, 3) uint8 RGB, picture 0."""
     background: np.ndarray
     """(H, W, 3) uint8 RGB, the clip without the object as far as it was seen (temporal median)."""
-    masks: np.ndarray
-    """(T+1, H, W) bool, the object."""
+    masks: Masks
+    """(T+1, H, W) bool, the object; an array is packed."""
     depth: np.ndarray
     """(H, W) float32, metres along the view axis in picture 0, infinite off the object."""
     pin: np.ndarray
@@ -112,6 +113,10 @@ class Observation:
     """(T+1, K) standard deviation of a track [px]."""
     on_centroid: np.ndarray
     """(K,) bool: the track is the silhouette's centroid, not a surface point (bodies too small or too plain for corners)."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.masks, Masks):
+            object.__setattr__(self, "masks", Masks.of(self.masks))
 
     @property
     def frames(self) -> int:

@@ -112,6 +112,17 @@ class RecoverSettings:
     seed: int = 0
 
 
+REPORTS = ("none", "quick", "full")
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """What is drawn of a recovery."""
+
+    report: str = "full"
+    """One of REPORTS. none: nothing; quick: report.json, report.png, overlay.mp4; full: resimulated.mp4 and the look of the clip, too."""
+
+
 @dataclass(frozen=True)
 class BodyEdit:
     """One body of an edit; see `engine/stages.py` resimulate."""

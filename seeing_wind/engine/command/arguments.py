@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from ..conventions import GRAVITY
 from ..errors import UsageError
-from ..settings import FLOWING_PARTICLES, PARTICLES, BuildSettings, ObserveSettings, RecoverSettings
+from ..settings import FLOWING_PARTICLES, PARTICLES, REPORTS, BuildSettings, ObserveSettings, RecoverSettings, ReportSettings
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
 
@@ -244,6 +244,12 @@ def _solve(p: Parser) -> None:
         help="Gauss-Newton iterations at most (default: %(default)s); 1 gives a draft",
     )
     group.add_argument("--seed", type=whole(0, 2**31 - 1), default=0, metavar="N")
+    p.add_argument(
+        "--report",
+        choices=REPORTS,
+        default=ReportSettings.report,
+        help="what is drawn of a recovery: nothing; figures and overlay; the re-simulated clip, too (default: %(default)s)",
+    )
 
 
 def settings_of(cls: type, arguments: argparse.Namespace, **more: Any) -> Any:

@@ -127,7 +127,7 @@ def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     if field is None:
         return _diverged(recovery)
     progress.begin("report", "drawing the report")
-    report = write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress)
+    report = write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress, level=arguments.report)
     progress.update(1.0, "done")
     return _summary(report, take)
 
@@ -152,7 +152,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
     if field is None:
         return _diverged(recovery)
     progress.begin("report", "drawing the report")
-    report = write_trajectory_report(take, particles, material, recovery, field, seconds, settings)
+    report = write_trajectory_report(take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report)
     return _summary(report, take)
 
 

@@ -21,6 +21,7 @@ from scipy import sparse
 from scipy.sparse.linalg import LinearOperator, cg
 
 from ..field.torch_threads import one_torch_thread
+from ..masks import Masks, areas
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Recovery
 from .contributions import contributions
@@ -57,17 +58,21 @@ ITERATIONS = 100
 """Of the conjugate gradients."""
 
 
+Box = tuple[int, int, int, int]
+"""x0, y0, x1, y1 [px], the end exclusive, inside the picture."""
+
+
 @dataclass(frozen=True)
 class Footage:
     """What one camera filmed."""
 
     camera: Camera
-    pictures: np.ndarray
-    """(T+1, H, W, 3) uint8 RGB, without lens distortion."""
-    masks: np.ndarray
+    picture: Callable[[int], np.ndarray]
+    """Picture t (H, W, 3) uint8 RGB without lens distortion, for t in `pictures_fitted`."""
+    masks: Masks
     """(T+1, H, W) bool, the object."""
-    behind: Callable[[int], np.ndarray]
-    """The background (H, W, 3) uint8 RGB of a picture."""
+    behind: Callable[[int, np.ndarray, Box], np.ndarray]
+    """The background (h, w, 3) uint8 RGB in a box of picture t, from t, that picture and the box."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,12 @@ class _Equations:
     """(BANDS, G)."""
 
 
+def pictures_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
+    """The pictures that `fit_appearance` uses, possibly none: spread over those that show the object and have a residual."""
+    usable = (areas(masks[: len(recovery.x)]) > 0) & np.isfinite(recovery.residual)
+    return _spread(np.flatnonzero(usable), PICTURES)
+
+
 def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: Progress | None = None) -> Gaussians:
     """The body's Gaussians with the look of the whole clip along the recovered motion.
 
@@ -93,16 +104,14 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
         Cancelled: between pictures and between iterations.
     """
     progress = progress or NoProgress()
-    usable = footage.masks[: len(recovery.x)].any(axis=(1, 2)) & np.isfinite(recovery.residual)
-    chosen = np.flatnonzero(usable)
+    chosen = pictures_fitted(footage.masks, recovery)
     if not len(chosen):
         return body.gaussians
-    chosen = _spread(chosen, PICTURES)
     gaussians = body.gaussians
     with one_torch_thread():
         for t in _spread(chosen, SIGHTS):
             progress.check()
-            new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.pictures[t], int(t), recovery.x[t])
+            new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.picture(int(t)), int(t), recovery.x[t])
             gaussians = joined(gaussians, new)
         motion = ((int(t), recovery.x[t], recovery.F[t]) for t in _spread(chosen, SIGHTS))
         gaussians = finer(gaussians, body.particles.x, footage.camera, motion)
@@ -116,6 +125,8 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
 
 def _spread(pictures: np.ndarray, count: int) -> np.ndarray:
     """At most `count` of the pictures, evenly spread, the first and the last among them."""
+    if not len(pictures):
+        return pictures
     return pictures[np.unique(np.linspace(0, len(pictures) - 1, count).round().astype(int))]
 
 
@@ -131,12 +142,14 @@ def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F:
     still = dataclasses.replace(footage.camera, camera_to_world=pose, distortion=())
     camera = view_camera(still, (x0, y0, x1, y1), reduce)
 
-    def cut(image: np.ndarray) -> np.ndarray:
-        part = image[y0 : y0 + camera.height * reduce, x0 : x0 + camera.width * reduce].astype(np.float32) / 255.0
+    def reduced(image: np.ndarray) -> np.ndarray:
+        part = image[: camera.height * reduce, : camera.width * reduce].astype(np.float32) / 255.0
         return part.reshape(camera.height, reduce, camera.width, reduce, 3).mean(axis=(1, 3)).reshape(-1, 3)
 
     weights, passed = contributions(gaussians, camera, x, F)
-    colour = cut(footage.pictures[t]) - passed * cut(footage.behind(t)) - 0.5 * np.asarray(weights.sum(axis=1))
+    image = footage.picture(t)
+    behind = reduced(footage.behind(t, image, (x0, y0, x1, y1)))
+    colour = reduced(image[y0:y1, x0:x1]) - passed * behind - 0.5 * np.asarray(weights.sum(axis=1))
     toward = gaussians.attachment.follow(x) - pose[:3, 3]
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     toward = np.einsum("gba,gb->ga", polar_rotations(blended_gradients(gaussians, F)), toward)

@@ -16,6 +16,7 @@ from .clip.camera import read_camera
 from .clip.depth import read_depth
 from .clip.frames import Clip
 from .clip.lens import Lens
+from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.first_mask import LEAST_PIXELS, first_mask, mask_in_box, point_list
 from .mask.motion import Flow, FlowSolver, window_of
@@ -95,7 +96,7 @@ class Followed:
     flow: Flow | None
 
 
-def network_masks(name: str, frames: np.ndarray, mask: np.ndarray, progress: Progress) -> Iterator[tuple[np.ndarray, Followed]]:
+def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> Iterator[tuple[np.ndarray, Followed]]:
     """The masks (H, W) bool of pictures 1 to T by the network `name`, with the flow between pictures round them."""
     import cv2
 
@@ -118,7 +119,7 @@ def _middle(mask: np.ndarray) -> np.ndarray:
     return np.array([columns.mean(), rows.mean()])
 
 
-def network_tracks(name: str, frames: np.ndarray, mask: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def network_tracks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of the object's corners by the network `name`.
 
     Raises:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -11,6 +12,7 @@ import cv2
 import numpy as np
 
 from ..errors import ObjectError
+from ..masks import Masks, areas
 from ..progress import Progress
 from ..records import Observation
 from ..settings import ObserveSettings
@@ -21,6 +23,7 @@ from .clip.frames import Clip, read_clip
 from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, camera_turns, steadied, turning
+from .clip.stored import Frames
 from .mask.background import Plate, clean_plate, median_plate, plate_behind, stands_still, with_first_sight, without_object
 from .mask.first_mask import point_list, read_mask
 from .mask.follow import MaskFollower
@@ -64,15 +67,17 @@ def observe(clip: str | Path, settings: ObserveSettings, progress: Progress) -> 
 def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) -> Observation:
     check_networks(settings)
     progress.update(0.0, "reading the clip")
-    clip = read_clip(path, settings.frames, settings.fps, progress)
+
+    def resized(height: int, width: int) -> tuple[int, int]:
+        return WorkingSize(height, width, working_scale(settings, height, width)).work
+
+    clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized)
     check_pictures(clip.frames, clip.first_frame, progress)
-    height, width = clip.frames.shape[1:3]
-    scale = working_scale(settings, height, width)
-    if scale == 1.0:
+    if clip.frames.shape[1:3] == clip.size:
         return _seen(clip, settings, progress)
-    size = WorkingSize(height, width, scale)
+    size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
     with tempfile.TemporaryDirectory(prefix="seeing_wind_") as folder:
-        return size.observation(_seen(size.clip(clip), size.settings(settings, clip, Path(folder)), progress), clip)
+        return size.observation(_seen(clip, size.settings(settings, clip, Path(folder)), progress), clip)
 
 
 def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observation:
@@ -118,7 +123,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
         fps=clip.fps,
         first_frame=clip.first_frame,
         camera=camera,
-        image=clip.frames[0].copy(),
+        image=np.array(clip.frames[0]),
         background=background,
         masks=masks,
         depth=depth,
@@ -181,7 +186,7 @@ def _pin(settings: ObserveSettings, mask: np.ndarray, lens: Lens) -> np.ndarray:
 
 def _follow(
     clip: Clip, mask: np.ndarray, plate: Plate | None, lens: Lens, settings: ObserveSettings, progress: Progress
-) -> tuple[np.ndarray, _Tracks]:
+) -> tuple[Masks, _Tracks]:
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
     frames = clip.frames
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -194,34 +199,38 @@ def _follow(
     # A body of a few patches or corners is followed by its silhouette where they are lost: new ones would be as few.
     reseed = len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
     points = Generations(frames[0], mask, corners, reseed=reseed)
-    masks = [mask]
     carried: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
         network_masks(settings.mask_model, frames, mask, progress)
         if settings.mask_model
         else _carry(frames, mask, plate, progress, 0.1, 0.7)
     )
-    for new, follower in carried:
-        points.advance(frames[len(masks)], follower.flow, new)
-        masks.append(new)
-    _tell_lost(np.stack(masks), progress)
+
+    def followed() -> Iterator[np.ndarray]:
+        yield mask
+        for t, (new, follower) in enumerate(carried, start=1):
+            points.advance(frames[t], follower.flow, new)
+            yield new
+
+    masks = Masks.of(followed())
+    seen = areas(masks) > 0
+    _tell_lost(seen, progress)
     if given is not None:
-        return np.stack(masks), _Tracks(*given, np.zeros(given[0].shape[1], bool))
+        return masks, _Tracks(*given, np.zeros(given[0].shape[1], bool))
     xy, visible, sigma = points.tracks()
     found = _Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool))
-    seen = np.array([one.any() for one in masks])
     # Later tracks do not count: only those of picture 0 say for certain where on the body they are.
     enough = visible[:, : len(corners)].sum(axis=1) >= ENOUGH
     if enough[seen].all():
-        return np.stack(masks), found
+        return masks, found
     if plate is not None and not settings.mask_model:
         # The silhouette counts now, and its first masks show what is behind it.
-        plate = plate_behind(frames, np.stack(masks), plate, progress)
-        masks = [mask, *(new for new, _ in _carry(frames, mask, plate, progress, 0.7, 0.9))]
-    return np.stack(masks), _with_centroid(frames, np.stack(masks), plate, found, enough, progress)
+        plate = plate_behind(frames, masks, plate, progress)
+        masks = Masks.of(itertools.chain([mask], (new for new, _ in _carry(frames, mask, plate, progress, 0.7, 0.9))))
+    return masks, _with_centroid(frames, masks, plate, found, enough, progress)
 
 
 def _carry(
-    frames: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
+    frames: Frames, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
 ) -> Iterator[tuple[np.ndarray, MaskFollower]]:
     """The masks of pictures 1 to T and the follower in its state after each; reports progress from `start` to `end`."""
     follower = MaskFollower(frames[0], mask, plate, progress)
@@ -230,8 +239,8 @@ def _carry(
         yield follower.advance(frames[t]), follower
 
 
-def _tell_lost(masks: np.ndarray, progress: Progress) -> None:
-    seen = masks.any(axis=(1, 2))
+def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
+    """Say where the object is out of sight: `seen` (T+1,) bool. Raises ObjectError where that is everywhere but in picture 0."""
     if not seen[1:].any():
         raise ObjectError(
             "The object is lost right after the first picture.",
@@ -243,7 +252,7 @@ def _tell_lost(masks: np.ndarray, progress: Progress) -> None:
 
 
 def _with_centroid(
-    frames: np.ndarray, masks: np.ndarray, plate: Plate | None, corners: _Tracks, enough: np.ndarray, progress: Progress
+    frames: Frames, masks: Masks, plate: Plate | None, corners: _Tracks, enough: np.ndarray, progress: Progress
 ) -> _Tracks:
     """The silhouette's centroid instead of the corner tracks, or after them.
 
@@ -261,7 +270,7 @@ def _with_centroid(
         f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} pictures; "
         "there the silhouette's centroid is followed."
     )
-    sigma = np.hypot(sigma, SILHOUETTE * np.sqrt(masks.sum(axis=(1, 2)).max()))
+    sigma = np.hypot(sigma, SILHOUETTE * np.sqrt(areas(masks).max()))
     return _Tracks(
         np.concatenate([corners.xy, place[:, None]], axis=1),
         np.concatenate([corners.visible, joins[:, None]], axis=1),

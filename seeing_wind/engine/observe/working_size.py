@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from ..masks import Masks
 from ..records import Camera, Observation
 from ..settings import ObserveSettings
 from .clip.camera import read_camera
@@ -66,13 +67,6 @@ class WorkingSize:
         """The inverse of `inward`."""
         return (xy + 0.5) * self._factor - 0.5
 
-    def clip(self, clip: Clip) -> Clip:
-        """The smaller copy."""
-        frames = np.empty((len(clip.frames), *self.work, 3), np.uint8)
-        for t, picture in enumerate(clip.frames):
-            frames[t] = cv2.resize(picture, self.work[::-1], interpolation=cv2.INTER_AREA)
-        return replace(clip, frames=frames)
-
     def settings(self, settings: ObserveSettings, clip: Clip, folder: Path) -> ObserveSettings:
         """The settings for the smaller copy of `clip`, with smaller copies of their files in `folder`.
 
@@ -120,7 +114,7 @@ class WorkingSize:
         """What was seen in the smaller copy of `clip`, in the file's own pixels."""
         camera = self._full(seen.camera)
         size = self.file[::-1]
-        image = Lens(camera).straight_one(clip.frames[0])
+        image = Lens(camera).straight_one(clip.as_filmed(0))
         background = cv2.resize(seen.background, size, interpolation=cv2.INTER_CUBIC)
         # Off the object picture 0 shows the same, only sharper.
         near = cv2.dilate(seen.masks[0].astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
@@ -133,7 +127,7 @@ class WorkingSize:
             camera=camera,
             image=image,
             background=background,
-            masks=np.stack([self._larger(one) for one in seen.masks]),
+            masks=Masks.of(self._larger(one) for one in seen.masks),
             depth=np.where(mask, depth, np.float32(np.inf)),
             pin=self._larger(seen.pin) & mask,
             xy=self.outward(seen.xy),
@@ -141,7 +135,7 @@ class WorkingSize:
         )
 
     def _larger(self, mask: np.ndarray) -> np.ndarray:
-        return cv2.resize(mask.astype(np.float32), self.file[::-1], interpolation=cv2.INTER_LINEAR) >= 0.5
+        return cv2.resize(mask.astype(np.uint8) * np.uint8(255), self.file[::-1], interpolation=cv2.INTER_LINEAR) >= 128
 
     def _full(self, camera: Camera) -> Camera:
         cx, cy = self.outward(np.array([camera.cx, camera.cy]))

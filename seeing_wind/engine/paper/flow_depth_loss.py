@@ -14,6 +14,7 @@ import torch
 from scipy.spatial import cKDTree
 
 from ..errors import ObjectError
+from ..masks import Masks
 from ..records import Attachment, Camera
 from .losses import Rider, project, smooth_length
 
@@ -29,7 +30,7 @@ class SceneFlow:
 
     flow: Sequence[Callable[[np.ndarray], np.ndarray] | None]
     """T functions: pixels (K, 2) in picture t -> how far they move (K, 2) [px]."""
-    masks: np.ndarray
+    masks: Masks
     """(T+1, H, W) bool, the object."""
     camera: Camera
     surface: Attachment

@@ -14,6 +14,8 @@ import torch
 from ..errors import ObjectError
 from ..look.gaussians import SH0, rest_covariances, view_camera
 from ..look.splatting import Tiles, blend, project, tiles_of
+from ..masks import Masks
+from ..observe.clip.stored import Frames
 from ..records import Camera, Gaussians
 from .losses import Rider
 
@@ -31,9 +33,9 @@ SMOOTH = 1.0 / 255.0
 class Pictures:
     """What one camera filmed."""
 
-    frames: np.ndarray
+    frames: Frames
     """(T+1, H, W, 3) uint8 RGB."""
-    masks: np.ndarray
+    masks: Masks
     """(T+1, H, W) bool, the object."""
     background: np.ndarray
     """(H, W, 3) uint8 RGB, without the object."""

@@ -15,6 +15,7 @@ from seeing_wind.engine.look.covering import joined, uncovered
 from seeing_wind.engine.look.gaussians import FLATTENING, SH0, self_attached
 from seeing_wind.engine.look.over_clip import BANDS, Footage, fit_appearance
 from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.observe.object.shape.visibility import seen_surface
 from seeing_wind.engine.progress import Cancelled, Progress
@@ -90,7 +91,7 @@ def drawn(body: Body, gaussians: Gaussians, found: Recovery, t: int) -> np.ndarr
 
 def footage(pictures: np.ndarray, masks: np.ndarray) -> Footage:
     wall = np.full(pictures.shape[1:], WALL, np.uint8)
-    return Footage(CAMERA, pictures, masks, lambda t: wall)
+    return Footage(CAMERA, lambda t: pictures[t], Masks.of(masks), lambda t, image, box: wall[box[1] : box[3], box[0] : box[2]])
 
 
 def off(want: np.ndarray, got: np.ndarray, mask: np.ndarray) -> float:

@@ -22,7 +22,7 @@ def test_video_in_rgb_with_its_own_rate(disc: Scene) -> None:
     # RGB: the disc is orange, so red stands above blue.
     inside = clip.frames[0][disc.masks[0]].mean(axis=0)
     assert inside[0] > inside[2] + 30
-    assert np.abs(clip.frames.astype(int) - disc.frames).mean() < 4
+    assert np.abs(np.asarray(clip.frames).astype(int) - disc.frames).mean() < 4
 
 
 def test_range_is_inclusive_and_rate_can_be_given(disc: Scene) -> None:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 
 from ...records import Observation
+from ..over_clip import Box
 
 INPAINT = 5
 """Radius [px] of the inpainting of what is behind the object, where a moving camera gives no clean background."""
@@ -25,19 +24,31 @@ FAINT = 0.01
 """Share of the far light everywhere; it counts alone where no near one is seen."""
 
 
-def backdrops(straight: np.ndarray, observation: Observation) -> Callable[[int], np.ndarray]:
-    """The background (H, W, 3) uint8 RGB of picture t, t = 0 to T.
+REACH = 64
+"""Pixels round a box that the light or the inpainting inside it depends on, at most: four deviations of the far light, and some."""
+
+
+def behind(observation: Observation, t: int, image: np.ndarray, box: Box | None = None) -> np.ndarray:
+    """The background of picture t, (H, W, 3) uint8 RGB, or only that in `box`, (h, w, 3).
 
     A camera that stands still: the clean plate in the light of that picture, since shadows (the object's own most of all) are no part
     of what is simulated; they are measured, and so other things that move leave a blurred trace. Else: the picture itself with the object
     inpainted.
 
     Args:
-        straight: (T+1, H, W, 3) uint8 RGB, the clip without lens distortion.
+        image: (H, W, 3) uint8 RGB, picture t without lens distortion, at the observation's size.
     """
+    height, width = image.shape[:2]
+    x0, y0, x1, y1 = box or (0, 0, width, height)
+    # Whole steps of four keep the picture reduced four times as it would be without a box.
+    left, top = max(x0 - REACH, 0) // 4 * 4, max(y0 - REACH, 0) // 4 * 4
+    near = (slice(top, min(y1 + REACH, height)), slice(left, min(x1 + REACH, width)))
+    image, mask = image[near], observation.masks[t][near]
     if np.ndim(observation.camera.camera_to_world) == 3:
-        return lambda t: without_object(straight[t], observation.masks[t])
-    return lambda t: relit(observation.background, straight[t], observation.masks[t])
+        found = without_object(image, mask)
+    else:
+        found = relit(observation.background[near], image, mask)
+    return found[y0 - top : y1 - top, x0 - left : x1 - left]
 
 
 def without_object(image: np.ndarray, mask: np.ndarray) -> np.ndarray:

@@ -20,14 +20,15 @@ from .colours import force_colours, scale_top
 from .dials import Dials
 from .video import video_writer
 
-WIDTH = 960
-"""Narrower clips are enlarged to at least this many pixels, or arrows and numbers would be coarse."""
+LONGER = 960
+"""Clips whose longer side has fewer pixels are enlarged to at least these, or arrows and numbers would be coarse."""
 
 LONGEST = 0.15
 """Length of the strongest arrow over the picture's height."""
 
 SHOWN = 0.15
 """Arrows of less confidence are not drawn, and pale below one half."""
+
 
 def write_overlay(
     take: Take,
@@ -40,7 +41,7 @@ def write_overlay(
     """Draw the field's forces at the moving particles on every picture and write overlay.mp4 into the take.
 
     Args:
-        frames: the clip's T + 1 pictures (H, W, 3) uint8 RGB.
+        frames: the clip's T + 1 pictures (H, W, 3) uint8 RGB; observation: at their size.
         recovery: its simulated particle positions carry the arrows.
 
     Returns:
@@ -68,7 +69,7 @@ class _Drawing:
 
     def __init__(self, observation: Observation, recovery: Recovery, field: ForceField) -> None:
         height, width = observation.image.shape[:2]
-        self.zoom = max(1, -(-WIDTH // width))
+        self.zoom = max(1, -(-LONGER // max(width, height)))
         # encoders of 4:2:0 video want even sizes
         self.size = (width * self.zoom // 2 * 2, height * self.zoom // 2 * 2)
         self.camera, self.recovery, self.fps = observation.camera, recovery, field.fps

@@ -8,16 +8,18 @@ import numpy as np
 
 from ...field import ForceField
 from ...field.sampling import sample_points
-from ...observe.clip.frames import read_clip
 from ...progress import NoProgress, Progress
 from ...records import Body, Material, Observation, Particles, Recovery, as_found
 from ...settings import RecoverSettings, to_mapping
 from ...take import Take
+from ..over_clip import pictures_fitted
 from ..ply import write_ply
 from .accuracy import field_errors, uniform_errors
 from .figure import draw_report
+from .footage import Footage, film, reduced
 from .overlay import write_overlay
-from .resimulated import look_over_clip, write_resimulated
+from .products import Level, Products
+from .resimulated import likeness, look_over_clip, pictures_measured, write_resimulated
 
 
 def write_report(
@@ -30,8 +32,12 @@ def write_report(
     settings: RecoverSettings | None = None,
     progress: Progress | None = None,
     truth: ForceField | None = None,
+    level: Level = "full",
 ) -> dict[str, Any]:
-    """Write report.json, report.png, overlay.mp4 and resimulated.mp4 of a recovery from a clip, and gaussians.ply with the clip's look.
+    """Write what `level` asks for of a recovery from a clip.
+
+    none: nothing. quick: report.json, report.png and overlay.mp4. full: resimulated.mp4 and its likeness to the clip, too, and
+    gaussians.ply with the look that fits the whole clip. A product that cannot be made is named in a warning, and the others are made.
 
     Args:
         seconds: wall-clock seconds per stage.
@@ -39,26 +45,37 @@ def write_report(
         truth: the known field of a synthetic clip; adds the paper's two errors. Never part of the recovery.
 
     Returns:
-        What report.json holds.
+        What report.json holds. Its `report` tells of this report: `level`, `seconds` per product, and `missing`, the products that could
+        not be made, each with a sentence why.
 
     Raises:
-        TakeError: when the take cannot be written.
-        ClipError: when the clip is no longer there to draw on.
+        Cancelled: at a safe point.
     """
     progress = progress or NoProgress()
     confidence = sample_points(field, recovery.x[:-1])[1]
     figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, settings, truth)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
-    last = observation.first_frame + observation.frames
-    clip = read_clip(observation.clip, (observation.first_frame, last), observation.fps, progress)
-    body = look_over_clip(clip.frames, observation, body, recovery, progress)
-    with take.writing("gaussians.ply") as path:
-        write_ply(path, body.gaussians)
-    # How well force, body and look together explain the pictures themselves.
-    figures["resimulated"] = write_resimulated(take, clip.frames, observation, body, recovery, progress)
-    _write(take, figures, recovery, body.particles, field.fps, confidence, observation)
-    progress.update(0.7, "report.png")
-    write_overlay(take, clip.frames, observation, recovery, field, progress)
+    products = Products(level, progress)
+    figures["report"] = products.record
+    if level == "none":
+        return figures
+    small, full = reduced(observation), level == "full"
+    _first(take, products, figures, recovery, body.particles, field.fps, confidence, small)
+    measured = pictures_measured(observation.masks, recovery) if full else []
+    keep = {*measured, *pictures_fitted(observation.masks, recovery).tolist()} if full else set(measured)
+    footage = products.make("clip", lambda: film(observation, recovery, small, keep, progress))
+    if footage is not None:
+        products.make("overlay.mp4", lambda: write_overlay(take, footage.clip.frames, small, recovery, field, progress))
+    if footage is not None and full:
+        # Where the look cannot be fitted, that of picture 0 does.
+        body = products.make("gaussians.ply", lambda: _write_look(take, footage, body, recovery, progress)) or body
+        # How well force, body and look together explain the pictures themselves.
+        alike = products.make("resimulated.mp4", lambda: write_resimulated(take, footage.clip.frames, small, body, recovery, progress))
+        if small is not observation and alike is not None:
+            alike = products.make("likeness", lambda: likeness(footage, body, recovery, measured, progress))
+        if alike is not None:
+            figures["resimulated"] = alike
+    products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)
     return figures
 
 
@@ -71,16 +88,23 @@ def write_trajectory_report(
     seconds: dict[str, float],
     settings: RecoverSettings | None = None,
     truth: ForceField | None = None,
+    progress: Progress | None = None,
+    level: Level = "full",
 ) -> dict[str, Any]:
     """Write report.json and report.png of a recovery from 3D trajectories: there is no clip to draw on. As `write_report`."""
     confidence = sample_points(field, recovery.x[:-1])[1]
     figures = _figures(particles, material, recovery, field, confidence, seconds, settings, truth)
-    _write(take, figures, recovery, particles, field.fps, confidence, None)
+    products = Products(level, progress or NoProgress())
+    figures["report"] = products.record
+    if level != "none":
+        _first(take, products, figures, recovery, particles, field.fps, confidence, None)
+        products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)
     return figures
 
 
-def _write(
+def _first(
     take: Take,
+    products: Products,
     figures: dict[str, Any],
     recovery: Recovery,
     particles: Particles,
@@ -88,9 +112,22 @@ def _write(
     confidence: np.ndarray,
     observation: Observation | None,
 ) -> None:
-    with take.writing("report.png") as path:
-        draw_report(path, figures, recovery, particles, fps, confidence, observation)
-    take.write_json("report.json", figures)
+    """report.png, and report.json before the videos, which take long: what is known by then is not lost with them."""
+
+    def page() -> None:
+        with take.writing("report.png") as path:
+            draw_report(path, figures, recovery, particles, fps, confidence, observation)
+
+    products.make("report.png", page)
+    products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)
+
+
+def _write_look(take: Take, footage: Footage, body: Body, recovery: Recovery, progress: Progress) -> Body:
+    """gaussians.ply with the look of the whole clip; the body with that look."""
+    body = look_over_clip(footage, body, recovery, progress)
+    with take.writing("gaussians.ply") as path:
+        write_ply(path, body.gaussians)
+    return body
 
 
 def _figures(

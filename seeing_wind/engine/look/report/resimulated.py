@@ -6,22 +6,27 @@ measured, not predicted.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
-from ...errors import ClipError
+from ...masks import Masks, areas
 from ...observe.clip.lens import Lens
+from ...observe.clip.stored import Frames
 from ...progress import NoProgress, Progress
-from ...records import Body, Camera, Observation, Recovery
+from ...records import Body, Observation, Recovery
 from ...take import Take
+from .. import over_clip
 from ..gaussians import covariances
-from ..over_clip import Footage, fit_appearance
+from ..over_clip import Box
 from ..splatting import picture
-from .backdrop import backdrops
+from .backdrop import behind
+from .footage import Footage, check_length
 from .video import video_writer
+
+SAMPLED = 24
+"""Pictures of a clip larger than the report's videos that are compared at the file's own size; of a smaller one it is all."""
 
 REACH = 3.0
 """Standard deviations of a Gaussian that the part of the picture which is rendered reaches beyond its centre."""
@@ -30,95 +35,128 @@ SSIM_SIGMA, SSIM_SIZE = 1.5, 11
 """Window of the structural similarity (Wang et al. 2004) [px]."""
 
 
+@dataclass
+class _Likeness:
+    """How alike pictures of the simulated body are to those filmed, in the boxes round the object."""
+
+    first: float = float("nan")
+    later: list[tuple[float, float]] = field(default_factory=list)
+
+    def add(self, t: int, want: np.ndarray, got: np.ndarray, inside: np.ndarray) -> None:
+        """The box (h, w, 3) of picture t as filmed and as rendered, and the object (h, w) bool in it."""
+        if t == 0:
+            self.first = psnr(want[inside], got[inside])
+        else:
+            self.later.append((psnr(want, got), ssim(want, got)))
+
+    def figures(self) -> dict[str, float]:
+        """As `write_resimulated` returns them; what could not be measured is left out."""
+        means = np.mean(self.later, axis=0) if self.later else (np.nan, np.nan)
+        found = {"first_psnr": self.first, "psnr": float(means[0]), "ssim": float(means[1])}
+        return {"measured": len(self.later), **{name: value for name, value in found.items() if np.isfinite(value)}}
+
+
 def write_resimulated(
-    take: Take, frames: np.ndarray, observation: Observation, body: Body, recovery: Recovery, progress: Progress | None = None
+    take: Take, frames: Frames, observation: Observation, body: Body, recovery: Recovery, progress: Progress | None = None
 ) -> dict[str, float]:
     """Render the Gaussians, carried by the simulated particles and their F (Eq. (8)), into resimulated.mp4 of the take.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB, the clip's pictures as filmed.
+        frames: (T+1, H, W, 3) uint8 RGB, the clip's pictures as filmed; observation: at their size.
 
     Returns:
-        `first_psnr`, inside the mask of picture 0 [dB]; `psnr` [dB] and `ssim`, means over pictures 1 to T of the boxes round the object.
+        `first_psnr`, inside the mask of picture 0 [dB]; `psnr` [dB] and `ssim`, means of the boxes round the object over the pictures from
+        1 to T that show it, `measured` in number.
 
     Raises:
         ClipError: when `frames` ends before picture T.
         TakeError, MissingPackage: when the video cannot be written.
     """
     progress = progress or NoProgress()
-    straight = _straight(frames, observation, recovery, progress)
-    height, width = straight.shape[1:3]
-    likeness: list[tuple[float, float]] = []
-    first = float("nan")
+    check_length(len(frames), recovery)
+    height, width = observation.image.shape[:2]
+    lens, likeness = Lens(observation.camera), _Likeness()
     with take.writing("resimulated.mp4") as path, video_writer(path, observation.fps, (width // 2 * 2, height // 2 * 2)) as writer:
-        for t, image in enumerate(resimulated(straight, observation, body, recovery)):
+        for t in range(len(recovery.x)):
             progress.update((t + 1) / len(recovery.x), "resimulated.mp4")
+            filmed = lens.straight_one(frames[t])
+            image = resimulated(filmed, observation, body, recovery, t)
             writer.write(cv2.cvtColor(image[: height // 2 * 2, : width // 2 * 2], cv2.COLOR_RGB2BGR))
             mask = observation.masks[t]
-            if t == 0:
-                first = psnr(straight[0][mask], image[mask]) if mask.any() else first
-            elif mask.any():
-                rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-                box = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-                likeness.append((psnr(straight[t][box], image[box]), ssim(straight[t][box], image[box])))
-    means = np.mean(likeness, axis=0) if likeness else (float("nan"), float("nan"))
-    figures = {"first_psnr": first, "psnr": float(means[0]), "ssim": float(means[1])}
-    return {name: value for name, value in figures.items() if np.isfinite(value)}
+            if mask.any():
+                rows, columns = _around(mask)
+                likeness.add(t, filmed[rows, columns], image[rows, columns], mask[rows, columns])
+    return likeness.figures()
 
 
-def resimulated(straight: np.ndarray, observation: Observation, body: Body, recovery: Recovery) -> Iterator[np.ndarray]:
-    """Pictures 0 to T (H, W, 3) uint8 RGB of the simulated body over what was behind it (`backdrops`)."""
-    behind = backdrops(straight, observation)
-    for t, (x, F) in enumerate(zip(recovery.x, recovery.F)):
-        yield _over(body, observation.camera, t, x, F, behind(t))
+def pictures_measured(masks: Masks, recovery: Recovery) -> list[int]:
+    """Picture 0 and at most `SAMPLED` later ones that show the object, evenly spread: those of a large clip that `likeness` is told of."""
+    seen = 1 + np.flatnonzero(areas(masks[t] for t in range(1, len(recovery.x))) > 0)
+    spread = np.unique(np.linspace(0, len(seen) - 1, SAMPLED).round().astype(int)) if len(seen) else []
+    return ([0] if masks[0].any() else []) + [int(t) for t in seen[spread]]
 
 
-def look_over_clip(
-    frames: np.ndarray, observation: Observation, body: Body, recovery: Recovery, progress: Progress | None = None
-) -> Body:
-    """The body with Gaussians whose look fits the whole clip along the simulated motion (`object.appearance`).
+def likeness(footage: Footage, body: Body, recovery: Recovery, pictures: list[int], progress: Progress | None = None) -> dict[str, float]:
+    """The figures of `write_resimulated` at the file's own size, of some of its pictures, which are rendered in the object's box only."""
+    progress, found = progress or NoProgress(), _Likeness()
+    for number, t in enumerate(pictures):
+        progress.update(number / len(pictures), "likeness to the clip")
+        mask, filmed = footage.seen.masks[t], footage.straight(t)
+        rows, columns = _around(mask)
+        box = (columns.start, rows.start, columns.stop, rows.stop)
+        found.add(t, filmed[rows, columns], resimulated(filmed, footage.seen, body, recovery, t, box), mask[rows, columns])
+    return found.figures()
 
-    Args:
-        frames: (T+1, H, W, 3) uint8 RGB, the clip's pictures as filmed.
+
+def _around(mask: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns of the box round a mask (H, W) bool that is not empty."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+
+
+def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: Progress | None = None) -> Body:
+    """The body with Gaussians whose look fits the whole clip along the simulated motion (`look.over_clip`).
 
     Raises:
-        ClipError: when `frames` ends before picture T.
         Cancelled: between pictures and between iterations.
     """
-    straight = _straight(frames, observation, recovery, progress or NoProgress())
-    footage = Footage(observation.camera, straight, observation.masks, backdrops(straight, observation))
-    return replace(body, gaussians=fit_appearance(body, recovery, footage, progress))
+
+    def background(t: int, image: np.ndarray, box: Box) -> np.ndarray:
+        return behind(footage.seen, t, image, box)
+
+    filmed = over_clip.Footage(footage.seen.camera, footage.straight, footage.seen.masks, background)
+    return replace(body, gaussians=over_clip.fit_appearance(body, recovery, filmed, progress))
 
 
-def _straight(frames: np.ndarray, observation: Observation, recovery: Recovery, progress: Progress) -> np.ndarray:
-    """Pictures 0 to T without the lens's distortion. Raises ClipError where there are fewer."""
-    if len(frames) < len(recovery.x):
-        raise ClipError(f"The clip ends at picture {len(frames)}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
-    return Lens(observation.camera).straight(frames[: len(recovery.x)], progress)
+def resimulated(filmed: np.ndarray, observation: Observation, body: Body, recovery: Recovery, t: int, box: Box | None = None) -> np.ndarray:
+    """Picture t (H, W, 3) uint8 RGB of the simulated body over what was behind it, or only the part in `box`, (h, w, 3).
 
-
-def _over(body: Body, camera: Camera, frame: int, x: np.ndarray, F: np.ndarray, behind: np.ndarray) -> np.ndarray:
-    """The body over a background (H, W, 3) uint8 in picture `frame`; only the part that the body can reach is rendered."""
+    Args:
+        filmed: (H, W, 3) uint8 RGB, picture t of the clip without lens distortion; observation: at its size.
+    """
+    camera, x, F = observation.camera, recovery.x[t], recovery.F[t]
+    canvas = behind(observation, t, filmed, box)
+    left, top, right, bottom = box or (0, 0, camera.width, camera.height)
     centres = body.gaussians.attachment.follow(x)
-    xy, depth = camera.project(centres, frame)
+    xy, depth = camera.project(centres, t)
     seen = depth > 1e-3
-    canvas = behind.copy()
     if not seen.any():
         return canvas
     size = np.sqrt(np.linalg.eigvalsh(covariances(body.gaussians, F))[:, -1])
     reach = REACH * (1.0 + size[seen] * max(camera.fx, camera.fy) / depth[seen])
     low, high = (xy[seen] - reach[:, None]).min(axis=0), (xy[seen] + reach[:, None]).max(axis=0)
-    x0, y0 = (int(value) for value in np.maximum(np.floor(low), 0))
-    x1, y1 = (int(value) for value in np.minimum(np.ceil(high) + 1, [camera.width, camera.height]))
+    # Only the part that the body can reach is rendered.
+    x0, y0 = (int(value) for value in np.maximum(np.floor(low), [left, top]))
+    x1, y1 = (int(value) for value in np.minimum(np.ceil(high) + 1, [right, bottom]))
     if x1 <= x0 or y1 <= y0:
         return canvas
-    part = replace(
-        camera, width=x1 - x0, height=y1 - y0, cx=camera.cx - x0, cy=camera.cy - y0, camera_to_world=camera.pose(frame), distortion=()
-    )
+    part = replace(camera, width=x1 - x0, height=y1 - y0, cx=camera.cx - x0, cy=camera.cy - y0)
+    part = replace(part, camera_to_world=camera.pose(t), distortion=())
     colour, alpha = picture(body.gaussians, part, 0, x, F)
     alpha = np.clip(alpha, 0.0, 1.0)[..., None]
-    mixed = 255.0 * np.clip(colour, 0.0, 1.0) + (1.0 - alpha) * canvas[y0:y1, x0:x1]
-    canvas[y0:y1, x0:x1] = np.clip(np.round(mixed), 0, 255).astype(np.uint8)
+    canvas = canvas.copy()
+    under = canvas[y0 - top : y1 - top, x0 - left : x1 - left]
+    under[:] = np.clip(np.round(255.0 * np.clip(colour, 0.0, 1.0) + (1.0 - alpha) * under), 0, 255).astype(np.uint8)
     return canvas
 
 

@@ -6,7 +6,9 @@ import cv2
 import numpy as np
 
 from ...errors import ClipError
+from ...masks import Masks
 from ...progress import Progress
+from .stored import Frames
 
 BLACK = 12.0
 """Brightest grey level (smoothed) up to which a picture is black: codecs write 16 for black, read back as 0 with noise."""
@@ -30,7 +32,7 @@ FAST = 0.03
 """The object's step from picture to picture in units of its size from which blur is blamed on motion."""
 
 
-def check_pictures(frames: np.ndarray, first_frame: int, progress: Progress) -> None:
+def check_pictures(frames: Frames, first_frame: int, progress: Progress) -> None:
     """Look for defects that make any result nonsense.
 
     Args:
@@ -72,7 +74,7 @@ def _cut(small: np.ndarray) -> int | None:
     return None
 
 
-def tell_defects(frames: np.ndarray, masks: np.ndarray, progress: Progress) -> None:
+def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
     """Warn of what makes the result less certain: the object reaches over the picture's edge, or is blurred by its motion.
 
     Args:
@@ -91,7 +93,7 @@ def tell_defects(frames: np.ndarray, masks: np.ndarray, progress: Progress) -> N
         )
 
 
-def _blurred(frames: np.ndarray, masks: np.ndarray, progress: Progress) -> np.ndarray:
+def _blurred(frames: Frames, masks: Masks, progress: Progress) -> np.ndarray:
     """Pictures in which the object is much less sharp than at its best while it moves fast."""
     sharp, middle = np.full(len(frames), np.nan), np.full((len(frames), 2), np.nan)
     size = float(np.sqrt(max(masks[0].sum(), 1)))

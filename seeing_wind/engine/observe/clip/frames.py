@@ -1,8 +1,8 @@
-"""Reading a clip: a video file, a folder of pictures, or a pattern of pictures, as RGB arrays."""
+"""Reading a clip: a video file, a folder of pictures, or a pattern of pictures, as RGB frames on disk. A clip is decoded once."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import ClipError, UsageError
 from ...progress import NoProgress, Progress
 from ...sequences import PICTURE_SUFFIXES, is_sequence, pictures_of
+from .stored import Frames, StoredFrames
 
 UNEVEN = 0.1
 """Deviation of a time between pictures from the usual one, relative, from which a clip counts as one of variable frame rate."""
@@ -22,33 +23,50 @@ ROUNDING = 0.02
 TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 """What makes a picture upright that a phone stored with this rotation in the file's metadata [degrees]."""
 
-LARGEST_CLIP = 6e9
-"""Bytes of decoded pictures held at once; beyond it the user is asked for a shorter range instead of the machine swapping."""
-
 
 @dataclass(frozen=True)
 class Clip:
     """The chosen pictures of a clip, upright."""
 
     path: str
-    frames: np.ndarray
-    """(T+1, H, W, 3) uint8 RGB."""
+    frames: Frames
+    """(T+1, H, W, 3) uint8 RGB, at the size that was asked for."""
     fps: float
     first_frame: int
     """Index in the file of picture 0."""
+    size: tuple[int, int]
+    """Height and width in the file [px]."""
+    kept: tuple[int, ...]
+    """Pictures that are there at the file's own size, too: see `as_filmed`."""
+    own: Frames
+    """(K, H, W, 3) uint8 RGB, those pictures."""
+
+    def as_filmed(self, picture: int) -> np.ndarray:
+        """One of the `kept` pictures (H, W, 3) uint8 RGB at the file's own size."""
+        return self.own[self.kept.index(picture)]
 
 
-def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: float | None = None, progress: Progress | None = None) -> Clip:
-    """Decode pictures A..B (inclusive, indices in the file; None takes all) of `path`.
+def read_clip(
+    path: str | Path,
+    frames: tuple[int, int] | None = None,
+    fps: float | None = None,
+    progress: Progress | None = None,
+    *,
+    resized: Callable[[int, int], tuple[int, int]] | None = None,
+    keep: Collection[int] = (0,),
+) -> Clip:
+    """Decode pictures A..B (inclusive, indices in the file; None takes all) of `path`, in one pass and with one frame in memory.
 
     Args:
         path: a video that OpenCV opens, a folder of pictures (sorted by the numbers in their names), or a pattern such as
             `shot_%04d.png` or `shot_*.png`.
         frames: first and last picture.
         fps: frames per second; None takes the file's, or the mean over the chosen pictures where the file's rate varies.
+        resized: the height and width [px] to reduce the pictures to, from the file's; None leaves them as they are.
+        keep: pictures (0 is picture A) that are wanted at the file's own size, too.
 
     Raises:
-        ClipError: nothing there, not a video, an empty range, or fewer than two pictures.
+        ClipError: nothing there, not a video, an empty range, fewer than two pictures, or no room on disk for the decoded ones.
         UsageError: a frame rate that is not positive, or none for a sequence of pictures, which carries none.
     """
     progress = progress or NoProgress()
@@ -56,9 +74,9 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
         raise UsageError(f"The frame rate {fps:g} is not positive.", "Give the clip's frames per second, for example --fps 30.")
     first, last = _range(frames)
     source, file_fps = _open(str(path))
-    kept: list[np.ndarray] = []
+    copies: _Copies | None = None
     times: list[float] = []
-    count, size = 0, 0
+    count = 0
     for index, (picture, time) in enumerate(source):
         progress.check()
         count = index + 1
@@ -66,20 +84,43 @@ def read_clip(path: str | Path, frames: tuple[int, int] | None = None, fps: floa
             break
         if index < first:
             continue
-        if kept and picture.shape != kept[0].shape:
+        if copies is None:
+            copies = _Copies((picture.shape[0], picture.shape[1]), resized, keep)
+        elif picture.shape[:2] != copies.file:
             raise ClipError(
-                f"Picture {index} of {path} is {_size(picture)}, the first one {_size(kept[0])}.", "All pictures must have the same size."
+                f"Picture {index} of {path} is {_size(picture.shape)}, the first one {_size(copies.file)}.",
+                "All pictures must have the same size.",
             )
-        kept.append(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
+        copies.add(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
         times.append(time)
-        size += picture.nbytes
-        if size > LARGEST_CLIP:
-            raise ClipError(
-                f"{path} is too large: {len(kept)} pictures already take {size / 1e9:.0f} GB.",
-                f"Choose a shorter range such as --frames {first}:{first + len(kept) // 2}, or scale the clip down.",
-            )
-    _check_count(str(path), kept, count, first, last)
-    return Clip(str(path), np.stack(kept), _rate(str(path), fps, file_fps, np.array(times), progress), first)
+    _check_count(str(path), len(times), count, first, last)
+    assert copies is not None  # at least two pictures, as has been checked
+    rate = _rate(str(path), fps, file_fps, np.array(times), progress)
+    return Clip(str(path), copies.frames, rate, first, copies.file, copies.kept, copies.own)
+
+
+class _Copies:
+    """What is stored of the pictures as they are decoded."""
+
+    def __init__(self, file: tuple[int, int], resized: Callable[[int, int], tuple[int, int]] | None, keep: Collection[int]) -> None:
+        self.file = file
+        self._size = file if resized is None else resized(*file)
+        self._keep = frozenset(keep)
+        self.frames = StoredFrames(*self._size)
+        # At the file's own size all pictures are there anyway.
+        self.own = self.frames if self._size == file else StoredFrames(*file)
+        self.kept: tuple[int, ...] = ()
+
+    def add(self, picture: np.ndarray) -> None:
+        """Store the next picture (H, W, 3) uint8 RGB."""
+        index = len(self.frames)
+        if self.own is self.frames:
+            self.kept += (index,)
+        elif index in self._keep:
+            self.own.append(picture)
+            self.kept += (index,)
+        smaller = self._size != self.file
+        self.frames.append(cv2.resize(picture, self._size[::-1], interpolation=cv2.INTER_AREA) if smaller else picture)
 
 
 def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
@@ -101,16 +142,16 @@ def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
     return first, last
 
 
-def _check_count(path: str, kept: list[np.ndarray], count: int, first: int, last: int | None) -> None:
+def _check_count(path: str, kept: int, count: int, first: int, last: int | None) -> None:
     if count == 0:
         raise ClipError(
             f"{path} holds no picture that can be read.", "Play it in a video player; if it plays there, convert it to H.264 MP4."
         )
-    if not kept or (last is not None and len(kept) < last - first + 1):
+    if not kept or (last is not None and kept < last - first + 1):
         raise ClipError(
             f"{path} has frames 0 to {count - 1}, so {first}:{last} reaches past its end.", f"Choose --frames inside 0:{count - 1}."
         )
-    if len(kept) < 2:
+    if kept < 2:
         raise ClipError(f"{path} gives one picture, and motion needs two.", "Use a longer clip or a wider --frames range.")
 
 
@@ -136,8 +177,8 @@ def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray, prog
     return float(file_fps)
 
 
-def _size(picture: np.ndarray) -> str:
-    return f"{picture.shape[1]}x{picture.shape[0]}"
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]}x{shape[0]}"
 
 
 def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:

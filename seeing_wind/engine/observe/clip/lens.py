@@ -5,8 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from ...progress import NoProgress, Progress
+from ...progress import Progress
 from ...records import Camera
+from .stored import Frames, each
 
 
 class Lens:
@@ -24,19 +25,17 @@ class Lens:
             size = (camera.width, camera.height)
             self._maps = cv2.initUndistortRectifyMap(self._matrix, np.array(camera.distortion), None, self._matrix, size, cv2.CV_32FC1)
 
-    def straight(self, frames: np.ndarray, progress: Progress) -> np.ndarray:
+    def straight(self, frames: Frames, progress: Progress) -> Frames:
         """Pictures (T+1, H, W, 3) uint8 as the pinhole would have filmed them; beyond the filmed part the rim is repeated."""
         if self._maps is None:
             return frames
-        out = np.empty_like(frames)
-        for t, picture in enumerate(frames):
-            progress.check()
-            out[t] = cv2.remap(picture, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return out
+        return each(frames, lambda t, picture: self.straight_one(picture), progress)
 
     def straight_one(self, picture: np.ndarray) -> np.ndarray:
         """One picture (H, W, 3) as `straight`."""
-        return self.straight(picture[None], NoProgress())[0].copy()
+        if self._maps is None:
+            return picture
+        return cv2.remap(picture, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
     def straight_map(self, values: np.ndarray, outside: float = 0.0) -> np.ndarray:
         """A mask or depth map (H, W) of the filmed picture over the straightened one; `outside` the filmed part."""

@@ -10,8 +10,10 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
+from ...masks import Masks
 from ...progress import Progress
 from ...records import Camera
+from .stored import Frames, each
 
 LEAST_CORNERS = 8
 LEAST_PART = 0.4
@@ -27,7 +29,7 @@ LARGEST_TURN = 0.1
 """Shift as a part of the picture's width beyond which this is no tremble but a moving camera, whose parallax a turn cannot explain."""
 
 
-def camera_turns(frames: np.ndarray, camera: Camera, around: np.ndarray, progress: Progress) -> np.ndarray | None:
+def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: Progress) -> np.ndarray | None:
     """Rotations (T+1, 3, 3) from each picture's camera axes to those of picture 0; None when turns do not explain the motion.
 
     Args:
@@ -41,9 +43,9 @@ def camera_turns(frames: np.ndarray, camera: Camera, around: np.ndarray, progres
     if corners is None or len(corners) < LEAST_CORNERS:
         return None
     turns = [np.eye(3)]
-    for picture in frames[1:]:
+    for t in range(1, len(frames)):
         progress.check()
-        gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        gray = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY)
         moved, found, _ = cv2.calcOpticalFlowPyrLK(first, gray, corners, None, winSize=(21, 21), maxLevel=3)
         back, again, _ = cv2.calcOpticalFlowPyrLK(gray, first, moved, None, winSize=(21, 21), maxLevel=3)
         sure = (found.ravel() > 0) & (again.ravel() > 0) & (np.linalg.norm((back - corners).reshape(-1, 2), axis=1) < 0.5)
@@ -108,22 +110,22 @@ def through(matrix: np.ndarray, xy: np.ndarray) -> np.ndarray:
     return out[:, :2] / out[:, 2:]
 
 
-def steadied(frames: np.ndarray, turns: np.ndarray, camera: Camera, progress: Progress) -> np.ndarray:
+def steadied(frames: Frames, turns: np.ndarray, camera: Camera, progress: Progress) -> Frames:
     """All pictures as the camera of picture 0 would have seen them, (T+1, H, W, 3) uint8."""
-    out = np.empty_like(frames)
-    for t, (picture, turn) in enumerate(zip(frames, turns)):
-        progress.check()
-        size = picture.shape[1::-1]
-        out[t] = cv2.warpPerspective(picture, homography(turn, camera), size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return out
+
+    def steady(t: int, picture: np.ndarray) -> np.ndarray:
+        matrix, size = homography(turns[t], camera), picture.shape[1::-1]
+        return cv2.warpPerspective(picture, matrix, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+
+    return each(frames, steady, progress)
 
 
-def as_filmed(xy: np.ndarray, masks: np.ndarray, turns: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def as_filmed(xy: np.ndarray, masks: Masks, turns: np.ndarray, camera: Camera) -> tuple[np.ndarray, Masks]:
     """Tracks (T+1, K, 2) and masks (T+1, H, W) of the steadied pictures in the pixels of the filmed ones."""
-    size = masks.shape[:0:-1]
+    size = masks.shape[2], masks.shape[1]
     back = [np.linalg.inv(homography(turn, camera)) for turn in turns]
-    filmed = [cv2.warpPerspective(mask.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) > 0 for mask, matrix in zip(masks, back)]
-    return np.stack([through(matrix, points) for matrix, points in zip(back, xy)]), np.stack(filmed)
+    filmed = (cv2.warpPerspective(mask.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) > 0 for mask, matrix in zip(masks, back))
+    return np.stack([through(matrix, points) for matrix, points in zip(back, xy)]), Masks.of(filmed)
 
 
 def turning(camera: Camera, turns: np.ndarray) -> Camera:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from ...masks import Masks
 from ...progress import Progress
 from ...records import Camera
+from ..clip.stored import Frames
 from .motion import Window, cut
 
 STILL = 1.5
@@ -61,7 +64,7 @@ def _largest(picture: np.ndarray) -> np.ndarray:
     return cv2.max(cv2.max(first, second), third)
 
 
-def stands_still(frames: np.ndarray, camera: Camera, around: np.ndarray) -> bool:
+def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
     """True when the camera does not move over the clip.
 
     Args:
@@ -88,22 +91,26 @@ def stands_still(frames: np.ndarray, camera: Camera, around: np.ndarray) -> bool
     return True
 
 
-def median_plate(frames: np.ndarray, progress: Progress) -> Plate:
+def median_plate(frames: Frames, progress: Progress) -> Plate:
     """The temporal median of `frames` (T+1, H, W, 3) uint8, trusted where half of the time stays close to it."""
-    chosen = frames[np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))]
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
     color = np.empty(frames.shape[1:], np.uint8)
     spread = np.empty(frames.shape[1:3], np.float32)
-    # Row blocks bound the memory and keep the safe points close together.
-    rows = max(1, int(2e6 // max(1, chosen[:, 0].size)))
-    for top in range(0, len(color), rows):
+    for part in _row_blocks(color, len(chosen)):
         progress.check()
-        block = chosen[:, top : top + rows]
+        block = np.stack([frames[t, part] for t in chosen])
         middle = _median(block)
-        color[top : top + rows] = middle
-        spread[top : top + rows] = _largest(_median(np.maximum(block, middle) - np.minimum(block, middle)))
+        color[part] = middle
+        spread[part] = _largest(_median(np.maximum(block, middle) - np.minimum(block, middle)))
     steady = spread <= STEADY
     noise = 1.5 * float(np.median(spread[steady])) + 1.0 if steady.any() else STEADY
     return Plate(color, steady, noise)
+
+
+def _row_blocks(picture: np.ndarray, count: int) -> Iterator[slice]:
+    """Rows of `picture` (H, W, 3) in blocks of 2 MB over `count` frames: they bound the memory and keep the safe points close together."""
+    rows = max(1, int(2e6 // max(1, count * picture[0].size)))
+    return (slice(top, min(top + rows, len(picture))) for top in range(0, len(picture), rows))
 
 
 def _median(block: np.ndarray) -> np.ndarray:
@@ -120,7 +127,7 @@ def without_object(plate: Plate, picture: np.ndarray, mask: np.ndarray) -> Plate
     return Plate(plate.color, plate.reliable & ~reach, plate.noise)
 
 
-def with_first_sight(plate: Plate, frames: np.ndarray, mask: np.ndarray) -> Plate:
+def with_first_sight(plate: Plate, frames: Frames, mask: np.ndarray) -> Plate:
     """The plate with what the first pictures show off the object, where the median is not to be trusted.
 
     An object that comes to rest, or turns in one place for half of the clip, leaves no steady median there; the pictures before it came
@@ -131,7 +138,7 @@ def with_first_sight(plate: Plate, frames: np.ndarray, mask: np.ndarray) -> Plat
     """
     if len(frames) <= FIRST_SIGHTS:
         return plate
-    first = frames[:FIRST_SIGHTS]
+    first = np.stack([frames[t] for t in range(FIRST_SIGHTS)])
     seen = ~plate.reliable & (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0)
     for picture in first[1:]:
         seen &= _largest(cv2.absdiff(picture, first[0])) < 4.0 * plate.noise
@@ -139,7 +146,7 @@ def with_first_sight(plate: Plate, frames: np.ndarray, mask: np.ndarray) -> Plat
     return Plate(color, plate.reliable | seen, plate.noise)
 
 
-def plate_behind(frames: np.ndarray, masks: np.ndarray, before: Plate, progress: Progress) -> Plate:
+def plate_behind(frames: Frames, masks: Masks, before: Plate, progress: Progress) -> Plate:
     """A better plate once the object's `masks` (T+1, H, W) are known: trusted wherever the object ever leaves and nothing else moves."""
     color = clean_plate(frames, masks, True, progress)
     grow = np.ones((9, 9), np.uint8)
@@ -153,7 +160,7 @@ def plate_behind(frames: np.ndarray, masks: np.ndarray, before: Plate, progress:
     return Plate(color, (before.reliable & ~passed) | (passed & (leaves >= 3)), before.noise)
 
 
-def clean_plate(frames: np.ndarray, masks: np.ndarray, still: bool, progress: Progress) -> np.ndarray:
+def clean_plate(frames: Frames, masks: Masks, still: bool, progress: Progress) -> np.ndarray:
     """The clip without the object, (H, W, 3) uint8 RGB.
 
     A camera that stands still: the median over the pictures in which a pixel is off the (slightly grown) object. A moving camera:
@@ -167,11 +174,9 @@ def clean_plate(frames: np.ndarray, masks: np.ndarray, still: bool, progress: Pr
     covered = np.stack([cv2.dilate(masks[t].astype(np.uint8), grow) > 0 for t in chosen])
     ever = covered.any(axis=0)
     color = np.empty(frames.shape[1:], np.uint8)
-    rows = max(1, int(2e6 // max(1, frames[0, 0].size * len(chosen))))
-    for top in range(0, len(color), rows):
+    for part in _row_blocks(color, len(chosen)):
         progress.check()
-        part = slice(top, top + rows)
-        block = frames[chosen, part]
+        block = np.stack([frames[t, part] for t in chosen])
         if ever[part].any():
             color[part] = _masked_median(block, covered[:, part])
         else:

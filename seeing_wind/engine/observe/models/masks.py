@@ -12,6 +12,7 @@ import torch
 
 from ...errors import ModelError, ObjectError
 from ...progress import Progress
+from ..clip.stored import Frames
 from .depth import IMAGENET, TRANSFORMERS, normalised
 from .folders import config_of, find, load, package, quiet
 
@@ -97,16 +98,16 @@ class MaskModel:
         self._session.obj_with_new_inputs = [ONE]
         return self._next(picture)
 
-    def follow(self, frames: np.ndarray, mask: np.ndarray, progress: Progress) -> Iterator[np.ndarray]:
+    def follow(self, frames: Frames, mask: np.ndarray, progress: Progress) -> Iterator[np.ndarray]:
         """The masks (H, W) bool of pictures 1 to T of `frames` (T+1, H, W, 3), from `mask` (H, W) in picture 0."""
         self._start(frames[0])
         given = cv2.resize(mask.astype(np.float32), (self._side, self._side), interpolation=cv2.INTER_AREA) >= 0.5
         self._session.add_mask_inputs(self._session.obj_id_to_idx(ONE), 0, torch.from_numpy(given.astype(np.float32))[None, None])
         self._session.obj_with_new_inputs = [ONE]
         self._next(frames[0])
-        for picture in frames[1:]:
+        for t in range(1, len(frames)):
             progress.check()
-            yield self._next(picture)
+            yield self._next(frames[t])
 
     def _start(self, picture: np.ndarray) -> tuple[int, int]:
         from transformers.models.sam2_video.modeling_sam2_video import Sam2VideoInferenceSession

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from ...progress import Progress
+from ..clip.stored import Frames
 from .catalogue import known
 from .folders import find, load_plain, package
 
@@ -24,7 +25,7 @@ UNKNOWN_SIGMA = 1.0
 
 
 def follow_points(
-    name: str, frames: np.ndarray, points: np.ndarray, progress: Progress
+    name: str, frames: Frames, points: np.ndarray, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Tracks of `points` (K, 2) [px] of picture 0 through `frames` (T+1, H, W, 3) uint8 RGB.
 
@@ -43,7 +44,8 @@ def follow_points(
         predictor = importlib.import_module("cotracker.predictor").CoTrackerPredictor(checkpoint=None, window_len=WINDOW)
         load_plain(predictor.model, folder, "facebook/cotracker3 (scaled_offline)")
         progress.check()
-        video = torch.from_numpy(np.ascontiguousarray(frames.transpose(0, 3, 1, 2)))[None].float()
+        # The authors' predictor wants the whole clip at once: with it, and only with it, memory grows with the clip.
+        video = torch.from_numpy(np.ascontiguousarray(np.asarray(frames).transpose(0, 3, 1, 2)))[None].float()
         queries = torch.from_numpy(np.column_stack([np.zeros(len(points)), points]).astype(np.float32))[None]
         tracks, seen = predictor(video, queries=queries)
     progress.check()

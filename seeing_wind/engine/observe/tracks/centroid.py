@@ -5,6 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ...masks import Masks, areas
+from ..clip.stored import Frames
 from ..mask.background import Plate
 from ..mask.follow import SMALL
 from ..mask.motion import cut, window_of
@@ -31,7 +33,7 @@ FARTHEST_REGISTERED = 3.0
 """Pixels between a registered place and its neighbours in time beyond which the registration is not believed."""
 
 
-def centroid_track(frames: np.ndarray, masks: np.ndarray, plate: Plate | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The body's centroid through the clip.
 
     Args:
@@ -44,7 +46,8 @@ def centroid_track(frames: np.ndarray, masks: np.ndarray, plate: Plate | None) -
     sigma = np.zeros(len(frames))
     inner = cv2.erode(masks[0].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     color = np.median(frames[0][inner if inner.any() else masks[0]], axis=0)
-    usual = float(np.median(masks.sum(axis=(1, 2))[masks.any(axis=(1, 2))]))
+    size = areas(masks)
+    usual = float(np.median(size[size > 0]))
     full: np.ndarray | None = None
     registered = np.zeros(len(frames), bool)
     for t, (picture, mask) in enumerate(zip(frames, masks)):

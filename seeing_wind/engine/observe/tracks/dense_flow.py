@@ -5,15 +5,17 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ...masks import Masks
 from ...progress import NoProgress, Progress
 from ..clip.opencv_threads import one_thread
+from ..clip.stored import Frames
 from ..mask.motion import Flow, FlowSolver, window_of
 
 MARGIN = 16
 """Pixels round the silhouette in which flow is computed."""
 
 
-def dense_flow(frames: np.ndarray, masks: np.ndarray, progress: Progress | None = None) -> list[Flow | None]:
+def dense_flow(frames: Frames, masks: Masks, progress: Progress | None = None) -> list[Flow | None]:
     """Flow inside a window round the object, T entries; None where the object is in neither picture of a pair.
 
     Args:
@@ -26,14 +28,16 @@ def dense_flow(frames: np.ndarray, masks: np.ndarray, progress: Progress | None 
     solver = FlowSolver()
     flows: list[Flow | None] = []
     with one_thread():
-        gray = [cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY) for frame in frames]
+        before, gray = masks[0], cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
         for t in range(len(frames) - 1):
             progress.update(t / len(frames), f"dense flow, frame {t} of {len(frames) - 1}")
-            if not masks[t].any():
+            after, next_gray = masks[t + 1], cv2.cvtColor(frames[t + 1], cv2.COLOR_RGB2GRAY)
+            if before.any():
+                shift = _centroid(after) - _centroid(before) if after.any() else np.zeros(2)
+                flows.append(solver.between(gray, next_gray, window_of(before, MARGIN), shift))
+            else:
                 flows.append(None)
-                continue
-            shift = _centroid(masks[t + 1]) - _centroid(masks[t]) if masks[t + 1].any() else np.zeros(2)
-            flows.append(solver.between(gray[t], gray[t + 1], window_of(masks[t], MARGIN), shift))
+            before, gray = after, next_gray
     return flows
 
 

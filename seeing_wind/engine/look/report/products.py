@@ -1,0 +1,55 @@
+"""The products of a report, each made apart from the others: one that cannot be made does not cost the rest."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any, Literal, TypeVar
+
+from ...errors import SeeingWindError
+from ...progress import Cancelled, Progress
+
+T = TypeVar("T")
+
+Level = Literal["none", "quick", "full"]
+"""How much of a report is made: see `write_report`."""
+
+
+class Products:
+    """Makes products one by one, keeping the time that each takes and why one is missing.
+
+    Attributes:
+        record: `level`; `seconds` per product made; `missing`, a sentence per product that could not be.
+    """
+
+    def __init__(self, level: Level, progress: Progress) -> None:
+        self._progress = progress
+        self.record: dict[str, Any] = {"level": level, "seconds": {}, "missing": {}}
+
+    def make(self, name: str, work: Callable[[], T], *, timed: bool = True) -> T | None:
+        """What `work` returns; None where it fails, which is told in a warning. Not `timed`: its seconds are not kept.
+
+        Raises:
+            Cancelled: as `work` does.
+        """
+        started = time.perf_counter()
+        try:
+            result = work()
+        except Cancelled:
+            raise
+        except SeeingWindError as error:
+            self._miss(name, str(error))
+            return None
+        except Exception as error:
+            # The field is there already, and whatever an odd codec or library does to a picture of it must not cost the job.
+            traceback.print_exc()
+            self._miss(name, f"Unexpected {type(error).__name__}: {error}. The log has the details.")
+            return None
+        if timed:
+            self.record["seconds"][name] = round(time.perf_counter() - started, 3)
+        return result
+
+    def _miss(self, name: str, why: str) -> None:
+        self.record["missing"][name] = why
+        self._progress.warn(f"The report's {name} could not be made. {why}")

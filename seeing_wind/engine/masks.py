@@ -1,0 +1,109 @@
+"""The object's masks of a whole clip, packed: a 4K mask is 8 MB in memory and some kilobytes here."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import overload
+
+import numpy as np
+
+from .errors import TakeError
+
+DAMAGED = TakeError("The take's masks are damaged.", "Run `recover` again.")
+
+
+@dataclass(frozen=True)
+class Masks:
+    """Masks (T+1, H, W) of one object, read like an array of bool: `masks[t]` is a mask (H, W) that the caller owns.
+
+    Raises:
+        TakeError: parts that contradict each other (a damaged take).
+    """
+
+    height: int
+    width: int
+    windows: np.ndarray
+    """(T+1, 4) int32: x0 y0 x1 y1 of the mask's bounding box [px], the end exclusive; zeros where it is empty."""
+    ends: np.ndarray
+    """(T+1,) int64: where each mask ends in `packed`."""
+    packed: np.ndarray
+    """(B,) uint8: the windows' bits, row by row, each mask compressed by zlib."""
+
+    @staticmethod
+    def of(masks: Iterable[np.ndarray]) -> Masks:
+        """The masks (H, W) bool, all of one size, taken one after the other.
+
+        Raises:
+            ValueError: no masks, or of several sizes.
+        """
+        windows: list[tuple[int, int, int, int]] = []
+        ends: list[int] = []
+        parts: list[bytes] = []
+        shape: tuple[int, ...] = ()
+        for mask in masks:
+            if shape and mask.shape != shape:
+                raise ValueError(f"masks of {shape} and {mask.shape}")
+            shape = mask.shape
+            rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+            window = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1) if len(rows) else (0, 0, 0, 0)
+            bits = np.packbits(mask[window[1] : window[3], window[0] : window[2]])
+            parts.append(zlib.compress(bits.tobytes(), 1))
+            windows.append(window)
+            ends.append(len(parts[-1]) + (ends[-1] if ends else 0))
+        if len(shape) != 2:
+            raise ValueError("no masks")
+        packed = np.frombuffer(b"".join(parts), np.uint8)
+        return Masks(shape[0], shape[1], np.array(windows, np.int32), np.array(ends, np.int64), packed)
+
+    def __post_init__(self) -> None:
+        windows, ends = self.windows, self.ends
+        if windows.ndim != 2 or windows.shape[1] != 4 or ends.shape != windows.shape[:1] or self.packed.dtype != np.uint8:
+            raise DAMAGED
+        inside = (windows[:, :2] >= 0) & (windows[:, :2] <= windows[:, 2:]) & (windows[:, 2:] <= [self.width, self.height])
+        if not inside.all() or (np.diff(ends, prepend=0) < 0).any() or (len(ends) and ends[-1] != self.packed.size):
+            raise DAMAGED
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(T+1, H, W)."""
+        return (len(self.windows), self.height, self.width)
+
+    def __len__(self) -> int:
+        return len(self.windows)
+
+    def __iter__(self) -> Iterator[np.ndarray]:
+        return (self[t] for t in range(len(self)))
+
+    @overload
+    def __getitem__(self, index: int) -> np.ndarray: ...
+    @overload
+    def __getitem__(self, index: slice) -> Masks: ...
+    def __getitem__(self, index: int | slice) -> np.ndarray | Masks:
+        if isinstance(index, slice):
+            return Masks.of(self[t] for t in range(*index.indices(len(self))))
+        t = range(len(self))[index]
+        x0, y0, x1, y1 = (int(value) for value in self.windows[t])
+        mask = np.zeros((self.height, self.width), bool)
+        count = (y1 - y0) * (x1 - x0)
+        content = self.packed[self.ends[t - 1] if t else 0 : self.ends[t]].tobytes()
+        try:
+            # Not more than the window holds, whatever a damaged take says.
+            bits = zlib.decompressobj().decompress(content, count // 8 + 2)
+        except zlib.error as error:
+            raise DAMAGED from error
+        if len(bits) != (count + 7) // 8:
+            raise DAMAGED
+        mask[y0:y1, x0:x1] = np.unpackbits(np.frombuffer(bits, np.uint8), count=count).reshape(y1 - y0, x1 - x0) > 0
+        return mask
+
+    def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> np.ndarray:
+        """All masks in memory (T+1, H, W) bool, for short clips."""
+        whole = np.stack(list(self))
+        return whole if dtype is None else whole.astype(dtype)
+
+
+def areas(masks: Iterable[np.ndarray]) -> np.ndarray:
+    """Pixels (T+1,) int64 of each mask."""
+    return np.array([int(np.count_nonzero(mask)) for mask in masks], np.int64)
