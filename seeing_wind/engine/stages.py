@@ -45,7 +45,7 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     from .observe import observe
 
     stamp = observation_stamp(clip, settings)
-    kept = _kept(take, "observe", stamp, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
+    kept = finished(take, "observe", stamp, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
     if kept is not None:
         return dataclasses.replace(kept, clip=str(clip)), stamp  # it may have been moved since
     progress.begin("observe", "reading the clip")
@@ -55,7 +55,7 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     return observation, stamp
 
 
-def _kept(take: Take, stage: str, stamp: str, read: Callable[[], R], progress: Progress) -> R | None:
+def finished(take: Take, stage: str, stamp: str, read: Callable[[], R], progress: Progress) -> R | None:
     """What an earlier run left of `stage`, None if it has to be done: not finished, of other inputs, or its files are damaged."""
     if not take.is_done(stage, stamp):
         return None
@@ -82,7 +82,7 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
     from .look import write_ply
 
     stamp = stamp_of("build", VERSION, upstream, settings)
-    kept = _kept(take, "build", stamp, lambda: read_body(take), progress)
+    kept = finished(take, "build", stamp, lambda: read_body(take), progress)
     if kept is not None and take.file("gaussians.ply").is_file():
         return kept, stamp
     progress.begin("build", "building the body")
@@ -142,11 +142,11 @@ def recover_stage(
     # there, it has a file of its own, too: a trajectory belongs to the field beside it. Engines before that left another solve's there.
     solved = stamp_of("recover", VERSION, upstream, dataclasses.replace(settings, refine=0))
     if take.file(SOLVED).is_file() or take.is_done("solve", solved):
-        kept = _kept(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
+        kept = finished(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
         if kept is not None:
             return *kept, {}
     seconds: dict[str, float] = {}
-    recovery = _kept(take, "solve", solved, lambda: _read_solve(take), progress)
+    recovery = finished(take, "solve", solved, lambda: _read_solve(take), progress)
     if recovery is None:
         progress.begin("recover", "recovering the force")
         started = time.perf_counter()

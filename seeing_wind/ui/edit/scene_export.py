@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
-from ...engine.take import Take, toml_text
+from ...engine.settings import toml_text
+from ...engine.take import Take
 from ..bake.bake import awake_on_top, clear_bake, mark_of
 from ..units import metres_per_unit
 
