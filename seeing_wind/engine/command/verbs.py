@@ -190,6 +190,7 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
 def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`resimulate DIR --edit EDIT.toml --take OUT` -> OUT/bodies/NAME.npz."""
     from ..field import load_field
+    from ..journal import TakeJournal
     from ..recovery.resimulate import simulate_bodies
 
     source, out = require_take(arguments.source), Take(arguments.take)
@@ -200,9 +201,10 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
             raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
     stamp = stamp_of(Path(arguments.edit), source.file("field.safetensors"))
-    with held(out, arguments.verb, progress):
+    with held(out, arguments.verb, progress), TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")
-        bodies = simulate_bodies(edit, field, recovered, Path(arguments.edit).resolve().parent, progress, device=arguments.device)
+        folder = Path(arguments.edit).resolve().parent
+        bodies = simulate_bodies(edit, field, recovered, folder, progress, device=arguments.device, journal=journal)
         figures = {
             name: {"vertices": int(body.vertices.shape[1]), "particles": body.particles, "notes": body.notes}
             for name, body in bodies.items()
