@@ -1,7 +1,8 @@
 """`python -m seeing_wind.engine VERB ...`: the worker.
 
 JSON lines on stdout and nothing else: progress, warning, error, and one result at the end. Logs go to stderr. SIGINT (CTRL_BREAK on
-Windows) stops at the next safe point. Exit code 0 done, 1 failed with a message, 2 wrong usage, 130 cancelled.
+Windows) stops at the next safe point. Exit code 0 done, 1 failed with a message, 2 wrong usage, 130 cancelled. What a report lacks fails
+no job: it is in the result's `warnings`.
 """
 
 from __future__ import annotations

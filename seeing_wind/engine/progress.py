@@ -1,9 +1,15 @@
-"""Progress and cancelling: an argument with a no-op default, so that no stage knows who watches."""
+"""Progress, cancelling and a journal: arguments with a no-op default, so that no stage knows who watches or keeps what it found."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    import numpy as np
+
+R = TypeVar("R")
 
 
 class Cancelled(Exception):
@@ -76,3 +82,40 @@ class _Part(Progress):
 
 class NoProgress(Progress):
     """Nobody watches and nobody cancels."""
+
+
+@dataclass(frozen=True)
+class _Single:
+    values: np.ndarray
+
+
+class Loop:
+    """A loop that cannot be resumed."""
+
+    def resume(self) -> tuple[int, dict[str, np.ndarray]]:
+        """How many rounds a former run has left behind it, and the state after them; 0 and nothing when it begins."""
+        return 0, {}
+
+    def reached(self, done: int, state: Callable[[], dict[str, np.ndarray]]) -> None:
+        """Call it after each round with the number of rounds done; `state` is called when it is time to keep it."""
+
+
+class Journal:
+    """A journal of a long computation that keeps nothing: the default wherever one is asked for. See `recovery.journal`."""
+
+    def once(self, name: str, kind: type[R], work: Callable[[], R], *inputs: Any) -> R:
+        """What `work` returns, a record of the class `kind` (see `records`); read instead where a former run has come past here.
+
+        Args:
+            name: of this part of the computation; several of one name are told apart by their order.
+            inputs: what may differ between runs that the journal's stamp does not tell apart (see `stamp_of`).
+        """
+        return work()
+
+    def array(self, name: str, work: Callable[[], np.ndarray], *inputs: Any) -> np.ndarray:
+        """`once` for a single array."""
+        return self.once(name, _Single, lambda: _Single(work()), *inputs).values
+
+    def loop(self, name: str, *inputs: Any) -> Loop:
+        """The loop that begins here; arguments as for `once`."""
+        return Loop()

@@ -23,6 +23,7 @@ from .take import Take, from_arrays, stamp_of, to_arrays
 if TYPE_CHECKING:
     from .field import ForceField
     from .paper.losses import MotionLoss
+    from .progress import Journal
     from .records import Material, Particles, PointTargets
 
 R = TypeVar("R")
@@ -45,7 +46,7 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     from .observe import observe
 
     stamp = observation_stamp(clip, settings)
-    kept = _kept(take, "observe", stamp, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
+    kept = finished(take, "observe", stamp, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
     if kept is not None:
         return dataclasses.replace(kept, clip=str(clip)), stamp  # it may have been moved since
     progress.begin("observe", "reading the clip")
@@ -55,7 +56,7 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     return observation, stamp
 
 
-def _kept(take: Take, stage: str, stamp: str, read: Callable[[], R], progress: Progress) -> R | None:
+def finished(take: Take, stage: str, stamp: str, read: Callable[[], R], progress: Progress) -> R | None:
     """What an earlier run left of `stage`, None if it has to be done: not finished, of other inputs, or its files are damaged."""
     if not take.is_done(stage, stamp):
         return None
@@ -85,7 +86,7 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
     from .look import write_ply
 
     stamp = stamp_of("build", VERSION, upstream, settings)
-    kept = _kept(take, "build", stamp, lambda: read_body(take), progress)
+    kept = finished(take, "build", stamp, lambda: read_body(take), progress)
     if kept is not None and take.file("gaussians.ply").is_file():
         return kept, stamp
     progress.begin("build", "building the body")
@@ -135,56 +136,76 @@ def recover_stage(
         the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds
         that solve, distillation and refinement took.
     """
-    from .field import distill, load_field
-    from .paper.refinement import refine
+    from .field import load_field
     from .paper.schedule import recover_by_descent
     from .recovery import recover
+    from .recovery.journal import TakeJournal
 
     stamp = stamp_of("recover", VERSION, upstream, settings)
     # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it. Until the field is
     # there, it has a file of its own, too: a trajectory belongs to the field beside it. Engines before that left another solve's there.
     solved = stamp_of("recover", VERSION, upstream, dataclasses.replace(settings, refine=0))
     if take.file(SOLVED).is_file() or take.is_done("solve", solved):
-        kept = _kept(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
+        kept = finished(take, "recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
         if kept is not None:
             return *kept, {}
     seconds: dict[str, float] = {}
-    recovery = _kept(take, "solve", solved, lambda: _read_solve(take), progress)
+    recovery = finished(take, "solve", solved, lambda: _read_solve(take), progress)
     if recovery is None:
         progress.begin("recover", "recovering the force")
         started = time.perf_counter()
-        if settings.schedule == "paper":
-            made = loss() if loss is not None else None
-            recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made)
-        else:
-            recovery = recover(particles, material, targets, fps, settings, progress)
-        seconds["recover"] = time.perf_counter() - started
-        if recovery.outcome == Outcome.DIVERGED:
-            return recovery, None, seconds
-        take.withdraw("solve")
-        take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": _array(fps)})
-        take.finish("solve", solved, to_mapping(settings))
+        with TakeJournal(take, solved, progress) as journal:
+            if settings.schedule == "paper":
+                made = loss() if loss is not None else None
+                recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made, journal)
+            else:
+                recovery = recover(particles, material, targets, fps, settings, progress, journal)
+            seconds["recover"] = time.perf_counter() - started
+            if recovery.outcome == Outcome.DIVERGED:
+                return recovery, None, seconds
+            take.withdraw("solve")
+            take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": _array(fps)})
+            take.finish("solve", solved, to_mapping(settings))
+    with TakeJournal(take, stamp, progress) as journal:
+        field = _fitted(recovery, particles, material, fps, settings, progress, journal, seconds)
+        with take.writing(FITTED) as path:
+            field.save(path)
+        # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
+        take.withdraw("recover")
+        if take.file(SOLVED).is_file():
+            os.replace(take.file(SOLVED), take.file("trajectory.npz"))
+        os.replace(take.file(FITTED), take.file("field.safetensors"))
+        take.finish("recover", stamp, to_mapping(settings))
+    return recovery, field, seconds
+
+
+def _fitted(
+    recovery: Recovery,
+    particles: Particles,
+    material: Material,
+    fps: float,
+    settings: RecoverSettings,
+    progress: Progress,
+    journal: Journal,
+    seconds: dict[str, float],
+) -> ForceField:
+    """The field that holds the recovered forces, refined if the settings say so; adds the seconds that either took."""
+    from .field import distill
+    from .paper.refinement import refine
+
     progress.begin("distill", "fitting the field")
     started = time.perf_counter()
-    field = distill(recovery, particles, fps, settings.representation, settings.seed, progress)
+    field = distill(recovery, particles, fps, settings.representation, settings.seed, progress, journal)
     seconds["distill"] = time.perf_counter() - started
     if settings.refine:
         progress.begin("refine", "refining the field")
         started = time.perf_counter()
-        refined = refine(field, recovery, particles, material, settings, progress)
+        refined = refine(field, recovery, particles, material, settings, progress, journal)
         field, seconds["refine"] = refined.field, time.perf_counter() - started
         if refined.before:
             off = f"{1e3 * refined.after:.3g} mm ({1e3 * refined.before:.3g} mm before)"
             progress.update(1.0, f"the field's own simulation strays {off} from the recovered motion")
-    with take.writing(FITTED) as path:
-        field.save(path)
-    # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
-    take.withdraw("recover")
-    if take.file(SOLVED).is_file():
-        os.replace(take.file(SOLVED), take.file("trajectory.npz"))
-    os.replace(take.file(FITTED), take.file("field.safetensors"))
-    take.finish("recover", stamp, to_mapping(settings))
-    return recovery, field, seconds
+    return field
 
 
 def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:

@@ -15,6 +15,7 @@ import io
 import json
 import os
 import re
+import sys
 import tempfile
 from collections.abc import Iterator
 from enum import StrEnum
@@ -26,6 +27,7 @@ import numpy as np
 
 from .errors import TakeError
 from .reading import LARGEST_TAKE, check_record, parse_json, read_arrays, read_json, read_toml
+from .settings import toml_text
 
 R = TypeVar("R")
 
@@ -58,6 +60,14 @@ class Take:
                 pass
         except OSError as error:
             raise TakeError(f"{self.path} cannot be written: {error.strerror or error}.", "Choose another folder with --take.") from error
+
+    def clear_leftovers(self) -> None:
+        """Remove what processes that are dead by now were writing."""
+        for path in [*self.path.glob(".*.part*"), *self.path.glob("*/.*.part*")]:
+            found = re.fullmatch(r"\..*\.(\d+)\.part(\..*)?", path.name)
+            if found and path.is_file() and (int(found[1]) == os.getpid() or not alive(int(found[1]))):
+                with contextlib.suppress(OSError):
+                    path.unlink()
 
     @contextlib.contextmanager
     def writing(self, name: str) -> Iterator[Path]:
@@ -92,7 +102,7 @@ class Take:
     def write_json(self, name: str, values: dict[str, Any]) -> None:
         """Write a JSON file; non-finite numbers are refused, as other readers would be."""
         with self.writing(name) as path:
-            path.write_text(json.dumps(values, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+            path.write_text(json_text(values), encoding="utf-8")
 
     def read_json(self, name: str) -> dict[str, Any]:
         """Read a JSON file of the take. Raises TakeError when it is missing, unreadable, or no mapping."""
@@ -106,14 +116,9 @@ class Take:
 
     def write_arrays(self, name: str, arrays: dict[str, np.ndarray]) -> None:
         """Write a compressed NPZ; object arrays are refused (they would need pickle)."""
-        for key, array in arrays.items():
-            if np.asarray(array).dtype == object:
-                raise TypeError(f"{name}: {key} is an object array")
-        # In memory first: an archive that meets a full disk complains once more, with a traceback, when it is thrown away.
-        content = io.BytesIO()
-        np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+        content = npz(name, arrays)
         with self.writing(name) as path:
-            path.write_bytes(content.getbuffer())
+            path.write_bytes(content)
 
     def read_arrays(self, name: str) -> dict[str, np.ndarray]:
         """Read an NPZ of the take without pickle. Raises TakeError when it is missing or damaged."""
@@ -150,21 +155,62 @@ class Take:
 
     def finish(self, stage: str, stamp: str, settings: dict[str, Any]) -> None:
         """Write the stamp of a finished stage and its settings, last of all. Stamps of later stages stay: their inputs are in them."""
+        with self.finishing(stage, stamp, settings):
+            pass
+
+    @contextlib.contextmanager
+    def finishing(self, stage: str, stamp: str, settings: dict[str, Any]) -> Iterator[None]:
+        """`finish` when the block ends without an error; a full disk is met before it begins."""
         description = self.description()
         description["format"] = FORMAT
         description.setdefault("stages", {})[stage] = {"stamp": stamp, "settings": settings}
-        self._describe(description)
+        with self.writing("take.toml") as path:
+            path.write_text(toml_text(description), encoding="utf-8")
+            yield
 
     def withdraw(self, stage: str) -> None:
         """Take back a stage's stamp, before its files are replaced: a job that ends in between leaves none that is wrong."""
         description = self.description()
         if stage in description.get("stages", {}):
             description["stages"][stage]["stamp"] = ""
-            self._describe(description)
+            with self.writing("take.toml") as path:
+                path.write_text(toml_text(description), encoding="utf-8")
 
-    def _describe(self, description: dict[str, Any]) -> None:
-        with self.writing("take.toml") as path:
-            path.write_text(toml_text(description), encoding="utf-8")
+
+def json_text(values: dict[str, Any]) -> str:
+    """JSON to be read by people, too. ValueError for numbers that are not finite."""
+    return json.dumps(values, indent=2, allow_nan=False) + "\n"
+
+
+def npz(name: str, arrays: dict[str, np.ndarray]) -> bytes:
+    """A compressed NPZ, whole before any of it is written: an archive that meets a full disk complains twice. TypeError names `name`."""
+    for key, array in arrays.items():
+        if np.asarray(array).dtype == object:
+            raise TypeError(f"{name}: {key} is an object array")
+    content = io.BytesIO()
+    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+    return content.getvalue()
+
+
+def alive(pid: int) -> bool:
+    """Whether there is a process of that number on this machine."""
+    if sys.platform == "win32":  # where os.kill would end it
+        import ctypes
+
+        kernel, synchronize = ctypes.windll.kernel32, 0x100000
+        handle = kernel.OpenProcess(synchronize, False, pid)
+        if handle:
+            running = kernel.WaitForSingleObject(handle, 0) != 0
+            kernel.CloseHandle(handle)
+            return bool(running)
+        return kernel.GetLastError() == 5  # it is there, and another user's
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def stamp_of(*parts: Any) -> str:
@@ -256,44 +302,3 @@ def _fits(value: Any, kind: Any) -> bool:
     if kind in (int, float):
         return isinstance(value, (int, kind)) and not isinstance(value, bool)
     return isinstance(value, kind)
-
-
-def toml_text(values: dict[str, Any]) -> str:
-    """Plain values, lists, nested tables and lists of tables as TOML text (the standard library reads TOML but does not write it).
-
-    Raises:
-        TypeError: for a value that TOML does not have.
-    """
-    return "\n\n".join(_toml_blocks(values, "", ())) + "\n"
-
-
-def _toml_blocks(values: dict[str, Any], header: str, path: tuple[str, ...]) -> list[str]:
-    """One block of text per table, the table's own values first (TOML allows them nowhere else)."""
-    lines, nested = [], []
-    for key, value in values.items():
-        inner = (*path, key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key))
-        if isinstance(value, dict):
-            nested += _toml_blocks(value, f"[{'.'.join(inner)}]", inner)
-        elif isinstance(value, (list, tuple)) and value and all(isinstance(item, dict) for item in value):
-            for item in value:
-                nested += _toml_blocks(item, f"[[{'.'.join(inner)}]]", inner)
-        else:
-            lines.append(f"{inner[-1]} = {_toml_value(value)}")
-    # a table without values of its own needs no header, unless it is empty or one of a list
-    if header and (lines or not nested or header.startswith("[[")):
-        lines.insert(0, header)
-    return (["\n".join(lines)] if lines else []) + nested
-
-
-def _toml_value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (int, float)):
-        return repr(value)
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{json.dumps(key)} = {_toml_value(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
-    raise TypeError(f"no TOML for {type(value).__name__}")

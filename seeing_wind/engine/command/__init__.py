@@ -2,5 +2,6 @@
 
     arguments.py     verbs and options              verbs.py   what each verb does
     trajectories.py  3D trajectories from a file    doctor.py  what is installed, and what to do about the rest
+    lock.py          one writer per take             reporting.py  how a recovery ends: its report, its result
     batch/           many clips and edits from one file, here or on a farm
 """

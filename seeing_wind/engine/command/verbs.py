@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable
@@ -30,8 +31,10 @@ from ..stages import (
     track_targets,
     write_gaussians,
 )
-from ..take import Take, stamp_of
+from ..take import Take, json_text, npz, stamp_of
 from .arguments import gravity_of, properties_of, settings_of
+from .lock import held
+from .reporting import diverged, reported
 
 if TYPE_CHECKING:
     from ..observe.models.endpoint import Endpoint
@@ -67,6 +70,7 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
     if arguments.view or arguments.tracks:
         raise UsageError("--view and --tracks belong to one object.", "Leave them out, or recover the objects one by one with --mask.")
     home, found = Path(arguments.take), read_objects(arguments.objects)
+    Take(home).prepare()
     results: list[Result] = []
     for number, one in enumerate(found, start=1):
         progress.begin("observe", f"{one['name']}, object {number} of {len(found)}")
@@ -78,7 +82,8 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
         results.append({"name": one["name"], **_recover_one(own, progress)})
     Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
     worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
-    return {"outcome": (worst[0] if worst else Outcome.CONVERGED).value, "take": str(home), "objects": results}
+    outcome, warnings = worst[0] if worst else Outcome.CONVERGED, [f"{r['name']}: {one}" for r in results for one in r.get("warnings", [])]
+    return {"outcome": outcome.value, "take": str(home), "objects": results, "warnings": warnings}
 
 
 def _on(mask: str, pin: str) -> bool:
@@ -98,17 +103,23 @@ def _on(mask: str, pin: str) -> bool:
 
 def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     """One object of a clip into one take."""
-    from ..look import write_ply
-    from ..look.multiview import with_views
-    from ..look.report import write_report
-    from ..observe import observe
-    from ..observe.object.motion.views import lifted_together, view_targets
-
     _material(find(arguments.material), arguments)  # a wrong one is told before the work begins
     settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments), clamp_depth=PAINTED_DEPTH)
     check_solve(settings, clip=True, views=len(arguments.view))
     endpoint = _endpoint(arguments)
-    take, seconds = Take(arguments.take), dict[str, float]()
+    with held(Take(arguments.take), arguments.verb, progress) as take:
+        return _recover_into(take, arguments, settings, endpoint, progress)
+
+
+def _recover_into(
+    take: Take, arguments: argparse.Namespace, settings: RecoverSettings, endpoint: Endpoint | None, progress: Progress
+) -> Result:
+    from ..look import write_ply
+    from ..look.multiview import with_views
+    from ..observe import observe
+    from ..observe.object.motion.views import lifted_together, view_targets
+
+    seconds = dict[str, float]()
     points = tuple(value for point in arguments.points for value in point) if arguments.points else None
     observing = settings_of(ObserveSettings, arguments, points=points)
     observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
@@ -129,6 +140,7 @@ def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     if arguments.view:
         body = lifted_together(observation, body, targets, progress)
         body, _ = with_views(body, observation, sights, progress)
+        take.withdraw("report")  # which writes that file, too
         write_gaussians(take, body.gaussians, write_ply)
     upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
     loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
@@ -136,16 +148,17 @@ def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
         take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
     )
     if field is None:
-        return _diverged(recovery)
-    progress.begin("report", "drawing the report")
-    report = write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress, level=arguments.report)
-    progress.update(1.0, "done")
-    return _summary(report, take)
+        return diverged(recovery)
+    def draw() -> dict[str, Any]:
+        from ..look.report import write_report
+
+        return write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress, level=arguments.report)
+
+    return reported(take, recovery, arguments.report, observation.clip, draw, progress)
 
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover-trajectories TRUTH.npz --take DIR`."""
-    from ..look.report import write_trajectory_report
     from .trajectories import read_trajectories
 
     take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
@@ -154,17 +167,21 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
     particles, material = source.particles, source.material
     settings = settings_of(RecoverSettings, arguments, gravity=source.gravity, clamp_depth=source.clamp_depth)
     check_solve(settings, clip=False)
-    take.prepare()
-    for note in source.notes:
-        progress.warn(note)
-    upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)
-    recovery, field, seconds = recover_stage(take, particles, material, source.targets, source.fps, upstream, settings, progress)
-    recovery = dataclasses.replace(recovery, notes=[*source.notes, *recovery.notes])
-    if field is None:
-        return _diverged(recovery)
-    progress.begin("report", "drawing the report")
-    report = write_trajectory_report(take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report)
-    return _summary(report, take)
+    with held(take, arguments.verb, progress):
+        for note in source.notes:
+            progress.warn(note)
+        upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)
+        recovery, field, seconds = recover_stage(take, particles, material, source.targets, source.fps, upstream, settings, progress)
+        recovery = dataclasses.replace(recovery, notes=[*source.notes, *recovery.notes])
+        if field is None:
+            return diverged(recovery)
+
+        def draw() -> dict[str, Any]:
+            from ..look.report import write_trajectory_report
+
+            return write_trajectory_report(take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report)
+
+        return reported(take, recovery, arguments.report, "", draw, progress)
 
 
 def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
@@ -184,6 +201,7 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
 def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`resimulate DIR --edit EDIT.toml --take OUT` -> OUT/bodies/NAME.npz."""
     from ..field import load_field
+    from ..recovery.journal import TakeJournal
     from ..recovery.resimulate import simulate_bodies
 
     source, out = require_take(arguments.source), Take(arguments.take)
@@ -193,19 +211,22 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
         if not source.file("particles.npz").is_file():
             raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
-    progress.begin("resimulate", "simulating")
-    bodies = simulate_bodies(edit, field, recovered, Path(arguments.edit).resolve().parent, progress, device=arguments.device)
-    for name, body in bodies.items():
-        out.write_arrays(f"bodies/{name}.npz", {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps)})
-    figures = {
-        name: {"vertices": int(body.vertices.shape[1]), "particles": body.particles, "notes": body.notes} for name, body in bodies.items()
-    }
-    out.write_json("resimulation.json", {"source": str(source.path), "fps": field.fps, "frames": field.frames, "bodies": figures})
-    out.finish(
-        "resimulate",
-        stamp_of(Path(arguments.edit), source.file("field.safetensors")),
-        {"source": str(source.path), "edit": str(arguments.edit)},
-    )
+    stamp = stamp_of(Path(arguments.edit), source.file("field.safetensors"))
+    with held(out, arguments.verb, progress), TakeJournal(out, stamp, progress) as journal:
+        progress.begin("resimulate", "simulating")
+        folder = Path(arguments.edit).resolve().parent
+        bodies = simulate_bodies(edit, field, recovered, folder, progress, device=arguments.device, journal=journal)
+        figures = {
+            name: {"vertices": int(body.vertices.shape[1]), "particles": body.particles, "notes": body.notes}
+            for name, body in bodies.items()
+        }
+        summary = {"source": str(source.path), "fps": field.fps, "frames": field.frames, "bodies": figures}
+        with contextlib.ExitStack() as together:  # all are there before any takes its place, the stamp last
+            together.enter_context(out.finishing("resimulate", stamp, {"source": str(source.path), "edit": str(arguments.edit)}))
+            for name, body in bodies.items():
+                arrays = {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps)}
+                together.enter_context(out.writing(f"bodies/{name}.npz")).write_bytes(npz(name, arrays))
+            together.enter_context(out.writing("resimulation.json")).write_text(json_text(summary), encoding="utf-8")
     progress.update(1.0, "done")
     return {"outcome": "converged", "take": str(out.path), "bodies": figures}
 
@@ -227,6 +248,7 @@ def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
 
     endpoint = _endpoint(arguments)
     assert endpoint is not None  # both options are required
+    Take(arguments.take).prepare()
     first = arguments.frames[0] if arguments.frames else 0
     picture = read_clip(arguments.clip, (first, first + 1), fps=1.0, progress=progress).frames[0]
     found = find_objects(endpoint, picture, arguments.detector_model, arguments.mask_model, progress)
@@ -322,12 +344,3 @@ def _timed(seconds: dict[str, float], stage: str, work: Callable[[], Any]) -> An
     result = work()
     seconds[stage] = time.perf_counter() - started
     return result
-
-
-def _diverged(recovery: Any) -> Result:
-    return {"outcome": Outcome.DIVERGED.value, "iterations": recovery.iterations, "notes": recovery.notes}
-
-
-def _summary(report: dict[str, Any], take: Take) -> Result:
-    keys = ("outcome", "iterations", "residual", "residual_unit", "seconds", "notes")
-    return {"take": str(take.path), **{("stage_seconds" if key == "seconds" else key): report[key] for key in keys if key in report}}

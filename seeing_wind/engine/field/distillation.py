@@ -11,14 +11,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
 from ..errors import UsageError
-from ..progress import NoProgress, Progress
+from ..progress import Journal, NoProgress, Progress
 from ..records import Particles, Recovery
+from .adam import adam_state, restore
 from .confidence import confidence_map
 from .force_field import ForceField
 from .representations.kplanes import ForceFieldKPlanes, KPlanes
@@ -69,6 +71,7 @@ def distill(
     representation: str = "causal_triplane",
     seed: int = 0,
     progress: Progress | None = None,
+    journal: Journal = Journal(),
 ) -> ForceField:
     """Fit a representation to a recovery's forces.
 
@@ -79,6 +82,7 @@ def distill(
         representation: causal_triplane, kplanes or point.
         seed: of the weights' start and the batches; the same seed gives the same field.
         progress: told about the fit in fractions of it.
+        journal: keeps how far the fit has come; its stamp must tell all other arguments.
 
     Raises:
         UsageError: for an unknown representation, or forces that are not finite (a recovery that diverged).
@@ -99,20 +103,20 @@ def distill(
     samples = _samples(recovery, x, box, scale, seed)
     with torch.random.fork_rng(devices=[]), one_torch_thread():
         torch.manual_seed(seed)
-        module = _best(lambda: _module(representation, frames, box, x[0]), samples, _iterations(frames), progress or NoProgress())
+        module = _best(lambda: _module(representation, frames, box, x[0]), samples, _iterations(frames), progress or NoProgress(), journal)
     if isinstance(module, KPlanes):
         return ForceFieldKPlanes(box, fps, frames, module, scale, confidence)
     return ForceFieldTriPlane(box, fps, frames, module, scale, confidence)
 
 
-def _best(make: Callable[[], NeuralModule], samples: Samples, iterations: int, progress: Progress) -> NeuralModule:
+def _best(make: Callable[[], NeuralModule], samples: Samples, iterations: int, progress: Progress, journal: Journal) -> NeuralModule:
     """A fitted module. Adam at its full rates now and then loses its way; then once more, more slowly, and the better of the two."""
     first = make()
-    misfit = _fit(first, samples, iterations, 1.0, progress)
+    misfit = _fit(first, samples, iterations, 1.0, progress, journal)
     if misfit < ACCURATE:
         return first
     second = make()
-    slow = _fit(second, samples, 2 * iterations, SLOW, progress)
+    slow = _fit(second, samples, 2 * iterations, SLOW, progress, journal)
     module, misfit = (second, slow) if slow < misfit else (first, misfit)
     if misfit >= ACCURATE:
         progress.warn(f"The field follows the solved forces only to {100 * misfit:.0f} %: they vary more than the representation can.")
@@ -170,7 +174,7 @@ def _samples(recovery: Recovery, x: np.ndarray, box: np.ndarray, scale: float, s
     )
 
 
-def _fit(module: NeuralModule, samples: Samples, iterations: int, pace: float, progress: Progress) -> float:
+def _fit(module: NeuralModule, samples: Samples, iterations: int, pace: float, progress: Progress, journal: Journal) -> float:
     """Adam on random batches with one rise and fall of the learning rates, then the last layer exactly.
 
     Returns the weighted root mean square misfit over the weighted root mean square force.
@@ -180,7 +184,11 @@ def _fit(module: NeuralModule, samples: Samples, iterations: int, pace: float, p
     rates = [pace * group["lr"] for group in groups]
     optimiser = torch.optim.Adam(groups, betas=(0.9, 0.99))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, rates, total_steps=iterations, pct_start=0.1)
-    for iteration in range(iterations):
+    loop = journal.loop("iterations", pace)
+    done, kept = loop.resume()
+    if done:
+        restore(optimiser, schedule, kept, done)
+    for iteration in range(done, iterations):
         pick = torch.randint(len(samples.s), (min(BATCH, len(samples.s)),))
         force = module.decoder(module.latent((rows[pick], carry[pick]), samples.frame[pick]))
         data = (samples.weight[pick, None] * (force - samples.force[pick]).square()).mean()
@@ -192,6 +200,7 @@ def _fit(module: NeuralModule, samples: Samples, iterations: int, pace: float, p
         optimiser.zero_grad()
         if iteration % 50 == 0:
             progress.update(iteration / iterations, "distilling the field", misfit=float(data.detach()))
+        loop.reached(iteration + 1, partial(adam_state, optimiser))
     return _solve_last(module, samples, (rows, carry))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import SimulationError, UsageError
-from ..progress import NoProgress, Progress
+from ..progress import Journal, NoProgress, Progress
 from ..records import Attachment
 from . import device
 from .body import Body
@@ -236,6 +236,7 @@ def rollout_batch(
     attachment: Attachment | None = None,
     strict: bool = False,
     progress: Progress | None = None,
+    journal: Journal = Journal(),
 ) -> BatchRollout:
     """Simulate B independent copies of one body over T frames, in parallel threads.
 
@@ -251,6 +252,7 @@ def rollout_batch(
         C0: (B, N, 3, 3) affine velocities [1/s], likewise.
         attachment: return these K points instead of the N particles.
         strict: raise when any copy fails instead of marking it.
+        journal: keeps how far the frames have come.
 
     Raises:
         SimulationError: with `strict`, as `rollout`.
@@ -270,7 +272,7 @@ def rollout_batch(
         v0, C0 = None if v0 is None else v0 @ A, None if C0 is None else A.T @ C0 @ A
         found = rollout_batch(
             model.upright(), path.turned(A), phi, dphi, coefficients @ A, start_frame=start_frame, v0=v0, C0=C0, attachment=attachment,
-            strict=strict, progress=progress,
+            strict=strict, progress=progress, journal=journal,
         )  # fmt: skip
         return BatchRollout(found.points @ A.T, found.failed_frame)
     copies, frames = coefficients.shape[:2]
@@ -288,7 +290,12 @@ def rollout_batch(
     for b in range(copies):
         points[b, : start[b] + 1] = rest[: start[b] + 1]
     failed_frame = np.full(copies, -1)
-    for t in range(frames):
+    state = {"x": body.x, "v": body.v, "C": body.C, "F": body.F, "points": points, "failed_frame": failed_frame}
+    loop = journal.loop("frames", coefficients)
+    done, kept = loop.resume()
+    for name, values in kept.items():
+        state[name][:] = values
+    for t in range(done, frames):
         going = np.flatnonzero((start <= t) & (failed_frame < 0)).astype(np.int32)
         if not len(going):
             continue
@@ -301,4 +308,5 @@ def rollout_batch(
             raise body.failure(int(going[first]), status[first], t, int(substeps[first]))
         failed_frame[going[broken]] = t
         points[going[~broken], t + 1] = follow(body.x[going[~broken]])
+        loop.reached(t + 1, lambda: state)
     return BatchRollout(points, failed_frame)

@@ -7,11 +7,12 @@ One simulation of the body as it is; then every change costs a small part of ano
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
 
-from ..progress import Progress
+from ..progress import Journal, Progress
 from . import device
 from .checks import check_state
 from .failure import diagnosis, failure
@@ -49,7 +50,14 @@ class Changes:
 
 
 def tangents(
-    model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, coefficients: np.ndarray, changes: Changes, progress: Progress
+    model: Model,
+    start: State,
+    phi: np.ndarray,
+    dphi: np.ndarray,
+    coefficients: np.ndarray,
+    changes: Changes,
+    progress: Progress,
+    journal: Journal = Journal(),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Motion under a force, and how it changes to first order.
 
@@ -58,6 +66,7 @@ def tangents(
         phi, dphi: (N, P) basis at the particles' rest positions, (N, P, 3) its gradient [1/m]; the force is as in `rollout_batch`.
         coefficients: (T, P, 3) [m/s²].
         changes: directions.
+        journal: keeps how far the frames have come.
 
     Returns:
         positions (T+1, N, 3) [m], and their changes (B, T+1, N, 3) [m], single precision.
@@ -70,10 +79,10 @@ def tangents(
         A = model.axes
         v0, C0 = (None if given is None else given @ A for given in (changes.v0, changes.C0))
         turned = Changes(changes.coefficients @ A, v0, None if C0 is None else A.T @ C0)
-        x, changed = tangents(model.upright(), start.turned(A), phi, dphi, coefficients @ A, turned, progress)
+        x, changed = tangents(model.upright(), start.turned(A), phi, dphi, coefficients @ A, turned, progress, journal)
         return x @ A.T, changed @ A.T.astype(np.float32)
     device.start(model.device)
-    return _Carrier(model, start, phi, dphi, changes, progress).run(coefficients)
+    return _Carrier(model, start, phi, dphi, changes, progress).run(coefficients, journal)
 
 
 class _Carrier:
@@ -106,13 +115,18 @@ class _Carrier:
         self.count, self.capacity, self.substeps = count, 0, 0
         self.source = aligned((groups, n, SOURCE, self.width), np.float32)
 
-    def run(self, coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def run(self, coefficients: np.ndarray, journal: Journal) -> tuple[np.ndarray, np.ndarray]:
         """Frame by frame under coefficients (T, P, 3) [m/s²]: what `tangents` returns, and what it raises."""
         frames, n = len(coefficients), self.model.particles
         x = np.empty((frames + 1, n, 3))
         changed = np.zeros((self.count, frames + 1, n, 3), np.float32)
         x[0] = self.state.x
-        for t in range(frames):
+        loop = journal.loop("frames", coefficients)
+        done, kept = loop.resume()
+        if done:
+            x[: done + 1], changed[:, : done + 1], self.lanes[: len(kept["lanes"])] = kept["x"], kept["changed"], kept["lanes"]
+            self.state = State(x[done].copy(), kept["v"], kept["C"], kept["F"])
+        for t in range(done, frames):
             self.progress.check()
             acceleration = self.phi.numpy() @ coefficients[t] + self.model.gravity
             spatial = np.linalg.inv(self.state.F)
@@ -125,7 +139,13 @@ class _Carrier:
                 moved = self.lanes[:groups, :, 21:].transpose(0, 3, 1, 2).reshape(-1, n, 3)[: self.count]
                 changed[self.order[: len(moved)], t + 1] = moved
             x[t + 1] = self.state.x
+            loop.reached(t + 1, partial(self._so_far, x[: t + 2], changed[:, : t + 2], groups))
         return x, changed
+
+    def _so_far(self, x: np.ndarray, changed: np.ndarray, groups: int) -> dict[str, np.ndarray]:
+        """All that the next frame follows from; groups that have not begun are as they were made."""
+        state = self.state
+        return {"x": x, "changed": changed, "v": state.v, "C": state.C, "F": state.F, "lanes": self.lanes[:groups]}
 
     def _record(self, acceleration: np.ndarray, gradient: np.ndarray, frame: int) -> int:
         """The frame's substeps, kept and linearised; moves the body on. Returns their number: the model's, or twice that."""

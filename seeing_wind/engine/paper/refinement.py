@@ -12,17 +12,20 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
+from torch.nn.utils import parameters_to_vector
 
 from ..errors import SimulationError
+from ..field.adam import in_parts
 from ..field.force_field import ForceField
 from ..field.representations.neural import ForceFieldNeural, NeuralModule
 from ..mpm.autograd import simulate
 from ..mpm.model import Model
 from ..mpm.model_for import model_for
-from ..progress import Progress
+from ..progress import Journal, Progress
 from ..records import Material, Particles, Recovery, as_found
 from ..settings import RecoverSettings
 from .field import OFFSET, quotient, star
@@ -54,7 +57,13 @@ class Refined:
 
 
 def refine(
-    field: ForceField, recovery: Recovery, particles: Particles, material: Material, settings: RecoverSettings, progress: Progress
+    field: ForceField,
+    recovery: Recovery,
+    particles: Particles,
+    material: Material,
+    settings: RecoverSettings,
+    progress: Progress,
+    journal: Journal = Journal(),
 ) -> Refined:
     """At most `settings.refine` steps of L-BFGS from a distilled field; the field as it was where they bring nothing.
 
@@ -72,7 +81,7 @@ def refine(
     threads = torch.get_num_threads()
     torch.set_num_threads(1)  # small matrices; and the result then does not depend on the machine's cores
     try:
-        run = _Run(field, module, recovery, particles, as_found(material, recovery), settings)
+        run = _Run(field, module, recovery, particles, as_found(material, recovery), settings, journal)
         before, after = run.descend(settings.refine, progress)
     except SimulationError as error:
         progress.warn(f"The field was not refined: the body breaks down under it. {error.message}")
@@ -82,6 +91,33 @@ def refine(
     if not after < before:
         return Refined(field, before, before)
     return Refined(type(field)(field.box, field.fps, field.frames, module, field.scale, field.confidence), before, after)
+
+
+@dataclass(frozen=True)
+class _Loss:
+    """The loss at one set of parameters."""
+
+    value: float
+    stray: float
+    """Distance [m]."""
+    derivatives: np.ndarray
+    """By all parameters, one after the other."""
+
+
+@dataclass(frozen=True)
+class _Window:
+    """What a window of frames adds to the loss."""
+
+    loss: float
+    squares: float
+    """Sum over its frames of the mean square distance [m²]."""
+    x: np.ndarray
+    v: np.ndarray
+    C: np.ndarray
+    F: np.ndarray
+    """At its end."""
+    derivatives: np.ndarray
+    """By all parameters, those of the windows before added."""
 
 
 class _Run:
@@ -95,7 +131,9 @@ class _Run:
         particles: Particles,
         material: Material,
         settings: RecoverSettings,
+        journal: Journal,
     ) -> None:
+        self.journal = journal
         self.module, self.box, self.scale = module, field.box, field.scale / material.density
         model, _ = model_for(
             replace(particles, stiffness=recovery.stiffness), material, field.fps,
@@ -140,26 +178,49 @@ class _Run:
         return before, after
 
     def backward(self, progress: Progress, what: str, done: float = 0.0) -> tuple[float, float]:
-        """The loss, its derivatives added to the parameters', and the distance by which the body strays [m]."""
+        """The loss, its derivatives in the parameters', and the distance by which the body strays [m]."""
+        found = self.journal.once("loss", _Loss, partial(self._loss, progress, what, done), self._parameters())
+        self._derive(found.derivatives)
+        return found.value, found.stray
+
+    def _loss(self, progress: Progress, what: str, done: float) -> _Loss:
         frames, total, squares = len(self.force), 0.0, 0.0
-        state = self.start
+        state, derivatives = self.start, np.zeros_like(self._parameters())
         for begin in range(0, frames, WINDOW):
             window = range(begin, min(begin + WINDOW, frames))
-            loss = torch.zeros((), dtype=torch.float64)
-            for t, acceleration, after in self._frames(window, state, progress):
-                off = (after[0] - self.path[t + 1]).square().sum(dim=-1).mean()
-                anchor = (self.weight[t] * (acceleration - self.force[t]).square().sum(dim=-1)).mean()
-                loss = loss + (off / self.unit**2 + ANCHOR * anchor) / frames
-                squares += float(off.detach())
-                state = after
-            loss.backward()
-            total += float(loss.detach())
-            state = tuple(part.detach() for part in state)  # type: ignore[assignment]
+            found = self.journal.once("window", _Window, partial(self._window, window, state, derivatives, progress), begin)
+            total, squares, derivatives = total + found.loss, squares + found.squares, found.derivatives
+            state = tuple(torch.from_numpy(part) for part in (found.x, found.v, found.C, found.F))  # type: ignore[assignment]
             progress.update(min(done, 1.0), what)
+        self._derive(derivatives)
         space, time = self.module.roughness()
         rough = SPACE_WEIGHT * space + TIME_WEIGHT * time
         rough.backward()
-        return total + float(rough.detach()), (squares / frames) ** 0.5
+        return _Loss(total + float(rough.detach()), (squares / frames) ** 0.5, self._derivatives())
+
+    def _window(self, window: range, state: State, derivatives: np.ndarray, progress: Progress) -> _Window:
+        self._derive(derivatives)
+        frames, squares, loss = len(self.force), 0.0, torch.zeros((), dtype=torch.float64)
+        for t, acceleration, after in self._frames(window, state, progress):
+            off = (after[0] - self.path[t + 1]).square().sum(dim=-1).mean()
+            anchor = (self.weight[t] * (acceleration - self.force[t]).square().sum(dim=-1)).mean()
+            loss = loss + (off / self.unit**2 + ANCHOR * anchor) / frames
+            squares += float(off.detach())
+            state = after
+        loss.backward()
+        x, v, C, F = (part.detach().numpy() for part in state)
+        return _Window(float(loss.detach()), squares, x, v, C, F, self._derivatives())
+
+    def _parameters(self) -> np.ndarray:
+        return parameters_to_vector(self.module.parameters()).detach().numpy()
+
+    def _derivatives(self) -> np.ndarray:
+        return torch.cat([one.grad.reshape(-1) for one in self.module.parameters() if one.grad is not None]).numpy().copy()
+
+    def _derive(self, values: np.ndarray) -> None:
+        """Put the derivatives of all parameters, one after the other, where torch keeps them."""
+        for one, part in in_parts(values, self.module.parameters()):
+            one.grad = part.clone()
 
     def _frames(self, window: range, state: State, progress: Progress) -> Iterator[tuple[int, torch.Tensor, State]]:
         """Frame, acceleration (N, 3) on the recovered path, and state at its end, for the frames of a window one after the other."""

@@ -12,19 +12,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
+from torch.nn.utils import parameters_to_vector
 
 from ..errors import ObjectError, SimulationError, UsageError
+from ..field.adam import adam_state, in_parts, restore
 from ..field.torch_threads import one_torch_thread
 from ..mpm.autograd import simulate
 from ..mpm.model import Model
 from ..mpm.model_for import model_for
-from ..progress import Progress
+from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery
 from ..settings import RecoverSettings
+from ..take import from_arrays, to_arrays
 from .field import DescentField, descent_field
 from .losses import MotionLoss, Targets, TrackingLoss
 from .start import first_look
@@ -40,14 +44,23 @@ PATIENCE = 25
 State = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Frame:
     """The best that was found for one frame."""
 
     misfit: float
     acceleration: np.ndarray
-    state: State
-    weights: list[torch.Tensor]
+    x: np.ndarray
+    v: np.ndarray
+    C: np.ndarray
+    F: np.ndarray
+    """At its end."""
+    weights: np.ndarray
+    """All parameters one after the other."""
+    at: int
+    """Iteration that found it,"""
+    iterations: int = 0
+    """and how many there were."""
 
 
 def recover_by_descent(
@@ -58,6 +71,7 @@ def recover_by_descent(
     settings: RecoverSettings,
     progress: Progress,
     loss: Callable[[float], MotionLoss] | None = None,
+    journal: Journal = Journal(),
 ) -> Recovery:
     """Find the force frame by frame; arguments and result as for `recover`.
 
@@ -93,7 +107,7 @@ def recover_by_descent(
         motion = tracking if loss is None else loss(reach)
         first = tuple(torch.from_numpy(np.array(array)) for array in (particles.x, start.velocity, start.spin))
         state: State = (*first, torch.eye(3, dtype=torch.float64).repeat(len(particles.x), 1, 1))  # type: ignore[assignment]
-        descent = _Descent(model, field, motion, settings.frame_iterations, frames, progress)
+        descent = _Descent(model, field, motion, settings.frame_iterations, frames, progress, journal)
         for t in range(frames):
             state = descent.frame(t, state)
     acceleration = np.stack(descent.accelerations)
@@ -125,8 +139,11 @@ def recover_by_descent(
 class _Descent:
     """The optimisation on its way through the clip."""
 
-    def __init__(self, model: Model, field: DescentField, loss: MotionLoss, limit: int, frames: int, progress: Progress) -> None:
-        self.model, self.field, self.loss, self.limit, self.frames, self.progress = model, field, loss, limit, frames, progress
+    def __init__(
+        self, model: Model, field: DescentField, loss: MotionLoss, limit: int, frames: int, progress: Progress, journal: Journal
+    ) -> None:
+        self.model, self.field, self.loss, self.limit, self.frames = model, field, loss, limit, frames
+        self.progress, self.journal = progress, journal
         self.iterations = 0
         self.accelerations: list[np.ndarray] = []
         self.x: list[np.ndarray] = []
@@ -137,12 +154,30 @@ class _Descent:
         """Optimise frame `t` from its start and keep the best force; returns the state at its end, detached."""
         self.field.begin(t, state[0].numpy())
         self.loss.begin(state[0].numpy(), t + 1)
+        best = self.journal.once("frame", _Frame, partial(self._best, t, state), t)
+        with torch.no_grad():
+            for one, kept in in_parts(best.weights, self.field.parameters()):
+                one.copy_(kept)
+        self.accelerations.append(best.acceleration)
+        self.x.append(best.x)
+        self.F.append(best.F)
+        self.misfits.append(best.misfit)
+        self.iterations += best.iterations
+        return tuple(torch.from_numpy(part) for part in (best.x, best.v, best.C, best.F))  # type: ignore[return-value]
+
+    def _best(self, t: int, state: State) -> _Frame:
+        """The best of frame `t` that descent finds; leaves the field where it ended."""
         parameters = self.field.parameters()
         optimiser = torch.optim.Adam(parameters, lr=self.field.rate)
         decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.limit, eta_min=RATE_FLOOR * self.field.rate)
         best: _Frame | None = None
-        best_at = 0
-        for iteration in range(self.limit):
+        iteration = steps = 0
+        loop = self.journal.loop("iterations", t)
+        done, kept = loop.resume()
+        if done:
+            restore(optimiser, decay, kept, done)
+            best, steps = from_arrays(_Frame, kept, "best."), done
+        for iteration in range(done, self.limit):
             try:
                 misfit, acceleration, end = self._run(state)
             except SimulationError:
@@ -151,11 +186,11 @@ class _Descent:
                 break  # the last step went too far; what was found before it stands
             value = float(misfit.detach())
             if best is None or value < best.misfit:
-                best = _Frame(value, acceleration, end, [one.detach().clone() for one in parameters])
-                best_at = iteration
+                x, v, C, F = (part.numpy() for part in end)
+                best = _Frame(value, acceleration, x, v, C, F, _weights(parameters), iteration)
             share = (t + iteration / self.limit) / self.frames
             self.progress.update(share, f"Frame {t + 1} of {self.frames}, iteration {iteration}", misfit=round(best.misfit, 5))
-            if value < FOUND or iteration - best_at > PATIENCE or iteration + 1 == self.limit:
+            if value < FOUND or iteration - best.at > PATIENCE or iteration + 1 == self.limit:
                 break
             optimiser.zero_grad()
             (misfit + self.field.roughness()).backward()
@@ -163,16 +198,10 @@ class _Descent:
             torch.nn.utils.clip_grad_norm_(parameters, GRADIENT_CLIP)
             optimiser.step()
             decay.step()
-            self.iterations += 1
+            steps += 1
+            loop.reached(steps, partial(_so_far, optimiser, best))
         assert best is not None
-        with torch.no_grad():
-            for one, kept in zip(parameters, best.weights, strict=True):
-                one.copy_(kept)
-        self.accelerations.append(best.acceleration)
-        self.x.append(best.state[0].numpy())
-        self.F.append(best.state[3].numpy())
-        self.misfits.append(best.misfit)
-        return best.state
+        return replace(best, iterations=steps)
 
     def _run(self, state: State) -> tuple[torch.Tensor, np.ndarray, State]:
         """One frame under the field as it is: misfit, acceleration (N, 3), state at its end."""
@@ -181,6 +210,14 @@ class _Descent:
         x, v, C, F = simulate(self.model, x0, v0, acceleration[None], gradient[None], C0=C0, F0=F0, progress=self.progress)
         end = (x[-1].detach(), v[-1].detach(), C[-1].detach(), F[-1].detach())
         return self.loss(x[-1], F[-1]), acceleration.detach().numpy(), end
+
+
+def _so_far(optimiser: torch.optim.Adam, best: _Frame) -> dict[str, np.ndarray]:
+    return adam_state(optimiser) | to_arrays(best, "best.")
+
+
+def _weights(parameters: list[torch.nn.Parameter]) -> np.ndarray:
+    return parameters_to_vector(parameters).detach().numpy().copy()
 
 
 def deviation(acceleration: np.ndarray, residual: np.ndarray, fps: float) -> np.ndarray:

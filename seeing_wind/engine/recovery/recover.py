@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,7 +21,7 @@ from ..mpm.laws.constitutive import LAWS
 from ..mpm.model import Model
 from ..mpm.model_for import DEFAULT_SPEED, model_for
 from ..mpm.state import Trajectory
-from ..progress import Progress
+from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
@@ -59,6 +60,7 @@ def recover(
     fps: float,
     settings: RecoverSettings,
     progress: Progress,
+    journal: Journal = Journal(),
 ) -> Recovery:
     """Find the force density that makes the simulated body move as observed.
 
@@ -69,6 +71,7 @@ def recover(
         fps: pictures per second.
         settings: gravity, and the number of iterations at most.
         progress: told of every part of the work; asked for cancelling at least twice a second.
+        journal: keeps what is found on the way; its stamp must tell all other arguments.
 
     Returns:
         The force density on the particles per frame, its posterior deviation, and the simulated motion; notes name what is poorly known.
@@ -104,7 +107,7 @@ def recover(
         speed=min([DEFAULT_SPEED, *(HASTE * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
     )  # fmt: skip
     stiffness = Stiffness(free=is_free(particles, model, settings))
-    clip = _Clip(particles, model, Objective(channels), fps, settings, progress, notes + model_notes, stiffness)
+    clip = _Clip(particles, model, Objective(channels), fps, settings, progress, journal, notes + model_notes, stiffness)
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     return clip.result(clip.solved(), material, views, began)
 
@@ -147,6 +150,9 @@ class _Kept:
     """Up to the next window's first picture."""
     iterations: int
     converged: bool
+    knot_spacing: float
+    """Frames."""
+    stiffness: Stiffness
 
 
 @dataclass
@@ -159,6 +165,7 @@ class _Clip:
     fps: float
     settings: RecoverSettings
     progress: Progress
+    journal: Journal
     notes: list[str]
     stiffness: Stiffness
     """Free until a window told it."""
@@ -184,18 +191,19 @@ class _Clip:
             start = kept[-1].trajectory.state(-1) if kept else None
             solver = WindowSolver(
                 self.particles, self.model, self.objective.between(begin, end), basis, expected, start,
-                self.settings.iterations, self.progress, tell, self.stiffness,
+                self.settings.iterations, self.progress, tell, self.stiffness, journal=self.journal,
             )  # fmt: skip
-            found = solver.run()
+            frames = cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin
+            found = self.journal.once("window", _Kept, partial(_solved, solver, frames), begin, end, start, self.stiffness)
             done += share
             if self.stiffness.free:
                 self.stiffness = found.stiffness.settled() if found.stiffness.known else found.stiffness
                 if part and self.stiffness.known:  # it is one body through the whole clip, and the windows so far were solved for another
                     kept = []
                     continue
-            if found.forward.knot_spacing > FULL_KNOT and not part:
-                self.notes.append(f"The force has a knot every {found.forward.knot_spacing:.0f} frames: faster gusts are smoothed.")
-            kept.append(_keep(found, cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin))
+            if found.knot_spacing > FULL_KNOT and not part:
+                self.notes.append(f"The force has a knot every {found.knot_spacing:.0f} frames: faster gusts are smoothed.")
+            kept.append(found)
         return kept
 
     def _observable(self, basis: SpatialBasis) -> SpatialBasis:
@@ -283,6 +291,10 @@ class _Clip:
         )
 
 
+def _solved(solver: WindowSolver, frames: int) -> _Kept:
+    return _keep(solver.run(), frames)
+
+
 def _keep(found: Found, frames: int) -> _Kept:
     """The first frames of a window's solution, with the posterior deviation."""
     # What was only assumed of stretch is not known: the deviation leaves that assumption out.
@@ -297,4 +309,6 @@ def _keep(found: Found, frames: int) -> _Kept:
         Trajectory(path.x[: frames + 1], path.v[: frames + 1], path.C[: frames + 1], path.F[: frames + 1], path.substeps[:frames]),
         found.iterations,
         found.last.converged,
+        found.forward.knot_spacing,
+        found.stiffness,
     )

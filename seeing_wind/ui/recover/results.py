@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import bpy
 import numpy as np
 
 from ...engine.errors import TakeError
-from ...engine.take import Take
+from ...engine.take import Take, alive
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, opened_by
@@ -28,7 +30,8 @@ from .renew_in_place import can_renew, renew
 from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 
 COLLECTION = "Seeing Wind"
-POINTS, SAMPLES = "blender_points.npy", "blender_samples.npz"
+CACHES = ("blender_points.*npy", "blender_samples.*npz")
+"""Names of the files between a Blender and its worker: each Blender has its own, with its process's number in the name."""
 RIDING = 64
 """Arrows that ride on the recovered object, at most: more of them hide it."""
 
@@ -73,11 +76,27 @@ def places(take: Take, resolution: int) -> Places:
 def sampling(python: str, folder: Path, resolution: int) -> worker.Messages:
     """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
     take = Take(folder)
-    points = take.file(POINTS)
+    _clear_caches(take)
+    points, samples = (take.file(name) for name in _own_caches())
     with take.writing(points.name) as aside:
         np.save(aside, places(take, resolution).rows())
-    options = (str(folder), "--points", str(points), "--out", str(take.file(SAMPLES)))
+    options = (str(folder), "--points", str(points), "--out", str(samples))
     return (yield from worker.run(command(python, "sample", *options), cwd=str(folder), env=environment()))
+
+
+def _own_caches() -> tuple[str, str]:
+    """Points asked for and samples answered: two Blenders that show one take do not read each other's."""
+    points, samples = (name.replace("*", f"{os.getpid()}.") for name in CACHES)
+    return points, samples
+
+
+def _clear_caches(take: Take) -> None:
+    """Remove those that Blenders have left which are closed by now."""
+    for path in [path for pattern in CACHES for path in take.path.glob(pattern)]:
+        number = path.name.split(".")[1]
+        if not (number.isdecimal() and alive(int(number))):
+            with contextlib.suppress(OSError):
+                path.unlink()
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
@@ -93,7 +112,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         ClipError: when Blender cannot read the clip; likewise.
     """
     settings, take = scene.seeing_wind, Take(folder)
-    field, where, samples = field_summary(take), places(take, settings.field_resolution), take.read_arrays(SAMPLES)
+    field, where, samples = field_summary(take), places(take, settings.field_resolution), take.read_arrays(_own_caches()[1])
     shape = (field.frames, where.rows().shape[1])
     if [np.shape(samples.get(name)) for name in ("force_density", "confidence")] != [(*shape, 3), shape]:
         raise TakeError(f"The samples in {folder} do not fit its field.", "Load the results again.")

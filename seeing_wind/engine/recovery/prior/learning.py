@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ...mpm.state import Trajectory
+from ...progress import Journal
 from ..solve.forward import Forward
 from ..solve.gauss_newton import Linearisation, Solution
 from ..targets.objective import Objective
@@ -57,15 +59,23 @@ def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Ex
     return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, PLASTIC_STRETCH if plastic else STRETCH)
 
 
-def learnt(prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None]) -> Kernel:
+def learnt(
+    prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None], journal: Journal = Journal()
+) -> Kernel:
     """The prior's sizes learnt; a body that is seen as a point keeps the first ones, as it could only learn a depth that it has not."""
     if len(prior.places.project) == 1:
         return prior.kernel
-    return learn(prior, normal, pull, expected.component, check)
+    return journal.once("learn", Kernel, partial(learn, prior, normal, pull, expected.component, check), normal, pull)
 
 
 def learn_all(
-    prior: Prior, forward: Forward, solution: Solution, objective: Objective, expected: Expected, check: Callable[[], None]
+    prior: Prior,
+    forward: Forward,
+    solution: Solution,
+    objective: Objective,
+    expected: Expected,
+    check: Callable[[], None],
+    journal: Journal = Journal(),
 ) -> tuple[Prior, Linearisation, Objective]:
     """The prior's sizes, and how far the solver is from the real body; the linearisation with that known.
 
@@ -74,7 +84,7 @@ def learn_all(
     """
     point = solution.point
     path = forward.nearby(solution.theta)
-    prior = prior_along(learnt(prior, point.normal, solution.pull, expected, check), forward, path, expected, objective)
+    prior = prior_along(learnt(prior, point.normal, solution.pull, expected, check, journal), forward, path, expected, objective)
     scale = _mismatch(prior, forward, solution, objective)
     if scale is not None:
         other = objective.mismatched(scale)
@@ -82,7 +92,7 @@ def learn_all(
         point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
         pull = point.normal @ point.theta - point.jacobian @ point.residual
         objective = other
-        prior = prior_along(learnt(prior, point.normal, pull, expected, check), forward, path, expected, objective)
+        prior = prior_along(learnt(prior, point.normal, pull, expected, check, journal), forward, path, expected, objective)
     return _believing(prior, forward, path, point, objective), point, objective
 
 

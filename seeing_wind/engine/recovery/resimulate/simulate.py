@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,9 @@ from ...mpm.model import Model
 from ...mpm.model_for import model_for
 from ...mpm.rollout import advance
 from ...mpm.state import State
-from ...progress import NoProgress, Progress
+from ...progress import Journal, NoProgress, Progress
 from ...records import Body, Material, Particles, Recovery, as_found
+from ...recovery.journal import Arrays
 from ...settings import BodyEdit, Edit
 from .fill import fill
 from .mesh import load_mesh
@@ -81,6 +83,7 @@ def simulate_bodies(
     progress: Progress | None = None,
     *,
     device: str = "auto",
+    journal: Journal = Journal(),
 ) -> dict[str, Simulated]:
     """Move every body of `edit` through `field` for all the frames that it knows.
 
@@ -91,6 +94,7 @@ def simulate_bodies(
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
         base_dir: folder against which the edit's paths are understood.
         device: auto, cpu or cuda.
+        journal: keeps how far the frames have come; its stamp must tell the field.
 
     Raises:
         UsageError: a mesh, a list of pins, a start frame or a strength that does not fit; MaterialError: an unknown material.
@@ -110,7 +114,7 @@ def simulate_bodies(
     for number, group in enumerate(groups):
         try:
             share = (number / len(groups), 1.0 / len(groups))
-            paths, notes = _move(group, field, edit.gravity, strength, colliders, device, progress, *share)
+            paths, notes = _move(group, field, edit.gravity, strength, colliders, device, progress, *share, journal)
         except SimulationError as error:
             names = ", ".join(actor.edit.name for actor in group)
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
@@ -238,6 +242,7 @@ def _move(
     progress: Progress,
     begun: float,
     share: float,
+    journal: Journal,
 ) -> tuple[list[np.ndarray], list[str]]:
     """Simulate actors that share a grid. Returns positions (T+1, N, 3) of each, and notes on the solver's choices."""
     ends = np.cumsum([len(actor.particles.x) for actor in actors])
@@ -248,7 +253,14 @@ def _move(
     places, soft = state.x, np.concatenate([actor.soft for actor in actors])
     model, notes = _model(actors, 0, field.fps, gravity, colliders, device)
     history = [state.x]
-    for t in range(field.frames):
+    told = [one for a in actors for one in (a.edit, a.particles, a.material, a.velocity, a.soft, a.clamp_depth, a.substeps)]
+    loop = journal.loop("frames", list(gravity), strength, *colliders, *told)
+    done, kept = loop.resume()
+    if done:
+        history = list(kept["x"])
+        state = State(history[-1], kept["v"], kept["C"], kept["F"])
+        model = _model(actors, max(t for t in (0, *starts) if t < done), field.fps, gravity, colliders, device)[0]
+    for t in range(done, field.frames):
         progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {', '.join(a.edit.name for a in actors)}")
         if t in starts:
             model = _model(actors, t, field.fps, gravity, colliders, device)[0]
@@ -260,8 +272,13 @@ def _move(
             acceleration = acceleration + pull_back(state.x - places, state.v, acceleration + gravity, soft, 1.0 / field.fps)
             state = advance(model, state, acceleration, gradient * scale[:, None, None], frame=t)
         history.append(state.x)
+        loop.reached(t + 1, partial(_so_far, history, state))
     path = np.stack(history)
     return [path[:, part] for part in slices], notes
+
+
+def _so_far(history: list[np.ndarray], state: State) -> Arrays:
+    return {"x": np.stack(history), "v": state.v, "C": state.C, "F": state.F}
 
 
 def _model(

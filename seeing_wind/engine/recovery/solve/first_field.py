@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..prior.kernel import DURATION, LENGTH, Kernel, Prior
 from ..prior.learning import prior_along
 from .forward import Forward
 from .solver import Solver
-from .warm_start import warm_start
+from .warm_start import WarmStart, warm_start
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,8 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> tuple[Forw
         solved = forward.trajectory(theta) if begin else None
         state = solved.state(begin) if solved else solver.start
         last = forward.per_frame(theta)[-1][: affine.phi.shape[1]] if begin and pace.leads_on else None
-        led = warm_start(leader, objective, size * np.sqrt(np.diag(component)), expected.speed, state, begin, end, last)
+        lead = partial(warm_start, leader, objective, size * np.sqrt(np.diag(component)), expected.speed, state, begin, end, last)
+        led = solver.journal.once("lead", WarmStart, lead, begin, end, theta)
         velocity = velocity if begin else led.velocity
         fresh = np.zeros((end - begin, *found.shape[1:]))
         fresh[:, : affine.phi.shape[1]] = led.coefficients
@@ -94,7 +96,7 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> tuple[Forw
         theta = forward.pack(found, velocity)
         kernel = Kernel(max(rms(found[:, 0]), 0.05 * size) ** 2 * component / 3.0, pace.length, pace.duration)
         way = [solved.state(t) for t in range(begin)] if solved else []
-        prior = prior_along(kernel, forward, Trajectory.of(way + led.states), expected, objective)
+        prior = prior_along(kernel, forward, Trajectory.of(way + [led.path.state(t) for t in range(end - begin + 1)]), expected, objective)
         if end < frames:
             settled = begin - pace.behind
             open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])

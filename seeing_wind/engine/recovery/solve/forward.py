@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ...mpm.model import Model
 from ...mpm.rollout import advance, rollout_batch
 from ...mpm.state import State, Trajectory
 from ...mpm.tangent import Changes, applies_to, tangents
-from ...progress import Progress
+from ...progress import Journal, Progress
 from ..prior.basis import SpatialBasis
 from ..targets.objective import Objective
 
@@ -49,6 +50,8 @@ class Forward:
     progress: Progress
     begin: State | None = None
     """The body at the first picture, if it is known; then there are no initial motions (V = 0)."""
+    journal: Journal = Journal()
+    """Keeps what was simulated."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -90,13 +93,18 @@ class Forward:
 
     def trajectory(self, theta: np.ndarray, model: Model | None = None) -> Trajectory:
         """The simulation under theta (n,). Raises SimulationError when it breaks down."""
-        coefficients, state = self.per_frame(theta), self.start(theta[self.size :])
-        states = [state]
-        for t in range(len(coefficients)):
-            state = self.advance(state, coefficients[t], t, model)
-            states.append(state)
+        model = model or self.model
+        return self.journal.once("motion", Trajectory, partial(self._motion, theta, model), theta, model.substeps)
+
+    def _motion(self, theta: np.ndarray, model: Model) -> Trajectory:
+        coefficients, loop = self.per_frame(theta), self.journal.loop("frames", theta)
+        done, kept = loop.resume()
+        states = [State(*(kept[name][t] for name in STATE)) for t in range(done + 1)] if done else [self.start(theta[self.size :])]
+        for t in range(done, len(coefficients)):
+            states.append(self.advance(states[-1], coefficients[t], t, model))
             self.progress.check()
-        return Trajectory.of(states, (model or self.model).substeps)
+            loop.reached(t + 1, lambda: {name: np.stack([getattr(one, name) for one in states]) for name in STATE})
+        return Trajectory.of(states, model.substeps)
 
     def nearby(self, theta: np.ndarray) -> Trajectory:
         """`trajectory` of the rough model or, where that breaks, of the fine one."""
@@ -134,7 +142,7 @@ class Forward:
             state = self.start(unknown[3 * modes :])
             v0, C0 = (np.tensordot(unit[:, 3 * modes :], motion, 1) for motion in (self.velocity, self.velocity_gradient))
         changes = Changes(constant, v0, C0)
-        x, change = tangents(self.rough, state, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress)
+        x, change = tangents(self.rough, state, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress, self.journal)
         return x, x + offset[:, None, None, None] * change
 
     def _batch(
@@ -149,7 +157,9 @@ class Forward:
         if velocity is not None:
             v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
         phi, gradient = self.basis.phi, self.basis.gradient
-        return rollout_batch(model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress).points
+        return rollout_batch(
+            model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress, journal=self.journal
+        ).points
 
     def jacobian(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
         """d (raw residuals) / d theta[active], (number active, T+1, channels), with the rough model or, where that breaks, the fine one.
@@ -174,48 +184,60 @@ class Forward:
         """`jacobian` with the rough model, if it holds."""
         which = np.flatnonzero(active)
         offset = OFFSET * scale[which]
-        moved = self._carried if applies_to(self.rough) else self._shaken
-        columns: np.ndarray | None = None
-        for some, nominal, positions in moved(theta, which, offset):
-            base = objective.residual(nominal[None])[0]
-            columns = np.zeros((len(which), *base.shape), np.float32) if columns is None else columns
-            columns[some] = (objective.residual(positions) - base) / offset[some, None, None]
-        assert columns is not None, "no unknown is active"
-        return columns
+        if applies_to(self.rough):
+            at_once = max(FEWEST, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x)))
+            blocks, moved = _blocks(which, at_once), self._carried
+        else:
+            kinds = [which[which < self.size], which[which >= self.size]]
+            blocks = [some for kind in kinds for some in _blocks(kind, COLUMNS_AT_ONCE)]
+            moved = partial(self._shaken, self.trajectory(theta, self.rough))
 
-    def _carried(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
-        """Positions after small changes, by carrying the changes along one simulation (`mpm.tangent`)."""
-        coefficients, at_once = self.per_frame(theta), max(FEWEST, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x)))
-        for some in _blocks(np.arange(len(which)), at_once):
-            unit = np.zeros((len(some), len(theta)))
-            unit[np.arange(len(some)), which[some]] = 1.0
-            v0 = C0 = None
-            if (which[some] >= self.size).any():
-                velocity = unit[:, self.size :]
-                v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
-            changes = Changes(self.per_frame(unit), v0, C0)
-            start = self.start(theta[self.size :])
-            nominal, change = tangents(self.rough, start, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress)
-            for few in _blocks(np.arange(len(some)), COLUMNS_AT_ONCE):
-                yield some[few], nominal, nominal + offset[some[few], None, None, None] * change[few]
+        def found(some: np.ndarray, step: np.ndarray) -> np.ndarray:
+            parts = []
+            for nominal, positions, steps in moved(theta, some, step):
+                base = objective.residual(nominal[None])[0]
+                parts.append(((objective.residual(positions) - base) / steps[:, None, None]).astype(np.float32))
+            return np.concatenate(parts)
 
-    def _shaken(self, theta: np.ndarray, which: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
-        """The same by one more simulation for every change, from the picture in which its hat begins: nothing earlier can feel it."""
-        nominal = self.trajectory(theta, self.rough)
+        assert blocks, "no unknown is active"
+        steps = np.split(offset, np.cumsum([len(some) for some in blocks])[:-1])
+        return np.concatenate(
+            [self.journal.array("columns", partial(found, some, step), theta, some, step) for some, step in zip(blocks, steps)]
+        )
+
+    def _carried(self, theta: np.ndarray, some: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
+        """Positions after changes of `some` unknowns by `offset`, by carrying the changes along one simulation (`mpm.tangent`)."""
+        unit = np.zeros((len(some), len(theta)))
+        unit[np.arange(len(some)), some] = 1.0
+        v0 = C0 = None
+        if (some >= self.size).any():
+            velocity = unit[:, self.size :]
+            v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
+        changes, start = Changes(self.per_frame(unit), v0, C0), self.start(theta[self.size :])
+        nominal, change = tangents(
+            self.rough, start, self.basis.phi, self.basis.gradient, self.per_frame(theta), changes, self.progress, self.journal
+        )
+        for few in _blocks(np.arange(len(some)), COLUMNS_AT_ONCE):
+            yield nominal, nominal + offset[few, None, None, None] * change[few], offset[few]
+
+    def _shaken(self, nominal: Trajectory, theta: np.ndarray, some: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
+        """The same by one more simulation for every change, from the picture in which its hat begins: nothing earlier can feel it.
+
+        Either coefficients are changed or initial velocities, not both.
+        """
         first = np.concatenate([np.repeat(np.argmax(self.hats > 0.0, axis=0), 3 * self.shape[1]), np.zeros(len(theta) - self.size, int)])
-        for moving in (False, True):
-            for some in _blocks(np.flatnonzero((which >= self.size) == moving), COLUMNS_AT_ONCE):
-                moved = np.repeat(theta[None], len(some), axis=0)
-                moved[np.arange(len(some)), which[some]] += offset[some]
-                velocity = moved[:, self.size :] if moving else None
-                positions = self._batch(self.rough, nominal, self.per_frame(moved), velocity, first[which[some]])
-                if not np.isfinite(positions).all():
-                    raise SimulationError("A slightly different force breaks the simulation down.", "Choose a stiffer or heavier material.")
-                yield some, nominal.x, positions
+        moved = np.repeat(theta[None], len(some), axis=0)
+        moved[np.arange(len(some)), some] += offset
+        velocity = moved[:, self.size :] if some[0] >= self.size else None
+        positions = self._batch(self.rough, nominal, self.per_frame(moved), velocity, first[some])
+        if not np.isfinite(positions).all():
+            raise SimulationError("A slightly different force breaks the simulation down.", "Choose a stiffer or heavier material.")
+        yield nominal.x, positions, offset
 
 
 Moved = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Which changes, positions (T+1, N, 3) without them, and with each of them (changes, T+1, N, 3)."""
+"""Positions (T+1, N, 3) without a change, with each of several changes (changes, T+1, N, 3), and the sizes of these (changes,)."""
+STATE = ("x", "v", "C", "F")
 
 
 def _blocks(rows: np.ndarray, most: int) -> list[np.ndarray]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...mpm.model import Model
 from ...mpm.state import State
+from ...progress import Journal
 from ..prior.basis import SpatialBasis
 from ..prior.kernel import Prior
 from ..prior.learning import Expected
@@ -28,6 +29,8 @@ class Solver(Protocol):
     """The body at the window's first frame; None is at rest in its built shape with an unknown velocity."""
     iterations: int
     """Jacobians that a solve may use at most."""
+    journal: Journal
+    """Keeps what is found on the way."""
 
     def tell(self, fraction: float, what: str, misfit: float | None, /) -> None:
         """Report the fraction done, what is being done, and the misfit in the observations' standard deviations."""

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -171,7 +172,7 @@ class Joint:
         """About theta of `solution` and the body of `forward`, which has the stiffness and clamp of `there`. precision: P (n, n)."""
 
         def white(dq: np.ndarray) -> np.ndarray:
-            return _white(forward, body, objective, solution.theta, dq)
+            return forward.journal.array("white", partial(_white, forward, body, objective, solution.theta, dq), solution.theta, dq)
 
         here = white(np.zeros(len(there.q)))
         C = np.stack([(white(step) - white(-step)) / (2.0 * step.sum()) for step in np.diag(OFFSETS)], axis=1)

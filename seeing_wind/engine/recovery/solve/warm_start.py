@@ -8,11 +8,12 @@ which a solve over the whole clip from a mean acceleration does as soon as the b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ...errors import SimulationError
-from ...mpm.state import State
+from ...mpm.state import State, Trajectory
 from ..prior.stretch import stretch_rows, stretch_weights
 from ..targets.objective import Objective
 from .forward import Forward
@@ -45,8 +46,8 @@ class WarmStart:
     """(frames, modes, 3) accelerations per frame [m/s²]."""
     velocity: np.ndarray
     """(V,) initial velocities [m/s]; empty when the part does not begin with picture 0."""
-    states: list[State]
-    """The body on the way, at the part's first picture, too."""
+    path: Trajectory
+    """The body on the way, from the part's first picture on."""
 
 
 def warm_start(
@@ -93,7 +94,7 @@ def warm_start(
         state = forward.advance(state, coefficients.reshape(-1, 3), t)
         found.append(coefficients.reshape(-1, 3))
         states.append(state)
-    return WarmStart(np.stack(found), velocity, states)
+    return WarmStart(np.stack(found), velocity, Trajectory.of(states))
 
 
 def _fit(
@@ -103,6 +104,13 @@ def _fit(
 
     The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
     """
+    work = partial(_fitted, forward, objective, state, frame, window, mean, spread, steps)
+    return forward.journal.array("fit", work, frame, mean, spread)
+
+
+def _fitted(
+    forward: Forward, objective: Objective, state: State | None, frame: int, window: int, mean: np.ndarray, spread: np.ndarray, steps: int
+) -> np.ndarray:
     unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward, state, spread)
     for _ in range(steps):
         unknown, x, changed = _bearable(forward, state, unknown, offset, window)

@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ...errors import SimulationError
 from ...mpm.model import Model
 from ...mpm.state import State, Trajectory
-from ...progress import Progress
+from ...progress import Journal, Progress
 from ...records import Particles
 from ..prior.basis import SpatialBasis, hats, velocity_basis
 from ..prior.kernel import Prior, modes_worth
@@ -83,6 +84,8 @@ class WindowSolver:
     stiffness: Stiffness = Stiffness(free=False)
     joint: Joint | None = None
     """Of the last solve with the stiffness free."""
+    journal: Journal = Journal()
+    """Keeps what is found on the way."""
 
     def run(self) -> Found:
         """All parts in order; where one iteration is all that is allowed, without the fine one."""
@@ -96,7 +99,9 @@ class WindowSolver:
         else:
             forward, prior, found, more = self._finely(forward, prior, found, min(left, pace.fine_iterations), left)
             left, used = max(0, left - more), used + more
-        prior, point, self.objective = learn_all(prior, forward, found, self.objective, self.expected, self.progress.check)
+        prior, point, self.objective = learn_all(
+            prior, forward, found, self.objective, self.expected, self.progress.check, self.journal
+        )
         last = self.solve(
             forward, prior, found.theta, min(left, pace.last_iterations), (0.8, 0.98), "Solving with what was learnt",
             point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
@@ -135,7 +140,7 @@ class WindowSolver:
 
         Returns forward model, prior, solution, and the Jacobians used.
         """
-        kernel = learnt(prior, first.point.normal, first.pull, self.expected, self.progress.check)
+        kernel = learnt(prior, first.point.normal, first.pull, self.expected, self.progress.check, self.journal)
         path = coarse.trajectory(first.theta)
         self.objective = self.objective.reweighted(self.objective.residual(path.x[None])[0])
         worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
@@ -158,7 +163,8 @@ class WindowSolver:
         used, self.joint = 0, None
         for _ in range(rounds if self.stiffness.free else 0):
             before = self.stiffness
-            joint = Joint.about(forward, self.particles, self.objective, prior.precision(), solution, before)
+            about = partial(Joint.about, forward, self.particles, self.objective, prior.precision(), solution, before)
+            joint = self.journal.once("joint", Joint, about, solution.theta, before)
             known = before.at(before.q, joint.deviation).known
             after = before.q + shortened(joint.step()) if known else np.zeros(len(before.q))
             after[0] = min(after[0], stiffest(self.model))
@@ -190,10 +196,9 @@ class WindowSolver:
             changed = replace(forward, model=there.of(self.model, self.particles), rough=self._rough(there))
             theta = solution.theta + share * joint.follow(dq)
             for _ in range(FOLLOWING):
-                positions = changed.positions(theta[None])
-                if not np.isfinite(positions).all():
+                white = self.journal.array("trial", partial(self._residuals, changed, self.objective, theta[None]), theta)
+                if not np.isfinite(white).all():
                     break
-                white = self.objective.whiten(self.objective.residual(positions))
                 if float(cost_of(white, theta[None], prior.precision())[0]) + there.penalty() < most:
                     return there, changed, theta
                 theta = theta + joint.chord(theta, white[0], solution.point.jacobian, prior.precision())
@@ -231,7 +236,9 @@ class WindowSolver:
             velocity, gradient = velocity[:0], gradient[:0]
         x = self.particles.x
         model = model or self._model()
-        return Forward(model, self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start)
+        return Forward(
+            model, self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start, self.journal
+        )
 
     def solve(
         self,
@@ -260,25 +267,34 @@ class WindowSolver:
             return full
 
         def residuals(candidates: np.ndarray) -> np.ndarray:
-            positions = forward.positions(whole(candidates))
-            broken = ~np.isfinite(positions).all(axis=(1, 2, 3))
-            white = objective.whiten(objective.residual(np.where(broken[:, None, None, None], self.particles.x, positions)))
-            white[broken] = np.inf
-            return white
+            return self.journal.array("trial", partial(self._residuals, forward, objective, whole(candidates)), candidates)
+
+        def linearised(candidate: np.ndarray) -> Linearisation:
+            raw = forward.jacobian(whole(candidate[None])[0], active, objective, prior.deviation())
+            return Linearisation.at(candidate, residuals(candidate[None])[0], objective.whiten(raw))
 
         misfit: float | None = None
 
         def linearise(candidate: np.ndarray) -> Linearisation:
             nonlocal misfit
-            full = whole(candidate[None])[0]
-            raw = forward.jacobian(full, active, objective, prior.deviation())
-            white = residuals(candidate[None])[0]
-            misfit = float(np.sqrt((white**2).sum() / max(int(objective.used.sum()), 1)))
-            return Linearisation.at(candidate, white, objective.whiten(raw))
+            found = self.journal.once("linearise", Linearisation, partial(linearised, candidate), candidate)
+            misfit = float(np.sqrt((found.residual**2).sum() / max(int(objective.used.sum()), 1)))
+            return found
 
         def report(iteration: int, cost: float) -> None:
             done = share[0] + (share[1] - share[0]) * max(iteration - 1, 0) / max(iterations, 1)
             self.tell(done, f"{what}, iteration {iteration}", misfit)
 
-        solution = gauss_newton(theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance, per_unknown)
+        work = partial(
+            gauss_newton, theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance, per_unknown
+        )
+        solution = self.journal.once("solve", Solution, work, theta, active, precision, iterations)
         return replace(solution, theta=whole(solution.theta[None])[0])
+
+    def _residuals(self, forward: Forward, objective: Objective, theta: np.ndarray) -> np.ndarray:
+        """Whitened residuals (B, m) under theta (B, n), infinite where the simulation broke down."""
+        positions = forward.positions(theta)
+        broken = ~np.isfinite(positions).all(axis=(1, 2, 3))
+        white = objective.whiten(objective.residual(np.where(broken[:, None, None, None], self.particles.x, positions)))
+        white[broken] = np.inf
+        return white

@@ -11,7 +11,8 @@ import bpy
 import numpy as np
 
 from ....engine.errors import UsageError
-from ....engine.take import Take, toml_text
+from ....engine.settings import toml_text
+from ....engine.take import Take
 from ...scene_mesh import FIRM, mesh_arrays, pinned_vertices
 from ...scene_units import metres_per_unit
 

@@ -8,13 +8,17 @@ import re
 import numpy as np
 import pytest
 
+from seeing_wind.engine import journal as journals
 from seeing_wind.engine.errors import MaterialError, UsageError
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic, UniformField
-from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.progress import Journal
+from seeing_wind.engine.recovery.journal import TakeJournal
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.recovery.resimulate.simulate import continued
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit
+from seeing_wind.engine.take import Take
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -310,3 +314,28 @@ def test_cancel_stops_between_frames(folder):
 def test_the_device_reaches_the_solver(folder):
     with pytest.raises(UsageError, match="device 'abacus'"):
         simulate_bodies(Edit((BodyEdit("box", "box.obj", **SOFT),)), uniform(), None, folder, device="abacus")
+
+
+def test_a_simulation_that_is_killed_goes_on_where_it_was(folder, tmp_path, monkeypatch):
+    """Through the start of the second body, too."""
+    monkeypatch.setattr(journals, "LATEST", 0.0)
+    bodies = [BodyEdit(name="a", mesh="box.obj", **SOFT), BodyEdit(name="b", mesh="flag.npz", start_frame=4, **SOFT)]
+    edit, seen = Edit(body=tuple(bodies), gravity=WEIGHTLESS), []
+
+    def simulated(journal, dies_at=None):
+        def tell(message):
+            seen.append(message["message"])
+            if message["message"] == dies_at:
+                raise KeyboardInterrupt
+
+        return simulate_bodies(edit, waves(), None, folder, Progress(tell), journal=journal)
+
+    for dies_at in ("frame 3 of 8: a", "frame 7 of 8: a", "frame 6 of 8: b"):
+        with pytest.raises(KeyboardInterrupt):
+            simulated(TakeJournal(Take(tmp_path), "stamp", NoProgress()), dies_at)
+    seen.clear()
+    got = simulated(TakeJournal(Take(tmp_path), "stamp", NoProgress()))
+    assert [message for message in seen if message.startswith("frame")] == [f"frame {number} of 8: b" for number in (6, 7, 8)]
+    want = simulated(Journal())
+    for name in ("a", "b"):
+        np.testing.assert_array_equal(got[name].vertices, want[name].vertices)

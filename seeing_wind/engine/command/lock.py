@@ -1,0 +1,107 @@
+"""One writer per take: a lock that ends with the process that holds it, however that ends. Reading needs none.
+
+The system locks the file `take.lock`; what is written in it only tells others who holds it, and means nothing once the lock is free.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import os
+import socket
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from ..errors import TakeError
+from ..progress import Progress
+from ..take import Take
+
+NAME = "take.lock"
+LONGEST = 1000
+"""Bytes that are read of what a holder has written."""
+LOCKED_BYTE = 2**20
+"""Where Windows locks: it lets nobody read what is locked, and others shall read who the holder is."""
+
+
+class TakeInUse(TakeError):
+    """Another process is writing to the take."""
+
+
+@contextlib.contextmanager
+def held(take: Take, verb: str, progress: Progress) -> Iterator[Take]:
+    """Hold a take for writing, from the moment that it is seen to be writable; what dead processes left half-written is removed.
+
+    Args:
+        verb: told to others.
+        progress: warned where the file system knows no locks; then nothing is held.
+
+    Raises:
+        TakeInUse: another process holds it; the message says who, and since when.
+        TakeError: the folder cannot be written.
+    """
+    take.prepare()
+    with _opened(take.file(NAME)) as file:
+        try:
+            _lock(file)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
+                raise TakeInUse(
+                    f"{take.path} is in use: {_holder(file)}.",
+                    "Wait until it has finished, stop it, or choose another folder with --take.",
+                ) from error
+            progress.warn(f"{take.path} cannot be locked ({error.strerror}): see that no other job writes to it.")
+        _sign(file, {"verb": verb, "pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")})
+        take.clear_leftovers()
+        try:
+            yield take
+        finally:
+            _sign(file, {})
+
+
+def _opened(path: Path) -> IO[bytes]:
+    """The lock's file, made if it is not there. A link is not followed: what it points to is not ours to write."""
+    try:
+        number = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
+    except OSError as error:
+        raise TakeError(f"{path} cannot be written: {error.strerror}.", "Remove it, or choose another folder with --take.") from error
+    file = os.fdopen(number, "r+b", buffering=0)
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        file.close()
+        raise TakeError(f"{path} is no regular file.", "Remove it, or choose another folder with --take.")
+    return file
+
+
+def _lock(file: IO[bytes]) -> None:
+    """Lock it until it is closed. Raises OSError at once where another process has."""
+    if sys.platform == "win32":
+        import msvcrt
+
+        file.seek(LOCKED_BYTE)
+        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+    else:
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _sign(file: IO[bytes], holder: dict[str, str | int]) -> None:
+    """Write who holds the lock; a full disk does not matter."""
+    with contextlib.suppress(OSError):
+        file.seek(0)
+        file.truncate()
+        file.write(json.dumps(holder).encode() if holder else b"")
+
+
+def _holder(file: IO[bytes]) -> str:
+    """Who holds the lock, by what is written there."""
+    try:
+        file.seek(0)
+        told = json.loads(file.read(LONGEST))
+        return f"`{told['verb']}` (process {told['pid']} on {told['host']}) has been writing to it since {told['since']}"
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return "another process is writing to it"

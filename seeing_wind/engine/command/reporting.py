@@ -1,0 +1,78 @@
+"""The end of a recovery: the report drawn, and the result that the verb sends. The field is in the take by then, whatever happens here."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+from ..errors import SeeingWindError
+from ..progress import Cancelled, Progress
+from ..records import Outcome, Recovery
+from ..stages import VERSION, finished
+from ..take import Take, stamp_of
+
+Result = dict[str, Any]
+
+
+def reported(take: Take, recovery: Recovery, level: str, clip: str, draw: Callable[[], dict[str, Any]], progress: Progress) -> Result:
+    """The result of a recovery whose field is in the take. What of the report could not be made is a warning in it: it fails no job.
+
+    Args:
+        level: how much of it is drawn, see `look.report.write_report`.
+        clip: path that the report names; "" for trajectories.
+        draw: draws it, and returns what report.json holds.
+
+    Raises:
+        Cancelled: at a safe point.
+    """
+    try:
+        report = _report_stage(take, level, clip, draw, progress)
+        missing = report.get("report", {}).get("missing", {})
+        return _summary(report, take) | {"warnings": [f"{product}: {reason}" for product, reason in missing.items()]}
+    except Cancelled:
+        raise
+    except Exception as error:  # a codec, a full disk, an OpenCV or a Matplotlib that is unlike those we know
+        if not isinstance(error, (SeeingWindError, OSError)):
+            traceback.print_exc()
+        warning = f"The report could not be made, the field is there: {error}"
+        progress.warn(warning)
+        found = {"outcome": recovery.outcome.value, "iterations": recovery.iterations, "notes": recovery.notes}
+        return _summary(found, take) | {"warnings": [warning]}
+
+
+def _summary(report: dict[str, Any], take: Take) -> Result:
+    keys = ("outcome", "iterations", "residual", "residual_unit", "seconds", "notes")
+    return {"take": str(take.path), **{("stage_seconds" if key == "seconds" else key): report[key] for key in keys if key in report}}
+
+
+def diverged(recovery: Recovery) -> Result:
+    """The result of a recovery that has no field."""
+    return {"outcome": Outcome.DIVERGED.value, "iterations": recovery.iterations, "notes": recovery.notes}
+
+
+def _report_stage(take: Take, level: str, clip: str, draw: Callable[[], dict[str, Any]], progress: Progress) -> dict[str, Any]:
+    """Stage *report* of the recovery that the take holds: what `draw` returns, or what it has left in `report.json`.
+
+    A report that lacks a product gets no stamp, so that it is drawn again when the job is.
+    """
+    recovered = take.description().get("stages", {}).get("recover", {}).get("stamp", "")
+    stamp = stamp_of("report", VERSION, recovered, level, clip)
+    if all(take.file(name).is_file() for name in _products(level, clip)):
+        kept = finished(take, "report", stamp, lambda: take.read_json("report.json"), progress)
+        if kept is not None:
+            return kept
+    progress.begin("report", "drawing the report")
+    take.withdraw("report")
+    report = draw()
+    if level != "none" and not report["report"]["missing"]:
+        take.finish("report", stamp, {"level": level})
+    progress.update(1.0, "done")
+    return report
+
+
+def _products(level: str, clip: str) -> list[str]:
+    """Files without which a report is drawn again, whatever its stamp says."""
+    if level == "none":
+        return []
+    return ["report.json", "report.png"] + ["overlay.mp4"] * bool(clip) + ["resimulated.mp4"] * (bool(clip) and level == "full")

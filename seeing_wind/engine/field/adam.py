@@ -1,0 +1,48 @@
+"""Adam's state as arrays, so that a descent can go on where it was."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+import torch
+from torch.optim import Adam
+from torch.optim.lr_scheduler import LRScheduler
+
+MOMENTS = ("step", "exp_avg", "exp_avg_sq")
+RANDOM = "random"
+
+
+def adam_state(optimiser: Adam) -> dict[str, np.ndarray]:
+    """Parameters, moments and the state of torch's random numbers."""
+    arrays = {RANDOM: torch.get_rng_state().numpy()}
+    for number, parameter in enumerate(_parameters(optimiser)):
+        arrays[f"{number}"] = parameter.detach().numpy()
+        arrays |= {f"{number}.{name}": value.numpy() for name, value in optimiser.state.get(parameter, {}).items() if name in MOMENTS}
+    return arrays
+
+
+def restore(optimiser: Adam, schedule: LRScheduler, arrays: dict[str, np.ndarray], iterations: int) -> None:
+    """Put an optimiser that is new, with its schedule of rates, where `adam_state` found another after so many iterations."""
+    optimiser.zero_grad()
+    for _ in range(iterations):  # without derivatives this changes the rates alone
+        optimiser.step()
+        schedule.step()
+    with torch.no_grad():
+        for number, parameter in enumerate(_parameters(optimiser)):
+            parameter.copy_(torch.from_numpy(arrays[f"{number}"]))
+            moments = {name: torch.from_numpy(arrays[f"{number}.{name}"]) for name in MOMENTS if f"{number}.{name}" in arrays}
+            if moments:
+                optimiser.state[parameter] = moments
+    torch.set_rng_state(torch.from_numpy(arrays[RANDOM]))
+
+
+def in_parts(values: np.ndarray, parameters: Iterable[torch.Tensor]) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+    """Each parameter with its part of values (P,) that are one after the other."""
+    listed = list(parameters)
+    for parameter, part in zip(listed, torch.from_numpy(values).split([one.numel() for one in listed]), strict=True):
+        yield parameter, part.view_as(parameter)
+
+
+def _parameters(optimiser: Adam) -> list[torch.Tensor]:
+    return [parameter for group in optimiser.param_groups for parameter in group["params"]]
