@@ -15,15 +15,14 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from seeing_wind.engine import journal as journals
 from seeing_wind.engine.field import distill
-from seeing_wind.engine.progress import Journal
-from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.paper.refinement import refine
 from seeing_wind.engine.paper.schedule import recover_by_descent
-from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.progress import Journal, NoProgress
 from seeing_wind.engine.records import Recovery
+from seeing_wind.engine.recovery import journal as journals
 from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.stages import recover_stage
 from seeing_wind.engine.take import Take, stamp_of, to_arrays
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
@@ -131,7 +130,7 @@ def test_a_fit_and_a_refinement_that_are_killed_give_the_same_field(tmp_path: Pa
 JOB = """
 import sys
 from pathlib import Path
-from seeing_wind.engine import journal
+from seeing_wind.engine.recovery import journal
 from tests.engine.recovery.test_checkpoint import job
 journal.LATEST = 0.0
 job(Path(sys.argv[1]))

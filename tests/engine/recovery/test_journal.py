@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from seeing_wind.engine import journal as journals
 from seeing_wind.engine.errors import SimulationError
-from seeing_wind.engine.progress import Journal
+from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
+from seeing_wind.engine.recovery import journal as journals
 from seeing_wind.engine.recovery.journal import TakeJournal
-from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.take import Take
 
 
