@@ -32,7 +32,7 @@ from ..take import Take, from_arrays, stamp_of, to_arrays
 R = TypeVar("R")
 Arrays = dict[str, np.ndarray]
 
-SOONEST, LATEST = 2.0, 15.0
+SOONEST, LATEST = 2.0, 12.0
 """Seconds of work after which it is written down: at best, so that short computations write nothing, and at worst."""
 COST = 20.0
 """Between these two, work that took so many times the seconds that writing takes is worth it."""
