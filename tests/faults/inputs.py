@@ -321,7 +321,7 @@ def no_take(chance: random.Random, value: Any, folder: Path) -> list[Any]:
         (folder / "edit.toml").write_text('[[body]]\nname = "thing"\nmesh = "recovered"\n')
         return chance.choice((SAMPLE, EXPORT, SIMULATE))
     (folder / "file").write_text("a file")
-    place = chance.choice(["a" * 300, "file", "file/x", "/dev/null", "/proc/x", "/dev/null/x", "b/" * 200 + "c" * 250])
+    place = chance.choice(["a" * 300, "file/x", "file/x", "/dev/null", "/proc/x", "/dev/null/x", "b/" * 200 + "c" * 250])
     call = list(chance.choice((SAMPLE, EXPORT, SIMULATE, SOLVE)))
     option = "--out" if "--out" in call else "--take"
     if call[0] == "recover-trajectories":

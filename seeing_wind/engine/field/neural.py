@@ -14,6 +14,9 @@ from .confidence import ConfidenceMap
 from .force_field import ForceField
 from .planes import Stencil
 
+STRONGEST = 1e15
+"""N/m³ beyond which a force density is a damaged number: the densest matter under a million g takes 2e11."""
+
 
 class NeuralModule(nn.Module):
     """A representation as torch sees it: coordinates in the box scaled to 0..1 and a frame -> force over the field's scale.
@@ -61,7 +64,7 @@ class ForceFieldNeural(ForceField):
         confidence: where the field can be trusted.
 
     Raises:
-        ValueError: for a scale that is not finite; else as `ForceField`.
+        ValueError: for a scale beyond `STRONGEST`; else as `ForceField`.
     """
 
     module_class: ClassVar[type[NeuralModule]]
@@ -70,7 +73,7 @@ class ForceFieldNeural(ForceField):
         super().__init__(box, fps, frames)
         self.module = module.double().requires_grad_(False)
         self.scale, self.confidence = float(scale), confidence
-        if not np.isfinite(self.scale):
+        if not abs(self.scale) <= STRONGEST:
             raise ValueError(f"a scale of {scale} N/m³")
 
     def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
