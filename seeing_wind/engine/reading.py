@@ -62,11 +62,11 @@ def regular(path: str | os.PathLike[str]) -> int:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The UTF-8 text of a file, bytes that are no UTF-8 replaced."""
+    """The UTF-8 text of a file, without the mark that editors of Windows put first, bytes that are no UTF-8 replaced."""
     size = regular(path)
     if size > LARGEST_TEXT:
         raise ValueError(f"it is larger than any such file, {size / 1e6:.0f} MB")
-    return Path(path).read_bytes().decode("utf-8", errors="replace")
+    return Path(path).read_bytes().decode("utf-8-sig", errors="replace")
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:

@@ -16,7 +16,7 @@ from tests.faults.counts import COUNTS, draws
 from tests.faults.inputs import FAMILIES, VALUES, Family
 from tests.faults.worker import Run, Worker
 
-RESULTS = ("o.take", "o.npz")
+RESULTS = ("o.take", "o.npz", "b")
 """What a job may write, in its folder."""
 
 

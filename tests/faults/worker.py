@@ -45,7 +45,7 @@ class Run:
 
     @property
     def traceback(self) -> bool:
-        return "Traceback (most recent call last)" in self.stderr or "Unexpected " in self.error.get("message", "")
+        return "Traceback (most recent call last)" in self.stderr or self.error.get("message", "").startswith("Unexpected ")
 
 
 class Worker:
