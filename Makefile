@@ -8,6 +8,7 @@ DEMO := build/demo
 help:
 	@echo "make demo       build a clip, recover its wind, edit, bake; prints where the results are"
 	@echo "make test       lint, types, all tests"
+	@echo "make faults     a thousand hostile inputs, two hundred kills, full disks; prints their counts"
 	@echo "make lock       the engine's locked requirements anew"
 	@echo "make quick-recover  a short clip recovered in the engine's locked environment, without bpy"
 	@echo "make setup      only make $(VENV) with everything that the two need"
@@ -53,6 +54,10 @@ lint: setup
 test: lint
 	$(PY) -m pytest
 
+# All hostile inputs, kills and full disks, half an hour on two idle cores; `make test` has a quick draw of each.
+faults: setup
+	SEEING_WIND_FAULTS=whole $(PY) -m pytest -s tests/faults
+
 extension: setup
 	@mkdir -p build
 	$(PY) scripts/build_extension.py build
@@ -74,4 +79,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup engine-environment lock quick-recover demo scenes lint test extension tables benchmark-mpm screenshots clean
+.PHONY: help setup engine-environment lock quick-recover demo scenes lint test faults extension tables benchmark-mpm screenshots clean

@@ -33,6 +33,9 @@ from .records import Outcome  # noqa: E402
 
 CANCELLED = 130
 
+OPENCV_NO_MEMORY = -4
+"""`code` of an OpenCV error where memory ran out."""
+
 OUTSIDE = frozenset(
     getattr(errno, name)
     for name in "ENOSPC EDQUOT EFBIG ENAMETOOLONG ENOTDIR EISDIR EACCES EPERM EROFS ELOOP ENOENT EIO ESTALE EINVAL".split()
@@ -85,8 +88,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _failed(
             protocol, MissingPackage(f"The engine's Python lacks the package {error.name}.", "Run Install Engine, or `make setup`.")
         )
-    except MemoryError:
-        return _failed(protocol, SeeingWindError("Out of memory.", "Use fewer particles or fewer frames."))
     except OSError as error:
         if error.errno not in OUTSIDE:
             traceback.print_exc()
@@ -95,12 +96,24 @@ def main(argv: Sequence[str] | None = None) -> int:
             SeeingWindError(f"{error.strerror or error}: {error.filename or ''}".rstrip(": ") + ".", "Check the path and the disk."),
         )
     except Exception as error:  # the last resort: the log has the traceback, the user a sentence
+        if out_of_memory(error):
+            return _failed(protocol, SeeingWindError("Out of memory.", "Use fewer particles or fewer frames."))
         traceback.print_exc()
         return _failed(
             protocol, SeeingWindError(f"Unexpected {type(error).__name__}: {error}.", "This is a defect: please report it with the log.")
         )
     protocol.send({"type": "result", **result, "seconds": round(time.perf_counter() - started, 2)})
     return 0 if result["outcome"] != Outcome.DIVERGED else 1
+
+
+def out_of_memory(error: Exception) -> bool:
+    """Whether memory ran out, of the machine or of its graphics card.
+
+    torch has no error of its own for the machine's, and OpenCV only a number: they are told by that, here and nowhere else.
+    """
+    if isinstance(error, MemoryError) or type(error).__name__ == "OutOfMemoryError" or getattr(error, "code", None) == OPENCV_NO_MEMORY:
+        return True
+    return isinstance(error, RuntimeError) and "allocate memory" in str(error)
 
 
 def _failed(protocol: Protocol, error: SeeingWindError) -> int:

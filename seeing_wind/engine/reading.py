@@ -62,11 +62,11 @@ def regular(path: str | os.PathLike[str]) -> int:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The UTF-8 text of a file, bytes that are no UTF-8 replaced."""
+    """The UTF-8 text of a file, without the mark that editors of Windows put first, bytes that are no UTF-8 replaced."""
     size = regular(path)
     if size > LARGEST_TEXT:
         raise ValueError(f"it is larger than any such file, {size / 1e6:.0f} MB")
-    return Path(path).read_bytes().decode("utf-8", errors="replace")
+    return Path(path).read_bytes().decode("utf-8-sig", errors="replace")
 
 
 def read_json(path: str | os.PathLike[str]) -> Any:
@@ -95,8 +95,9 @@ def _sane(parse: Any, text: str | bytes) -> Any:
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     except ValueError as error:
-        # Python's own message speaks of a limit that the user could raise.
-        raise ValueError("it holds a number of thousands of digits") from None if "integer string" in str(error) else error
+        if "integer string" in str(error):  # Python's own message speaks of a limit that the user could raise
+            raise ValueError("it holds a number of thousands of digits") from None
+        raise
     level, depth = [values], 0
     while level:
         depth += 1
@@ -175,8 +176,8 @@ def _check(file: IO[bytes], size: int, limit: int) -> int:
     read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
     try:
         shape, _, dtype = read(file)
-    except (RecursionError, MemoryError):
-        raise ValueError("its header is nested too deeply") from None
+    except Exception:  # NumPy reads it as Python's literals, and raises whatever that stumbles over
+        raise ValueError("its header is damaged") from None
     if dtype.kind not in KINDS:
         raise ValueError(f"it holds {dtype}, not plain numbers")
     if any(not isinstance(length, int) or isinstance(length, bool) or length < 0 for length in shape):

@@ -116,7 +116,9 @@ def field_says(chance: random.Random, value: Any, folder: Path) -> list[Any]:
         shape[chance.choice(list(shape))] = chance.choice([value, 10**7, 10**9, 0, -1, [10**6] * 3, [[10**6] * 3]])
         meta["shape"] = json.dumps(shape, default=str)
     elif key == "box":
-        meta["box"] = chance.choice(["[[-1e308,-1e308,-1e308],[1e308,1e308,1e308]]", "[" * 200_000, json.dumps(value), "NaN", "[[0,0,0],[1,1]]"])
+        meta["box"] = chance.choice(
+            ["[[-1e308,-1e308,-1e308],[1e308,1e308,1e308]]", "[" * 200_000, json.dumps(value), "NaN", "[[0,0,0],[1,1]]"]
+        )
     else:
         meta[key] = chance.choice([json.dumps(value), "1e300", "1e-300", "-1", "9" * 5000, "nan", ""])
     text = json.dumps(header).encode()
@@ -151,7 +153,21 @@ def npy_bytes(shape: str, dtype: str, data: bytes = b"\0" * 64) -> bytes:
 def headers_lie(chance: random.Random, value: Any, folder: Path) -> list[Any]:
     """NPY headers that declare terabytes, negative lengths, objects, structures or nonsense; bombs that unpack to gigabytes."""
     name = chance.choice(ARRAYS)
-    shape = chance.choice(["(6, 42000000, 3)", "(10**13,)", "(1000000000000,)", "(-5,)", "(6, 10000, 10000, 300)", "((1,),)", "(" * 4000, "(4294967296, 4294967296)", "('a',)", "(1e9,)", "True"])
+    shape = chance.choice(
+        [
+            "(6, 42000000, 3)",
+            "(10**13,)",
+            "(1000000000000,)",
+            "(-5,)",
+            "(6, 10000, 10000, 300)",
+            "((1,),)",
+            "(" * 4000,
+            "(4294967296, 4294967296)",
+            "('a',)",
+            "(1e9,)",
+            "True",
+        ]
+    )
     dtype = chance.choice(["'<f8'", "'<f8'", "'<f8'", "'|O'", "'<U0'", "'|V2147483647'", "[('a', '<f8')]", "'<c16'", "'<M8[s]'", "'x'"])
     lie = npy_bytes(shape, dtype)
     if chance.random() < 0.25:  # the bytes are there, and compress to nothing
@@ -190,7 +206,8 @@ def arrays_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
             [("fps", 1e300), ("fps", 1e-300), ("fps", np.nan), ("E", 1e300), ("E", 0.0), ("rho", 1e-300), ("sigma", 1e300), ("nu", 0.5),
              ("sigma", 1e-300), ("material", "unobtainium"), ("gravity", np.full(3, 1e300)), ("x", blown() + 1e8), ("x", blown()[:0]),
              ("x", blown()[:, :0]), ("x", blown() * 1e300), ("x", blown() + 50.0 * (np.arange(9) > 4)[:, None, None]),
-             ("x", blown() + 1e6 * (np.arange(9) > 4)[:, None, None]), ("x", np.zeros_like(blown())), ("covariance", np.full((3, 3), np.inf)),
+             ("x", blown() + 1e6 * (np.arange(9) > 4)[:, None, None]), ("x", np.zeros_like(blown())),
+             ("covariance", np.full((3, 3), np.inf)),
              ("yield_stress", 1e300), ("x", blown()[:3]), ("fixed", np.ones(27, bool)), ("covariance", -np.eye(3)), ("x", "text")]
         )  # fmt: skip
         arrays[key] = np.asarray(spoilt)
@@ -220,9 +237,11 @@ def camera_says(chance: random.Random, value: Any, folder: Path) -> list[Any]:
     camera[key] = value
     text = json.dumps(camera)
     if chance.random() < 0.3:
-        text = chance.choice(["[" * 200_000, '{"a":' * 100_000, "9" * 5000, '{"width": ' + "9" * 5000 + "}", "\ufeff{}", "{", "null", '"a"', "[]"])
+        text = chance.choice(
+            ["[" * 200_000, '{"a":' * 100_000, "9" * 5000, '{"width": ' + "9" * 5000 + "}", "\ufeff{}", "{", "null", '"a"', "[]"]
+        )
     (folder / "camera.json").write_text(text, encoding="utf-8")
-    return [*RECOVER, "--mask", "none.png", "--camera", "camera.json"]
+    return [*RECOVER, "--mask", "mask.png", "--camera", "camera.json"]
 
 
 def objects_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
@@ -237,16 +256,20 @@ def objects_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
 def edit_says(chance: random.Random, value: Any, folder: Path) -> list[Any]:
     body: dict[str, Any] = {"name": "thing", "mesh": "mesh.obj", "material": "rubber"}
     edit: dict[str, Any] = {"body": [body]}
-    key = chance.choice(["name", "mesh", "material", "density", "youngs_modulus", "mass", "mass_scale", "pin", "velocity", "start_frame", "nonsense"])
+    key = chance.choice(
+        ["name", "mesh", "material", "density", "youngs_modulus", "mass", "mass_scale", "pin", "velocity", "start_frame", "nonsense"]
+    )
     hostile = {
-        "name": ["a\0b", "../x", "/abs", "a" * 300, "CON", "", ".", "x\n", "\u202e"], "mesh": ["../../../etc/passwd", "/dev/zero", "a\0.obj", "."],
+        "name": ["a\0b", "../x", "/abs", "a" * 300, "CON", "", ".", "x\n", "\u202e"],
+        "mesh": ["../../../etc/passwd", "/dev/zero", "a\0.obj", "."],
         "pin": ["/dev/zero", "none.npy", "mesh.obj", "a\0"], "density": [1e300, -1.0, float("nan")], "youngs_modulus": [1e300, 0.0],
         "mass": [1e300, 1e-300, 0.0], "mass_scale": [1e300, 0.0, float("inf")], "velocity": [[1e300] * 3, [0.0], [float("nan")] * 3],
         "start_frame": [10**9, -1, 2**70], "material": ["unobtainium", ""], "nonsense": [1],
     }[key]  # fmt: skip
     body[key] = chance.choice([*hostile, _plain(value)])
     whole: list[dict[str, Any]] = [
-        {"gravity": [1e300] * 3}, {"field_strength": 1e300}, {"field_strength": [1.0]}, {"collider": [{"name": "w", "plane": [0, 0, -1, 0, 0, 1], "kind": "x"}]},
+        {"gravity": [1e300] * 3}, {"field_strength": 1e300}, {"field_strength": [1.0]},
+        {"collider": [{"name": "w", "plane": [0, 0, -1, 0, 0, 1], "kind": "x"}]},
         {"collider": [{"name": "w", "plane": [1e300] * 6}]}, {"gravity": _plain(value)}, {"body": _plain(value)}, {"contact": "yes"},
     ]  # fmt: skip
     if chance.random() < 0.3:
@@ -254,7 +277,9 @@ def edit_says(chance: random.Random, value: Any, folder: Path) -> list[Any]:
         edit |= chance.choice(whole)
     text = toml_text(edit)
     if chance.random() < 0.15:
-        text = chance.choice(["a = " + "[" * 200_000, "a = " + "9" * 5000, "[[body]]\n" * 3, "a.b." * 50_000 + "c = 1", "\0", "a = {b = " * 5000])
+        text = chance.choice(
+            ["a = " + "[" * 200_000, "a = " + "9" * 5000, "[[body]]\n" * 3, "a.b." * 50_000 + "c = 1", "\0", "a = {b = " * 5000]
+        )
     (folder / "edit.toml").write_text(text, encoding="utf-8", errors="replace")
     return SIMULATE
 
@@ -290,11 +315,13 @@ def no_take(chance: random.Random, value: Any, folder: Path) -> list[Any]:
     if chance.random() < 0.6:
         path = folder / "whole.take" / chance.choice(TAKE_FILES)
         path.unlink()
-        chance.choice([lambda: os.mkfifo(path), path.mkdir, lambda: path.symlink_to("/dev/zero"), path.touch, lambda: path.symlink_to(path.name)])()
+        chance.choice(
+            [lambda: os.mkfifo(path), path.mkdir, lambda: path.symlink_to("/dev/zero"), path.touch, lambda: path.symlink_to(path.name)]
+        )()
         (folder / "edit.toml").write_text('[[body]]\nname = "thing"\nmesh = "recovered"\n')
         return chance.choice((SAMPLE, EXPORT, SIMULATE))
     (folder / "file").write_text("a file")
-    place = chance.choice(["a" * 300, "file", "file/x", "/dev/null", "/proc/x", "/dev/null/x", "b/" * 200 + "c" * 250])
+    place = chance.choice(["a" * 300, "file/x", "file/x", "/dev/null", "/proc/x", "/dev/null/x", "b/" * 200 + "c" * 250])
     call = list(chance.choice((SAMPLE, EXPORT, SIMULATE, SOLVE)))
     option = "--out" if "--out" in call else "--take"
     if call[0] == "recover-trajectories":
@@ -313,7 +340,9 @@ def png(width: int, height: int, data: bytes = b"", depth: int = 8) -> bytes:
 
 def pictures_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
     """Masks and frames of one pixel, of 1 x 20000, of a thousand million, of another kind than their name says, or none at all."""
-    width, height = chance.choice([(1, 1), (20_000, 1), (1, 20_000), (30_000, 30_000), (2**31 - 1, 1), (2**31 - 1, 2**31 - 1), (0, 0), (WIDTH, HEIGHT)])
+    width, height = chance.choice(
+        [(1, 1), (20_000, 1), (1, 20_000), (30_000, 30_000), (2**31 - 1, 1), (2**31 - 1, 2**31 - 1), (0, 0), (WIDTH, HEIGHT)]
+    )
     small = width * height <= 20_000
     if chance.random() < 0.4:
         (folder / "mask.png").write_bytes(png(width, height, b"\0" * (height * (width + 1)) if small else b"\0" * 1000))
@@ -348,6 +377,7 @@ def ranges_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
 
 
 FAMILIES: tuple[Family, ...] = (
-    flipped, flipped, flipped_take, field_says, tensors_lie, headers_lie, arrays_say, camera_says, objects_say, edit_says, no_files, no_take,
+    flipped, flipped, flipped_take, field_says, tensors_lie, headers_lie, arrays_say, camera_says, objects_say, edit_says, no_files,
+    no_take,
     pictures_say, ranges_say,
 )  # fmt: skip

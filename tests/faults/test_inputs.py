@@ -16,7 +16,7 @@ from tests.faults.counts import COUNTS, draws
 from tests.faults.inputs import FAMILIES, VALUES, Family
 from tests.faults.worker import Run, Worker
 
-RESULTS = ("o.take", "o.npz")
+RESULTS = ("o.take", "o.npz", "b")
 """What a job may write, in its folder."""
 
 
@@ -57,7 +57,11 @@ def _nonsense(run: Run) -> list[str]:
         return []
     limit = 1.0 if run.result["residual_unit"] == "m" else 30.0
     wrong = not math.isfinite(residual["max"]) or residual["max"] > limit
-    return [f"a result with a residual of {residual['max']}"] if wrong and not (run.warnings and "no force explains" in run.warnings[0]) else []
+    return (
+        [f"a result with a residual of {residual['max']}"]
+        if wrong and not (run.warnings and "no force explains" in run.warnings[0])
+        else []
+    )
 
 
 def broken(worker: Worker, seeds: Path, family: Family, seed: int, value: Any) -> list[str]:

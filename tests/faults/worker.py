@@ -45,7 +45,7 @@ class Run:
 
     @property
     def traceback(self) -> bool:
-        return "Traceback (most recent call last)" in self.stderr or "Unexpected " in self.error.get("message", "")
+        return "Traceback (most recent call last)" in self.stderr or self.error.get("message", "").startswith("Unexpected ")
 
 
 class Worker:
@@ -54,7 +54,8 @@ class Worker:
     def __enter__(self) -> Worker:
         more = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)}
         self._process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name("zygote.py"))], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, text=True,
+            [sys.executable, str(Path(__file__).with_name("zygote.py"))], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            cwd=ROOT, text=True,
             env={**os.environ, **more},
         )  # fmt: skip
         self._answer()
@@ -73,14 +74,15 @@ class Worker:
 
     def run(
         self, argv: list[Any], cwd: Path, *, seconds: float = SECONDS, memory: int = MEMORY, file_bytes: int | None = None,
-        kill_after: float | None = None, fail: int | None = None,
+        kill_after: float | None = None, marker: str = "", fail: int | None = None, vanish: Path | None = None, plain: bool = False,
     ) -> Run:  # fmt: skip
         """Run `seeing_wind.engine *argv` in the folder `cwd` under limits; see `zygote`."""
         assert self._process.stdin is not None
         with tempfile.TemporaryDirectory() as out:
             job = {
                 "argv": [str(one) for one in argv], "cwd": str(cwd), "out": out, "seconds": seconds, "bytes": memory,
-                "file_bytes": file_bytes, "kill_after": kill_after, "fail": fail,
+                "file_bytes": file_bytes, "kill_after": kill_after, "marker": marker, "fail": fail, "vanish": vanish and str(vanish),
+                "plain": plain,
             }  # fmt: skip
             print(json.dumps(job), file=self._process.stdin, flush=True)
             answer = self._answer()

@@ -1,19 +1,23 @@
 """A process that has imported the engine and forks a child for every job: so a thousand of them take minutes.
 
 A job is a JSON line on stdin: argv, the child's working folder `cwd`, a folder `out` for its stdout and stderr, limits (`seconds` of wall
-clock, `bytes` of memory besides what the imports take, `file_bytes` of a written file or null), `kill_after` seconds or null, and `fail`,
-the number of the write that meets a full disk, or null. The answer is a JSON line with the exit code, or minus the signal.
+clock, `bytes` of memory besides what the imports take, `file_bytes` of a written file or null), `kill_after` seconds or null, counted from
+when the text `marker` stands in its stdout, `fail`, the number of the write that meets a full disk, or null, `vanish`, a folder that is
+removed at the marker, or null, and `plain`, whether it runs without root's right to write everywhere. The answer is a JSON line with the
+exit code, or minus the signal.
 """
 
 from __future__ import annotations
 
 import builtins
+import ctypes
 import errno
 import importlib
 import io
 import json
 import os
 import resource
+import shutil
 import signal
 import sys
 import time
@@ -24,6 +28,9 @@ ROOMS = (
     "recovery", "recovery.resimulate", "mpm.rollout", "paper",
 )  # fmt: skip
 """What verbs import when they run."""
+
+
+NOBODY = 65534
 
 
 def virtual_size() -> int:
@@ -92,9 +99,22 @@ def child(job: dict[str, Any], main: Any) -> int:
     if job["file_bytes"] is not None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (job["file_bytes"], job["file_bytes"]))
+    if job["plain"] and os.geteuid() == 0:
+        ctypes.CDLL(None).setfsuid(NOBODY)  # drops what lets root write into a folder that forbids it
     if job["fail"] is not None:
         full_disk(job["fail"], job["cwd"])
     return main(job["argv"])
+
+
+def reached(job: dict[str, Any]) -> bool:
+    """Whether the child said the job's marker, or has none to say."""
+    if not job["marker"]:
+        return True
+    try:
+        with open(os.path.join(job["out"], "stdout"), encoding="utf-8", errors="replace") as file:
+            return job["marker"] in file.read()
+    except FileNotFoundError:
+        return False
 
 
 def run(job: dict[str, Any], main: Any) -> dict[str, Any]:
@@ -108,11 +128,17 @@ def run(job: dict[str, Any], main: Any) -> dict[str, Any]:
         finally:
             sys.stderr.flush()
             os._exit(code)
-    deadline = began + (job["seconds"] if job["kill_after"] is None else min(job["kill_after"], job["seconds"]))
+    deadline, waiting = began + job["seconds"], True
     while True:
         done, status = os.waitpid(pid, os.WNOHANG)
         if done:
             break
+        if waiting and reached(job):
+            waiting = False
+            if job["vanish"]:
+                shutil.rmtree(job["vanish"], ignore_errors=True)
+            if job["kill_after"] is not None:
+                deadline = time.monotonic() + job["kill_after"]
         if time.monotonic() > deadline:
             os.kill(pid, signal.SIGKILL)
         time.sleep(0.002)

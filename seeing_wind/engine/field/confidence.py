@@ -14,6 +14,7 @@ from typing import Self
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..conventions import FARTHEST
 from ..records import Particles, Recovery
 
 SUPPORTS = 2000
@@ -24,6 +25,9 @@ NEIGHBOURS = 6
 
 FALL = 0.25
 """Standard deviation of the fall beyond half the reach, relative to the reach: under a tenth is left three spacings off the body."""
+
+NEAREST = 1e-9
+"""Metres, the least reach."""
 
 FAR = 1e12
 """Metres beyond which nothing is known in any clip."""
@@ -41,7 +45,7 @@ class ConfidenceMap:
         origin: (3,) [m], near the points: in map coordinates float32 would tell nothing finer than half a metre.
 
     Raises:
-        ValueError: for shapes that do not fit, values outside 0..1, or a reach that is not positive and finite.
+        ValueError: for shapes that do not fit, values outside 0..1, or a reach beyond all bodies.
     """
 
     def __init__(self, points: np.ndarray, value: np.ndarray, reach: float, origin: np.ndarray = ZERO) -> None:
@@ -49,7 +53,7 @@ class ConfidenceMap:
         self.origin = np.asarray(origin, np.float64)
         if self.points.shape != (*self.value.shape, 3) or not self.value.size or self.origin.shape != (3,):
             raise ValueError(f"confidence points {self.points.shape}, values {self.value.shape} and origin {self.origin.shape} do not fit")
-        if not 0 < self.reach < np.inf or not ((self.value >= 0) & (self.value <= 1)).all():
+        if not NEAREST <= self.reach <= FARTHEST or not ((self.value >= 0) & (self.value <= 1)).all():
             raise ValueError(f"confidence values outside 0..1, or a reach of {self.reach} m")
         self._trees: dict[int, cKDTree] = {}
 

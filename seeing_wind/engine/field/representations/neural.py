@@ -14,6 +14,9 @@ from ..confidence import ConfidenceMap
 from ..force_field import ForceField
 from .planes import Stencil
 
+STRONGEST = 1e15
+"""N/m³ beyond which a force density is a damaged number: the densest matter under a million g takes 2e11."""
+
 
 class NeuralModule(nn.Module):
     """A representation as torch sees it: coordinates in the box scaled to 0..1 and a frame -> force over the field's scale.
@@ -61,7 +64,7 @@ class ForceFieldNeural(ForceField):
         confidence: where the field can be trusted.
 
     Raises:
-        ValueError: for a scale that is not finite; else as `ForceField`.
+        ValueError: for a scale beyond `STRONGEST`; else as `ForceField`.
     """
 
     module_class: ClassVar[type[NeuralModule]]
@@ -70,7 +73,7 @@ class ForceFieldNeural(ForceField):
         super().__init__(box, fps, frames)
         self.module = module.double().requires_grad_(False)
         self.scale, self.confidence = float(scale), confidence
-        if not np.isfinite(self.scale):
+        if not abs(self.scale) <= STRONGEST:
             raise ValueError(f"a scale of {scale} N/m³")
 
     def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
@@ -99,19 +102,20 @@ class ForceFieldNeural(ForceField):
     @classmethod
     def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Self:
         weights = {key.removeprefix("module."): torch.from_numpy(value) for key, value in tensors.items() if key.startswith("module.")}
-        shape = _checked_shape(parse_json(metadata["shape"]), frames, weights)
-        with torch.device("meta"):  # without memory: the file's weights take their places
-            module = cls.module_class(frames=frames, **shape)  # type: ignore[call-arg]
-        module.load_state_dict(weights, assign=True)
+        shape = _checked_shape(parse_json(metadata["shape"]), frames, weights, cls.representation == "kplanes")
+        module = cls.module_class(frames=frames, **shape)  # type: ignore[call-arg]
+        module.load_state_dict(weights)
         confidence = ConfidenceMap.from_file(tensors, metadata)
         return cls(box, fps, frames, module, float(metadata["scale"]), confidence)
 
 
-def _checked_shape(shape: Any, frames: int, weights: dict[str, torch.Tensor]) -> dict[str, Any]:
+def _checked_shape(shape: Any, frames: int, weights: dict[str, torch.Tensor], planes_of_time: bool) -> dict[str, Any]:
     """The constructor's arguments that a file states, none of them larger than the `weights` that came with them can fill.
 
+    `planes_of_time`: the module has planes over space and time, too.
+
     Raises:
-        ValueError: for others. Layers and frames cost time and memory even before their weights are compared.
+        KeyError, ValueError: for others. The module takes its memory before its weights can be compared with the file's.
     """
     if not isinstance(shape, dict) or shape.get("degree", 2) not in (1, 2):
         raise ValueError("its shape is none of this version")
@@ -121,4 +125,10 @@ def _checked_shape(shape: Any, frames: int, weights: dict[str, torch.Tensor]) ->
         least, most = 3 if key == "nodes" else 1, len(weights) if key == "hidden" else values
         if len(numbers) > values or not all(isinstance(one, int) and least <= one <= most for one in numbers):
             raise ValueError(f"{key} is {str(value)[:40]}, and it has {values} weights in {len(weights)} tensors")
+    features, width, hidden = (shape.get(key, 1) for key in ("features", "width", "hidden"))
+    x, y, z = np.array(shape["nodes"], dtype=float).reshape(-1, 3).T
+    space, time = float((x * y + x * z + y * z).sum()), float((x + y + z).sum()) * frames
+    needed = features * max(space, time if planes_of_time else 0.0, frames, width) + (hidden - 1) * width**2
+    if needed > values:
+        raise ValueError(f"its shape asks for {needed:.3g} weights, and it has {values}")
     return shape

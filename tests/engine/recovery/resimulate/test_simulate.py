@@ -8,11 +8,11 @@ import re
 import numpy as np
 import pytest
 
-from seeing_wind.engine import journal as journals
 from seeing_wind.engine.errors import MaterialError, UsageError
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic, UniformField
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Outcome, Particles, Recovery, Surface
+from seeing_wind.engine.recovery import journal as journals
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.recovery.resimulate.simulate import continued

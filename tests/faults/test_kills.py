@@ -1,0 +1,104 @@
+"""kill -9 at random moments of every stage: what is resumed equals what was never interrupted."""
+
+from __future__ import annotations
+
+import random
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.faults.counts import COUNTS, draws
+from tests.faults.seeds import FPS
+from tests.faults.worker import Worker
+
+PATIENT = 900.0
+"""Seconds for a job that nothing is wrong with, on a machine that has other things to do."""
+
+WINDOW = 0.6
+"""Seconds after a stage's first word in which it is killed."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A call, the words that its stages begin with, and what of its results must be equal."""
+
+    argv: list[Any]
+    stages: tuple[str, ...]
+    results: tuple[str, ...]
+
+
+SHORT = ["--iterations", 1, "--frames", "0:4"]
+JOBS = {
+    "clip": Job(
+        ["recover", "clip.avi", "--take", "o.take", "--mask", "mask.png", "--distance", 2, "--fps", FPS, *SHORT],
+        ("observe", "build", "recover", "distill", "report"), ("o.take/field.safetensors",),
+    ),
+    "points": Job(
+        ["recover-trajectories", "t.npz", "--take", "o.take", "--iterations", 1], ("recover", "distill", "report"),
+        ("o.take/field.safetensors",),
+    ),
+    "edit": Job(["resimulate", "whole.take", "--edit", "edit.toml", "--take", "o.take"], ("resimulate",), ("o.take/bodies/thing.npz",)),
+    "export": Job(["export", "whole.take", "--format", "npz", "--out", "o.npz"], ("", "export"), ("o.npz",)),
+}  # fmt: skip
+SHARES = {"clip": 5, "points": 2, "edit": 2, "export": 3}
+"""How often each job is drawn: by what it holds of stages, and by what a draw of it costs."""
+
+
+def left(job: Job, folder: Path) -> dict[str, bytes]:
+    """The results of a job that are there."""
+    return {name: (folder / name).read_bytes() for name in job.results if (folder / name).is_file()}
+
+
+class References:
+    """What every job makes without an interruption, made when it is first asked for."""
+
+    def __init__(self, worker: Worker, seeds: Path, home: Path) -> None:
+        self._worker, self._seeds, self._home = worker, seeds, home
+        self._made: dict[str, tuple[dict[str, bytes], float]] = {}
+
+    def __getitem__(self, name: str) -> tuple[dict[str, bytes], float]:
+        """Its results and the seconds that it took."""
+        if name not in self._made:
+            folder = self._home / name
+            shutil.copytree(self._seeds, folder)
+            run = self._worker.run(JOBS[name].argv, folder, seconds=PATIENT)
+            assert run.code == 0 and not run.traceback, (run.code, run.error, run.stderr[-2000:])
+            found = left(JOBS[name], folder)
+            assert len(found) == len(JOBS[name].results)
+            self._made[name] = found, run.seconds
+        return self._made[name]
+
+
+@pytest.fixture(scope="module")
+def references(worker: Worker, seeds: Path, tmp_path_factory: pytest.TempPathFactory) -> References:
+    return References(worker, seeds, tmp_path_factory.mktemp("references"))
+
+
+def test_a_killed_job_resumes_to_the_same_result(worker: Worker, seeds: Path, references: References, tmp_path: Path) -> None:
+    chance = random.Random(24)
+    wanted_kills = draws(6, 204)
+    wrong, again, number = [], [], 0
+    while COUNTS["kills"] < wanted_kills:  # a job that ends before its moment comes does not count
+        number += 1
+        assert number <= 4 * wanted_kills, "hardly a job is still running when its moment comes"
+        (name,) = chance.choices(list(SHARES), list(SHARES.values()))
+        job, folder = JOBS[name], tmp_path / str(number)
+        wanted, took = references[name]
+        shutil.copytree(seeds, folder)
+        stage = chance.choice(job.stages)
+        marker = f'"stage": "{stage}"' if stage else ""
+        cut = worker.run(job.argv, folder, seconds=PATIENT, marker=marker, kill_after=chance.uniform(0.0, WINDOW))
+        COUNTS["kills"] += cut.code == -9
+        resumed = worker.run(job.argv, folder, seconds=PATIENT)
+        COUNTS["tracebacks"] += cut.traceback + resumed.traceback
+        again.append((cut.seconds + resumed.seconds - took, name, stage))
+        if resumed.code or resumed.traceback or left(job, folder) != wanted:
+            COUNTS["lost"] += 1
+            wrong.append(f"{number}, {name} killed in {stage or 'its start'}: {resumed.code}, {resumed.error}, {resumed.stderr[-800:]}")
+        shutil.rmtree(folder)
+    worst = max(again)
+    print(f"\nkills: at most {worst[0]:.1f} s were worked again, in {worst[1]}, killed in {worst[2] or 'its start'}")
+    assert not wrong, "\n".join(wrong)
