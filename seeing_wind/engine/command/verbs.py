@@ -103,7 +103,11 @@ def _on(mask: str, pin: str) -> bool:
 
 def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     """One object of a clip into one take."""
-    _material(find(arguments.material), arguments)  # a wrong one is told before the work begins
+    from ..observe.clip.frames import require_clip
+
+    # What is wrong is told before the work begins, and before a folder is made.
+    require_clip(arguments.clip)
+    _material(find(arguments.material), arguments)
     settings = settings_of(RecoverSettings, arguments, gravity=gravity_of(arguments), clamp_depth=PAINTED_DEPTH)
     check_solve(settings, clip=True, views=len(arguments.view))
     endpoint = _endpoint(arguments)
@@ -149,6 +153,7 @@ def _recover_into(
     )
     if field is None:
         return diverged(recovery)
+
     def draw() -> dict[str, Any]:
         from ..look.report import write_report
 

@@ -124,6 +124,16 @@ class _Copies:
         self.frames.append(cv2.resize(picture, self._size[::-1], interpolation=cv2.INTER_AREA) if smaller else picture)
 
 
+def require_clip(path: str) -> None:
+    """Raise ClipError where there is nothing that could be a clip, before a folder is made for its results."""
+    if not path.strip():
+        raise ClipError("No clip is named.", "Give a video file, a folder of pictures, or a pattern like shot_%04d.png.")
+    if not is_sequence(path) and not Path(path).is_file():
+        raise ClipError(
+            f"There is no clip at {path}.", "Check the path: a video file, a folder of pictures, or a pattern like shot_%04d.png."
+        )
+
+
 def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
     """The files that a clip is read from: the video itself, or those of a folder's or pattern's pictures that lie in the range."""
     if not is_sequence(path):
@@ -185,14 +195,9 @@ def _size(shape: tuple[int, ...]) -> str:
 def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
     """Pictures (BGR) of a clip with their times [s], and the frame rate its file states (both NaN for pictures)."""
     place = Path(path)
-    if not path.strip():
-        raise ClipError("No clip is named.", "Give a video file, a folder of pictures, or a pattern like shot_%04d.png.")
+    require_clip(path)
     if is_sequence(path):
         return _pictures(pictures_of(path), path), float("nan")
-    if not place.is_file():
-        raise ClipError(
-            f"There is no clip at {path}.", "Check the path: a video file, a folder of pictures, or a pattern like shot_%04d.png."
-        )
     if place.suffix.lower() in PICTURE_SUFFIXES:
         return _pictures([place], path), float("nan")
     capture = cv2.VideoCapture(path)
