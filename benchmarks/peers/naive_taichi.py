@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 from taichi.lang import impl
 
-from seeing_wind.engine.mpm.precision import compiled_in
+from seeing_wind.engine.mpm.compiler.settings import compiled_in
 
 COROTATED, NEO_HOOKEAN, VON_MISES, VISCOPLASTIC = 0, 1, 2, 3
 vec3 = ti.types.vector(3, ti.f32)

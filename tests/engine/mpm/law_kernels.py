@@ -4,11 +4,11 @@
 """
 
 import numpy as np
-import taichi as ti
 
 from seeing_wind.engine.mpm import device
+from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler.settings import compiled_in
 from seeing_wind.engine.mpm.laws import constitutive, plasticity
-from seeing_wind.engine.mpm.precision import compiled_in
 
 array = ti.types.ndarray()
 

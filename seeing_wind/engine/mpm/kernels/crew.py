@@ -8,7 +8,8 @@ has taken, so it makes no difference how many of the workers really run at once.
 # mypy: ignore-errors
 
 import numpy as np
-import taichi as ti
+
+from ..compiler import ti
 
 _LINE = 16
 """Integers in a line of a cache: no two counters share one."""

@@ -2,8 +2,7 @@
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from .packed import MOST_PARTICLES, bounded, forces, rows_of, states
 
 order_of = ti.types.ndarray(dtype=ti.i32, ndim=1)

@@ -6,15 +6,14 @@ Everything a particle has comes in vectors of four numbers, one for each axis j:
     forces       G_0j G_1j G_2j a_j                                 three vectors; G is d a / d x
     nodes        momentum or velocity, and mass                     one vector
 
-so that what is added to a node, S + i X + j Y + k Z, and the moments that are gathered are such vectors from the start. On a CPU they are
-vectors of the processor from the load to the store (`precision.native_vectors`; augmented assignment to one is an atomic operation there,
-which Taichi cannot compile), on a GPU loose numbers. Indices are `bounded`. All functions are generic in precision, and on a GPU, where
-threads share a grid, `atomic` adds atomically.
+so that what is added to a node, S + i X + j Y + k Z, and the moments that are gathered are such vectors from the start. They are vectors
+of the processor from the load to the store (`settings.native_vectors`; augmented assignment to one is an atomic operation there, which
+Taichi cannot compile). Indices are `bounded`. All functions are generic in precision.
 """
 # Taichi reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
+from ..compiler import ti
 
 states = ti.types.ndarray(element_shape=(4,), ndim=1)
 """(6 N,), see above."""
@@ -119,7 +118,7 @@ def corner_of(x, offset, inv_dx, lo, dims, first_node):
 
 
 @ti.func
-def scatter(atomic: ti.template(), f, S, X, Y, Z, at, dims, grid: ti.template()):
+def scatter(f, S, X, Y, Z, at, dims, grid: ti.template()):
     """Adds w_ijk (S + i X + j Y + k Z) to the 27 nodes from `at` on."""
     w = spline(f)
     S_Z = S + Z
@@ -131,14 +130,9 @@ def scatter(atomic: ti.template(), f, S, X, Y, Z, at, dims, grid: ti.template())
         for j in ti.static(range(3)):
             row = at + (i * dims[1] + j) * dims[2]
             w_ij = w[i][0] * w[j][1]
-            if ti.static(atomic):
-                ti.atomic_add(grid[row], w_ij * first)
-                ti.atomic_add(grid[row + 1], w_ij * second)
-                ti.atomic_add(grid[row + 2], w_ij * third)
-            else:
-                # All loads before all stores: after a store the compiler must look up afresh where the array is.
-                a, b, c = grid[row] + w_ij * first, grid[row + 1] + w_ij * second, grid[row + 2] + w_ij * third
-                grid[row], grid[row + 1], grid[row + 2] = a, b, c
+            # All loads before all stores: after a store the compiler must look up afresh where the array is.
+            a, b, c = grid[row] + w_ij * first, grid[row + 1] + w_ij * second, grid[row + 2] + w_ij * third
+            grid[row], grid[row + 1], grid[row + 2] = a, b, c
             if ti.static(j < 2):
                 first, second, third = first + low_y, second + middle_y, third + high_y
         if ti.static(i < 2):

@@ -1,14 +1,13 @@
 """The parts of a substep of one large body on all cores: p2g, the nodes' velocities, g2p.
 
 Particles are sorted by cell and dealt out to `tasks` in runs of equal length, so that a task's particles fill a slab of the grid. Every
-task adds to a grid of its own, as large as its slab, with plain adds; only the slabs' overlaps are summed. On a GPU there is one task,
-whose loops run over particles and add atomically. The window of nodes in use is found from `boxes`, which each g2p leaves behind.
+task adds to a grid of its own, as large as its slab, with plain adds; only the slabs' overlaps are summed.
+The window of nodes in use is found from `boxes`, which each g2p leaves behind.
 """
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_velocity, in_box
 from ..laws.constitutive import kirchhoff
@@ -65,7 +64,7 @@ def brought(tau, row, push, own, f, particle: ti.template(), state: ti.template(
 
 @ti.func
 def particle_to_grid(
-    atomic: ti.template(), plastic: ti.template(), p, first_node, particle: ti.template(), state: ti.template(),
+    plastic: ti.template(), p, first_node, particle: ti.template(), state: ti.template(),
     force: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """p2g of particle p: adds its momentum and mass to the 27 nodes round it."""
@@ -75,7 +74,7 @@ def particle_to_grid(
     law = ti.cast(particle[own + 6], ti.i32)
     tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), particle[own + 2], particle[own + 3])
     S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
-    scatter(atomic, f, S, X, Y, Z, at, dims, grid)
+    scatter(f, S, X, Y, Z, at, dims, grid)
 
 
 @ti.func
@@ -194,7 +193,7 @@ def task_to_grid(
     first_node = cleared(task, window, boxes, grid)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
-        particle_to_grid(False, plastic, p, first_node, particle, state, force, offset, dx, dt, lo, dims, grid)
+        particle_to_grid(plastic, p, first_node, particle, state, force, offset, dx, dt, lo, dims, grid)
 
 
 @ti.func

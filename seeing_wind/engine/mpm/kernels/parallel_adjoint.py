@@ -6,8 +6,7 @@ by the name.
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_velocity_adjoint
 from ..laws.constitutive import kirchhoff_both_ways
@@ -80,7 +79,7 @@ def plastic_flow_back(
 
 @ti.func
 def grid_to_particle_adjoint(
-    atomic: ti.template(), plastic: ti.template(), material, p, first_node, particle: ti.template(), state: ti.template(),
+    plastic: ti.template(), material, p, first_node, particle: ti.template(), state: ti.template(),
     state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
     grid_bar: ti.template(),
 ):  # fmt: skip
@@ -103,7 +102,7 @@ def grid_to_particle_adjoint(
     Z = with_fourth(k * (C2_bar + dt * (F0[2] * F0_bar + F1[2] * F1_bar + F2[2] * F2_bar)), 0.0)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
     S = v_bar - combined(X, Y, Z, f)
-    scatter(atomic, f, S, X, Y, Z, bounded(first_node + at, MOST_NODES), dims, grid_bar)
+    scatter(f, S, X, Y, Z, bounded(first_node + at, MOST_NODES), dims, grid_bar)
     # Rows of C: C^T F_bar is the product with its transpose.
     R0, R1, R2 = [ti.Vector([C0[i], C1[i], C2[i], 0.0]) for i in ti.static(range(3))]
     bar[row] = with_fourth(F0_bar + dt * combined(R0, R1, R2, F0_bar), x_bar[0])
@@ -197,7 +196,7 @@ def grid_to_task_adjoint(
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         grid_to_particle_adjoint(
-            False, plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims, grid_bar
+            plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims, grid_bar
         )
 
 
@@ -219,9 +218,9 @@ def particles_to_task_adjoint(
 
 @ti.kernel
 def substep_adjoint(
-    gpu: ti.template(), plastic: ti.template(),
+    plastic: ti.template(),
     material: ti.i32,  # whether derivatives by the particles' constants are wanted
-    workers: ti.i32, roster: counters,  # on a CPU, see `crew`
+    workers: ti.i32, roster: counters,  # see `crew`
     # body at the substep's start and end; momentum as `substep` leaves it
     first: integers, particle: constants, state: states, state_next: states, force: forces,
     # derivatives, in: by the next state, out: by this one; those by force and constants are added up
@@ -231,72 +230,47 @@ def substep_adjoint(
     grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
 ):  # fmt: skip
     """g2p and p2g backwards."""
-    if ti.static(gpu):
-        for node in range(window[3] * window[4] * window[5]):
-            offset, dx, dt = lattice_of(lattice)
-            grid_bar[node] = ti.Vector.zero(float, 4)
-            velocity[node] = node_velocity(node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
-        for p in range(state.shape[0] // 6):
+    ti.loop_config(block_dim=STRIDE)
+    for turn in range(workers * STRIDE):
+        if turn % STRIDE == 0:
             offset, dx, dt = lattice_of(lattice)
             lo, dims = window_of(window)
-            grid_to_particle_adjoint(
-                True, plastic, material, p, 0, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims,
-                grid_bar,
-            )  # fmt: skip
-        for node in range(window[3] * window[4] * window[5]):
-            offset, dx, dt = lattice_of(lattice)
-            node_to_velocity_adjoint(
-                node, 1, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
-            )
-        for p in range(state.shape[0] // 6):
-            offset, dx, dt = lattice_of(lattice)
-            lo, dims = window_of(window)
-            particle_to_grid_adjoint(
-                plastic, material, p, particle, state, state_next, force, bar, force_bar, particle_bar, offset, dx, dt, lo, dims,
-                velocity, momentum_bar,
-            )  # fmt: skip
-    else:
-        ti.loop_config(block_dim=STRIDE)
-        for turn in range(workers * STRIDE):
-            if turn % STRIDE == 0:
-                offset, dx, dt = lattice_of(lattice)
-                lo, dims = window_of(window)
-                worker, tasks = turn // STRIDE, first.shape[0] - 1
-                task = taken(roster, 0, worker, workers, tasks)
-                while task < tasks:
-                    begin, end = share(task, tasks, window[3] * window[4] * window[5])
-                    for index in range(begin, end):
-                        node = bounded(index, MOST_NODES)
-                        velocity[node] = node_velocity(
-                            node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
-                        )
-                    finish(roster, 0)
-                    task = taken(roster, 0, worker, workers, tasks)
-                # Nobody reads these velocities before the last phase.
-                task = taken(roster, 1, worker, workers, tasks)
-                while task < tasks:
-                    grid_to_task_adjoint(
-                        task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
+            worker, tasks = turn // STRIDE, first.shape[0] - 1
+            task = taken(roster, 0, worker, workers, tasks)
+            while task < tasks:
+                begin, end = share(task, tasks, window[3] * window[4] * window[5])
+                for index in range(begin, end):
+                    node = bounded(index, MOST_NODES)
+                    velocity[node] = node_velocity(
+                        node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
                     )
-                    finish(roster, 1)
-                    task = taken(roster, 1, worker, workers, tasks)
-                await_all(roster, 1, tasks)
-                task = taken(roster, 2, worker, workers, tasks)
-                while task < tasks:
-                    begin, end = share(task, tasks, window[3] * window[4] * window[5])
-                    for index in range(begin, end):
-                        node_to_velocity_adjoint(
-                            bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
-                            clamp, clamp_velocity, planes, solid, push,
-                        )  # fmt: skip
-                    finish(roster, 2)
-                    task = taken(roster, 2, worker, workers, tasks)
-                await_all(roster, 0, tasks)
-                await_all(roster, 2, tasks)
-                task = taken(roster, 3, worker, workers, tasks)
-                while task < tasks:
-                    particles_to_task_adjoint(
-                        task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
-                        window, velocity, momentum_bar,
+                finish(roster, 0)
+                task = taken(roster, 0, worker, workers, tasks)
+            # Nobody reads these velocities before the last phase.
+            task = taken(roster, 1, worker, workers, tasks)
+            while task < tasks:
+                grid_to_task_adjoint(
+                    task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
+                )
+                finish(roster, 1)
+                task = taken(roster, 1, worker, workers, tasks)
+            await_all(roster, 1, tasks)
+            task = taken(roster, 2, worker, workers, tasks)
+            while task < tasks:
+                begin, end = share(task, tasks, window[3] * window[4] * window[5])
+                for index in range(begin, end):
+                    node_to_velocity_adjoint(
+                        bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
+                        clamp, clamp_velocity, planes, solid, push,
                     )  # fmt: skip
-                    task = taken(roster, 3, worker, workers, tasks)
+                finish(roster, 2)
+                task = taken(roster, 2, worker, workers, tasks)
+            await_all(roster, 0, tasks)
+            await_all(roster, 2, tasks)
+            task = taken(roster, 3, worker, workers, tasks)
+            while task < tasks:
+                particles_to_task_adjoint(
+                    task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
+                    window, velocity, momentum_bar,
+                )  # fmt: skip
+                task = taken(roster, 3, worker, workers, tasks)

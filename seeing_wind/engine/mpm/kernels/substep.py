@@ -6,8 +6,7 @@ private grid. That needs no atomics and no barrier, and a grid of a few thousand
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..lattice.boundary import FREE, HELD
 from ..laws.plasticity import VON_MISES, plastic_flow
 from .transfer import affine_momentum, base_of, clear, gather, momentum_to_velocity, scatter, vec3

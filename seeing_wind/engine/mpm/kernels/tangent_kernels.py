@@ -14,8 +14,7 @@ Changes that are carried together share weights and stress derivative; they are 
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..lattice.boundary import FREE, HELD
 from ..laws.constitutive import kirchhoff, kirchhoff_adjoint
 from ..laws.eigen import product

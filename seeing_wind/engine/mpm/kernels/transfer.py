@@ -10,8 +10,7 @@ gradient goes into the affine momentum. Without that the torque and the strain t
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..laws.constitutive import kirchhoff
 
 vec3 = ti.types.vector(3, ti.f64)

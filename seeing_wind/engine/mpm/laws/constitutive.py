@@ -15,8 +15,7 @@ Franca 1989, "An algorithm to compute the square root of a 3x3 positive definite
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..precision import is_double
 from .eigen import adjugate, column, from_columns, full, left_cauchy_green, plus_identity, product, squared, symmetric_part, times_columns
 from .plasticity import PLASTIC_LAWS, VON_MISES, hencky, hencky_both_ways, plastic_flow_stress

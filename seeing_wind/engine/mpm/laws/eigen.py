@@ -15,8 +15,7 @@ Eberly 2014, "A robust eigensolver for 3x3 symmetric matrices" (deflation); Duff
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..precision import epsilon, is_double
 
 _MOST_SKEWED = 0.13608276348795434

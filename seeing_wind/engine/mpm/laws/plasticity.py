@@ -15,8 +15,7 @@ Perzyna's overstress as in Simo and Hughes, "Computational inelasticity", sectio
 # Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from .eigen import eigenvalues, eigenvectors, full, left_cauchy_green, norm_sqr, plus_identity, product, relative_deviator, symmetric_part
 from .strain import RADIUS, exp_slopes, exponential, half_logs, hencky_strain, log_slopes
 

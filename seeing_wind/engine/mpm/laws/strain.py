@@ -11,9 +11,9 @@ are series as well: nothing is clamped. Both forms are computed and one selected
 import math
 
 import numpy as np
-import taichi as ti
 from numpy.polynomial import Chebyshev, Polynomial
 
+from ..compiler import ti
 from ..precision import is_double
 from .eigen import eigenvalues, interpolant, norm_sqr, plus_identity, power_series, quadratic, squared
 
