@@ -27,9 +27,10 @@ def chosen() -> str:
 
 
 NAME = chosen()
-# Taichi prints its version on import, to stdout, where the worker's messages go, and asks a server for a newer one when it starts.
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
+# Both print their versions on import, to stdout, where the worker's messages go; Taichi asks a server for a newer one when it starts.
+# (Nor may stdout be another one meanwhile: they then take the shell for a graphical one and print after every launch.)
+for variable, value in (("ENABLE_TAICHI_HEADER_PRINT", "0"), ("TI_SKIP_VERSION_CHECK", "ON"), ("ENABLE_QUADRANTS_HEADER_PRINT", "0")):
+    os.environ.setdefault(variable, value)
 ti: Any = importlib.import_module(NAME)
 _runtime = importlib.import_module(f"{NAME}.lang.impl").get_runtime
 
