@@ -31,8 +31,6 @@ def start(device: str = "auto") -> None:
         UsageError: for any other device.
     """
     global _running
-    if device == "cuda":
-        raise UsageError("The solver runs on the CPU; it has no CUDA kernels.", "Choose --device auto or cpu.")
     if device not in ("auto", "cpu"):
         raise UsageError(f"There is no device {device!r}.", "Choose auto or cpu.")
     with _lock:

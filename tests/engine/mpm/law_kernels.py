@@ -1,4 +1,4 @@
-"""The laws' functions called from NumPy, in either precision. No postponed annotations: Taichi reads them.
+"""The laws' functions called from NumPy, in either precision. No postponed annotations: the compiler reads them.
 
 `material` is (n, 2) mu, lam [Pa] for stresses and (n, 4) mu, yield stress, viscosity, dt for flow; F (n, 3, 3).
 """

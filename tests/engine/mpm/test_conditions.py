@@ -1,4 +1,4 @@
-"""Velocity conditions at nodes: the contact law in closed form, and its derivative. No postponed annotations: Taichi reads them."""
+"""Velocity conditions at nodes: the contact law in closed form, and its derivative. No postponed annotations: the compiler reads them."""
 
 import numpy as np
 import pytest

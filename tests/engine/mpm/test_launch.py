@@ -1,5 +1,5 @@
 """A kernel launched again and again sees what changed, in both precisions."""
-# Without `annotations` of __future__: Taichi reads those of kernels at run time.
+# Without `annotations` of __future__: the compiler reads those of kernels at run time.
 
 import numpy as np
 

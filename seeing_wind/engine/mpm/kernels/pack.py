@@ -1,5 +1,5 @@
 """Between the states that the rest of the engine sees, float64 and in the model's order, and the packed ones of the kernels."""
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti

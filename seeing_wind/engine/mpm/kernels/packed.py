@@ -10,7 +10,7 @@ so that what is added to a node, S + i X + j Y + k Z, and the moments that are g
 of the processor from the load to the store (`settings.native_vectors`; augmented assignment to one is an atomic operation there, which
 Taichi cannot compile). Indices are `bounded`. All functions are generic in precision.
 """
-# Taichi reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti

@@ -4,7 +4,7 @@ Particles are sorted by cell and dealt out to `tasks` in runs of equal length, s
 task adds to a grid of its own, as large as its slab, with plain adds; only the slabs' overlaps are summed.
 The window of nodes in use is found from `boxes`, which each g2p leaves behind.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti

@@ -3,7 +3,7 @@
 Each function is the adjoint of its namesake in `parallel`, called in reverse order. A name with `_bar` is the derivative of the loss
 by the name.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti

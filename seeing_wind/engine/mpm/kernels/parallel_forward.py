@@ -1,5 +1,5 @@
 """Substeps of one large body, one after the other in one launch; the cores go through them as a `crew`."""
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti

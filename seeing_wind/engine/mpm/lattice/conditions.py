@@ -5,7 +5,7 @@ simulation", section 8: relative to the wall the normal part that runs into it i
 tangential part at most mu times as much. Every branch is differentiated exactly; on a kink (just touching, just slipping) the derivative
 is that of one side.
 """
-# Taichi reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti

@@ -84,7 +84,7 @@ def simulate_bodies(
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
         base_dir: folder against which the edit's paths are understood.
-        device: auto, cpu or cuda.
+        device: auto or cpu.
 
     Raises:
         UsageError: a mesh, a list of pins, a start frame or a strength that does not fit; MaterialError: an unknown material.
