@@ -14,7 +14,7 @@ from .compiler.launch import Launcher
 from .compiler.settings import compiled_in
 from .failure import diagnosis, failure
 from .frame_run import FrameRun, Piece
-from .kernels import parallel, parallel_adjoint, parallel_forward, substep
+from .kernels import packed, parallel, parallel_adjoint, parallel_forward, substep
 from .kernels.crew import roster
 from .kernels.native import aligned, aligned_copy, aligned_zeros
 from .kernels.pack import pack, pack_forces, unpack
@@ -46,10 +46,13 @@ class Body:
         self.active = np.flatnonzero(model.role != HELD).astype(np.int32)
         count = len(self.active)
         self.tasks = max(1, min(tasks or tasks_for(count), count))
-        columns = (model.mass, model.volume, model.mu, model.lam, model.yield_stress, model.viscosity, model.law, model.role)
-        self.particle = np.empty((count, 8), self.real)
-        for k, column in enumerate(columns):
-            self.particle[:, k] = column if count == model.particles else column[self.active]
+        columns = {
+            packed.MASS: model.mass, packed.VOLUME: model.volume, packed.MU: model.mu, packed.LAM: model.lam,
+            packed.YIELD_STRESS: model.yield_stress, packed.VISCOSITY: model.viscosity, packed.LAW: model.law, packed.ROLE: model.role,
+        }  # fmt: skip
+        self.particle = np.empty((count, len(columns)), self.real)
+        for place, column in columns.items():
+            self.particle[:, place] = column if count == model.particles else column[self.active]
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
         self.workers = min(self.tasks, workers or device.cores())

@@ -46,7 +46,7 @@ def test_the_environment_chooses(monkeypatch):
 
 
 def test_the_worker_says_that_there_is_no_such_compiler(tmp_path):
-    command = [sys.executable, "-m", "seeing_wind.engine", "resimulate", "none.take", "--edit", "none.toml", "--take", tmp_path / "out.take"]
+    command = [sys.executable, "-m", "seeing_wind.engine", "resimulate", "none.take", "--edit", "none.toml", "--take", tmp_path / "o.take"]
     environment = {**os.environ, choice.VARIABLE: "abacus"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=300)
     said = json.loads(done.stdout.splitlines()[0])

@@ -18,7 +18,9 @@ from ..compiler import ti
 states = ti.types.ndarray(element_shape=(4,), ndim=1)
 """(6 N,), see above."""
 constants = ti.types.ndarray(ndim=1)
-"""(8 N,): mass, volume, mu, lam, yield stress, viscosity, law, role."""
+"""(8 N,): a particle's numbers one after the other, as named below."""
+MASS, VOLUME, MU, LAM, YIELD_STRESS, VISCOSITY, LAW, ROLE = range(8)
+"""Places of a particle's numbers in `constants`."""
 forces = ti.types.ndarray(element_shape=(4,), ndim=1)
 """(3 N,), see above; a includes gravity."""
 nodes = ti.types.ndarray(element_shape=(4,), ndim=1)
@@ -68,6 +70,13 @@ def window_of(window: ti.template()):
     """lo (3,), dims (3,), the box of nodes in use."""
     d = triple(window, 1)
     return triple(window, 0), ti.Vector([d[0], bounded(d[1], MOST_NODES_ACROSS), bounded(d[2], MOST_NODES_ACROSS)])
+
+
+@ti.func
+def node_count(window: ti.template()):
+    """Nodes in the box of those in use."""
+    d = triple(window, 1)
+    return d[0] * d[1] * d[2]
 
 
 @ti.func

@@ -13,8 +13,16 @@ from ..laws.constitutive import kirchhoff_both_ways
 from ..laws.plasticity import VON_MISES, plastic_flow_adjoint
 from .crew import await_all, counters, finish, share, taken
 from .packed import (
+    LAM,
+    LAW,
+    MASS,
     MOST_NODES,
     MOST_PARTICLES,
+    MU,
+    ROLE,
+    VISCOSITY,
+    VOLUME,
+    YIELD_STRESS,
     bounded,
     combined,
     constants,
@@ -25,6 +33,7 @@ from .packed import (
     integers,
     lattice_of,
     matrix,
+    node_count,
     nodes,
     numbers,
     rows_of,
@@ -62,18 +71,18 @@ def plastic_flow_back(
 ):
     """Columns of F_bar before the plastic flow from those after it; C, F: columns of the next affine velocity and of this F."""
     columns = [F0_bar, F1_bar, F2_bar]
-    law = ti.cast(particle[own + 6], ti.i32)
+    law = ti.cast(particle[own + LAW], ti.i32)
     if law >= VON_MISES:
         trial = matrix(F0 + dt * combined(C0, C1, C2, F0), F1 + dt * combined(C0, C1, C2, F1), F2 + dt * combined(C0, C1, C2, F2))
         through, mu_bar, yield_bar, viscosity_bar = plastic_flow_adjoint(
-            law, trial, particle[own + 2], particle[own + 4], particle[own + 5], dt, matrix(F0_bar, F1_bar, F2_bar)
+            law, trial, particle[own + MU], particle[own + YIELD_STRESS], particle[own + VISCOSITY], dt, matrix(F0_bar, F1_bar, F2_bar)
         )
         for j in ti.static(range(3)):
             columns[j] = ti.Vector([through[0, j], through[1, j], through[2, j], columns[j][3]])
         if material != 0:
-            particle_bar[own + 2] = particle_bar[own + 2] + mu_bar
-            particle_bar[own + 4] = particle_bar[own + 4] + yield_bar
-            particle_bar[own + 5] = particle_bar[own + 5] + viscosity_bar
+            particle_bar[own + MU] = particle_bar[own + MU] + mu_bar
+            particle_bar[own + YIELD_STRESS] = particle_bar[own + YIELD_STRESS] + yield_bar
+            particle_bar[own + VISCOSITY] = particle_bar[own + VISCOSITY] + viscosity_bar
     return columns[0], columns[1], columns[2]
 
 
@@ -94,7 +103,7 @@ def grid_to_particle_adjoint(
         F0_bar, F1_bar, F2_bar = plastic_flow_back(
             material, own, particle, C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt, particle_bar
         )
-    if ti.cast(particle[own + 7], ti.i32) == FREE:
+    if ti.cast(particle[own + ROLE], ti.i32) == FREE:
         v_bar = v_bar + dt * x_bar
     k = 4.0 / dx
     X = with_fourth(k * (C0_bar + dt * (F0[0] * F0_bar + F1[0] * F1_bar + F2[0] * F2_bar)), 0.0)
@@ -152,14 +161,14 @@ def particle_to_grid_adjoint(
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     F = matrix(F0, F1, F2)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
-    law = ti.cast(particle[own + 6], ti.i32)
+    law = ti.cast(particle[own + LAW], ti.i32)
     q_bar, Mx, My, Mz = gather(f, at, dims, momentum_bar)
     # Derivatives by m (C + dt G), beside each column that by m (v_j + dt a_j).
     A0_bar = with_fourth(dx * (Mx - f[0] * q_bar), q_bar[0])
     A1_bar = with_fourth(dx * (My - f[1] * q_bar), q_bar[1])
     A2_bar = with_fourth(dx * (Mz - f[2] * q_bar), q_bar[2])
-    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + 1]) * matrix(A0_bar, A1_bar, A2_bar)
-    tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, particle[own + 2], particle[own + 3], tau_bar)
+    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + VOLUME]) * matrix(A0_bar, A1_bar, A2_bar)
+    tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, particle[own + MU], particle[own + LAM], tau_bar)
     S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
     D0, D1, D2 = bar[row + 3], bar[row + 4], bar[row + 5]
     U, V, W = with_fourth(D0, 0.0), with_fourth(D1, 0.0), with_fourth(D2, 0.0)
@@ -167,7 +176,7 @@ def particle_to_grid_adjoint(
     pull_x, pull_y, pull_z = spline_pull(f, S, X, Y, Z, at, dims, momentum_bar, T, U, V, W, velocity)
     v_next = fourths(state_next[row + 3], state_next[row + 4], state_next[row + 5], 0.0)
     pull = (1.0 / dx) * sums(pull_x - X * q_bar - U * v_next, pull_y - Y * q_bar - V * v_next, pull_z - Z * q_bar - W * v_next)
-    mass, mass_bar = particle[own + 0], q_bar[3]
+    mass, mass_bar = particle[own + MASS], q_bar[3]
     A_bar = [A0_bar, A1_bar, A2_bar]
     for j in ti.static(range(3)):
         bar[row + j] = bar[row + j] + ti.Vector([F_bar[0, j], F_bar[1, j], F_bar[2, j], pull[j]])
@@ -178,9 +187,9 @@ def particle_to_grid_adjoint(
         for j in ti.static(range(3)):
             along = A_bar[j] * (state[row + 3 + j] + dt * force[push + j])
             mass_bar += along[0] + along[1] + along[2] + along[3]
-        particle_bar[own + 0] = particle_bar[own + 0] + mass_bar
-        particle_bar[own + 2] = particle_bar[own + 2] + mu_bar
-        particle_bar[own + 3] = particle_bar[own + 3] + lam_bar
+        particle_bar[own + MASS] = particle_bar[own + MASS] + mass_bar
+        particle_bar[own + MU] = particle_bar[own + MU] + mu_bar
+        particle_bar[own + LAM] = particle_bar[own + LAM] + lam_bar
 
 
 @ti.func
@@ -238,7 +247,7 @@ def substep_adjoint(
             worker, tasks = turn // STRIDE, first.shape[0] - 1
             task = taken(roster, 0, worker, workers, tasks)
             while task < tasks:
-                begin, end = share(task, tasks, window[3] * window[4] * window[5])
+                begin, end = share(task, tasks, node_count(window))
                 for index in range(begin, end):
                     node = bounded(index, MOST_NODES)
                     velocity[node] = node_velocity(
@@ -257,7 +266,7 @@ def substep_adjoint(
             await_all(roster, 1, tasks)
             task = taken(roster, 2, worker, workers, tasks)
             while task < tasks:
-                begin, end = share(task, tasks, window[3] * window[4] * window[5])
+                begin, end = share(task, tasks, node_count(window))
                 for index in range(begin, end):
                     node_to_velocity_adjoint(
                         bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
