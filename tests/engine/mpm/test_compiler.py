@@ -17,7 +17,7 @@ from seeing_wind.engine.mpm import device
 from seeing_wind.engine.mpm.compiler import NAMES, choice, default_real, settings, ti
 
 ROOT = Path(__file__).resolve().parents[3]
-PRIVATE = {"_runtime", "lang", "get_runtime", "_primal", "prog"}
+PRIVATE = {"_runtime", "lang", "get_runtime", "_primal"}
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "seeing_wind").rglob("*.py")), ids=lambda path: path.relative_to(ROOT).as_posix())

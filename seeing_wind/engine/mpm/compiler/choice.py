@@ -10,7 +10,7 @@ from ...errors import UsageError
 
 NAMES = ("taichi", "quadrants")
 DEFAULT = "taichi"
-"""What requirements.txt installs; docs/solver.md has the measurements."""
+"""What requirements.txt installs; docs/solver.md says why."""
 VARIABLE = "SEEING_WIND_COMPILER"
 
 
