@@ -15,7 +15,9 @@ help:
 	@echo "make extension  build/seeing_wind-*.zip for Blender"
 	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
 	@echo "make tables     the paper's tables, an hour or two; SHORT=1 for two rows, ROW=NAME for one"
+	@echo "make test-quadrants  the solver's tests and a quick recovery with kernels compiled by Quadrants instead of Taichi"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
+	@echo "make benchmark-compilers  Quadrants beside Taichi"
 	@echo "make screenshots SHOOT=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
 	@echo "make clean      remove build/"
 
@@ -39,6 +41,18 @@ lock:
 # A short clip, recovered in the engine's own environment.
 quick-recover: setup engine-environment
 	bash scripts/quick_recover.sh .venv-engine/bin/python build/quick_recover
+
+# The other compiler that the kernels run on, in an environment of its own: the engine's, with Quadrants.
+QUADRANTS := .venv-quadrants
+
+$(QUADRANTS)/.complete: seeing_wind/engine/requirements.lock seeing_wind/engine/torch.lock pyproject.toml
+	@bash scripts/make_engine_venv.sh $(QUADRANTS)
+	@$(QUADRANTS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[quadrants]" pytest
+	@touch $@
+
+test-quadrants: setup $(QUADRANTS)/.complete
+	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python -m pytest tests/engine/mpm
+	SEEING_WIND_COMPILER=quadrants bash scripts/quick_recover.sh $(QUADRANTS)/bin/python build/quick_recover_quadrants
 
 demo: setup
 	$(PY) sample_scenes/falling_leaf/demo.py --out $(DEMO)
@@ -72,6 +86,11 @@ benchmark-mpm: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[benchmark-mpm]"
 	$(PY) benchmarks/mpm.py
 
+# The solver's two compilers; a quarter of an hour on two idle cores.
+benchmark-compilers: setup
+	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[quadrants]"
+	$(PY) benchmarks/compilers.py
+
 screenshots: setup
 	@[ -n "$(SHOOT)" ] || { echo "SHOOT= names a program that shows Blender's window and photographs it, see docs/screenshots/make.sh" >&2; exit 2; }
 	bash docs/screenshots/make.sh $(SHOOT) $(STATE)
@@ -79,4 +98,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup engine-environment lock quick-recover demo scenes lint test faults extension tables benchmark-mpm screenshots clean
+.PHONY: help setup engine-environment lock quick-recover demo scenes lint test test-quadrants faults extension tables benchmark-mpm benchmark-compilers screenshots clean

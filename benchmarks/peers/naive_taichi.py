@@ -3,14 +3,13 @@
 The pattern is that of Taichi's own mpm3d example and of PhysGaussian's and PAC-NeRF's solvers: a parallel loop over particles that
 scatters with atomics, one over the nodes, one over the particles that gathers. Single precision and fast math, Taichi's defaults.
 """
-# Taichi reads the annotations of kernels at run time.
+# The compiler reads the annotations of kernels at run time.
 # mypy: ignore-errors
 
 import numpy as np
-import taichi as ti
-from taichi.lang import impl
 
-from seeing_wind.engine.mpm.precision import compiled_in
+from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler.settings import compiled_in, contracted
 
 COROTATED, NEO_HOOKEAN, VON_MISES, VISCOPLASTIC = 0, 1, 2, 3
 vec3 = ti.types.vector(3, ti.f32)
@@ -45,16 +44,13 @@ class NaiveTaichi:
 
     def run(self, substeps: int) -> None:
         """Advance by that many substeps."""
-        with compiled_in(np.float32):
-            config = impl.get_runtime().prog.config()
-            config.fast_math = True
+        with compiled_in(np.float32), contracted():
             for _ in range(substeps):
                 self.clear()
                 self.p2g()
                 self.grid_op()
                 self.g2p()
             ti.sync()
-            config.fast_math = False
 
     def positions(self) -> np.ndarray:
         """(N, 3)."""

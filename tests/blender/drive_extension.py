@@ -44,7 +44,7 @@ def main() -> None:
     """From a clip to keyframes, and every way to fail that the stand-in knows."""
     folder = Path(os.environ["SEEING_WIND_CLIP"]).parent / "drive"
     check(MODULE in bpy.context.preferences.addons, "the extension is enabled")
-    check(not {"torch", "taichi", "cv2"} & set(sys.modules), "nothing heavy is loaded")
+    check(not {"torch", "taichi", "quadrants", "cv2"} & set(sys.modules), "nothing heavy is loaded")
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     options = {"clip": os.environ["SEEING_WIND_CLIP"], "box": (20, 20, 44, 44), "distance": 2.0, "take": str(folder / "out.take")}

@@ -14,6 +14,7 @@ from ..errors import UsageError
 from ..settings import FLOWING_PARTICLES, PARTICLES, REPORTS, BuildSettings, ObserveSettings, RecoverSettings, ReportSettings
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
+DEVICES = ("auto", "cpu", "cuda")
 
 
 class Parser(argparse.ArgumentParser):
@@ -80,6 +81,17 @@ def path(text: str) -> str:
     return text
 
 
+def device(text: str) -> str:
+    """The solver's device.
+
+    Raises:
+        UsageError: for cuda, which stays a word of the command line so that scripts that ask for it are told.
+    """
+    if text == "cuda":
+        raise UsageError("The solver runs on the CPU and has no kernels for CUDA.", "Leave --device out, or choose auto or cpu.")
+    return text
+
+
 def pixel(text: str) -> tuple[float, float]:
     """'X,Y' -> (X, Y)."""
     parts = text.split(",")
@@ -111,7 +123,7 @@ def parser() -> Parser:
     resimulate.add_argument("source", type=path, metavar="DIR")
     resimulate.add_argument("--edit", required=True, metavar="EDIT.toml")
     resimulate.add_argument("--take", type=path, required=True, metavar="OUT")
-    resimulate.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    resimulate.add_argument("--device", type=device, choices=DEVICES, default="auto", help="auto is the CPU")
     export = verbs.add_parser("export", help="the field for other programs", allow_abbrev=False)
     export.add_argument("take", type=path, metavar="DIR")
     export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"))
@@ -246,7 +258,7 @@ def _solve(p: Parser) -> None:
         default=RecoverSettings.stiffness,
         help="free: that of a held elastic body is found with the force, where the motion tells it; given: the material's",
     )
-    group.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    group.add_argument("--device", type=device, choices=DEVICES, default="auto", help="auto is the CPU")
     group.add_argument(
         "--iterations",
         type=whole(1, 1000),

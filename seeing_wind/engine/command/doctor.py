@@ -30,7 +30,7 @@ def examine() -> list[dict[str, Any]]:
     checks += [_package(name, "Run Install Engine, or `make setup`.") for name in REQUIRED]
     checks += [{**_package(name, advice), "optional": True} for name, advice in OPTIONAL.items()]
     checks += _models()
-    for name, check in (("taichi kernel", _taichi), ("torch", _torch), ("video codec", _codec)):
+    for name, check in (("solver", _solver), ("torch", _torch), ("video codec", _codec)):
         checks.append(_attempt(name, check))
     return checks
 
@@ -67,12 +67,13 @@ def _attempt(name: str, check: Callable[[], str]) -> dict[str, Any]:
         return {"name": name, "ok": False, "detail": f"{type(error).__name__}: {error}", "advice": "Run Install Engine again."}
 
 
-def _taichi() -> str:
+def _solver() -> str:
     """A free fall of eight particles through the real solver."""
     import numpy as np
 
     from ..materials import find
     from ..mpm import State, advance, model_for
+    from ..mpm.compiler import NAME
     from ..records import Particles
 
     x = np.stack(np.meshgrid(*[[0.0, 0.01]] * 3, indexing="ij"), -1).reshape(-1, 3)
@@ -80,7 +81,7 @@ def _taichi() -> str:
     fallen = advance(model, State.at_rest(x), np.zeros((8, 3))).v[:, 2].mean()
     if not abs(fallen + 9.81 / 30.0) < 1e-6:
         raise ArithmeticError(f"eight particles fall at {fallen} m/s after a frame instead of {-9.81 / 30.0}")
-    return "the solver runs on the CPU"
+    return f"runs on the CPU, compiled by {NAME}"
 
 
 def _torch() -> str:

@@ -10,11 +10,12 @@ import numpy as np
 from ..progress import Progress
 from . import device
 from .checks import check_state
+from .compiler.launch import Launcher
+from .compiler.settings import compiled_in
 from .failure import diagnosis, failure
 from .frame_run import FrameRun, Piece
-from .kernels import parallel, parallel_adjoint, parallel_forward, substep
+from .kernels import packed, parallel, parallel_adjoint, parallel_forward, substep
 from .kernels.crew import roster
-from .kernels.launch import Launcher
 from .kernels.native import aligned, aligned_copy, aligned_zeros
 from .kernels.pack import pack, pack_forces, unpack
 from .kernels.packed import MOST_NODES as MOST_INDEXED
@@ -22,7 +23,7 @@ from .kernels.packed import MOST_NODES_ACROSS
 from .lattice.boundary import HELD
 from .lattice.kinematics import Conditions, conditions_for
 from .model import MOST_NODES, Model
-from .precision import compiled_in, dtype_of
+from .precision import dtype_of
 from .state import State
 
 _LEAST_PER_TASK = 2000
@@ -42,25 +43,24 @@ class Body:
         assert model.axes is None, "give Model.upright"
         device.start(model.device)
         self.model, self.real, self.plastic = model, dtype_of(precision), model.plastic
-        self.gpu = device.on_gpu()
         self.active = np.flatnonzero(model.role != HELD).astype(np.int32)
         count = len(self.active)
-        self.tasks = 1 if self.gpu else max(1, min(tasks or tasks_for(count), count))
-        columns = (model.mass, model.volume, model.mu, model.lam, model.yield_stress, model.viscosity, model.law, model.role)
-        self.particle = np.empty((count, 8), self.real)
-        for k, column in enumerate(columns):
-            self.particle[:, k] = column if count == model.particles else column[self.active]
+        self.tasks = max(1, min(tasks or tasks_for(count), count))
+        columns = {
+            packed.MASS: model.mass, packed.VOLUME: model.volume, packed.MU: model.mu, packed.LAM: model.lam,
+            packed.YIELD_STRESS: model.yield_stress, packed.VISCOSITY: model.viscosity, packed.LAW: model.law, packed.ROLE: model.role,
+        }  # fmt: skip
+        self.particle = np.empty((count, len(columns)), self.real)
+        for place, column in columns.items():
+            self.particle[:, place] = column if count == model.particles else column[self.active]
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)
         self.status = np.zeros((self.tasks, 2), np.int32)
         self.workers = min(self.tasks, workers or device.cores())
         self.roster = roster(parallel_forward.PHASES * _MOST_PER_LAUNCH, self.workers)
         self.window = np.zeros(parallel.WINDOW, np.int32)
         """lo, dims of the box of nodes in use, `Piece.lo`, then a number each, see `parallel`: what kernels look up, changed in place."""
-        self._forward_kernel = self._launcher(parallel_forward.substeps)
-        self._adjoint_kernel = self._launcher(parallel_adjoint.substep_adjoint)
-
-    def _launcher(self, kernel: Callable[..., None]) -> Callable[..., None]:
-        return launched_in(self.real, kernel) if self.gpu else Launcher(kernel, self.real)
+        self._forward_kernel = Launcher(parallel_forward.substeps, self.real)
+        self._adjoint_kernel = Launcher(parallel_adjoint.substep_adjoint, self.real)
 
     # -- frames ------------------------------------------------------------------------------------------------------------------
 
@@ -183,9 +183,7 @@ class Body:
         # The kernels' own arithmetic, operation by operation: a particle on a cell's border must fall on the same side.
         inv_dx = np.ones(1, self.real) / np.full(1, self.model.dx, self.real)
         base = np.floor((reach - offset.astype(self.real)) * inv_dx - np.full(1, 0.5, self.real)).astype(np.int32)
-        # A GPU may fuse a product and a sum, and round otherwise.
-        margin = int(self.gpu)
-        return np.concatenate([base[:, 0] - margin, base[:, 1] + margin, np.zeros_like(base[:, 0, :1])], axis=1)
+        return np.concatenate([base[:, 0], base[:, 1], np.zeros_like(base[:, 0, :1])], axis=1)
 
     def unpack(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray, before: State, into: State | None = None) -> State:
         """`packed` backwards: particles of the model, in its order and in float64; held ones as they were."""
@@ -225,7 +223,7 @@ class Body:
 
     def _stretch(self, run: FrameRun, s: int, end: int, stride: int) -> int:
         """Substeps from s on that can go in one launch: up to the next state to be kept, under the same conditions."""
-        most = 1 if self.gpu else min(end - s, stride - s % stride, _MOST_PER_LAUNCH, max(1, _WORK_PER_LAUNCH // len(run.order)))
+        most = min(end - s, stride - s % stride, _MOST_PER_LAUNCH, max(1, _WORK_PER_LAUNCH // len(run.order)))
         return next((k for k in range(1, most) if run.piece(s + k) is not run.piece(s)), most)
 
     def _substeps(
@@ -243,7 +241,7 @@ class Body:
             boxes = boxes.copy()
         self.status[:] = 0
         self._launch(run, piece, state, after, boxes, count)
-        done = 1 if self.gpu else int(self.window[parallel.DONE])
+        done = int(self.window[parallel.DONE])
         if self.status.any():
             code = int(self.status[np.flatnonzero(self.status[:, 0])[0], 0])
             return *self._diagnosis(code, run, piece, after), boxes, done
@@ -263,7 +261,7 @@ class Body:
         """So many substeps from the window of `boxes` on, which `_look` has set; with 0 one as far as the nodes."""
         self.roster[: parallel_forward.PHASES * max(count, 1)] = 0
         self._forward_kernel(
-            self.gpu, self.plastic, count, self.workers, self.roster, run.first, run.particle, state, after, run.force,
+            self.plastic, count, self.workers, self.roster, run.first, run.particle, state, after, run.force,
             piece.pin_velocity, *piece.boundary, piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
         )  # fmt: skip
 
@@ -328,7 +326,7 @@ class Body:
             momentum = self.momentum
         self.roster[: parallel_adjoint.PHASES] = 0
         self._adjoint_kernel(
-            self.gpu, self.plastic, int(material), self.workers, self.roster, run.first, run.particle, state, run.kept[s + 1][0], run.force,
+            self.plastic, int(material), self.workers, self.roster, run.first, run.particle, state, run.kept[s + 1][0], run.force,
             bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
             self.grid_bar, momentum, self.velocity, self.momentum_bar,
         )  # fmt: skip

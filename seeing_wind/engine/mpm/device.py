@@ -1,4 +1,4 @@
-"""Where Taichi starts: once, on first use, never at import."""
+"""Where the compiler of the kernels starts: once, on first use, never at import."""
 
 from __future__ import annotations
 
@@ -9,44 +9,36 @@ import os
 import threading
 from pathlib import Path
 
-import taichi as ti
-
-from ..errors import SimulationError, UsageError
+from ..errors import UsageError
+from .compiler import ti
 
 _lock = threading.Lock()
-_running: str | None = None
+_running = False
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
 
 
 def start(device: str = "auto") -> None:
-    """Start Taichi for `device` (auto, cpu or cuda) if it does not run yet; cheap afterwards.
+    """Start the compiler if it does not run yet; cheap afterwards.
 
-    `auto` is the CPU: a recovery simulates hundreds of copies of a body of a thousand particles, one copy per core, which leaves a
-    GPU's lanes idle. Double precision unless a kernel is traced within `precision.compiled_in`. Fast math stays off, as it lets the
+    The solver runs on the CPU: a recovery simulates hundreds of copies of a body of a thousand particles, one copy per core, which would
+    leave a GPU's lanes idle. Double precision unless a kernel is traced within `settings.compiled_in`. Fast math stays off, as it lets the
     compiler assume that no number is NaN and so drop the very test that stops a diverging run.
 
+    Args:
+        device: auto or cpu.
+
     Raises:
-        UsageError: for an unknown device.
-        SimulationError: when CUDA is asked for and not there, or Taichi already runs elsewhere.
+        UsageError: for any other device.
     """
     global _running
-    wanted = {"auto": "cpu", "cpu": "cpu", "cuda": "cuda"}.get(device)
-    if wanted is None:
-        raise UsageError(f"There is no device {device!r}.", "Choose auto, cpu or cuda.")
+    if device not in ("auto", "cpu"):
+        raise UsageError(f"There is no device {device!r}.", "Choose auto or cpu.")
     with _lock:
-        if _running is None:
-            arch = ti.cuda if wanted == "cuda" else ti.cpu
-            # Taichi greets on stdout, where the worker's messages go.
+        if not _running:
+            # The greeting goes to stdout, where the worker's messages go.
             with contextlib.redirect_stdout(io.StringIO()):
-                ti.init(arch=arch, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=cores())
-            _running = "cuda" if ti.cfg.arch == ti.cuda else "cpu"
-    if _running != wanted and device != "auto":
-        raise SimulationError(f"The solver runs on {_running}, not on {wanted}.", "Choose --device auto, or start the engine afresh.")
-
-
-def on_gpu() -> bool:
-    """Whether Taichi runs on a GPU."""
-    return _running == "cuda"
+                ti.init(arch=ti.cpu, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=cores())
+            _running = True
 
 
 def cores() -> int:

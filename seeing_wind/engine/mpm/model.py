@@ -73,7 +73,7 @@ class Model:
     gravity: np.ndarray
     """(3,) [m/s²], apart from the external acceleration."""
     device: str = "auto"
-    """auto, cpu or cuda."""
+    """auto or cpu, which is the same: see `device.start`."""
     collider_grid: ColliderGrid = NO_COLLIDERS
     """Planes, and meshes as the lattice's nodes see them."""
     pin_path: np.ndarray | None = None

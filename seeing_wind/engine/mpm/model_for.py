@@ -64,7 +64,7 @@ def model_for(
         dx: grid spacing [m]; None takes 1.6 spacings of the finest body.
         max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `MAX_SUBSTEPS`, or
             `MAX_SUBSTEPS_HELD` where something is pinned.
-        device: auto, cpu or cuda.
+        device: auto or cpu.
         colliders: planes, rooms and closed meshes that stand still, see `colliders`.
         pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every picture; None leaves them where they are.
         clamp_depth: cells below the border of the pinned material at which it begins to be held; 0.5 for pins that were only seen to

@@ -15,13 +15,13 @@ import torch
 from ..progress import Journal, Progress
 from . import device
 from .checks import check_state
+from .compiler.settings import compiled_in, contracted, native_vectors
 from .failure import diagnosis, failure
 from .kernels import substep, tangent_kernels
-from .kernels.native import aligned, aligned_zeros, native_vectors
+from .kernels.native import aligned, aligned_zeros
 from .kernels.tangent_kernels import RECORD, SOURCE, STATE, WIDTHS
 from .laws.constitutive import ELASTIC_LAWS
 from .model import MOST_NODES, Model
-from .precision import compiled_in, contracted
 from .rollout import conditioned
 from .state import State
 

@@ -1,14 +1,14 @@
-"""The laws' functions called from NumPy, in either precision. No postponed annotations: Taichi reads them.
+"""The laws' functions called from NumPy, in either precision. No postponed annotations: the compiler reads them.
 
 `material` is (n, 2) mu, lam [Pa] for stresses and (n, 4) mu, yield stress, viscosity, dt for flow; F (n, 3, 3).
 """
 
 import numpy as np
-import taichi as ti
 
 from seeing_wind.engine.mpm import device
+from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler.settings import compiled_in
 from seeing_wind.engine.mpm.laws import constitutive, plasticity
-from seeing_wind.engine.mpm.precision import compiled_in
 
 array = ti.types.ndarray()
 

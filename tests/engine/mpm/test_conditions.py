@@ -1,12 +1,12 @@
-"""Velocity conditions at nodes: the contact law in closed form, and its derivative. No postponed annotations: Taichi reads them."""
+"""Velocity conditions at nodes: the contact law in closed form, and its derivative. No postponed annotations: the compiler reads them."""
 
 import numpy as np
 import pytest
-import taichi as ti
 
 from seeing_wind.engine.mpm import device
+from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler.settings import compiled_in
 from seeing_wind.engine.mpm.lattice.conditions import SEPARATE, SLIP, STICKY, boundary_velocity, boundary_velocity_adjoint
-from seeing_wind.engine.mpm.precision import compiled_in
 
 rows = ti.types.ndarray(ndim=2)
 

@@ -3,9 +3,9 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 
 from seeing_wind.engine.mpm import device
+from seeing_wind.engine.mpm.compiler import ti
 from seeing_wind.engine.mpm.kernels.crew import await_all, counters, finish, roster, taken
 from seeing_wind.engine.mpm.kernels.substep import STRIDE
 

@@ -1,11 +1,11 @@
 """A kernel launched again and again sees what changed, in both precisions."""
-# Without `annotations` of __future__: Taichi reads those of kernels at run time.
+# Without `annotations` of __future__: the compiler reads those of kernels at run time.
 
 import numpy as np
-import taichi as ti
 
 from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.kernels.launch import Launcher
+from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler.launch import Launcher
 
 numbers = ti.types.ndarray(ndim=1)
 pairs = ti.types.ndarray(element_shape=(2,), ndim=1)

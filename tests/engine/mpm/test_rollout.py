@@ -165,9 +165,10 @@ def test_no_particles_and_unknown_device_are_refused():
     with pytest.raises(SimulationError, match="no particles"):
         model_for(empty, RUBBER, 30.0)
     body = block()
-    model, _ = model_for(body, RUBBER, 30.0, device="abacus")
-    with pytest.raises(UsageError, match="abacus"):
-        advance(model, State.at_rest(body.x), still(model, 1)[0])
+    for name in ("abacus", "cuda"):
+        model, _ = model_for(body, RUBBER, 30.0, device=name)
+        with pytest.raises(UsageError, match=name):
+            advance(model, State.at_rest(body.x), still(model, 1)[0])
 
 
 def test_too_fast_names_where_and_what_to_change():

@@ -4,11 +4,12 @@ A phase is a number of tasks. Every worker takes tasks until none are left, and 
 on the spot: waking threads that sleep takes as long as a substep of two hundred particles. Nobody ever waits for a task that no one
 has taken, so it makes no difference how many of the workers really run at once.
 """
-# Taichi reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 import numpy as np
-import taichi as ti
+
+from ..compiler import ti
 
 _LINE = 16
 """Integers in a line of a cache: no two counters share one."""

@@ -1,31 +1,13 @@
-"""Vectors of the processor in kernels for the CPU.
-
-By default Taichi takes its vectors apart into loose numbers, and leaves it to the compiler to find vectors again, which it seldom does.
-"""
+"""Arrays for kernels whose vectors stay vectors of the processor (`compiler.settings.native_vectors`): at addresses that these can be
+loaded from."""
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
-
 import numpy as np
 import numpy.typing
-from taichi.lang import impl
 
 _LARGEST = 64
 """Bytes of the largest vectors used: sixteen numbers in single precision, eight in double."""
-
-
-@contextlib.contextmanager
-def native_vectors() -> Iterator[None]:
-    """Kernels compiled inside have vectors that stay vectors. Arrays of them must be `aligned`."""
-    config = impl.get_runtime().prog.config()
-    before = config.real_matrix_scalarize
-    config.real_matrix_scalarize = False
-    try:
-        yield
-    finally:
-        config.real_matrix_scalarize = before
 
 
 def aligned(shape: tuple[int, ...], real: np.typing.DTypeLike) -> np.ndarray:

@@ -1,9 +1,8 @@
 """Between the states that the rest of the engine sees, float64 and in the model's order, and the packed ones of the kernels."""
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from .packed import MOST_PARTICLES, bounded, forces, rows_of, states
 
 order_of = ti.types.ndarray(dtype=ti.i32, ndim=1)

@@ -6,20 +6,21 @@ Everything a particle has comes in vectors of four numbers, one for each axis j:
     forces       G_0j G_1j G_2j a_j                                 three vectors; G is d a / d x
     nodes        momentum or velocity, and mass                     one vector
 
-so that what is added to a node, S + i X + j Y + k Z, and the moments that are gathered are such vectors from the start. On a CPU they are
-vectors of the processor from the load to the store (`precision.native_vectors`; augmented assignment to one is an atomic operation there,
-which Taichi cannot compile), on a GPU loose numbers. Indices are `bounded`. All functions are generic in precision, and on a GPU, where
-threads share a grid, `atomic` adds atomically.
+so that what is added to a node, S + i X + j Y + k Z, and the moments that are gathered are such vectors from the start. They are vectors
+of the processor from the load to the store (`settings.native_vectors`; augmented assignment to one is an atomic operation there, which
+Taichi cannot compile). Indices are `bounded`. All functions are generic in precision.
 """
-# Taichi reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
+from ..compiler import ti
 
 states = ti.types.ndarray(element_shape=(4,), ndim=1)
 """(6 N,), see above."""
 constants = ti.types.ndarray(ndim=1)
-"""(8 N,): mass, volume, mu, lam, yield stress, viscosity, law, role."""
+"""(8 N,): a particle's numbers one after the other, as named below."""
+MASS, VOLUME, MU, LAM, YIELD_STRESS, VISCOSITY, LAW, ROLE = range(8)
+"""Places of a particle's numbers in `constants`."""
 forces = ti.types.ndarray(element_shape=(4,), ndim=1)
 """(3 N,), see above; a includes gravity."""
 nodes = ti.types.ndarray(element_shape=(4,), ndim=1)
@@ -72,6 +73,13 @@ def window_of(window: ti.template()):
 
 
 @ti.func
+def node_count(window: ti.template()):
+    """Nodes in the box of those in use."""
+    d = triple(window, 1)
+    return d[0] * d[1] * d[2]
+
+
+@ti.func
 def with_fourth(a, fourth):
     """a (4,) with another fourth number."""
     return ti.Vector([a[0], a[1], a[2], fourth])
@@ -119,7 +127,7 @@ def corner_of(x, offset, inv_dx, lo, dims, first_node):
 
 
 @ti.func
-def scatter(atomic: ti.template(), f, S, X, Y, Z, at, dims, grid: ti.template()):
+def scatter(f, S, X, Y, Z, at, dims, grid: ti.template()):
     """Adds w_ijk (S + i X + j Y + k Z) to the 27 nodes from `at` on."""
     w = spline(f)
     S_Z = S + Z
@@ -131,14 +139,9 @@ def scatter(atomic: ti.template(), f, S, X, Y, Z, at, dims, grid: ti.template())
         for j in ti.static(range(3)):
             row = at + (i * dims[1] + j) * dims[2]
             w_ij = w[i][0] * w[j][1]
-            if ti.static(atomic):
-                ti.atomic_add(grid[row], w_ij * first)
-                ti.atomic_add(grid[row + 1], w_ij * second)
-                ti.atomic_add(grid[row + 2], w_ij * third)
-            else:
-                # All loads before all stores: after a store the compiler must look up afresh where the array is.
-                a, b, c = grid[row] + w_ij * first, grid[row + 1] + w_ij * second, grid[row + 2] + w_ij * third
-                grid[row], grid[row + 1], grid[row + 2] = a, b, c
+            # All loads before all stores: after a store the compiler must look up afresh where the array is.
+            a, b, c = grid[row] + w_ij * first, grid[row + 1] + w_ij * second, grid[row + 2] + w_ij * third
+            grid[row], grid[row + 1], grid[row + 2] = a, b, c
             if ti.static(j < 2):
                 first, second, third = first + low_y, second + middle_y, third + high_y
         if ti.static(i < 2):

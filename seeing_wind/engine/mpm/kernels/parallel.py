@@ -1,23 +1,30 @@
 """The parts of a substep of one large body on all cores: p2g, the nodes' velocities, g2p.
 
 Particles are sorted by cell and dealt out to `tasks` in runs of equal length, so that a task's particles fill a slab of the grid. Every
-task adds to a grid of its own, as large as its slab, with plain adds; only the slabs' overlaps are summed. On a GPU there is one task,
-whose loops run over particles and add atomically. The window of nodes in use is found from `boxes`, which each g2p leaves behind.
+task adds to a grid of its own, as large as its slab, with plain adds; only the slabs' overlaps are summed.
+The window of nodes in use is found from `boxes`, which each g2p leaves behind.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_velocity, in_box
 from ..laws.constitutive import kirchhoff
 from ..laws.plasticity import VON_MISES, plastic_flow
 from .crew import share
 from .packed import (
+    LAM,
+    LAW,
+    MASS,
     MOST_NODES,
     MOST_NODES_ACROSS,
     MOST_PARTICLES,
+    MU,
+    ROLE,
+    VISCOSITY,
+    VOLUME,
+    YIELD_STRESS,
     bounded,
     combined,
     corner_of,
@@ -25,6 +32,7 @@ from .packed import (
     gather,
     lattice_of,
     matrix,
+    node_count,
     rows_of,
     scatter,
     triple,
@@ -53,8 +61,8 @@ def brought(tau, row, push, own, f, particle: ti.template(), state: ti.template(
 
     It is m (v + dt a) + A (x_i - x_p) with A of the MLS-MPM transfer (Hu et al. 2018, and as `transfer.scatter`); B = dx A.
     """
-    k = (4.0 * dt / dx) * particle[own + 1]
-    scale = particle[own + 0] * dx
+    k = (4.0 * dt / dx) * particle[own + VOLUME]
+    scale = particle[own + MASS] * dx
     # Beside a column of C stands v_j: the fourth number of `moving` is dx times the momentum.
     moving = [scale * (state[row + 3 + j] + dt * force[push + j]) for j in ti.static(range(3))]
     columns = [moving[j] - k * ti.Vector([tau[0, j], tau[1, j], tau[2, j], 0.0]) for j in ti.static(range(3))]
@@ -65,17 +73,17 @@ def brought(tau, row, push, own, f, particle: ti.template(), state: ti.template(
 
 @ti.func
 def particle_to_grid(
-    atomic: ti.template(), plastic: ti.template(), p, first_node, particle: ti.template(), state: ti.template(),
+    plastic: ti.template(), p, first_node, particle: ti.template(), state: ti.template(),
     force: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """p2g of particle p: adds its momentum and mass to the 27 nodes round it."""
     row, push, own = rows_of(p)
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
-    law = ti.cast(particle[own + 6], ti.i32)
-    tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), particle[own + 2], particle[own + 3])
+    law = ti.cast(particle[own + LAW], ti.i32)
+    tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), particle[own + MU], particle[own + LAM])
     S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
-    scatter(atomic, f, S, X, Y, Z, at, dims, grid)
+    scatter(f, S, X, Y, Z, at, dims, grid)
 
 
 @ti.func
@@ -88,7 +96,7 @@ def grid_to_particle(
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     x = fourths(F0, F1, F2, 0.0)
     free, prescribed = 1.0, 0.0 * F0
-    if ti.cast(particle[own + 7], ti.i32) != FREE:
+    if ti.cast(particle[own + ROLE], ti.i32) != FREE:
         pin = ti.min(p, pin_velocity.shape[0] - 1)  # one row for all where they stand still
         free, prescribed = 0.0, ti.Vector([pin_velocity[pin, 0], pin_velocity[pin, 1], pin_velocity[pin, 2], 0.0])
     at, f = corner_of(x, offset, 1.0 / dx, lo, dims, 0)
@@ -107,9 +115,9 @@ def grid_to_particle(
     elif not (J > 0.0):
         status = INVERTED
     elif ti.static(plastic):
-        law = ti.cast(particle[own + 6], ti.i32)
+        law = ti.cast(particle[own + LAW], ti.i32)
         if law >= VON_MISES:
-            F = plastic_flow(law, F, particle[own + 2], particle[own + 4], particle[own + 5], dt)
+            F = plastic_flow(law, F, particle[own + MU], particle[own + YIELD_STRESS], particle[own + VISCOSITY], dt)
             for i in ti.static(range(3)):
                 F0[i], F1[i], F2[i] = F[i, 0], F[i, 1], F[i, 2]
     state_out[row], state_out[row + 1], state_out[row + 2] = with_fourth(F0, x[0]), with_fourth(F1, x[1]), with_fourth(F2, x[2])
@@ -194,7 +202,7 @@ def task_to_grid(
     first_node = cleared(task, window, boxes, grid)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
-        particle_to_grid(False, plastic, p, first_node, particle, state, force, offset, dx, dt, lo, dims, grid)
+        particle_to_grid(plastic, p, first_node, particle, state, force, offset, dx, dt, lo, dims, grid)
 
 
 @ti.func
@@ -229,7 +237,7 @@ def nodes_of_task(
 ):  # fmt: skip
     """Velocities of a task's share of all nodes."""
     offset, dx, dt = lattice_of(lattice)
-    begin, end = share(task, tasks, window[3] * window[4] * window[5])
+    begin, end = share(task, tasks, node_count(window))
     for index in range(begin, end):
         node_to_velocity(
             bounded(index, MOST_NODES), tasks, window, boxes, grid, momentum, velocity, offset, dx, dt,

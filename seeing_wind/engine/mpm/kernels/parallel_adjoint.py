@@ -3,19 +3,26 @@
 Each function is the adjoint of its namesake in `parallel`, called in reverse order. A name with `_bar` is the derivative of the loss
 by the name.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_velocity_adjoint
 from ..laws.constitutive import kirchhoff_both_ways
 from ..laws.plasticity import VON_MISES, plastic_flow_adjoint
 from .crew import await_all, counters, finish, share, taken
 from .packed import (
+    LAM,
+    LAW,
+    MASS,
     MOST_NODES,
     MOST_PARTICLES,
+    MU,
+    ROLE,
+    VISCOSITY,
+    VOLUME,
+    YIELD_STRESS,
     bounded,
     combined,
     constants,
@@ -26,6 +33,7 @@ from .packed import (
     integers,
     lattice_of,
     matrix,
+    node_count,
     nodes,
     numbers,
     rows_of,
@@ -63,24 +71,24 @@ def plastic_flow_back(
 ):
     """Columns of F_bar before the plastic flow from those after it; C, F: columns of the next affine velocity and of this F."""
     columns = [F0_bar, F1_bar, F2_bar]
-    law = ti.cast(particle[own + 6], ti.i32)
+    law = ti.cast(particle[own + LAW], ti.i32)
     if law >= VON_MISES:
         trial = matrix(F0 + dt * combined(C0, C1, C2, F0), F1 + dt * combined(C0, C1, C2, F1), F2 + dt * combined(C0, C1, C2, F2))
         through, mu_bar, yield_bar, viscosity_bar = plastic_flow_adjoint(
-            law, trial, particle[own + 2], particle[own + 4], particle[own + 5], dt, matrix(F0_bar, F1_bar, F2_bar)
+            law, trial, particle[own + MU], particle[own + YIELD_STRESS], particle[own + VISCOSITY], dt, matrix(F0_bar, F1_bar, F2_bar)
         )
         for j in ti.static(range(3)):
             columns[j] = ti.Vector([through[0, j], through[1, j], through[2, j], columns[j][3]])
         if material != 0:
-            particle_bar[own + 2] = particle_bar[own + 2] + mu_bar
-            particle_bar[own + 4] = particle_bar[own + 4] + yield_bar
-            particle_bar[own + 5] = particle_bar[own + 5] + viscosity_bar
+            particle_bar[own + MU] = particle_bar[own + MU] + mu_bar
+            particle_bar[own + YIELD_STRESS] = particle_bar[own + YIELD_STRESS] + yield_bar
+            particle_bar[own + VISCOSITY] = particle_bar[own + VISCOSITY] + viscosity_bar
     return columns[0], columns[1], columns[2]
 
 
 @ti.func
 def grid_to_particle_adjoint(
-    atomic: ti.template(), plastic: ti.template(), material, p, first_node, particle: ti.template(), state: ti.template(),
+    plastic: ti.template(), material, p, first_node, particle: ti.template(), state: ti.template(),
     state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), offset, dx, dt, lo, dims,
     grid_bar: ti.template(),
 ):  # fmt: skip
@@ -95,7 +103,7 @@ def grid_to_particle_adjoint(
         F0_bar, F1_bar, F2_bar = plastic_flow_back(
             material, own, particle, C0, C1, C2, F0, F1, F2, F0_bar, F1_bar, F2_bar, dt, particle_bar
         )
-    if ti.cast(particle[own + 7], ti.i32) == FREE:
+    if ti.cast(particle[own + ROLE], ti.i32) == FREE:
         v_bar = v_bar + dt * x_bar
     k = 4.0 / dx
     X = with_fourth(k * (C0_bar + dt * (F0[0] * F0_bar + F1[0] * F1_bar + F2[0] * F2_bar)), 0.0)
@@ -103,7 +111,7 @@ def grid_to_particle_adjoint(
     Z = with_fourth(k * (C2_bar + dt * (F0[2] * F0_bar + F1[2] * F1_bar + F2[2] * F2_bar)), 0.0)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
     S = v_bar - combined(X, Y, Z, f)
-    scatter(atomic, f, S, X, Y, Z, bounded(first_node + at, MOST_NODES), dims, grid_bar)
+    scatter(f, S, X, Y, Z, bounded(first_node + at, MOST_NODES), dims, grid_bar)
     # Rows of C: C^T F_bar is the product with its transpose.
     R0, R1, R2 = [ti.Vector([C0[i], C1[i], C2[i], 0.0]) for i in ti.static(range(3))]
     bar[row] = with_fourth(F0_bar + dt * combined(R0, R1, R2, F0_bar), x_bar[0])
@@ -153,14 +161,14 @@ def particle_to_grid_adjoint(
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     F = matrix(F0, F1, F2)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
-    law = ti.cast(particle[own + 6], ti.i32)
+    law = ti.cast(particle[own + LAW], ti.i32)
     q_bar, Mx, My, Mz = gather(f, at, dims, momentum_bar)
     # Derivatives by m (C + dt G), beside each column that by m (v_j + dt a_j).
     A0_bar = with_fourth(dx * (Mx - f[0] * q_bar), q_bar[0])
     A1_bar = with_fourth(dx * (My - f[1] * q_bar), q_bar[1])
     A2_bar = with_fourth(dx * (Mz - f[2] * q_bar), q_bar[2])
-    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + 1]) * matrix(A0_bar, A1_bar, A2_bar)
-    tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, particle[own + 2], particle[own + 3], tau_bar)
+    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + VOLUME]) * matrix(A0_bar, A1_bar, A2_bar)
+    tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, particle[own + MU], particle[own + LAM], tau_bar)
     S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
     D0, D1, D2 = bar[row + 3], bar[row + 4], bar[row + 5]
     U, V, W = with_fourth(D0, 0.0), with_fourth(D1, 0.0), with_fourth(D2, 0.0)
@@ -168,7 +176,7 @@ def particle_to_grid_adjoint(
     pull_x, pull_y, pull_z = spline_pull(f, S, X, Y, Z, at, dims, momentum_bar, T, U, V, W, velocity)
     v_next = fourths(state_next[row + 3], state_next[row + 4], state_next[row + 5], 0.0)
     pull = (1.0 / dx) * sums(pull_x - X * q_bar - U * v_next, pull_y - Y * q_bar - V * v_next, pull_z - Z * q_bar - W * v_next)
-    mass, mass_bar = particle[own + 0], q_bar[3]
+    mass, mass_bar = particle[own + MASS], q_bar[3]
     A_bar = [A0_bar, A1_bar, A2_bar]
     for j in ti.static(range(3)):
         bar[row + j] = bar[row + j] + ti.Vector([F_bar[0, j], F_bar[1, j], F_bar[2, j], pull[j]])
@@ -179,9 +187,9 @@ def particle_to_grid_adjoint(
         for j in ti.static(range(3)):
             along = A_bar[j] * (state[row + 3 + j] + dt * force[push + j])
             mass_bar += along[0] + along[1] + along[2] + along[3]
-        particle_bar[own + 0] = particle_bar[own + 0] + mass_bar
-        particle_bar[own + 2] = particle_bar[own + 2] + mu_bar
-        particle_bar[own + 3] = particle_bar[own + 3] + lam_bar
+        particle_bar[own + MASS] = particle_bar[own + MASS] + mass_bar
+        particle_bar[own + MU] = particle_bar[own + MU] + mu_bar
+        particle_bar[own + LAM] = particle_bar[own + LAM] + lam_bar
 
 
 @ti.func
@@ -197,7 +205,7 @@ def grid_to_task_adjoint(
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         grid_to_particle_adjoint(
-            False, plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims, grid_bar
+            plastic, material, p, first_node, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims, grid_bar
         )
 
 
@@ -219,9 +227,9 @@ def particles_to_task_adjoint(
 
 @ti.kernel
 def substep_adjoint(
-    gpu: ti.template(), plastic: ti.template(),
+    plastic: ti.template(),
     material: ti.i32,  # whether derivatives by the particles' constants are wanted
-    workers: ti.i32, roster: counters,  # on a CPU, see `crew`
+    workers: ti.i32, roster: counters,  # see `crew`
     # body at the substep's start and end; momentum as `substep` leaves it
     first: integers, particle: constants, state: states, state_next: states, force: forces,
     # derivatives, in: by the next state, out: by this one; those by force and constants are added up
@@ -231,72 +239,47 @@ def substep_adjoint(
     grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
 ):  # fmt: skip
     """g2p and p2g backwards."""
-    if ti.static(gpu):
-        for node in range(window[3] * window[4] * window[5]):
-            offset, dx, dt = lattice_of(lattice)
-            grid_bar[node] = ti.Vector.zero(float, 4)
-            velocity[node] = node_velocity(node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
-        for p in range(state.shape[0] // 6):
+    ti.loop_config(block_dim=STRIDE)
+    for turn in range(workers * STRIDE):
+        if turn % STRIDE == 0:
             offset, dx, dt = lattice_of(lattice)
             lo, dims = window_of(window)
-            grid_to_particle_adjoint(
-                True, plastic, material, p, 0, particle, state, state_next, bar, particle_bar, offset, dx, dt, lo, dims,
-                grid_bar,
-            )  # fmt: skip
-        for node in range(window[3] * window[4] * window[5]):
-            offset, dx, dt = lattice_of(lattice)
-            node_to_velocity_adjoint(
-                node, 1, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
-            )
-        for p in range(state.shape[0] // 6):
-            offset, dx, dt = lattice_of(lattice)
-            lo, dims = window_of(window)
-            particle_to_grid_adjoint(
-                plastic, material, p, particle, state, state_next, force, bar, force_bar, particle_bar, offset, dx, dt, lo, dims,
-                velocity, momentum_bar,
-            )  # fmt: skip
-    else:
-        ti.loop_config(block_dim=STRIDE)
-        for turn in range(workers * STRIDE):
-            if turn % STRIDE == 0:
-                offset, dx, dt = lattice_of(lattice)
-                lo, dims = window_of(window)
-                worker, tasks = turn // STRIDE, first.shape[0] - 1
-                task = taken(roster, 0, worker, workers, tasks)
-                while task < tasks:
-                    begin, end = share(task, tasks, window[3] * window[4] * window[5])
-                    for index in range(begin, end):
-                        node = bounded(index, MOST_NODES)
-                        velocity[node] = node_velocity(
-                            node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
-                        )
-                    finish(roster, 0)
-                    task = taken(roster, 0, worker, workers, tasks)
-                # Nobody reads these velocities before the last phase.
-                task = taken(roster, 1, worker, workers, tasks)
-                while task < tasks:
-                    grid_to_task_adjoint(
-                        task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
+            worker, tasks = turn // STRIDE, first.shape[0] - 1
+            task = taken(roster, 0, worker, workers, tasks)
+            while task < tasks:
+                begin, end = share(task, tasks, node_count(window))
+                for index in range(begin, end):
+                    node = bounded(index, MOST_NODES)
+                    velocity[node] = node_velocity(
+                        node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
                     )
-                    finish(roster, 1)
-                    task = taken(roster, 1, worker, workers, tasks)
-                await_all(roster, 1, tasks)
-                task = taken(roster, 2, worker, workers, tasks)
-                while task < tasks:
-                    begin, end = share(task, tasks, window[3] * window[4] * window[5])
-                    for index in range(begin, end):
-                        node_to_velocity_adjoint(
-                            bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
-                            clamp, clamp_velocity, planes, solid, push,
-                        )  # fmt: skip
-                    finish(roster, 2)
-                    task = taken(roster, 2, worker, workers, tasks)
-                await_all(roster, 0, tasks)
-                await_all(roster, 2, tasks)
-                task = taken(roster, 3, worker, workers, tasks)
-                while task < tasks:
-                    particles_to_task_adjoint(
-                        task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
-                        window, velocity, momentum_bar,
+                finish(roster, 0)
+                task = taken(roster, 0, worker, workers, tasks)
+            # Nobody reads these velocities before the last phase.
+            task = taken(roster, 1, worker, workers, tasks)
+            while task < tasks:
+                grid_to_task_adjoint(
+                    task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
+                )
+                finish(roster, 1)
+                task = taken(roster, 1, worker, workers, tasks)
+            await_all(roster, 1, tasks)
+            task = taken(roster, 2, worker, workers, tasks)
+            while task < tasks:
+                begin, end = share(task, tasks, node_count(window))
+                for index in range(begin, end):
+                    node_to_velocity_adjoint(
+                        bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
+                        clamp, clamp_velocity, planes, solid, push,
                     )  # fmt: skip
-                    task = taken(roster, 3, worker, workers, tasks)
+                finish(roster, 2)
+                task = taken(roster, 2, worker, workers, tasks)
+            await_all(roster, 0, tasks)
+            await_all(roster, 2, tasks)
+            task = taken(roster, 3, worker, workers, tasks)
+            while task < tasks:
+                particles_to_task_adjoint(
+                    task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
+                    window, velocity, momentum_bar,
+                )  # fmt: skip
+                task = taken(roster, 3, worker, workers, tasks)

@@ -1,13 +1,12 @@
 """The substep, and the kernel that runs substeps for many copies of one body at once.
 
-Copies are independent: the outer loop over them is Taichi's parallel loop, and all of a copy's work stays on one thread with one
+Copies are independent: the outer loop over them is the compiler's parallel loop, and all of a copy's work stays on one thread with one
 private grid. That needs no atomics and no barrier, and a grid of a few thousand nodes stays in the core's cache.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..lattice.boundary import FREE, HELD
 from ..laws.plasticity import VON_MISES, plastic_flow
 from .transfer import affine_momentum, base_of, clear, gather, momentum_to_velocity, scatter, vec3
@@ -109,8 +108,8 @@ def run_substeps(
     status: statuses,
 ):  # fmt: skip
     """Bring the copies listed in `copies` from substep status[b, 2] to `until`, or to the substep at which a copy fails."""
-    # One copy per task: they take long, and unevenly when one of them fails. Taichi runs loops of less than about a thousand turns on one
-    # thread, so every copy is given a block of STRIDE turns, all but one of them empty.
+    # One copy per task: they take long, and unevenly when one of them fails. The compiler runs loops of less than about a thousand turns on
+    # one thread, so every copy is given a block of STRIDE turns, all but one of them empty.
     ti.loop_config(block_dim=STRIDE)
     for turn in range(copies.shape[0] * STRIDE):
         if turn % STRIDE == 0:

@@ -11,11 +11,10 @@ nodes neglect is of the order of the discretisation's own error: for a plate of 
 
 Changes that are carried together share weights and stress derivative; they are the lanes of a vector.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..lattice.boundary import FREE, HELD
 from ..laws.constitutive import kirchhoff, kirchhoff_adjoint
 from ..laws.eigen import product
@@ -133,7 +132,7 @@ def _carry(width: int):
         record: records, inverse_mass: inverse_masses, source: lanes, state: lanes, grid: lanes,
     ):  # fmt: skip
         """Brings state (groups N STATE,) of the groups from `first` on through a frame under source (groups N SOURCE,)."""
-        # Taichi runs loops of less than about a thousand turns on one thread: see `substep.run_substeps`.
+        # The compiler runs loops of less than about a thousand turns on one thread: see `substep.run_substeps`.
         ti.loop_config(block_dim=STRIDE)
         for turn in range(grid.shape[0] // (3 * inverse_mass.shape[1]) * STRIDE):
             if turn % STRIDE == 0:

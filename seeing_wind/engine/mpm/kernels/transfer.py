@@ -7,11 +7,10 @@ so the body may travel as far as it likes. A node is one 4-vector: momentum (the
 The external acceleration a_p, held over a frame, is added to the particle's velocity before p2g, as in the paper (arXiv 2512.00762); its
 gradient goes into the affine momentum. Without that the torque and the strain that a field has over one kernel are lost.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..laws.constitutive import kirchhoff
 
 vec3 = ti.types.vector(3, ti.f64)

@@ -5,10 +5,10 @@ simulation", section 8: relative to the wall the normal part that runs into it i
 tangential part at most mu times as much. Every branch is differentiated exactly; on a kink (just touching, just slipping) the derivative
 is that of one side.
 """
-# Taichi reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
+from ..compiler import ti
 
 NONE, STICKY, SLIP, SEPARATE = 0, 1, 2, 3
 """Kinds of wall: a node stands still with it; may slide but neither enter nor leave; may also leave."""

@@ -12,11 +12,10 @@ neo-Hookean: Bonet and Wood, "Nonlinear continuum mechanics", psi = mu/2 (|F|² 
 stretch: Hoger and Carlson 1984, "Determination of the stretch and rotation in the polar decomposition of the deformation gradient";
 Franca 1989, "An algorithm to compute the square root of a 3x3 positive definite matrix".
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..precision import is_double
 from .eigen import adjugate, column, from_columns, full, left_cauchy_green, plus_identity, product, squared, symmetric_part, times_columns
 from .plasticity import PLASTIC_LAWS, VON_MISES, hencky, hencky_both_ways, plastic_flow_stress

@@ -12,11 +12,10 @@ from the adjugate, which is (a multiple of) its projector, the other two by one 
 Sources: Higham 2008, "Functions of matrices", section 1.2 (functions by interpolation);
 Eberly 2014, "A robust eigensolver for 3x3 symmetric matrices" (deflation); Duff et al. 2017, "Building an orthonormal basis, revisited".
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from ..precision import epsilon, is_double
 
 _MOST_SKEWED = 0.13608276348795434

@@ -12,11 +12,10 @@ w = mu dt / (eta + mu dt) is backward Euler of d_p = (|dev tau| - sqrt(2/3) Y) /
 Sources: Simo 1992, "Algorithms for static and dynamic multiplicative plasticity that preserve the classical return mapping schemes";
 Perzyna's overstress as in Simo and Hughes, "Computational inelasticity", section 2.7; Bingham's fluid |s| = sqrt(2/3) Y + 2 eta |d_p|.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
-import taichi as ti
-
+from ..compiler import ti
 from .eigen import eigenvalues, eigenvectors, full, left_cauchy_green, norm_sqr, plus_identity, product, relative_deviator, symmetric_part
 from .strain import RADIUS, exp_slopes, exponential, half_logs, hencky_strain, log_slopes
 

@@ -5,15 +5,15 @@ eigenvalues and library functions. The derivative of f(S) in the eigenvectors' b
 (f(x_i) - f(x_j)) / (x_i - x_j) (Daleckii and Krein; Higham 2008, "Functions of matrices", theorem 3.11). Where eigenvalues meet, these
 are series as well: nothing is clamped. Both forms are computed and one selected, as every branch costs much to compile.
 """
-# Taichi reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 import math
 
 import numpy as np
-import taichi as ti
 from numpy.polynomial import Chebyshev, Polynomial
 
+from ..compiler import ti
 from ..precision import is_double
 from .eigen import eigenvalues, interpolant, norm_sqr, plus_identity, power_series, quadratic, squared
 
@@ -52,7 +52,7 @@ _EXP_SLOPE_SERIES = {
 
 @ti.func
 def half_logs(x):
-    """log(1 + x) / 2 (3,); one by one, as Taichi has no logarithm of vectors of the processor."""
+    """log(1 + x) / 2 (3,); one by one, as there is no logarithm of vectors of the processor."""
     return 0.5 * ti.Vector([ti.log(1.0 + x[0]), ti.log(1.0 + x[1]), ti.log(1.0 + x[2])])
 
 

@@ -93,7 +93,7 @@ def simulate_bodies(
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
         base_dir: folder against which the edit's paths are understood.
-        device: auto, cpu or cuda.
+        device: auto or cpu.
         journal: keeps how far the frames have come; its stamp must tell the field.
 
     Raises:
