@@ -50,7 +50,7 @@ def start() -> dict[str, list[float]]:
     import torch  # noqa: F401
 
     began = now()
-    from seeing_wind.engine.mpm import device
+    from seeing_wind.engine.mpm.compiler import device
 
     device.start()
     return {"import": list(now() - began)}

@@ -21,8 +21,8 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks.peers.ours import model_of, seconds, state_of  # noqa: E402
 from benchmarks.peers.problem import cube  # noqa: E402
-from seeing_wind.engine.mpm import device  # noqa: E402
 from seeing_wind.engine.mpm.body import Body  # noqa: E402
+from seeing_wind.engine.mpm.compiler import device  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 
 GRID = 64

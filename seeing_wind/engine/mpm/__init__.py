@@ -1,11 +1,10 @@
-"""MLS-MPM: the forward model and its adjoint. NumPy float64 in and out; torch stands above it, in `autograd` only.
+"""MLS-MPM: the forward model and its adjoint. NumPy float64 in and out; the compiler stays inside, torch above it in `autograd` only.
 
     model.py      what stays the same        model_for.py  chosen from bodies and materials     state.py  what changes
     rollout.py    frames of simulation       body.py       one large body on all cores          autograd.py  for torch
-    tangent.py    many changes to first order
-    checks.py, failure.py  what is refused, and what stopped a run      device.py, precision.py  the compiler's start, types
-    laws/  stress from deformation     lattice/  the grid and its boundary     kernels/  the substep
-    compiler/  the one door to what compiles laws and kernels
+    tangent.py    many changes to first order              frame_run.py   one frame of a body, and what is kept of it
+    checks.py     what is refused            failure.py    what stopped a run
+    laws/  stress from deformation     lattice/  the grid and its boundary     kernels/  the substep     compiler/  Quadrants or Taichi
 """
 
 from .model import Model

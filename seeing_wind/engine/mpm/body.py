@@ -8,9 +8,10 @@ from collections.abc import Callable
 import numpy as np
 
 from ..progress import Progress
-from . import device
 from .checks import check_state
+from .compiler import device
 from .compiler.launch import Launcher
+from .compiler.precision import dtype_of
 from .compiler.settings import compiled_in
 from .failure import diagnosis, failure
 from .frame_run import FrameRun, Piece
@@ -23,7 +24,6 @@ from .kernels.packed import MOST_NODES_ACROSS
 from .lattice.boundary import HELD
 from .lattice.kinematics import Conditions, conditions_for
 from .model import MOST_NODES, Model
-from .precision import dtype_of
 from .state import State
 
 _LEAST_PER_TASK = 2000

@@ -9,14 +9,14 @@ import numpy as np
 from ..errors import SimulationError, UsageError
 from ..progress import Journal, NoProgress, Progress
 from ..records import Attachment
-from . import device
 from .body import Body
 from .checks import check_force, check_state
+from .compiler import device
+from .compiler.precision import dtype_of
 from .failure import diagnosis, failure
 from .kernels import substep
 from .lattice.boundary import HELD
 from .model import MOST_NODES, Model
-from .precision import dtype_of
 from .state import State, Trajectory
 
 _WORK_PER_CALL = 2_000_000

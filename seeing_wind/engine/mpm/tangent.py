@@ -13,8 +13,8 @@ import numpy as np
 import torch
 
 from ..progress import Journal, Progress
-from . import device
 from .checks import check_state
+from .compiler import device
 from .compiler.settings import compiled_in, contracted, native_vectors
 from .failure import diagnosis, failure
 from .kernels import substep, tangent_kernels

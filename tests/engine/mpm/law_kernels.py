@@ -5,8 +5,7 @@
 
 import numpy as np
 
-from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler import device, ti
 from seeing_wind.engine.mpm.compiler.settings import compiled_in
 from seeing_wind.engine.mpm.laws import constitutive, plasticity
 

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.compiler import NAMES, choice, default_real, settings, ti
+from seeing_wind.engine.mpm.compiler import NAMES, choice, default_real, device, settings, ti
 
 ROOT = Path(__file__).resolve().parents[3]
 PRIVATE = {"_runtime", "lang", "get_runtime", "_primal"}

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler import device, ti
 from seeing_wind.engine.mpm.compiler.settings import compiled_in
 from seeing_wind.engine.mpm.lattice.conditions import SEPARATE, SLIP, STICKY, boundary_velocity, boundary_velocity_adjoint
 

@@ -4,8 +4,7 @@
 import numpy as np
 import pytest
 
-from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler import device, ti
 from seeing_wind.engine.mpm.kernels.crew import await_all, counters, finish, roster, taken
 from seeing_wind.engine.mpm.kernels.substep import STRIDE
 

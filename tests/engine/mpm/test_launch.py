@@ -3,8 +3,7 @@
 
 import numpy as np
 
-from seeing_wind.engine.mpm import device
-from seeing_wind.engine.mpm.compiler import ti
+from seeing_wind.engine.mpm.compiler import device, ti
 from seeing_wind.engine.mpm.compiler.launch import Launcher
 
 numbers = ti.types.ndarray(ndim=1)

@@ -1,7 +1,8 @@
 """The one door to the compiler of the kernels: Quadrants, or Taichi, from which Quadrants comes. Nobody else imports either.
 
-    choice    which of the two, its module as `ti`, and the precision that kernels are traced in
-    launch    the same kernel launched thousands of times
+    choice.py    which of the two, its module as `ti`, and the precision that kernels are traced in
+    settings.py  what either is told when it starts       device.py  its start: once, on first use, never at import
+    launch.py    the same kernel launched many times      precision.py  single and double precision from one source
 
 Kernels and laws take `ti` from here. What the two packages keep private (`_runtime`, and the calls in `launch`) stays in this room.
 """

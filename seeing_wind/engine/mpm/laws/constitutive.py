@@ -16,7 +16,7 @@ Franca 1989, "An algorithm to compute the square root of a 3x3 positive definite
 # mypy: ignore-errors
 
 from ..compiler import ti
-from ..precision import is_double
+from ..compiler.precision import is_double
 from .eigen import adjugate, column, from_columns, full, left_cauchy_green, plus_identity, product, squared, symmetric_part, times_columns
 from .plasticity import PLASTIC_LAWS, VON_MISES, hencky, hencky_both_ways, plastic_flow_stress
 

@@ -16,7 +16,7 @@ Eberly 2014, "A robust eigensolver for 3x3 symmetric matrices" (deflation); Duff
 # mypy: ignore-errors
 
 from ..compiler import ti
-from ..precision import epsilon, is_double
+from ..compiler.precision import epsilon, is_double
 
 _MOST_SKEWED = 0.13608276348795434
 """1 / (3 sqrt 6): |det| of a deviator of norm one with two equal eigenvalues, the largest there is."""

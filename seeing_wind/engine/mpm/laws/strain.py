@@ -14,7 +14,7 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 
 from ..compiler import ti
-from ..precision import is_double
+from ..compiler.precision import is_double
 from .eigen import eigenvalues, interpolant, norm_sqr, plus_identity, power_series, quadratic, squared
 
 RADIUS = math.sqrt(2.0 / 3.0)

@@ -20,7 +20,7 @@ import numpy as np
 import torch
 
 from ...field.torch_threads import torch_threads
-from ...mpm.device import cores
+from ...mpm.compiler.device import cores
 from ..solve.gauss_newton import Linearisation
 from ..targets.objective import Objective
 from .kernel import DURATION, LENGTH, SLOPE, UNIFORM, Kernel, Prior

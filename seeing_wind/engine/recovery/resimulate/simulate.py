@@ -20,8 +20,8 @@ from ...mpm.rollout import advance
 from ...mpm.state import State
 from ...progress import Journal, NoProgress, Progress
 from ...records import Body, Material, Particles, Recovery, as_found
-from ...recovery.journal import Arrays
 from ...settings import BodyEdit, Edit
+from ..journal import Arrays
 from .fill import fill
 from .mesh import load_mesh
 from .obstacles import colliders_of

@@ -11,13 +11,7 @@ import pytest
 from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.look.report.backdrop import relit
 from seeing_wind.engine.look.report.footage import Footage
-from seeing_wind.engine.look.report.resimulated import (
-    look_over_clip,
-    psnr,
-    resimulated,
-    ssim,
-    write_resimulated,
-)
+from seeing_wind.engine.look.report.resimulated import look_over_clip, psnr, resimulated, ssim, write_resimulated
 from seeing_wind.engine.observe.clip.frames import Clip
 from seeing_wind.engine.observe.clip.lens import Lens
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Observation, Recovery

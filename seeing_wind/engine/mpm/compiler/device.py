@@ -9,8 +9,8 @@ import os
 import threading
 from pathlib import Path
 
-from ..errors import UsageError
-from .compiler import ti
+from ...errors import UsageError
+from . import ti
 
 _lock = threading.Lock()
 _running = False

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import UsageError
-from .compiler import default_real, ti
+from ...errors import UsageError
+from . import default_real, ti
 
 DTYPES = {"single": np.float32, "double": np.float64}
 """NumPy's names of the two precisions."""
