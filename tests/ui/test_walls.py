@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "seeing_wind"
 HEAVY = ("torch", "taichi", "cv2", "scipy", "matplotlib", "trimesh", "safetensors")
-GROUND = ("conventions", "errors", "progress", "settings", "records", "take", "materials", "sequences")
+GROUND = ("conventions", "errors", "progress", "settings", "records", "take", "materials", "sequences", "systems")
 
 
 def imported(path: Path) -> set[str]:

@@ -79,7 +79,9 @@ def _on(mask: str, pin: str) -> bool:
     """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
     import cv2
 
-    pictures = [cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
+    from ..observe.clip.pictures import read_picture
+
+    pictures = [read_picture(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
     if pictures[0] is None or pictures[1] is None or pictures[0].shape != pictures[1].shape:
         return True  # told by the stage that reads them
     return bool(((pictures[0] > 0) & (pictures[1] > 0)).any())

@@ -28,6 +28,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...engine import systems
 from ...engine.errors import SeeingWindError, UsageError
 
 KEYS = {"name", "clip", "take", "recover", "edit", "edit_take", "save", "render"}
@@ -243,4 +244,4 @@ def _former(summary: Path) -> dict[str, str]:
 def _write(summary: Path, outcomes: list[Outcome]) -> None:
     aside = summary.with_name(summary.name + ".part")
     aside.write_text(json.dumps({"jobs": [vars(each) for each in outcomes]}, indent=2) + "\n", encoding="utf-8")
-    os.replace(aside, summary)
+    systems.replace(aside, summary)

@@ -12,6 +12,7 @@ import numpy as np
 from ...errors import ClipError, UsageError
 from ...progress import NoProgress, Progress
 from ...sequences import PICTURE_SUFFIXES, is_sequence, pictures_of
+from .pictures import read_picture
 
 UNEVEN = 0.1
 """Deviation of a time between pictures from the usual one, relative, from which a clip counts as one of variable frame rate."""
@@ -178,7 +179,7 @@ def _pictures(files: list[Path], path: str) -> Iterator[tuple[np.ndarray, float]
     if not files:
         raise ClipError(f"No pictures at {path}.", "Give a folder or pattern of PNG, JPEG, TIFF, BMP or WebP files.")
     for file in files:
-        picture = cv2.imread(str(file), cv2.IMREAD_COLOR)
+        picture = read_picture(file, cv2.IMREAD_COLOR)
         if picture is None:
             raise ClipError(f"The picture {file} cannot be read.", "Remove or replace that file.")
         yield picture, float("nan")

@@ -11,6 +11,7 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ...settings import ObserveSettings
 from ..clip.depth import read_depth
+from ..clip.pictures import read_picture
 from .background import Plate
 
 LEAST_PIXELS = 12
@@ -71,7 +72,7 @@ def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndar
     """
     if not Path(path).is_file():
         raise UsageError(f"There is no {what} at {path}.", "Check the path.")
-    values = cv2.imread(path, cv2.IMREAD_UNCHANGED)
+    values = read_picture(path, cv2.IMREAD_UNCHANGED)
     if values is None:
         raise UsageError(f"The {what} {path} is not a picture.", "Save it as PNG.")
     if values.shape[:2] != (height, width):
