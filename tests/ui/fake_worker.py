@@ -1,7 +1,7 @@
 """Speaks the worker's protocol without an engine: `fake_worker.py BEHAVIOUR [arguments ignored]`, standard library only.
 
-Behaviours: done, error, crash (Python exception), die (kills itself), mute (exit 1, says nothing), hang (stops when it is asked), stubborn (no
-request and no SIGTERM stops it), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
+Behaviours: done, error, crash (Python exception), die (kills itself), mute (exit 1, says nothing), hang (stops when it is asked), stubborn
+(no request and no SIGTERM stops it), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
 SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` take.
 """
 

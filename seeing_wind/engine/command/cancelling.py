@@ -1,4 +1,4 @@
-"""Cancel by the pipe: who starts a worker writes "cancel" to its stdin, on every system; the end of the pipe means that nobody waits for it.
+"""Cancel by the pipe: who starts a worker writes "cancel" to its stdin, on every system. The end of the pipe cancels too: nobody waits.
 
 Only a worker that is told so listens (`CANCEL_BY_STDIN`).
 """

@@ -28,6 +28,17 @@ class SEEING_WIND_OT_install_engine(JobOperator, bpy.types.Operator):
         return "The engine is installed"
 
 
+class SEEING_WIND_OT_fetch_python(SEEING_WIND_OT_install_engine):
+    """Fetch a Python for the engine alone into the extension's folder (about 35 MB), then install the engine with it"""
+
+    bl_idname = "seeing_wind.fetch_python"
+    bl_label = "Fetch Python and Install Engine"
+
+    def start(self, scene):
+        """Only with the user's consent to go online."""
+        return engine_install.install(fetch_python=True)
+
+
 class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
     """Ask the engine what is installed, what works, and what to do about the rest"""
 
@@ -58,4 +69,4 @@ def _line(check: dict) -> str:
     return f"  {mark}  {check['name']}: {check['detail']}  {check.get('advice', '')}".rstrip()
 
 
-CLASSES = (SEEING_WIND_OT_install_engine, SEEING_WIND_OT_doctor)
+CLASSES = (SEEING_WIND_OT_install_engine, SEEING_WIND_OT_fetch_python, SEEING_WIND_OT_doctor)
