@@ -3,15 +3,20 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 VENV := .venv
 PY := $(VENV)/bin/python
+ENGINE := .venv-engine
+TESTS := .venv-tests
+# What needs bpy. Every other test runs in the engine's environment.
+BLENDER_TESTS := tests/ui tests/test_whole_job.py
 DEMO := build/demo
 
 help:
 	@echo "make demo       build a clip, recover its wind, edit, bake; prints where the results are"
-	@echo "make test       lint, types, all tests"
+	@echo "make test       lint, types, all tests: the engine's in its own locked environment, the panel's in Blender's"
 	@echo "make faults     a thousand hostile inputs, two hundred kills, full disks; prints their counts"
-	@echo "make lock       the engine's locked requirements anew"
+	@echo "make lock       the locked requirements of the engine and of its tests anew"
 	@echo "make quick-recover  a short clip recovered in the engine's locked environment, without bpy"
-	@echo "make setup      only make $(VENV) with everything that the two need"
+	@echo "make quick-recover-matrix  the same at the lowest and newest versions that are admitted, on Python 3.11 and 3.13"
+	@echo "make setup      only make the environments that these need"
 	@echo "make extension  build/seeing_wind-*.zip for Blender"
 	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
 	@echo "make tables     the paper's tables, an hour or two; SHORT=1 for two rows, ROW=NAME for one"
@@ -21,38 +26,51 @@ help:
 	@echo "make screenshots SHOOT=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
 	@echo "make clean      remove build/"
 
-setup: $(VENV)/.complete
+setup: $(VENV)/.complete $(TESTS)/.complete
 
 $(VENV)/.complete: pyproject.toml seeing_wind/engine/requirements.txt
 	@bash scripts/make_venv.sh $(VENV)
 	@touch $@
 
 # The engine's own environment as Install Engine makes it: locked, without bpy.
-engine-environment: .venv-engine/.complete
-
-.venv-engine/.complete: seeing_wind/engine/requirements.lock seeing_wind/engine/torch.lock
-	@bash scripts/make_engine_venv.sh .venv-engine
+$(ENGINE)/.complete: seeing_wind/engine/requirements.lock seeing_wind/engine/torch.lock
+	@python=$$(bash scripts/find_python.sh 3.11 3.12 3.13) && "$$python" scripts/environments.py engine $(ENGINE)
 	@touch $@
 
-# Newest versions that requirements.txt admits, with their hashes.
+# The tests' tools over it, which leave it as it is.
+$(TESTS)/.complete: $(ENGINE)/.complete tests/requirements.lock
+	@$(ENGINE)/bin/python scripts/environments.py tests $(TESTS) $(ENGINE)
+	@touch $@
+
+# Newest versions that requirements.txt and pyproject.toml admit, with their hashes.
 lock:
 	bash scripts/lock_engine.sh
 
 # A short clip, recovered in the engine's own environment.
-quick-recover: setup engine-environment
-	bash scripts/quick_recover.sh .venv-engine/bin/python build/quick_recover
+quick-recover: build/clip/clip.mp4 $(ENGINE)/.complete
+	$(PY) scripts/quick_recover.py $(ENGINE)/bin/python build/quick_recover --clip build/clip
+
+# Nothing that Install Engine installs, but what a package manager may give: both ends of requirements.txt.
+quick-recover-matrix: build/clip/clip.mp4
+	$(PY) scripts/recover_matrix.py --clip build/clip
+
+build/clip/clip.mp4: | setup
+	$(PY) sample_scenes/falling_leaf/make.py --out build/clip --frames 10 --size 320x180 --samples 4
+
+# The worker is the engine in its own environment, as in a user's Blender.
+demo scenes: export SEEING_WIND_PYTHON := $(CURDIR)/$(ENGINE)/bin/python
 
 # The other compiler that the kernels run on, in an environment of its own: the engine's, with Quadrants.
 QUADRANTS := .venv-quadrants
 
 $(QUADRANTS)/.complete: seeing_wind/engine/requirements.lock seeing_wind/engine/torch.lock pyproject.toml
-	@bash scripts/make_engine_venv.sh $(QUADRANTS)
+	@$(PY) scripts/environments.py engine $(QUADRANTS)
 	@$(QUADRANTS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[quadrants]" pytest
 	@touch $@
 
-test-quadrants: setup $(QUADRANTS)/.complete
+test-quadrants: build/clip/clip.mp4 $(QUADRANTS)/.complete
 	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python -m pytest tests/engine/mpm
-	SEEING_WIND_COMPILER=quadrants bash scripts/quick_recover.sh $(QUADRANTS)/bin/python build/quick_recover_quadrants
+	SEEING_WIND_COMPILER=quadrants $(PY) scripts/quick_recover.py $(QUADRANTS)/bin/python build/quick_recover_quadrants --clip build/clip
 
 demo: setup
 	$(PY) sample_scenes/falling_leaf/demo.py --out $(DEMO)
@@ -66,11 +84,12 @@ lint: setup
 	$(PY) -m mypy
 
 test: lint
-	$(PY) -m pytest
+	$(TESTS)/bin/python -m pytest tests $(BLENDER_TESTS:%=--ignore=%)
+	$(PY) -m pytest $(BLENDER_TESTS)
 
 # All hostile inputs, kills and full disks, half an hour on two idle cores; `make test` has a quick draw of each.
 faults: setup
-	SEEING_WIND_FAULTS=whole $(PY) -m pytest -s tests/faults
+	SEEING_WIND_FAULTS=whole $(TESTS)/bin/python -m pytest -s tests/faults
 
 extension: setup
 	@mkdir -p build
@@ -98,4 +117,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup engine-environment lock quick-recover demo scenes lint test test-quadrants faults extension tables benchmark-mpm benchmark-compilers screenshots clean
+.PHONY: help setup lock quick-recover quick-recover-matrix demo scenes lint test test-quadrants faults extension tables benchmark-mpm benchmark-compilers screenshots clean

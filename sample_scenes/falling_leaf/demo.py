@@ -68,7 +68,7 @@ def main(argv: list[str] | None = None) -> int:
         seconds["recovery"] = time.perf_counter() - began
         print("3/3 editing in Blender", flush=True)
         began = time.perf_counter()
-        os.environ["SEEING_WIND_PYTHON"] = sys.executable
+        os.environ.setdefault("SEEING_WIND_PYTHON", sys.executable)
         run(HERE / "demo_scene.py", [str(out)], options.blender, follow="demo:")
         seconds["Blender"] = time.perf_counter() - began
         figures = measure(out) | {"outcome": result["outcome"], "seconds": {name: round(value, 1) for name, value in seconds.items()}}
@@ -88,7 +88,8 @@ def recover(out: Path) -> dict:
     """
     clip = out / "clip"
     known = json.loads((clip / "box.json").read_text())
-    command = [sys.executable, "-m", "seeing_wind.engine", "recover", str(clip / "clip.mp4"), "--take", str(out / "wind.take")]
+    python = os.environ.get("SEEING_WIND_PYTHON", sys.executable)
+    command = [python, "-m", "seeing_wind.engine", "recover", str(clip / "clip.mp4"), "--take", str(out / "wind.take")]
     command += ["--box", *map(str, known["box"]), "--camera", str(clip / "camera.json"), "--distance", str(known["distance"])]
     for name in ("material", "density", "youngs_modulus", "thickness"):
         command += [f"--{name.replace('_', '-')}", str(known[name])]

@@ -6,7 +6,8 @@
     field/      force fields                    mpm/    the solver and its derivatives     look/   pictures
 
 The ground floor, which Blender's process may import too: conventions.py (units, axes, names of clips), errors.py, progress.py,
-settings.py, records.py and masks.py (what stages hand on), materials.py, take.py (the folder of a clip), reading.py (files from outside).
+settings.py, records.py and masks.py (what stages hand on), materials.py, take.py (the folder of a clip), reading.py (files from outside),
+systems.py (what Linux, macOS and Windows do differently).
 """
 
 __version__ = "0.1.0"

@@ -1,8 +1,8 @@
 """`python -m seeing_wind.engine VERB ...`: the worker.
 
-JSON lines on stdout and nothing else: progress, warning, error, and one result at the end. Logs go to stderr. SIGINT (CTRL_BREAK on
-Windows) stops at the next safe point. Exit code 0 done, 1 failed with a message, 2 wrong usage, 130 cancelled. What a report lacks fails
-no job: it is in the result's `warnings`.
+JSON lines on stdout and nothing else: progress, warning, error, and one result at the end. Logs go to stderr. Ctrl-C in a terminal
+(SIGINT) stops at the next safe point, and so does the pipe of a parent (`command.cancelling`). Exit code 0 done, 1 failed with a message,
+2 wrong usage, 130 cancelled. What a report lacks fails no job: it is in the result's `warnings`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from .conventions import LARGEST_PICTURE  # noqa: E402
 # Pictures that are larger are refused by their header, before anything is allocated. Read when OpenCV loads.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_PICTURE))
 
+from .command import cancelling  # noqa: E402
 from .command.arguments import parser  # noqa: E402
 from .errors import MissingPackage, SeeingWindError  # noqa: E402
 from .progress import Cancelled, Progress  # noqa: E402
@@ -60,18 +61,21 @@ class Protocol:
         except BrokenPipeError:
             self.cancelled = True
 
-    def cancel(self, *_: Any) -> None:
-        """Signal handler: stop at the next safe point; a second signal ends the process at once."""
+    def cancel(self) -> None:
+        """Stop at the next safe point."""
         self.cancelled = True
+
+    def interrupt(self, *_: Any) -> None:
+        """Signal handler: stop at the next safe point; a second signal ends the process at once."""
+        self.cancel()
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
     protocol = Protocol()
-    signal.signal(signal.SIGINT, protocol.cancel)
-    if hasattr(signal, "SIGBREAK"):
-        signal.signal(signal.SIGBREAK, protocol.cancel)
+    signal.signal(signal.SIGINT, protocol.interrupt)
+    cancelling.listen(protocol.cancel)
     started = time.perf_counter()
     try:
         arguments = parser().parse_args(argv)

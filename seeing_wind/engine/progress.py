@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 
+CANCEL_BY_STDIN = "SEEING_WIND_CANCEL_BY_STDIN"
+"""Environment variable, "1" from a parent that cancels by the worker's stdin. stdin may also be a terminal, an empty file or nothing."""
+
 
 class Cancelled(Exception):
     """Raised at a safe point after the user asked to stop. Nothing half-written is left behind."""

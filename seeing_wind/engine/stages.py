@@ -7,12 +7,12 @@ where it stopped and a changed setting redoes only what depends on it.
 from __future__ import annotations
 
 import dataclasses
-import os
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from . import systems
 from .errors import TakeError, UsageError
 from .progress import NoProgress, Progress
 from .reading import LARGEST_ARRAYS
@@ -173,8 +173,8 @@ def recover_stage(
         # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
         take.withdraw("recover")
         if take.file(SOLVED).is_file():
-            os.replace(take.file(SOLVED), take.file("trajectory.npz"))
-        os.replace(take.file(FITTED), take.file("field.safetensors"))
+            systems.replace(take.file(SOLVED), take.file("trajectory.npz"))
+        systems.replace(take.file(FITTED), take.file("field.safetensors"))
         take.finish("recover", stamp, to_mapping(settings))
     return recovery, field, seconds
 

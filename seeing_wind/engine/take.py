@@ -25,6 +25,7 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from . import systems
 from .errors import TakeError
 from .reading import LARGEST_TAKE, check_record, parse_json, read_arrays, read_json, read_toml
 from .settings import toml_text
@@ -36,6 +37,9 @@ BLOCK = 2**24
 
 FORMAT = 1
 """Version of the take's layout."""
+
+LONGEST_NAME = 80
+"""Characters kept free behind a take's folder for the names of its files, those written aside included."""
 
 
 class Take:
@@ -54,6 +58,11 @@ class Take:
         Raises:
             TakeError: when it cannot.
         """
+        if systems.too_long(self.path, LONGEST_NAME):
+            raise TakeError(
+                f"The path of the take is too long for this Windows: {self.path.absolute()}.",
+                "Choose a folder with a shorter path, or switch long paths on in Windows.",
+            )
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self.path):
@@ -89,11 +98,13 @@ class Take:
             yield aside
             with open(aside, "rb+") as handle:
                 os.fsync(handle.fileno())
-            os.replace(aside, target)
+            systems.replace(aside, target)
         except OSError as error:
             reason = error.strerror or str(error)
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             hint = "Free some space or choose another folder" if full else "Choose another folder"
+            if systems.windows() and isinstance(error, PermissionError):
+                hint = "Close the programs that have it open, or choose another folder"
             raise TakeError(f"Cannot write {target}: {reason}.", f"{hint}; the last good files are kept.") from error
         finally:
             with contextlib.suppress(OSError):

@@ -1,7 +1,7 @@
 """Speaks the worker's protocol without an engine: `fake_worker.py BEHAVIOUR [arguments ignored]`, standard library only.
 
-Behaviours: done, error, crash (Python exception), die (kills itself), mute (exit 1, says nothing), hang (stops on SIGINT), stubborn (no
-SIGINT and no SIGTERM stops it), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
+Behaviours: done, error, crash (Python exception), die (kills itself), mute (exit 1, says nothing), hang (stops when it is asked), stubborn
+(no request and no SIGTERM stops it), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
 SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` take.
 """
 
@@ -12,6 +12,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 SECONDS = float(os.environ.get("SEEING_WIND_FAKE_SECONDS", "0.3"))
@@ -25,14 +26,15 @@ def send(**message: object) -> None:
     sys.stdout.flush()
 
 
-def stop(*_: object) -> None:
-    """Signal handler."""
+def listen() -> None:
+    """Wait for the request to stop."""
     global stopped
+    sys.stdin.readline()
     stopped = True
 
 
 def work(seconds: float) -> None:
-    """Progress through all stages, stopping at a safe point after SIGINT."""
+    """Progress through all stages, stopping at a safe point when asked."""
     rounds = 8
     for stage in STAGES:
         for k in range(rounds + 1):
@@ -48,7 +50,8 @@ def work(seconds: float) -> None:
 def main() -> int:
     """Act as the first argument says."""
     behaviour = sys.argv[1]
-    signal.signal(signal.SIGINT, stop)
+    if os.environ.get("SEEING_WIND_CANCEL_BY_STDIN") == "1":
+        threading.Thread(target=listen, daemon=True).start()
     print("log line of the worker", file=sys.stderr, flush=True)
     if behaviour == "done":
         work(SECONDS)
@@ -74,7 +77,6 @@ def main() -> int:
     elif behaviour == "hang":
         work(SECONDS if "SEEING_WIND_FAKE_SECONDS" in os.environ else 60.0)
     elif behaviour == "stubborn":
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         send(type="progress", stage="recover", fraction=0.5, message="not listening")
         time.sleep(60.0)

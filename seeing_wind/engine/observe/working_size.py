@@ -20,6 +20,7 @@ from .clip.camera import read_camera
 from .clip.depth import read_depth
 from .clip.frames import Clip
 from .clip.lens import Lens
+from .clip.pictures import write_png
 from .clip.transforms import LENS
 from .mask.first_mask import point_list, read_mask
 from .tracks.file import load_tracks
@@ -79,7 +80,7 @@ class WorkingSize:
             if path is not None:
                 changes[name] = str(folder / f"{name}.png")
                 small = cv2.resize(read_mask(path, *self.file, what).astype(np.float32), self.work[::-1], interpolation=cv2.INTER_AREA)
-                cv2.imwrite(str(folder / f"{name}.png"), (small >= 0.5).astype(np.uint8) * 255)
+                write_png(folder / f"{name}.png", (small >= 0.5).astype(np.uint8) * 255)
         if settings.depth is not None:
             depth = read_depth(settings.depth, *self.file)
             changes["depth"] = str(folder / "depth.npy")

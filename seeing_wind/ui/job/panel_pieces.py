@@ -24,6 +24,7 @@ WARNINGS = 4
 
 MENDS = {
     "install_engine": ("seeing_wind.install_engine", "Install Engine", "IMPORT"),
+    "fetch_python": ("seeing_wind.fetch_python", "Fetch Python and Install Engine", "IMPORT"),
     "allow_online": ("extensions.userpref_allow_online", "Allow Online Access", "URL"),
     "open_preferences": ("seeing_wind.open_preferences", "Open Preferences", "PREFERENCES"),
 }

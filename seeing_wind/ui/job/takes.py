@@ -18,6 +18,7 @@ from pathlib import Path
 import bpy
 from bpy.app.handlers import persistent
 
+from ...engine import systems
 from ...engine.errors import TakeError
 from ..user_paths import absolute
 
@@ -172,7 +173,7 @@ def _copy(former: Path, folder: Path) -> None:
         if (former / "take.toml").is_file():
             shutil.copy2(former / "take.toml", aside)
         shutil.copytree(former, aside, dirs_exist_ok=True, ignore=shutil.ignore_patterns("take.toml", ".*.part*"))
-        os.replace(aside, folder)
+        systems.replace(aside, folder)
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 

@@ -1,8 +1,9 @@
 """A long job in a second process, as a generator of messages. No bpy here: tests and `blender -b` read the same generator.
 
-The worker's side of the contract (`python -m seeing_wind.engine`): one JSON object per line on stdout, logs on stderr, on SIGINT
-(CTRL_BREAK on Windows) it stops at the next safe point. Whatever it does instead (dies, hangs, prints nonsense), the generator ends, and
-its last message is an `exit` that says how.
+The worker's side of the contract (`python -m seeing_wind.engine`): one JSON object per line on stdout, logs on stderr; a line "cancel" on
+stdin, or the end of stdin when this process is gone, stops it at the next safe point. Windows has no signal that a process without a
+console receives, so no system is sent one. Whatever the worker does instead (dies, hangs, prints nonsense), the generator ends, and its
+last message is an `exit` that says how.
 
 Messages yielded, beside those of the worker (progress, warning, error, result):
     {"type": "log", "message"}                                      a line of stdout that is no message (pip, a chatty library)
@@ -18,14 +19,15 @@ import os
 import queue
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import IO, Any
 
+from ...engine import systems
 from ...engine.errors import SeeingWindError
+from ...engine.progress import CANCEL_BY_STDIN
 
 Message = dict[str, Any]
 Messages = Generator[list[Message], bool | None, Message]
@@ -44,8 +46,8 @@ CANCELLED = 130
 def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: float = CANCEL_GRACE) -> Messages:
     """Start `command` and yield lists of its messages, without ever waiting for it: the list is empty when there is nothing new.
 
-    Send True to cancel: the worker is asked to stop, ended after `grace` seconds, then killed. Closing the generator kills it at once.
-    Returns the exit message.
+    Send True to cancel: the worker is asked to stop, ended after `grace` seconds (0 for a program that does not listen), then killed.
+    Closing the generator kills it at once. Returns the exit message.
     """
     try:
         process = _start(command, cwd, env)
@@ -84,13 +86,15 @@ def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: floa
                 return farewell
             if (yield messages) and cancelled_at is None:
                 cancelled_at = time.monotonic()
-                _signal(process, "interrupt")
+                _ask(process)
             if cancelled_at is not None:
                 _press(process, time.monotonic() - cancelled_at - grace)
     finally:
         if process.poll() is None:
-            _signal(process, "kill")
+            _end(process, at_once=True)
             process.wait()
+        with contextlib.suppress(OSError):  # what could not be said to a worker that is gone
+            process.stdin.close()
         for stream in (process.stdout, process.stderr):
             # Closing waits for a reader that is blocked in it; a grandchild can hold it open, then the reader closes it at its end.
             if stream is not None and not any(reader.is_alive() for reader in readers):
@@ -137,13 +141,10 @@ def wait(messages: Messages, handle: Callable[[Message], None], *, pause: float 
 
 
 def _start(command: Sequence[str], cwd: str, env: Mapping[str, str]) -> subprocess.Popen[str]:
-    # A process group of its own: a Ctrl-C in Blender's terminal reaches Blender alone, and a cancel reaches the worker's children too.
-    group: dict[str, Any] = {"start_new_session": True}
-    if sys.platform == "win32":
-        group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
+    # Apart: a Ctrl-C in Blender's terminal reaches Blender alone, and the worker is ended together with its children.
     return subprocess.Popen(
-        list(command), cwd=cwd, env=dict(env), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, encoding="utf-8", errors="replace", bufsize=1, **group,
+        list(command), cwd=cwd, env={**env, CANCEL_BY_STDIN: "1"}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, encoding="utf-8", errors="replace", bufsize=1, **systems.apart(),
     )  # fmt: skip
 
 
@@ -180,19 +181,29 @@ def _parse(line: str) -> Message:
 
 def _press(process: subprocess.Popen[str], late: float) -> None:
     """End a worker that does not stop by itself, `late` seconds after its grace."""
-    if late >= KILL_GRACE:
-        _signal(process, "kill")
-    elif late >= 0.0:
-        _signal(process, "terminate")
+    if late >= 0.0:
+        _end(process, at_once=late >= KILL_GRACE)
 
 
-def _signal(process: subprocess.Popen[str], how: str) -> None:
-    """Interrupt, terminate or kill the worker's process group; a worker that is gone already is no error."""
+def _ask(process: subprocess.Popen[str]) -> None:
+    """Ask the worker to stop at its next safe point; one that is gone already is no error."""
+    with contextlib.suppress(OSError):
+        process.stdin.write("cancel\n")
+        process.stdin.flush()
+
+
+def _end(process: subprocess.Popen[str], at_once: bool) -> None:
+    """End the worker and all that it has started: politely first, unless `at_once`; Windows knows one way only."""
+    if systems.windows():
+        # a virtual environment's python.exe starts the real Python as a child
+        tree = ["taskkill", "/F", "/T", "/PID", str(process.pid)]
+        with contextlib.suppress(OSError):
+            subprocess.run(tree, stdin=subprocess.DEVNULL, capture_output=True, check=False, **systems.quiet())
+        with contextlib.suppress(OSError):  # where there is no taskkill
+            process.kill()
+        return
     with contextlib.suppress(ProcessLookupError, PermissionError):
-        if sys.platform == "win32":
-            {"interrupt": lambda: process.send_signal(signal.CTRL_BREAK_EVENT), "terminate": process.terminate, "kill": process.kill}[how]()
-        else:
-            os.killpg(process.pid, {"interrupt": signal.SIGINT, "terminate": signal.SIGTERM, "kill": signal.SIGKILL}[how])
+        os.killpg(process.pid, signal.SIGKILL if at_once else signal.SIGTERM)
 
 
 def _farewell(code: int, cancelled: bool, log: deque[str]) -> Message:

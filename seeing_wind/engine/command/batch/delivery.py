@@ -6,6 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
+from ... import systems
 from ...errors import TakeError, UsageError
 from ...reading import read_toml
 from .jobs import EDIT_FILES, FILES, Job
@@ -89,8 +90,8 @@ class Incoming:
             try:
                 shutil.rmtree(former, ignore_errors=True)
                 if Path(take).exists():
-                    os.replace(take, former)
-                os.replace(place, take)
+                    systems.replace(take, former)
+                systems.replace(place, take)
             except OSError as error:
                 raise TakeError(f"{take} cannot be replaced: {error.strerror or error}.", f"The new one is in {place}.") from error
             shutil.rmtree(former, ignore_errors=True)

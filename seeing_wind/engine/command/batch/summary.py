@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from ... import systems
 from ...reading import read_json
 from .jobs import Job
 
@@ -76,7 +76,7 @@ class Summary:
         rows = [self.outcomes.get(job.name) or Outcome(job.name, "left", 0.0, "", *self._before.get(job.name, ())) for job in self.jobs]
         aside = self.path.with_name(self.path.name + ".part")
         aside.write_text(json.dumps({"jobs": [vars(each) for each in rows]}, indent=2) + "\n", encoding="utf-8")
-        os.replace(aside, self.path)
+        systems.replace(aside, self.path)
         return outcome
 
     def count(self, *outcomes: str) -> int:

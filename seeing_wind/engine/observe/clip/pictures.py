@@ -1,8 +1,9 @@
-"""Reading one picture from a file: a frame of a sequence, a mask, a pin mask."""
+"""Image files read and written by Python: OpenCV opens a path that is not ASCII on Linux and macOS only."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -12,16 +13,16 @@ from ...reading import regular
 
 
 def read_picture(path: str | os.PathLike[str], flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
-    """A picture as OpenCV reads it with `flags`, by default (H, W, 3) uint8 BGR.
+    """An image as OpenCV decodes it with `flags`, by default (H, W, 3) uint8 BGR.
 
     Raises:
         OSError: no regular file.
-        ValueError: no picture, or one of more than `LARGEST_PICTURE` pixels. The worker has OpenCV refuse those by their header,
+        ValueError: no image, or one of more than `LARGEST_PICTURE` pixels. The worker has OpenCV refuse those by their header,
             whatever the format (see `engine/__main__.py`).
     """
     regular(path)
     try:
-        picture = cv2.imread(os.fspath(path), flags)
+        picture = cv2.imdecode(np.fromfile(path, np.uint8), flags)
     except cv2.error as error:
         raise ValueError(_too_large("its header states") if "CV_IO_MAX_IMAGE" in str(error) else "it is damaged") from error
     if picture is None:
@@ -30,8 +31,17 @@ def read_picture(path: str | os.PathLike[str], flags: int = cv2.IMREAD_COLOR) ->
     return picture
 
 
+def write_png(path: Path, picture: np.ndarray) -> None:
+    """Write an image (H, W) or (H, W, 3) BGR, uint8.
+
+    Raises:
+        OSError: when the file cannot be written.
+    """
+    path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+
+
 def check_size(width: float, height: float) -> None:
-    """ValueError for a picture of more than `LARGEST_PICTURE` pixels."""
+    """ValueError for an image of more than `LARGEST_PICTURE` pixels."""
     if width * height > LARGEST_PICTURE:
         raise ValueError(_too_large(f"it has {width:.0f}x{height:.0f},"))
 

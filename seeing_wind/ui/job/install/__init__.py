@@ -4,5 +4,7 @@ environment  where it is
 install      Install Engine: the programs that make it, as one job
 choices      what the user has chosen in the preferences
 preferences  the preferences themselves, as Blender shows them
-operators    Install Engine, Doctor, Open Preferences
+standalone   a Python of the engine's own, where the system has none
+fetch_python the program that downloads and unpacks it
+operators    Install Engine, Fetch Python, Doctor, Open Preferences
 """

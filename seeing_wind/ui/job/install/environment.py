@@ -15,9 +15,11 @@ from pathlib import Path
 
 import bpy
 
+from ....engine import systems
 from ....engine.errors import MissingPackage, SeeingWindError
 from .. import status
 from ..worker_command import ROOT, environment
+from . import standalone
 from .choices import EXTENSION, preferred_python
 
 VERSIONS = ((3, 11), (3, 12), (3, 13))
@@ -26,7 +28,17 @@ VERSIONS = ((3, 11), (3, 12), (3, 13))
 MARKER = ".complete"
 """Written into an environment when all packages are in it."""
 
+LONGEST_INSIDE = 189
+"""Characters of the longest path inside an environment: a licence in PyTorch's wheel."""
+
 PROBE_SECONDS = 10.0
+
+ABLE = (
+    "import glob, os, sys, venv, ensurepip;"
+    "made = glob.glob(os.path.join(os.path.dirname(venv.__file__), 'scripts', 'nt', '*.exe'));"
+    "print(*sys.version_info[:2]) if made or os.name != 'nt' else None"
+)
+"""Prints the version of a Python that can make environments. On Windows it copies a launcher for that, which some builds leave out."""
 
 
 class NoOnlineAccess(SeeingWindError):
@@ -39,6 +51,16 @@ class WrongPython(SeeingWindError):
     """The preference names something that is no Python."""
 
     mend = "open_preferences"
+
+
+class NoPython(SeeingWindError):
+    """There is no Python of a version that the engine's packages are built for."""
+
+
+class FetchablePython(NoPython):
+    """There is none, but one can be fetched."""
+
+    mend = "fetch_python"
 
 
 def engine_python() -> str:
@@ -65,25 +87,36 @@ def engine_python() -> str:
 
 
 def user_environment(create: bool) -> Path | None:
-    """The folder of the environment that Install Engine makes; None where this is no installed extension."""
+    """The folder of the environment that Install Engine makes; None where this is no installed extension.
+
+    Blender deletes it with the extension, except on a Windows that takes no long paths: there PyTorch's would not fit below Blender's
+    folder, and it is `seeing_wind` in the user's local application data.
+    """
     if not EXTENSION.startswith("bl_ext."):
         return None
     try:
-        return Path(bpy.utils.extension_path_user(EXTENSION, path="engine", create=create))
+        folder = Path(bpy.utils.extension_path_user(EXTENSION, path="engine", create=create))
     except ValueError:  # enabled in another way than through a repository
         return None
+    local = os.environ.get("LOCALAPPDATA")
+    if not local or not systems.too_long(folder, LONGEST_INSIDE):
+        return folder
+    folder = Path(local) / "seeing_wind" / f"engine-{bpy.app.version[0]}.{bpy.app.version[1]}"
+    if create:
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def executable(folder: Path) -> Path:
     """The Python of a virtual environment."""
-    return folder / "Scripts" / "python.exe" if sys.platform == "win32" else folder / "bin" / "python"
+    return folder / "Scripts" / "python.exe" if systems.windows() else folder / "bin" / "python"
 
 
 def base_python() -> str:
-    """A Python to make the environment with: Blender's own if it can, else one of the PATH.
+    """A Python to make the environment with: Blender's own if it can, else one of the system, else the one that was fetched.
 
     Raises:
-        SeeingWindError: when there is none of a version that the engine's packages are built for.
+        NoPython: when there is none of a version that the engine's packages are built for.
     """
     tried = []
     for candidate in _candidates():
@@ -93,29 +126,37 @@ def base_python() -> str:
         if version:
             tried.append(f"{candidate} is {version[0]}.{version[1]}")
     wanted = ", ".join(f"{a}.{b}" for a, b in VERSIONS)
-    found = f" ({'; '.join(tried)})" if tried else ""
-    raise SeeingWindError(
-        f"No Python {wanted} with venv was found{found}.",
-        "Install one of these from your system or python.org, then try again, or name one in the preferences.",
-    )
+    found = f" ({'; '.join(dict.fromkeys(tried))})" if tried else ""
+    message = f"No Python {wanted} with venv was found{found}."
+    if standalone.build() is not None and standalone.place(create=False) is not None:
+        raise FetchablePython(message, f"Fetch one for the engine alone: {standalone.SIZE}. Or name yours in the preferences.")
+    raise NoPython(message, "Install one of these from your system or python.org, then try again, or name one in the preferences.")
 
 
 def _candidates() -> Iterator[str]:
     yield sys.executable
+    launcher = shutil.which("py") if systems.windows() else None
     for major, minor in reversed(VERSIONS):
         found = shutil.which(f"python{major}.{minor}")
         if found:
             yield found
+        if launcher:  # of python.org's installer, which puts no Python on the PATH
+            said = _said([launcher, f"-{major}.{minor}"], "import sys; print(sys.executable)").strip()
+            if said:
+                yield said
     for name in ("python3", "python"):
         found = shutil.which(name)
         if found:
             yield found
+    fetched = standalone.place(create=False)
+    if fetched is not None and standalone.executable(fetched).is_file():
+        yield str(standalone.executable(fetched))
 
 
 def _probe(candidate: str) -> tuple[int, int] | None:
     """The version of a Python that can make environments, None for anything else."""
     try:
-        major, minor = _said(candidate, "import sys, venv, ensurepip; print(*sys.version_info[:2])").split()
+        major, minor = _said([candidate], ABLE).split()
         return int(major), int(minor)
     except ValueError:  # no such Python: the next candidate
         return None
@@ -123,15 +164,15 @@ def _probe(candidate: str) -> tuple[int, int] | None:
 
 def answers(python: str, code: str) -> bool:
     """Whether `python` runs `code` without an error."""
-    return _said(python, f"{code}; print('yes')").strip() == "yes"
+    return _said([python], f"{code}; print('yes')").strip() == "yes"
 
 
-def _said(python: str, code: str) -> str:
+def _said(python: list[str], code: str) -> str:
     """What `python -c code` prints; "" where it is not there or hangs."""
     try:
         answer = subprocess.run(
-            [python, "-c", code],
-            capture_output=True, text=True, timeout=PROBE_SECONDS, env=environment(), stdin=subprocess.DEVNULL, check=False,
+            [*python, "-c", code], stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace",
+            timeout=PROBE_SECONDS, env=environment(), check=False, **systems.quiet(),
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired):
         return ""

@@ -13,9 +13,12 @@ from typing import NamedTuple
 
 import bpy
 
+from ....engine import systems
 from ....engine.errors import SeeingWindError, UsageError
 from .. import worker
 from ..worker_command import ROOT, command, environment
+from . import environment as engine_environment
+from . import standalone
 from .choices import engine_choices
 from .environment import MARKER, NoOnlineAccess, answers, base_python, executable, user_environment
 
@@ -26,6 +29,8 @@ CPU_INDEX = "https://download.pytorch.org/whl/cpu"
 CUDA_INDEX = "https://download.pytorch.org/whl/cu130"
 """PyTorch's own indexes of builds. On Linux the build on PyPI has CUDA; on Windows it has none."""
 
+ALLOW = "Allow Online Access in Preferences > System > Network."
+FETCHING = "Fetching a Python"
 TRYING = "Trying the engine"
 AGAIN = "Press Install Engine again: it goes on with what has been downloaded."
 
@@ -33,8 +38,11 @@ RETRIES = ("--retries", "8", "--timeout", "60")
 """Of a connection that breaks or stalls."""
 
 
-def install() -> worker.Messages:
+def install(fetch_python: bool = False) -> worker.Messages:
     """Make the environment and install the engine's packages, as a job.
+
+    Args:
+        fetch_python: where no Python fits, fetch one first.
 
     Raises:
         NoOnlineAccess: when Blender may not go online and no folder of wheels is named.
@@ -47,12 +55,26 @@ def install() -> worker.Messages:
     if not wheels and not bpy.app.online_access:
         raise NoOnlineAccess(
             "Installing the engine needs the network, and Blender may not use it.",
-            "Allow Online Access in Preferences > System > Network, or name a folder of wheels in the extension's preferences.",
+            f"{ALLOW.rstrip('.')}, or name a folder of wheels in the extension's preferences.",
         )
     folder = user_environment(create=True)
     if folder is None:
         raise SeeingWindError("This is not an installed extension.", "From source, run `make setup` instead.")
-    return run(base_python(), folder, torch, wheels)
+    if systems.too_long(folder, engine_environment.LONGEST_INSIDE):
+        raise SeeingWindError(
+            f"The path of the engine's folder is too long for this Windows: {folder}.",
+            "Switch long paths on in Windows, or name a Python with the engine's packages in the preferences.",
+        )
+    try:
+        return run(base_python(), folder, torch, wheels)
+    except engine_environment.FetchablePython:
+        if not fetch_python:
+            raise
+    if not bpy.app.online_access:
+        raise NoOnlineAccess("Fetching a Python needs the network, and Blender may not use it.", ALLOW)
+    home = standalone.place(create=True)
+    assert home is not None  # or it could not have been offered
+    return _fetched_first(home, folder, torch, wheels)
 
 
 class Program(NamedTuple):
@@ -65,13 +87,24 @@ class Program(NamedTuple):
     command: list[str]
 
 
+def _fetched_first(home: Path, folder: Path, torch: str, wheels: str) -> worker.Messages:
+    """Fetch a Python into `home`, and go on with the installation."""
+    fetching = Program(FETCHING, 0.0, 0.01, standalone.command(home))
+    yield [{"type": "progress", "fraction": fetching.first, "message": FETCHING}]
+    last = yield from _told(worker.run(fetching.command, cwd=str(home.parent), env=environment(), grace=0.0), fetching)
+    if last["outcome"] != "done":
+        return last
+    return (yield from run(base_python(), folder, torch, wheels))
+
+
 def run(base: str, folder: Path, torch: str, wheels: str) -> worker.Messages:
     """All programs one after the other; the marker is written when the engine has said that it is well."""
     (folder / MARKER).unlink(missing_ok=True)
     last: worker.Message = {}
     for program in programs(base, folder, torch, wheels):
         yield [{"type": "progress", "fraction": program.first, "message": program.title}]
-        last = yield from _told(worker.run(program.command, cwd=str(folder), env=environment()), program)
+        # only the engine listens to a request to stop; pip is ended, and what it has fetched stays
+        last = yield from _told(worker.run(program.command, cwd=str(folder), env=environment(), grace=0.0), program)
         if last["outcome"] != "done":
             return last
     (folder / MARKER).write_text("made by Install Engine\n", encoding="utf-8")
@@ -139,7 +172,10 @@ def _told(messages: worker.Messages, program: Program) -> worker.Messages:
                         fraction += (program.last - fraction) * 0.05
                     said = f"{program.title}: {message['message'].strip()[:80]}"
                     told.append({"type": "progress", "fraction": fraction, "message": said})
-                elif message["type"] == "error" and program.title != TRYING:
+                elif message["type"] == "progress":
+                    fraction = program.first + (program.last - program.first) * float(message["fraction"])
+                    told.append({**message, "fraction": fraction})
+                elif message["type"] == "error" and program.title not in (TRYING, FETCHING):
                     said = message["message"].replace("The engine stopped", f"{program.title} stopped")
                     told.append({**message, "message": said, "hint": AGAIN})
                 else:

@@ -29,6 +29,17 @@ class SEEING_WIND_OT_install_engine(JobOperator, bpy.types.Operator):
         return "The engine is installed"
 
 
+class SEEING_WIND_OT_fetch_python(SEEING_WIND_OT_install_engine):
+    """Fetch a Python for the engine alone into the extension's folder (about 35 MB), then install the engine with it"""
+
+    bl_idname = "seeing_wind.fetch_python"
+    bl_label = "Fetch Python and Install Engine"
+
+    def start(self, scene):
+        """Only with the user's consent to go online."""
+        return install.install(fetch_python=True)
+
+
 class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
     """Ask the engine what is installed, what works, and what to do about the rest"""
 
@@ -70,4 +81,4 @@ class SEEING_WIND_OT_open_preferences(bpy.types.Operator):
         return bpy.ops.preferences.addon_show(module=EXTENSION)
 
 
-CLASSES = (SEEING_WIND_OT_install_engine, SEEING_WIND_OT_doctor, SEEING_WIND_OT_open_preferences)
+CLASSES = (SEEING_WIND_OT_install_engine, SEEING_WIND_OT_fetch_python, SEEING_WIND_OT_doctor, SEEING_WIND_OT_open_preferences)

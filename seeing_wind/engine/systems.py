@@ -1,0 +1,70 @@
+"""What Linux, macOS and Windows do differently: starting a process, putting a file in another's place, the length of a path.
+
+Everything asks `windows()` here, so that a test can put one system's rules in another's place.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+LONGEST_PATH = 259
+"""Characters of a whole path that Windows takes, unless long paths are switched on in its registry."""
+
+NO_WINDOW = 0x08000000
+"""CREATE_NO_WINDOW: a console program started from a window opens no console of its own. (`subprocess` has the names on Windows only.)"""
+NEW_GROUP = 0x00000200
+"""CREATE_NEW_PROCESS_GROUP: a Ctrl-C in this process's console does not reach the child."""
+
+PAUSES = (0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
+"""Seconds between tries to replace a file that somebody holds. A virus scanner or an indexer lets go of a new file within a second."""
+
+
+def windows() -> bool:
+    """Whether this is Windows."""
+    return sys.platform == "win32"
+
+
+def quiet() -> dict[str, Any]:
+    """Options of `subprocess.run` for a program that answers at once: no console flashes up."""
+    return {"creationflags": NO_WINDOW} if windows() else {}
+
+
+def apart() -> dict[str, Any]:
+    """Options of `subprocess.Popen` for a worker: in a process group of its own, which a Ctrl-C in our terminal does not reach."""
+    return {"creationflags": NO_WINDOW | NEW_GROUP} if windows() else {"start_new_session": True}
+
+
+def replace(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
+    """Put the file or folder `source` in the place of `target`, all or nothing.
+
+    Windows refuses while either is open in another program, a scanner of viruses for instance: there it is tried for two seconds.
+
+    Raises:
+        OSError: as `os.replace`; PermissionError on Windows while the file is still open elsewhere.
+    """
+    for pause in PAUSES if windows() else ():
+        try:
+            return os.replace(source, target)
+        except PermissionError:
+            time.sleep(pause)
+    os.replace(source, target)
+
+
+def too_long(folder: str | os.PathLike[str], inside: int) -> bool:
+    """Whether a path of `inside` characters in `folder` is longer than this Windows takes; never on other systems."""
+    return windows() and len(str(Path(folder).absolute())) + 1 + inside > LONGEST_PATH and not _long_paths()
+
+
+def _long_paths() -> bool:
+    """Whether Windows is set to take long paths (Python asks for them in its manifest)."""
+    import winreg
+
+    try:
+        with winreg.OpenKey(winreg.HKEY_LOCAL_MACHINE, r"SYSTEM\CurrentControlSet\Control\FileSystem") as key:  # type: ignore[attr-defined]
+            return bool(winreg.QueryValueEx(key, "LongPathsEnabled")[0])  # type: ignore[attr-defined]
+    except OSError:
+        return False
