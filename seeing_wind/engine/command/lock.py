@@ -44,23 +44,36 @@ def held(take: Take, verb: str, progress: Progress) -> Iterator[Take]:
         TakeInUse: another process holds it; the message says who, and since when.
         TakeError: the folder cannot be written.
     """
+    made = not take.path.exists()
     take.prepare()
-    with _opened(take.file(NAME)) as file:
-        try:
-            _lock(file)
-        except OSError as error:
-            if error.errno in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
-                raise TakeInUse(
-                    f"{take.path} is in use: {_holder(file)}.",
-                    "Wait until it has finished, stop it, or choose another folder with --take.",
-                ) from error
-            progress.warn(f"{take.path} cannot be locked ({error.strerror}): see that no other job writes to it.")
-        _sign(file, {"verb": verb, "pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")})
-        take.clear_leftovers()
-        try:
-            yield take
-        finally:
-            _sign(file, {})
+    try:
+        with _opened(take.file(NAME)) as file:
+            try:
+                _lock(file)
+            except OSError as error:
+                if error.errno in (errno.EAGAIN, errno.EACCES, errno.EDEADLK):
+                    raise TakeInUse(
+                        f"{take.path} is in use: {_holder(file)}.",
+                        "Wait until it has finished, stop it, or choose another folder with --take.",
+                    ) from error
+                progress.warn(f"{take.path} cannot be locked ({error.strerror}): see that no other job writes to it.")
+            _sign(file, {"verb": verb, "pid": os.getpid(), "host": socket.gethostname(), "since": time.strftime("%Y-%m-%d %H:%M:%S")})
+            take.clear_leftovers()
+            try:
+                yield take
+            finally:
+                _sign(file, {})
+    finally:
+        if made:
+            _remove_if_empty(take)
+
+
+def _remove_if_empty(take: Take) -> None:
+    """Remove a folder in which nothing was kept, as of a job that found no clip."""
+    with contextlib.suppress(OSError):
+        if [path.name for path in take.path.iterdir()] == [NAME]:
+            take.file(NAME).unlink()
+            take.path.rmdir()
 
 
 def _opened(path: Path) -> IO[bytes]:
