@@ -15,6 +15,7 @@ help:
 	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
 	@echo "make tables     the paper's tables, an hour or two; SHORT=1 for two rows, ROW=NAME for one"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
+	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
 	@echo "make screenshots SHOOT=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
 	@echo "make clean      remove build/"
 
@@ -67,6 +68,10 @@ benchmark-mpm: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[benchmark-mpm]"
 	$(PY) benchmarks/mpm.py
 
+# Two idle cores take about ten minutes.
+benchmark-report: setup
+	$(PY) benchmarks/report_share.py $(RUN)
+
 screenshots: setup
 	@[ -n "$(SHOOT)" ] || { echo "SHOOT= names a program that shows Blender's window and photographs it, see docs/screenshots/make.sh" >&2; exit 2; }
 	bash docs/screenshots/make.sh $(SHOOT) $(STATE)
@@ -74,4 +79,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup engine-environment lock quick-recover demo scenes lint test extension tables benchmark-mpm screenshots clean
+.PHONY: help setup engine-environment lock quick-recover demo scenes lint test extension tables benchmark-mpm benchmark-report screenshots clean
