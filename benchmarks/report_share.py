@@ -2,7 +2,7 @@
 
 A textured square turns and swings before a mottled wall. Prints, for each length, the share of each stage and of each of the report's
 products, and the most memory that the engine's process held. Exits with 1 where the report takes more than a fifth, or the memory of the
-longest clip is more than a quarter above that of the shortest. Options after -- are the engine's, such as --particles 64 --report quick.
+longest clip is more than a quarter above that of the shortest. Options after -- are the engine's, such as --particles 64 --report full.
 """
 
 from __future__ import annotations

@@ -74,9 +74,8 @@ class _Drawing:
         self.size = (width * self.zoom // 2 * 2, height * self.zoom // 2 * 2)
         self.camera, self.recovery, self.fps = observation.camera, recovery, field.fps
         self.chosen = _carriers(observation, recovery.x)
-        points = recovery.x[:-1, self.chosen]
-        self.force, self.confidence = sample_points(field, points)
-        everywhere = sample_points(field, recovery.x[:-1])[0]
+        everywhere, sure = sample_points(field, recovery.x[:-1])
+        self.force, self.confidence = everywhere[:, self.chosen], sure[:, self.chosen]
         self.mean = everywhere.mean(axis=1)
         self.top = scale_top(np.linalg.norm(everywhere, axis=-1))
         self.dials = Dials(self.size, self.top, float(np.linalg.norm(self.mean, axis=1).max()))
