@@ -23,6 +23,7 @@ help:
 	@echo "make test-quadrants  the solver's tests and a quick recovery with kernels compiled by Quadrants instead of Taichi"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
 	@echo "make benchmark-compilers  Quadrants beside Taichi"
+	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
 	@echo "make screenshots SHOOT=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
 	@echo "make clean      remove build/"
 
@@ -110,6 +111,10 @@ benchmark-compilers: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[quadrants]"
 	$(PY) benchmarks/compilers.py
 
+# Two idle cores take about ten minutes.
+benchmark-report: setup
+	$(PY) benchmarks/report_share.py $(RUN)
+
 screenshots: setup
 	@[ -n "$(SHOOT)" ] || { echo "SHOOT= names a program that shows Blender's window and photographs it, see docs/screenshots/make.sh" >&2; exit 2; }
 	bash docs/screenshots/make.sh $(SHOOT) $(STATE)
@@ -117,4 +122,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup lock quick-recover quick-recover-matrix demo scenes lint test test-quadrants faults extension tables benchmark-mpm benchmark-compilers screenshots clean
+.PHONY: help setup lock quick-recover quick-recover-matrix demo scenes lint test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report screenshots clean

@@ -114,6 +114,7 @@ def pixels(*views: int, by_distance: bool = False) -> Callable[[Path, Path, str]
         engine(
             *("recover", scene / "clip.mp4", "--take", take, "--camera", scene / "camera.json", "--mask", scene / "mask_0000.png"),
             *("--no-gravity", "--density", truth["rho"], "--youngs-modulus", truth["E"], "--poisson-ratio", truth["nu"]),
+            *("--report", "full"),
             *(*depth, *plastic, *pin, *more),
         )
         return f"{scores(shared / f'truth/{name}.npz', take)}   {looks(take)}"

@@ -121,7 +121,7 @@ REPORTS = ("none", "quick", "full")
 class ReportSettings:
     """What is drawn of a recovery."""
 
-    report: str = "full"
+    report: str = "quick"
     """One of REPORTS. none: nothing; quick: report.json, report.png, overlay.mp4; full: resimulated.mp4 and the look of the clip, too."""
 
 

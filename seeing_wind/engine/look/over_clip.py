@@ -54,8 +54,8 @@ OFF = 10.0
 """Residual of the motion [px] at which a picture counts half: where the body is not where it was filmed, it would only be blurred.
 Smaller ones tell of tracks that went astray, on a sheet seen edge-on, as often as of a body that did."""
 
-ITERATIONS = 100
-"""Of the conjugate gradients."""
+ITERATIONS = 40
+"""Of the conjugate gradients: 60 more bring the fit 0.1 dB closer, and took half of the time of a report."""
 
 
 Box = tuple[int, int, int, int]

@@ -20,6 +20,7 @@ from seeing_wind.engine.settings import ObserveSettings
 
 
 def overlap(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+    found, true = np.asarray(found), np.asarray(true)
     return (found & true).sum(axis=(1, 2)) / (found | true).sum(axis=(1, 2))
 
 

@@ -36,12 +36,14 @@ def write_overlay(
     recovery: Recovery,
     field: ForceField,
     progress: Progress | None = None,
+    sampled: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Path:
     """Draw the field's forces at the moving particles on every picture and write overlay.mp4 into the take.
 
     Args:
         frames: the clip's T + 1 pictures (H, W, 3) uint8 RGB; observation: at their size.
         recovery: its simulated particle positions carry the arrows.
+        sampled: force density (T, N, 3) and confidence (T, N) of `field` at the particles, if they are known already: it takes long.
 
     Returns:
         The video's path.
@@ -51,7 +53,7 @@ def write_overlay(
         TakeError, MissingPackage: when the video cannot be written.
     """
     progress = progress or NoProgress()
-    drawing = _Drawing(observation, recovery, field)
+    drawing = _Drawing(observation, recovery, field.fps, sampled or sample_points(field, recovery.x[:-1]))
     pictures = iter(frames)
     with take.writing("overlay.mp4") as path, video_writer(path, field.fps, drawing.size) as writer:
         for picture in range(recovery.x.shape[0]):
@@ -66,16 +68,15 @@ def write_overlay(
 class _Drawing:
     """What stays the same over the video: which particles carry arrows, the scale, the dials."""
 
-    def __init__(self, observation: Observation, recovery: Recovery, field: ForceField) -> None:
+    def __init__(self, observation: Observation, recovery: Recovery, fps: float, sampled: tuple[np.ndarray, np.ndarray]) -> None:
         height, width = observation.image.shape[:2]
         self.zoom = max(1, -(-LONGER // max(width, height)))
         # encoders of 4:2:0 video want even sizes
         self.size = (width * self.zoom // 2 * 2, height * self.zoom // 2 * 2)
-        self.camera, self.recovery, self.fps = observation.camera, recovery, field.fps
+        self.camera, self.recovery, self.fps = observation.camera, recovery, fps
         self.chosen = _carriers(observation, recovery.x)
-        points = recovery.x[:-1, self.chosen]
-        self.force, self.confidence = sample_points(field, points)
-        everywhere = sample_points(field, recovery.x[:-1])[0]
+        everywhere, sure = sampled
+        self.force, self.confidence = everywhere[:, self.chosen], sure[:, self.chosen]
         self.mean = everywhere.mean(axis=1)
         self.top = scale_top(np.linalg.norm(everywhere, axis=-1))
         self.dials = Dials(self.size, self.top, float(np.linalg.norm(self.mean, axis=1).max()))

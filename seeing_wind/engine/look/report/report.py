@@ -52,7 +52,8 @@ def write_report(
         Cancelled: at a safe point.
     """
     progress = progress or NoProgress()
-    confidence = sample_points(field, recovery.x[:-1])[1]
+    sampled = sample_points(field, recovery.x[:-1])
+    confidence = sampled[1]
     figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, settings, truth)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
     products = Products(level, progress)
@@ -65,7 +66,7 @@ def write_report(
     keep = {*measured, *pictures_fitted(observation.masks, recovery).tolist()} if full else set(measured)
     footage = products.make("clip", lambda: film(observation, recovery, small, keep, progress))
     if footage is not None:
-        products.make("overlay.mp4", lambda: write_overlay(take, footage.clip.frames, small, recovery, field, progress))
+        products.make("overlay.mp4", lambda: write_overlay(take, footage.clip.frames, small, recovery, field, progress, sampled))
     if footage is not None and full:
         # Where the look cannot be fitted, that of picture 0 does.
         body = products.make("gaussians.ply", lambda: _write_look(take, footage, body, recovery, progress)) or body

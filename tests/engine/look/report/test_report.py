@@ -82,6 +82,46 @@ def test_all_files(tmp_path, pictures):
     assert sorted(path.name for path in take.path.iterdir()) == names
 
 
+def test_levels(tmp_path, pictures):
+    found, particles = recovery()
+    field, seen = UniformField(BOX, FPS, FRAMES, FORCE), observation(pictures)
+    none = write_report(Take(tmp_path / "none.take"), seen, body(particles), found, field, {}, level="none")
+    assert not (tmp_path / "none.take").exists() and none["report"]["level"] == "none" and none["frames"] == FRAMES
+    quick = write_report(Take(tmp_path / "quick.take"), seen, body(particles), found, field, {}, level="quick")
+    assert sorted(path.name for path in (tmp_path / "quick.take").iterdir()) == ["overlay.mp4", "report.json", "report.png"]
+    assert "resimulated" not in quick and set(quick["report"]["seconds"]) == {"report.png", "clip", "overlay.mp4"}
+    write_trajectory_report(Take(tmp_path / "t.take"), particles, body(particles).material, found, field, {}, level="none")
+    assert not (tmp_path / "t.take").exists()
+
+
+def test_a_product_that_cannot_be_made_does_not_cost_the_others(tmp_path, pictures, monkeypatch, capsys):
+    found, particles = recovery()
+    field, told = UniformField(BOX, FPS, FRAMES, FORCE), []
+    take = Take(tmp_path / "a.take")
+    monkeypatch.setattr("seeing_wind.engine.look.report.video.CODECS", ())
+    figures = write_report(take, observation(pictures), body(particles), found, field, {}, progress=Progress(told.append))
+    assert set(figures["report"]["missing"]) == {"overlay.mp4", "resimulated.mp4"}
+    assert "codecs" in figures["report"]["missing"]["overlay.mp4"] and json.loads(take.file("report.json").read_text()) == figures
+    assert sorted(path.name for path in take.path.iterdir()) == ["gaussians.ply", "report.json", "report.png"]
+    warned = [one["message"] for one in told if one["type"] == "warning"]
+    assert len(warned) == 2 and warned[0].startswith("The report's overlay.mp4 could not be made. This OpenCV can write none of")
+
+    monkeypatch.setattr("seeing_wind.engine.look.report.report.draw_report", lambda *arguments: cv2.getLogLevelOfOldVersions())
+    gone = write_report(Take(tmp_path / "b.take"), observation(str(tmp_path / "gone.mp4")), body(particles), found, field, {})
+    assert set(gone["report"]["missing"]) == {"report.png", "clip"} and "no clip" in gone["report"]["missing"]["clip"]
+    assert "Unexpected AttributeError" in gone["report"]["missing"]["report.png"] and "Traceback" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "b.take").iterdir()] == ["report.json"]
+
+
+def test_a_clip_that_was_replaced_is_not_drawn_on(tmp_path, pictures):
+    found, particles = recovery()
+    seen, field = observation(pictures), UniformField(BOX, FPS, FRAMES, FORCE)
+    for path in sorted((tmp_path / "clip").iterdir()):
+        cv2.imwrite(str(path), np.zeros((50, 60, 3), np.uint8))
+    figures = write_report(Take(tmp_path / "a.take"), seen, body(particles), found, field, {}, level="quick")
+    assert "60x50 now" in figures["report"]["missing"]["clip"]
+
+
 def test_the_stiffness_that_was_found_stands_beside_the_one_given(tmp_path):
     found, particles = recovery()
     field, given = UniformField(BOX, FPS, FRAMES, FORCE), body(particles).material

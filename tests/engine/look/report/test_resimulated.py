@@ -9,9 +9,18 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ClipError
-from seeing_wind.engine.look.report.backdrop import relit
-from seeing_wind.engine.look.report.footage import Footage
-from seeing_wind.engine.look.report.resimulated import look_over_clip, psnr, resimulated, ssim, write_resimulated
+from seeing_wind.engine.look.report.backdrop import behind, relit
+from seeing_wind.engine.look.report.footage import Footage, reduced
+from seeing_wind.engine.look.report.resimulated import (
+    SAMPLED,
+    likeness,
+    look_over_clip,
+    pictures_measured,
+    psnr,
+    resimulated,
+    ssim,
+    write_resimulated,
+)
 from seeing_wind.engine.observe.clip.frames import Clip
 from seeing_wind.engine.observe.clip.lens import Lens
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Observation, Recovery
@@ -98,6 +107,39 @@ def test_a_look_for_the_whole_clip_keeps_the_motion(tmp_path):
     assert away.max() < 0.025 and (fitted.particles.x == blobs.particles.x).all(), "parts of the blobs, within their width"
     carried = fitted.gaussians.attachment.follow(found.x) - fitted.gaussians.x
     assert carried == pytest.approx(np.broadcast_to((found.x - found.x[0]).mean(axis=1)[:, None], carried.shape), abs=1e-6)
+
+
+def test_a_box_shows_what_the_whole_picture_does():
+    seen, blobs, found = coloured()
+    dim = (0.6 * seen.background).astype(np.uint8)
+    for poses in (seen.camera.camera_to_world, np.repeat(seen.camera.camera_to_world[None], FRAMES + 1, axis=0)):
+        one = dataclasses.replace(seen, camera=dataclasses.replace(seen.camera, camera_to_world=poses))
+        x0, y0, x1, y1 = box = (50, 31, 103, 90)
+        for part, whole in (
+            (behind(one, 2, dim, box), behind(one, 2, dim)),
+            (resimulated(dim, one, blobs, found, 2, box), resimulated(dim, one, blobs, found, 2)),
+        ):
+            assert np.abs(part.astype(int) - whole[y0:y1, x0:x1]).max() <= 1
+
+
+def test_a_large_clip_is_measured_in_some_of_its_pictures_at_its_own_size(tmp_path, monkeypatch):
+    monkeypatch.setattr("seeing_wind.engine.look.report.footage.LONGEST", 80)
+    seen, blobs, found = coloured()
+    filmed = np.stack([resimulated(seen.background, seen, blobs, found, t) for t in range(FRAMES + 1)])
+    seen = dataclasses.replace(seen, masks=(np.abs(filmed.astype(int) - seen.background) > 2).any(axis=-1))
+    small = reduced(seen)
+    assert small.image.shape == (60, 80, 3) and small.masks.shape == (FRAMES + 1, 60, 80)
+    x, factor = found.x[2], 80 / 161
+    assert small.camera.project(x)[0][:, 0] + 0.5 == pytest.approx(factor * (seen.camera.project(x)[0][:, 0] + 0.5))
+    pictures = pictures_measured(seen.masks, found)
+    assert pictures == list(range(FRAMES + 1)) and len(pictures) <= SAMPLED + 1
+    pale = dataclasses.replace(blobs, gaussians=dataclasses.replace(blobs.gaussians, sh=0.3 * blobs.gaussians.sh))
+    whole = write_resimulated(Take(tmp_path), filmed, seen, pale, found)
+    some = likeness(footage(filmed, seen), pale, found, pictures)
+    assert whole["psnr"] < 40.0 and some == pytest.approx(whole, abs=0.02), "as the video of a clip that is not reduced"
+    monkeypatch.setattr("seeing_wind.engine.look.report.resimulated.SAMPLED", 2)
+    assert pictures_measured(seen.masks, found) == [0, 1, FRAMES]
+    assert likeness(footage(filmed, seen), pale, found, [0, 1, FRAMES])["measured"] == 2
 
 
 def test_measures_against_their_definitions():

@@ -1,0 +1,66 @@
+"""Packed masks: the same as they were, small, and refused when damaged."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import TakeError
+from seeing_wind.engine.masks import Masks, areas
+from seeing_wind.engine.take import Take, from_arrays, to_arrays
+
+
+def some() -> np.ndarray:
+    """A blob that moves, vanishes, fills the picture, and is a single pixel in the corner."""
+    masks = np.zeros((5, 37, 53), bool)
+    masks[0, 5:20, 7:31] = np.random.default_rng(0).random((15, 24)) > 0.4
+    masks[1, 9:24, 20:44] = masks[0, 5:20, 7:31]
+    masks[3] = True
+    masks[4, 36, 52] = True
+    return masks
+
+
+def test_masks_come_back_as_they_were(tmp_path) -> None:
+    masks = some()
+    packed = Masks.of(masks)
+    assert packed.shape == masks.shape and len(packed) == 5
+    assert np.array_equal(packed, masks) and np.array_equal(packed[-1], masks[-1]) and np.array_equal(packed[1:3], masks[1:3])
+    assert np.array_equal(areas(packed), masks.sum(axis=(1, 2)))
+    take = Take(tmp_path)
+    take.write_arrays("masks.npz", to_arrays(packed))
+    assert np.array_equal(from_arrays(Masks, take.read_arrays("masks.npz")), masks)
+
+
+def test_a_large_mask_is_small() -> None:
+    rows, columns = np.mgrid[:2160, :3840]
+    disc = (rows - 1000) ** 2 + (columns - 2000) ** 2 < 600**2
+    assert len(Masks.of([disc]).packed) < 10_000
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"windows": np.array([[0, 0, 54, 37]], np.int32)},
+        {"windows": np.array([[9, 0, 3, 37]], np.int32)},
+        {"ends": np.array([10_000_000])},
+        {"ends": np.array([1, 2])},
+        {"packed": np.zeros(3, np.int64)},
+    ],
+)
+def test_parts_that_contradict_each_other_are_refused(change: dict) -> None:
+    packed = Masks.of(some()[:1])
+    with pytest.raises(TakeError, match="damaged"):
+        dataclasses.replace(packed, **change)
+
+
+@pytest.mark.parametrize("content", [b"no zlib at all", b""])
+def test_content_that_is_none_is_refused(content: bytes) -> None:
+    packed = Masks.of(some()[:1])
+    other = np.frombuffer(content, np.uint8)
+    broken = dataclasses.replace(packed, packed=other, ends=np.array([len(other)]))
+    with pytest.raises(TakeError, match="damaged"):
+        broken[0]
+    with pytest.raises(ValueError, match="no masks"):
+        Masks.of([])
