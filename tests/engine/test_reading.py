@@ -13,7 +13,15 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.reading import (
-    DEEPEST, array_names, check_record, parse_json, read_array, read_arrays, read_json, read_toml, regular,
+    DEEPEST,
+    array_names,
+    check_record,
+    parse_json,
+    read_array,
+    read_arrays,
+    read_json,
+    read_toml,
+    regular,
 )  # fmt: skip
 from seeing_wind.engine.records import Outcome, Recovery
 

@@ -186,7 +186,8 @@ def test_assumptions_and_visible_reach_the_result_and_the_report(tmp_path: Path)
         for words in ("pinned is not read", "lacks nu (0.3)", "no gravity"):
             assert sum(words in note for note in result["notes"]) == 1
             assert any(words in message["message"] for message in told if message["type"] == "warning")
-        assert report["material"]["source"] == "from the trajectory file: youngs_modulus; assumed: poisson_ratio; given by the user: density"
+        source = report["material"]["source"]
+        assert source == "from the trajectory file: youngs_modulus; assumed: poisson_ratio; given by the user: density"
     force = np.array(report["mean_net_force"]) / report["mass"]
     np.testing.assert_allclose(force, [0.0, 0.0, -9.8], atol=0.3)
 
