@@ -6,21 +6,20 @@ import io
 import json
 import os
 import random
-import shutil
 import struct
 import zipfile
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from hypothesis import strategies as st
 
 from seeing_wind.engine.take import toml_text
 
-from .seeds import FPS, FRAMES, HEIGHT, WIDTH, blown
+from .calls import ARRAYS, EXPORT, READERS, RECOVER, SAMPLE, SIMULATE, SOLVE, STOP, TAKE_FILES, prepared
+from .pictures import pictures_say, ranges_say
+from .seeds import blown
 
 EXTREMES = (0, 1, -1, 2**31, 2**63, -(2**63), 10**400, 1e300, -1e300, 1e-300, float("nan"), float("inf"), -float("inf"), 0.5, True, "", "a")
 VALUES = st.recursive(
@@ -31,47 +30,6 @@ VALUES = st.recursive(
 """Anything that JSON or TOML can say in the place of what is wanted."""
 
 Family = Callable[[random.Random, Any, Path], list[Any]]
-
-RECOVER = ["recover", "clip.avi", "--take", "o.take", "--distance", 2, "--iterations", 1, "--representation", "point", "--fps", FPS]
-SOLVE = ["recover-trajectories", "t.npz", "--take", "o.take", "--iterations", 1, "--representation", "point"]
-SAMPLE = ["sample", "whole.take", "--points", "p.npy", "--frame", 0, "--out", "o.npz"]
-EXPORT = ["export", "whole.take", "--format", "npz", "--out", "o.npz"]
-SIMULATE = ["resimulate", "whole.take", "--edit", "edit.toml", "--take", "o.take"]
-LOOK = ["identify", "clip.avi", "--take", "o.take", "--material-endpoint", "http://127.0.0.1:9/v1", "--material-model", "none"]
-"""Reads the clip's first frames, and then finds that nobody answers."""
-STOP = ["--camera", "none.json"]
-"""Ends a recovery after its clip, depth and mask were read: the solve is not what is tried there."""
-
-
-def call_for(name: str) -> list[Any]:
-    """The cheapest call that reads the file `name`."""
-    calls = {
-        "camera.json": [*RECOVER, "--mask", "mask.png", "--camera", "camera.json"], "depth.npy": [*RECOVER[:4], "--mask", "mask.png",
-        "--depth", "depth.npy", "--fps", FPS, *STOP], "tracks.npz": [*RECOVER, "--mask", "mask.png", "--tracks", "tracks.npz"],
-        "t.npz": SOLVE, "p.npy": SAMPLE, "edit.toml": SIMULATE, "mesh.obj": SIMULATE, "mesh.npz": SIMULATE, "pins.npy": SIMULATE,
-        "mask.png": [*RECOVER, "--mask", "mask.png", *STOP], "pin.png": [*RECOVER, "--mask", "mask.png", "--pin", "pin.png"],
-        "clip.avi": LOOK, "objects.json": [*RECOVER, "--objects", "objects.json"],
-    }  # fmt: skip
-    return calls[name]
-
-
-READERS = ("camera.json", "depth.npy", "tracks.npz", "t.npz", "p.npy", "edit.toml", "mesh.npz", "mesh.obj", "pins.npy", "mask.png",
-           "pin.png", "clip.avi", "objects.json")  # fmt: skip
-ARRAYS = ("tracks.npz", "t.npz", "mesh.npz", "depth.npy", "p.npy", "pins.npy")
-TAKE_FILES = ("field.safetensors", "particles.npz", "trajectory.npz")
-
-
-def _edit_with(folder: Path, mesh: str) -> None:
-    text = (folder / "edit.toml").read_text()
-    (folder / "edit.toml").write_text(text.replace("mesh.obj", mesh))
-
-
-def prepared(name: str, folder: Path) -> list[Any]:
-    """The call that reads `name`, an edit's mesh made to be it."""
-    if name == "mesh.npz":
-        _edit_with(folder, name)
-    return call_for(name)
-
 
 def garbled(data: bytes, chance: random.Random) -> bytes:
     """Bytes flipped, cut out, doubled, or the file cut short."""
@@ -328,52 +286,6 @@ def no_take(chance: random.Random, value: Any, folder: Path) -> list[Any]:
         (folder / "t.npz").unlink()
     call[call.index(option) + 1] = place
     return call
-
-
-def png(width: int, height: int, data: bytes = b"", depth: int = 8) -> bytes:
-    def chunk(kind: bytes, content: bytes) -> bytes:
-        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
-
-    head = struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
-
-
-def pictures_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
-    """Masks and frames of one pixel, of 1 x 20000, of a thousand million, of another kind than their name says, or none at all."""
-    width, height = chance.choice(
-        [(1, 1), (20_000, 1), (1, 20_000), (30_000, 30_000), (2**31 - 1, 1), (2**31 - 1, 2**31 - 1), (0, 0), (WIDTH, HEIGHT)]
-    )
-    small = width * height <= 20_000
-    if chance.random() < 0.4:
-        (folder / "mask.png").write_bytes(png(width, height, b"\0" * (height * (width + 1)) if small else b"\0" * 1000))
-        return call_for("mask.png")
-    shutil.rmtree(folder / "frames")
-    (folder / "frames").mkdir()
-    ending = chance.choice(["png", "png", "png", "bmp", "tif", "webp", "jpg", "exr"])
-    for t in range(chance.choice([0, 1, FRAMES])):
-        target = folder / f"frames/{t:03d}.{ending}"
-        if small and width and ending != "exr":
-            cv2.imwrite(str(target), np.full((height, width, 3), 90 + t, np.uint8))
-        else:
-            target.write_bytes(png(width, height, b"\0" * 1000))
-    return [*RECOVER[:1], "frames", *RECOVER[2:], *chance.choice([["--mask", "mask.png"], ["--box", 0, 0, 1, 1], []]), *STOP]
-
-
-def ranges_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
-    """Options out of range, and a clip of 100,000 frames that are all one file."""
-    if chance.random() < 0.03:
-        for t in range(FRAMES, 100_000):
-            (folder / f"frames/{t:06d}.png").symlink_to("000.png")
-        return [*RECOVER[:1], "frames", *RECOVER[2:], "--frames", "99000:99999", "--mask", "mask.png", *STOP]
-    more = chance.choice(
-        [["--frames", "0:100000"], ["--frames", "5:5"], ["--box", 1e308, -1e308, 1e308, 1e308], ["--box", -1e308, -1e308, 1e308, 1e308],
-         ["--points", "1e308,1e308"], ["--points", "nan,1"], ["--distance", 1e-300], ["--pixels-per-metre", 1e300], ["--fov", 1e-300],
-         ["--density", 1e300], ["--youngs-modulus", 1e-300], ["--fps", 1e300], ["--particles", 10**9], ["--seed", -1],
-         ["--mask", "a" * 5000], ["--material", "a" * 5000], ["--view", "clip.avi", "none.json", "mask.png"], ["--law", "von_mises"],
-         ["--frames", f"{'9' * 5000}:1"], ["--gravity", "1e999", 0, 0], ["--depth", "p.npy"], ["--tracks", "t.npz"], ["--camera", "t.npz"]]
-    )  # fmt: skip
-    return [*RECOVER[:4], "--iterations", 1, *([] if more[0] in ("--mask", "--box", "--points") else ["--mask", "mask.png"]), *more,
-            *([] if more[0] in ("--camera", "--fov") else STOP)]  # fmt: skip
 
 
 FAMILIES: tuple[Family, ...] = (
