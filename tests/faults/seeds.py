@@ -11,7 +11,7 @@ import numpy as np
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.field.analytic import GustField
 from seeing_wind.engine.field.confidence import ConfidenceMap
-from seeing_wind.engine.field.triplane import CausalTriPlane, ForceFieldTriPlane
+from seeing_wind.engine.field.representations.triplane import CausalTriPlane, ForceFieldTriPlane
 from seeing_wind.engine.materials import find
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.take import Take, to_arrays

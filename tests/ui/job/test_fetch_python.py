@@ -22,7 +22,7 @@ from seeing_wind.ui.job import worker as job
 from seeing_wind.ui.job.install import choices, fetch_python, standalone
 from seeing_wind.ui.job.install import environment as engine_environment
 from seeing_wind.ui.job.install import install as engine_install
-from seeing_wind.ui.panel_pieces import MENDS
+from seeing_wind.ui.job.panel_pieces import MENDS
 
 PYTHON = f'#!/bin/sh\nexec "{sys.executable}" "$@"\n'
 
