@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
@@ -87,11 +86,6 @@ class NoProgress(Progress):
     """Nobody watches and nobody cancels."""
 
 
-@dataclass(frozen=True)
-class _Single:
-    values: np.ndarray
-
-
 class Loop:
     """A loop that cannot be resumed."""
 
@@ -117,7 +111,7 @@ class Journal:
 
     def array(self, name: str, work: Callable[[], np.ndarray], *inputs: Any) -> np.ndarray:
         """`once` for a single array."""
-        return self.once(name, _Single, lambda: _Single(work()), *inputs).values
+        return work()
 
     def loop(self, name: str, *inputs: Any) -> Loop:
         """The loop that begins here; arguments as for `once`."""

@@ -44,6 +44,11 @@ DAMAGED = (OSError, SafetensorError, ValueError, TypeError, AttributeError, KeyE
 """What safetensors raises for a file that is empty, cut, garbled or something else."""
 
 
+@dataclass(frozen=True)
+class _Single:
+    values: np.ndarray
+
+
 @dataclass
 class _Entry:
     """What is known at one place."""
@@ -112,6 +117,10 @@ class TakeJournal(Journal):
         if self.due():
             self.write()
         return from_arrays(kind, arrays)
+
+    def array(self, name: str, work: Callable[[], np.ndarray], *inputs: Any) -> np.ndarray:
+        """See `Journal.array`."""
+        return self.once(name, _Single, lambda: _Single(work()), *inputs).values
 
     def loop(self, name: str, *inputs: Any) -> Loop:
         """See `Journal.loop`."""

@@ -19,7 +19,7 @@ from seeing_wind.ui.job.install import environment as engine_environment
 from seeing_wind.ui.job.install import install as engine_install
 from seeing_wind.ui.job.worker_command import environment
 
-WORKER = Path(__file__).with_name("fake_worker.py")
+WORKER = Path(__file__).resolve().parents[1] / "fake_worker.py"
 
 
 @pytest.fixture

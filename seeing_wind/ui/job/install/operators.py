@@ -12,16 +12,15 @@ from .choices import EXTENSION
 TEXT = "Seeing Wind Doctor"
 
 
-class SEEING_WIND_OT_install_engine(JobOperator, bpy.types.Operator):
-    """Make the engine's own Python environment and download its packages (CPU build: 400 MB); Blender's Python is not touched"""
+class InstallOperator(JobOperator):
+    """Mix-in of both ways to install. (Of an operator that is registered Blender lets none be derived.)"""
 
-    bl_idname = "seeing_wind.install_engine"
-    bl_label = "Install Engine"
     step = "engine"
+    fetch_python = False
 
     def start(self, scene):
         """Only with the user's consent to go online, or from a folder of wheels."""
-        return install.install()
+        return install.install(self.fetch_python)
 
     def finish(self, scene, result):
         """From now on it is found."""
@@ -29,15 +28,19 @@ class SEEING_WIND_OT_install_engine(JobOperator, bpy.types.Operator):
         return "The engine is installed"
 
 
-class SEEING_WIND_OT_fetch_python(SEEING_WIND_OT_install_engine):
+class SEEING_WIND_OT_install_engine(InstallOperator, bpy.types.Operator):
+    """Make the engine's own Python environment and download its packages (CPU build: 400 MB); Blender's Python is not touched"""
+
+    bl_idname = "seeing_wind.install_engine"
+    bl_label = "Install Engine"
+
+
+class SEEING_WIND_OT_fetch_python(InstallOperator, bpy.types.Operator):
     """Fetch a Python for the engine alone into the extension's folder (about 35 MB), then install the engine with it"""
 
     bl_idname = "seeing_wind.fetch_python"
     bl_label = "Fetch Python and Install Engine"
-
-    def start(self, scene):
-        """Only with the user's consent to go online."""
-        return install.install(fetch_python=True)
+    fetch_python = True
 
 
 class SEEING_WIND_OT_doctor(JobOperator, bpy.types.Operator):
