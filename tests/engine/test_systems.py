@@ -91,8 +91,9 @@ def test_pictures_are_opened_by_python_and_not_by_opencv(monkeypatch: pytest.Mon
     assert np.array_equal(read_picture(tmp_path / "Blätter 风.png", cv2.IMREAD_COLOR), picture)
     (tmp_path / "empty.png").touch()
     (tmp_path / "text.png").write_text("no picture")
-    for name in ("empty.png", "text.png", "none.png"):
-        assert read_picture(tmp_path / name, cv2.IMREAD_COLOR) is None
+    for name, error in (("empty.png", ValueError), ("text.png", ValueError), ("none.png", OSError)):
+        with pytest.raises(error):
+            read_picture(tmp_path / name, cv2.IMREAD_COLOR)
 
 
 def test_nothing_in_the_engine_lets_opencv_open_a_picture() -> None:

@@ -156,7 +156,7 @@ def test_options_become_words(workplace):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "no \\[\\[job\\]\\]"),
+        ("", "it is empty"),
         ("x = 3", "no \\[\\[job\\]\\]"),
         ("[[job]", "no TOML"),
         ('[[job]]\nclip = "clip.mp4"', "no take"),

@@ -14,7 +14,7 @@ from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.paper.refinement import WINDOW, _Run, refine
-from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
+from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
@@ -72,7 +72,7 @@ def test_the_derivatives_are_those_of_the_loss(known, rough):
     short = replace(recovery, force_density=force, deviation=deviation, x=x, F=F)
     module = type(rough.module)(FRAMES, **rough.module.shape).double()
     module.load_state_dict(rough.module.state_dict())
-    run = _Run(rough, module, short, body, RUBBER, REFINED)
+    run = _Run(rough, module, short, body, RUBBER, REFINED, Journal())
     run.backward(NoProgress(), "")
     random = torch.Generator().manual_seed(0)
     for parameter in (module.decoder[-1].weight, next(module.planes.parameters()), module.decoder[-1].bias):

@@ -76,7 +76,7 @@ def rippling():
 
     def wave(X, t):
         phase = 2 * np.pi * (X[:, 0] / 0.3 - 2.0 * t / FPS)
-        return np.stack([4.0 + 0.0 * phase, 1.5 * np.cos(phase), 6.0 * np.sin(phase)], axis=1)
+        return np.stack([4.0 + 0.0 * phase, 1.25 * np.cos(phase), 5.0 * np.sin(phase)], axis=1)
 
     x, wind = blow(body, wave, 16, material=soft)
     return body, soft, x, wind, tracks(body, x, noise=0.05)
