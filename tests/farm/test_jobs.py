@@ -164,6 +164,7 @@ def test_options_become_words(workplace):
         ('[[job]]\ntake = "t"\nclip = "none.mp4"', "no file"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ncolour = "red"', "unknown key colour"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\ntrajectories = "clip.mp4"', "a clip and trajectories"),
+        ('[[job]]\ntake = "t"\ntrajectories = "clip.mp4"\nrender = "a.mp4"', "goes over a clip"),
         ('[[job]]\ntake = 3\nclip = "clip.mp4"', "no text"),
         ('[[job]]\nname = "a"\ntake = "t"\nclip = "clip.mp4"\n[[job]]\nname = "a"\ntake = "u"\nclip = "clip.mp4"', "Two jobs"),
         ('[[job]]\ntake = "t"\nclip = "clip.mp4"\n[[job]]\ntake = "t"\nclip = "edit.toml"', "job 1 and job 2 recover different"),

@@ -8,7 +8,10 @@ from pathlib import Path
 
 from ... import systems
 from ...errors import TakeError, UsageError
+from ...progress import Progress
 from ...reading import read_toml
+from ...take import Take
+from .. import lock
 from .jobs import EDIT_FILES, FILES, Job
 from .node import Order
 
@@ -53,14 +56,15 @@ def files_of(job: Job) -> list[Path]:
     for take in (job.take, job.edit_take):
         if take is not None and take.is_dir():
             leave = LEFT_HERE if take not in job.takes() else set()
-            files += [path for path in sorted(take.rglob("*")) if path.is_file() and path.name not in leave]
+            files += [path for path in sorted(take.rglob("*")) if path.is_file() and path.name not in {lock.NAME, *leave}]
     return list(dict.fromkeys(files))
 
 
 class Incoming:
     """The takes of one attempt at a job as they come in."""
 
-    def __init__(self, takes: list[str]) -> None:
+    def __init__(self, takes: list[str], progress: Progress) -> None:
+        self._progress, self._refused = progress, False
         self._places = {take: Path(take).with_name(f".{Path(take).name}.incoming") for take in takes}
         self.discard()
 
@@ -84,19 +88,27 @@ class Incoming:
             raise TakeError(f"{path} cannot be written: {error.strerror or error}.", "Free some space, or mend the folder.") from error
 
     def accept(self) -> None:
-        """Put the takes in their places. What was there is removed when the new one stands. Raises TakeError as `write` does."""
+        """Put the takes in their places. What was there is removed when the new one stands.
+
+        Raises:
+            TakeError: one cannot be replaced, or another process writes to it; the new one then stays beside it.
+        """
         for take, place in self._places.items():
             former = place.with_name(f".{Path(take).name}.former")
             try:
-                shutil.rmtree(former, ignore_errors=True)
                 if Path(take).exists():
+                    with lock.held(Take(take), "batch", self._progress):  # nobody writes there
+                        pass
+                    shutil.rmtree(former, ignore_errors=True)
                     systems.replace(take, former)
                 systems.replace(place, take)
-            except OSError as error:
-                raise TakeError(f"{take} cannot be replaced: {error.strerror or error}.", f"The new one is in {place}.") from error
+            except (OSError, TakeError) as error:
+                self._refused = True
+                said = error.message if isinstance(error, TakeError) else f"{take} cannot be replaced: {error.strerror or error}."
+                raise TakeError(said, f"What the farm made is in {place}.") from error
             shutil.rmtree(former, ignore_errors=True)
 
     def discard(self) -> None:
-        """Remove what an attempt that failed has left."""
-        for place in self._places.values():
+        """Remove what an attempt that failed has left; not what only found no place."""
+        for place in () if self._refused else self._places.values():
             shutil.rmtree(place, ignore_errors=True)

@@ -99,7 +99,7 @@ class Farm:
         files = {} if self.shared else {str(path): self.cluster.put(path) for path in files_of(job)}
         other = next((node for node in self.cluster.nodes() if node not in tried), None) if tried else None
         running = self.cluster.start(order, files, needs, other)
-        return Flight(job, running, Incoming([] if self.shared else order.takes), attempt, time.monotonic(), tried)
+        return Flight(job, running, Incoming([] if self.shared else order.takes, self.progress), attempt, time.monotonic(), tried)
 
     def _listen(self) -> None:
         if not self.flights:

@@ -180,6 +180,8 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
         raise UsageError(f"{name} has no take.", 'Say with take = "NAME.take" where the results go.')
     if set(SOURCES) <= table.keys():
         raise UsageError(f"{name} has a clip and trajectories.", "Leave one out, or make two jobs of it.")
+    if "trajectories" in table and "render" in table:
+        raise UsageError(f"{name} has trajectories and a render, which goes over a clip.", "Save a .blend file and render that.")
     home = path.resolve().parent
     paths = {key: Path(os.path.abspath(home / os.path.expanduser(table[key]))) for key in PATHS & table.keys()}
     for key in (*SOURCES, "edit"):

@@ -22,6 +22,7 @@ import numpy as np
 from ... import __version__
 from ...errors import SeeingWindError, UsageError
 from ...take import Take
+from .. import lock
 from .process import EngineDied, Message, messages_of
 
 EVERY = 0.5
@@ -124,7 +125,7 @@ def _at_home(text: str, home: Mapping[str, str]) -> str:
 def _files(take: str, folder: Path, home: Mapping[str, str]) -> Generator[Message, None, None]:
     """All files of a take, its own paths the asker's again."""
     for path in sorted(folder.rglob("*")):
-        if path.is_file():
+        if path.is_file() and path.name != lock.NAME:
             if path.suffix in TEXTS:
                 path.write_text(_at_home(path.read_text(encoding="utf-8"), home), encoding="utf-8")
             elif path.suffix == ".npz":

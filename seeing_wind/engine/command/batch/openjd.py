@@ -12,8 +12,8 @@ from typing import Any
 
 from ...errors import ClipError, UsageError
 from ...progress import Progress
-from ...reading import read_arrays
 from ...take import Take
+from ..arguments import frame_range
 from .jobs import Job
 from .needs import MIB, RENDER, TABLE, Needs
 from .node import edition
@@ -172,23 +172,25 @@ def _action(command: str, words: list[str]) -> dict[str, Any]:
 
 
 def _pictures(job: Job, maker: Job | None) -> int:
-    """How many pictures the job's clip has, so how many frames it renders."""
-    frames = maker.recover.get("frames") if maker is not None else None
-    if isinstance(frames, str) and frames.count(":") == 1:
-        first, last = frames.split(":")
-        return int(last) - int(first) + 1
+    """How many pictures the job's clip has, so how many frames it renders.
+
+    Raises:
+        TakeError: the take that should be there has no report.
+        ClipError: as `_count`.
+    """
     if maker is None:
         return int(Take(job.take).read_json("report.json")["frames"]) + 1
-    try:
-        if maker.trajectories is not None:
-            return len(read_arrays(maker.trajectories, {"x"})["x"])
-    except (OSError, ValueError, KeyError) as error:
-        raise UsageError(f"{maker.trajectories} is no file of trajectories: {error}.", "See `recover-trajectories --help`.") from error
+    if maker.clip is None:
+        raise UsageError(f"{job.name} renders, and its take comes from trajectories.", "Leave `render` out: it goes over a clip.")
+    frames = maker.recover.get("frames")
+    if isinstance(frames, str):
+        first, last = frame_range(frames)
+        return last - first + 1
     return _count(maker.clip)
 
 
-def _count(clip: Path | None) -> int:
-    """Pictures of a clip, by decoding: containers' own numbers are wrong too often."""
+def _count(clip: Path) -> int:
+    """Pictures of a clip, by decoding: containers' own numbers are wrong too often. Raises ClipError where there are none."""
     from ...observe.clip.frames import files_of
 
     files = files_of(str(clip))

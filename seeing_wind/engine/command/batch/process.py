@@ -6,17 +6,17 @@ import contextlib
 import json
 import os
 import queue
-import signal
 import subprocess
 import sys
 import threading
-import time
 from collections import deque
 from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import IO, Any
 
+from ... import systems
 from ...errors import SeeingWindError
+from ...progress import CANCEL_BY_STDIN
 from ...records import Outcome
 
 Message = dict[str, Any]
@@ -39,7 +39,8 @@ class EngineDied(SeeingWindError):
 def messages_of(words: Sequence[str], threads: int | None = None) -> Generator[list[Message], None, None]:
     """Run `python -m seeing_wind.engine WORDS` and yield its messages, an empty list when there was none for a while.
 
-    Closing the generator, or an exception thrown into it, stops the process: at a safe point, or after `CANCEL_GRACE` seconds anyhow.
+    Closing the generator, or an exception thrown into it, stops the process: at a safe point, or after `CANCEL_GRACE` seconds anyhow. It
+    stops by itself, too, when this process dies.
 
     Args:
         words: verb and options.
@@ -50,8 +51,8 @@ def messages_of(words: Sequence[str], threads: int | None = None) -> Generator[l
         EngineDied: when it was killed.
     """
     process = subprocess.Popen(
-        [sys.executable, "-m", "seeing_wind.engine", *words], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        text=True, encoding="utf-8", errors="replace", env=_environment(threads), **_own_group(),
+        [sys.executable, "-m", "seeing_wind.engine", *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, encoding="utf-8", errors="replace", env=_environment(threads), **systems.apart(),
     )  # fmt: skip
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     log: deque[str] = deque(maxlen=LOG_LINES)
@@ -82,14 +83,7 @@ def _environment(threads: int | None) -> dict[str, str]:
     """This process's own, with this package in reach whatever the folder, and no module of that folder in its way."""
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     given = {} if threads is None else dict.fromkeys(THREADS, str(threads))
-    return {**os.environ, "PYTHONPATH": path, "PYTHONUTF8": "1", "PYTHONSAFEPATH": "1", **given}
-
-
-def _own_group() -> dict[str, Any]:
-    """A Ctrl-C at the terminal reaches the batch alone, which then stops its engines."""
-    if sys.platform == "win32":
-        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP | subprocess.CREATE_NO_WINDOW}
-    return {"start_new_session": True}
+    return {**os.environ, "PYTHONPATH": path, "PYTHONUTF8": "1", "PYTHONSAFEPATH": "1", CANCEL_BY_STDIN: "1", **given}
 
 
 def _reader(stream: IO[str] | None, put: Any) -> threading.Thread:
@@ -123,15 +117,13 @@ def _failure(code: int, error: Message | None, log: deque[str]) -> SeeingWindErr
 
 def _stop(process: subprocess.Popen[str]) -> None:
     """Have a running process stop at a safe point, or end it."""
-    if process.poll() is None:
-        with contextlib.suppress(ProcessLookupError):
-            if sys.platform == "win32":
-                process.send_signal(signal.CTRL_BREAK_EVENT)
-            else:
-                process.send_signal(signal.SIGINT)
-        deadline = time.monotonic() + CANCEL_GRACE
-        while process.poll() is None and time.monotonic() < deadline:
-            time.sleep(0.05)
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+    if process.stdin is not None:
+        with contextlib.suppress(OSError):  # it is gone already
+            process.stdin.write("cancel\n")
+        with contextlib.suppress(OSError):
+            process.stdin.close()
+    try:
+        process.wait(CANCEL_GRACE)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -6,6 +6,7 @@ Ray is an optional package (`pip install "seeing-wind[farm]"`), in the engine's 
 from __future__ import annotations
 
 import logging
+import socket
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any
@@ -16,6 +17,7 @@ from .node import Order, edition
 from .process import Message
 
 NODE = f"{__package__}.node"
+KNOCK_SECONDS = 5.0
 PROBE_SECONDS = 120.0
 """For a node to start a Python and say which engine it has."""
 
@@ -55,6 +57,7 @@ class Cluster:
             )
         self._ray, self._strategies = ray, scheduling_strategies
         try:
+            _knock(address)
             ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, configure_logging=False)
         except (ConnectionError, RuntimeError, ValueError, OSError) as error:
             first = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
@@ -171,6 +174,13 @@ class Cluster:
     def cancel(self, running: Running, force: bool) -> None:
         """Have a job stop, at a safe point unless by force."""
         self._ray.cancel(running.generator, force=force)
+
+
+def _knock(address: str) -> None:
+    """See that somebody listens at HOST:PORT: Ray itself tries for minutes. Raises OSError or ValueError where nobody does."""
+    if address != "auto":
+        host, _, port = address.rpartition(":")
+        socket.create_connection((host.strip("[]"), int(port)), timeout=KNOCK_SECONDS).close()
 
 
 # What follows is sent by its code, not by its name: it must run, and say so, on a node that has no engine or another one. So each of the
