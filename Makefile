@@ -21,6 +21,7 @@ help:
 	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
 	@echo "make tables     the paper's tables, an hour or two; SHORT=1 for two rows, ROW=NAME for one"
 	@echo "make test-quadrants  the solver's tests and a quick recovery with kernels compiled by Quadrants instead of Taichi"
+	@echo "make farm-test  a batch on two nodes of a Ray cluster, one killed, and its Open Job Description run by openjd-cli"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
 	@echo "make benchmark-compilers  Quadrants beside Taichi"
 	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
@@ -68,6 +69,17 @@ $(QUADRANTS)/.complete: seeing_wind/engine/requirements.lock seeing_wind/engine/
 	@$(PY) scripts/environments.py engine $(QUADRANTS)
 	@$(QUADRANTS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[quadrants]" pytest
 	@touch $@
+
+# Ray and openjd-cli in an environment of their own, over the engine's.
+FARM := .venv-farm
+
+$(FARM)/.complete: $(ENGINE)/.complete tests/requirements.lock pyproject.toml
+	@$(ENGINE)/bin/python scripts/environments.py tests $(FARM) $(ENGINE)
+	@$(FARM)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[farm,farm-test]"
+	@touch $@
+
+farm-test: $(FARM)/.complete
+	$(FARM)/bin/python -m pytest -s tests/farm
 
 test-quadrants: build/clip/clip.mp4 $(QUADRANTS)/.complete
 	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python -m pytest tests/engine/mpm
@@ -122,4 +134,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup lock quick-recover quick-recover-matrix demo scenes lint test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report screenshots clean
+.PHONY: help setup lock quick-recover quick-recover-matrix demo scenes lint test farm-test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report screenshots clean
