@@ -40,7 +40,7 @@ def cluster() -> Iterator[Any]:
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     from ray.cluster_utils import Cluster
 
-    room = {"num_cpus": 2, "memory": 4 << 30, "object_store_memory": 100 << 20, "include_dashboard": False}
+    room = {"num_cpus": 1, "memory": 4 << 30, "object_store_memory": 100 << 20, "include_dashboard": False}
     running = Cluster(initialize_head=True, head_node_args=room)
     running.second = running.add_node(**room)
     running.wait_for_nodes()

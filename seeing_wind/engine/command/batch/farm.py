@@ -54,6 +54,8 @@ class Farm:
         self.shared, self.attempts = shared, attempts
         self.flights: list[Flight] = []
         self.waiting: list[Job] = []
+        self._jobs = 0
+        """That are to be done."""
         self._line = ""
 
     def run(self) -> None:
@@ -70,6 +72,7 @@ class Farm:
                 self.summary.skip(job)
             else:
                 self.waiting.append(job)
+        self._jobs = len(self.waiting)
         try:
             while self.waiting or self.flights:
                 self._start_ready()
@@ -94,7 +97,7 @@ class Farm:
                 self.summary.end(job, "failed", 0.0, str(error))
 
     def _start(self, job: Job, attempt: int, tried: list[str]) -> Flight:
-        needs = self.cluster.fitting(needs_of(job))
+        needs = self.cluster.fitting(needs_of(job), self._jobs)
         order = order_of(job, needs.cpus, self.shared)
         files = {} if self.shared else {str(path): self.cluster.put(path) for path in files_of(job)}
         other = next((node for node in self.cluster.nodes() if node not in tried), None) if tried else None

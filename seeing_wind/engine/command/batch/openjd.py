@@ -15,7 +15,7 @@ from ...progress import Progress
 from ...take import Take
 from ..arguments import frame_range
 from .jobs import Job
-from .needs import MIB, RENDER, TABLE, Needs
+from .needs import BLENDER, MIB, TABLE, Needs
 from .node import edition
 from .process import ROOT
 
@@ -86,7 +86,7 @@ class Bundle:
         words += ["--clip", self._path(clip)] if clip is not None else []
         words += ["--edit-take", self._path(job.edit_take)] if job.edit_take is not None else []
         words += ["--composite"] if job.render is not None else []
-        after = self._step(f"{job.name}: bake", RENDER, _action("{{Param.Blender}}", words), after, [_ENGINE, _EXTENSION])
+        after = self._step(f"{job.name}: bake", BLENDER, _action("{{Param.Blender}}", words), after, [_ENGINE, _EXTENSION])
         if job.render is not None:
             pictures = self._path(job.render.with_suffix(".frames"))
             words = ["--background", self._path(scene), "--render-output", f"{pictures}/####", "--render-format", "PNG"]
@@ -95,7 +95,7 @@ class Bundle:
             self.frames += count
             last = FIRST_FRAME + count - 1
             space = {"taskParameterDefinitions": [{"name": "Frame", "type": "INT", "range": f"{FIRST_FRAME}-{last}"}]}
-            self._step(f"{job.name}: render", RENDER, _action("{{Param.Blender}}", words), after, [], space)
+            self._step(f"{job.name}: render", BLENDER, _action("{{Param.Blender}}", words), after, [], space)
 
     def template(self, name: str) -> dict[str, Any]:
         """The whole job template."""
@@ -135,7 +135,7 @@ class Bundle:
             step["stepEnvironments"] = environments
         if space is not None:
             step["parameterSpace"] = space
-        amounts = {"vcpu": needs.cpus, "memory": needs.memory // MIB}
+        amounts = {"vcpu": 1, "memory": needs.memory // MIB}  # no step needs a second core
         step["hostRequirements"] = {"amounts": [{"name": f"amount.worker.{key}", "min": value} for key, value in amounts.items()]}
         self.steps.append(step)
         return name

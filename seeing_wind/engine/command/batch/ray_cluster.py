@@ -119,10 +119,11 @@ class Cluster:
     def _on(self, node: str, soft: bool) -> Any:
         return self._strategies.NodeAffinitySchedulingStrategy(node_id=node, soft=soft)
 
-    def fitting(self, needs: Needs) -> Needs:
-        """What can be had of it on the largest node."""
+    def fitting(self, needs: Needs, jobs: int) -> Needs:
+        """What one of so many jobs gets: no more than the largest node has, and one core where there are not more cores than jobs."""
         alive = [node["Resources"] for node in self._ray.nodes() if node["Alive"] and node["Resources"].get("CPU", 0.0) > 0.0]
         cpus = max((int(node["CPU"]) for node in alive), default=needs.cpus)
+        cpus = min(cpus, int(sum(node["CPU"] for node in alive)) // max(jobs, 1))
         memory = max((int(node.get("memory", 0)) for node in alive), default=needs.memory)
         return Needs(max(min(needs.cpus, cpus), 1), min(needs.memory, memory))
 
