@@ -10,11 +10,11 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-REQUIRED = ("numpy", "scipy", "torch", "taichi", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
+REQUIRED = ("numpy", "scipy", "torch", "opencv-python-headless", "safetensors", "trimesh", "matplotlib")
+"""Besides the compiler that the solver was told to use: the check *solver* tries that one."""
 OPTIONAL = {
     "gsplat": "faster Gaussian splatting on CUDA: `pip install gsplat`",
     "transformers": "optional perception models: `pip install seeing-wind[models]`",
-    "openvdb": "export --format vdb: a Python build of OpenVDB",
 }
 
 
