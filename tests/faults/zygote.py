@@ -28,6 +28,8 @@ ROOMS = (
     "recovery", "recovery.resimulate", "mpm.rollout", "paper",
 )  # fmt: skip
 """What verbs import when they run."""
+CODECS = ("cp437", "utf_8_sig")
+"""What Python imports when it first reads a zip file or a TOML file: a child without root's rights may not be able to."""
 
 
 NOBODY = 65534
@@ -150,6 +152,8 @@ def serve() -> None:
 
     for room in ROOMS:
         importlib.import_module(f"seeing_wind.engine.{room}")
+    for codec in CODECS:
+        importlib.import_module(f"encodings.{codec}")
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     print(json.dumps({"ready": True}), file=answers, flush=True)
     for line in sys.stdin:

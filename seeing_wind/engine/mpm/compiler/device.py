@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import mmap
 import os
 import threading
 from pathlib import Path
@@ -15,6 +16,8 @@ from . import ti
 _lock = threading.Lock()
 _running = False
 _QUOTA = Path("/sys/fs/cgroup/cpu.max")
+_ADDRESSES = 2**30 + 2**29
+"""Bytes of address space: the compiler reserves 2**30 at its start, the rest is for its threads and the first kernels."""
 
 
 def start(device: str = "auto") -> None:
@@ -29,16 +32,26 @@ def start(device: str = "auto") -> None:
 
     Raises:
         UsageError: for any other device.
+        MemoryError: without the address space that the compiler reserves.
     """
     global _running
     if device not in ("auto", "cpu"):
         raise UsageError(f"There is no device {device!r}.", "Choose auto or cpu.")
     with _lock:
         if not _running:
+            _reserve()
             # The greeting goes to stdout, where the worker's messages go.
             with contextlib.redirect_stdout(io.StringIO()):
                 ti.init(arch=ti.cpu, default_fp=ti.f64, fast_math=False, log_level=ti.ERROR, cpu_max_num_threads=cores())
             _running = True
+
+
+def _reserve() -> None:
+    """Raise MemoryError where the compiler would not get its memory: it aborts the process from one of its threads, without a word."""
+    try:
+        mmap.mmap(-1, _ADDRESSES).close()
+    except OSError as error:
+        raise MemoryError(f"{_ADDRESSES} bytes of address space for the compiler of the kernels.") from error
 
 
 def cores() -> int:
