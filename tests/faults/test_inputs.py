@@ -18,6 +18,8 @@ from tests.faults.worker import Run, Worker
 
 RESULTS = ("o.take", "o.npz", "b")
 """What a job may write, in its folder."""
+EVERY = 100
+"""Inputs between two lines of progress."""
 
 
 def standing(folder: Path) -> dict[str, tuple[int, int]]:
@@ -75,6 +77,8 @@ def broken(worker: Worker, seeds: Path, family: Family, seed: int, value: Any) -
         run = worker.run(argv, folder)
         COUNTS["inputs"] += 1
         COUNTS["tracebacks"] += run.traceback
+        if COUNTS["inputs"] % EVERY == 0:
+            print(f"\n{COUNTS['inputs']} inputs, {COUNTS['tracebacks']} tracebacks", flush=True)
         found = faults_of(run)
         if standing(Path(place)) != before:
             found.append("something outside the results was written")

@@ -17,6 +17,8 @@ from tests.faults.worker import Worker
 PATIENT = 900.0
 """Seconds for a job that nothing is wrong with, on a machine that has other things to do."""
 
+EVERY = 25
+"""Jobs between two lines of progress."""
 WINDOW = 0.6
 """Seconds after a stage's first word in which it is killed."""
 
@@ -92,6 +94,8 @@ def test_a_killed_job_resumes_to_the_same_result(worker: Worker, seeds: Path, re
         marker = f'"stage": "{stage}"' if stage else ""
         cut = worker.run(job.argv, folder, seconds=PATIENT, marker=marker, kill_after=chance.uniform(0.0, WINDOW))
         COUNTS["kills"] += cut.code == -9
+        if number % EVERY == 0:
+            print(f"\n{COUNTS['kills']} kills, {COUNTS['lost']} lost", flush=True)
         resumed = worker.run(job.argv, folder, seconds=PATIENT)
         COUNTS["tracebacks"] += cut.traceback + resumed.traceback
         again.append((cut.seconds + resumed.seconds - took, name, stage))
