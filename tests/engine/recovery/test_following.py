@@ -12,7 +12,7 @@ from seeing_wind.engine.records import Attachment, Particles, PointTargets, Trac
 from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.prior import learning as beliefs
 from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis, velocity_basis
-from seeing_wind.engine.recovery.prior.learning import strayed
+from seeing_wind.engine.recovery.prior.learning import track_misfit
 from seeing_wind.engine.recovery.solve import warm_start, window
 from seeing_wind.engine.recovery.solve.forward import Forward
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve
@@ -46,10 +46,10 @@ def test_what_all_tracks_miss_together_is_straying_and_the_noise_of_each_is_not(
     for name, series in raw.items():
         residual = np.zeros((1, 9, 2 * len(body.x)))
         residual[0, 1:] = np.repeat(series, 2)
-        missed[name] = strayed(objective, modes, objective.whiten(residual)[0])
+        missed[name] = track_misfit(objective, modes, objective.whiten(residual)[0])
     assert missed["together"] > 4.0 * missed["apart"]
     points = Objective([point_channels(body, PointTargets(still, np.ones(still.shape[:2], bool), every(body)), False)])
-    assert strayed(points, modes, points.whiten(np.ones((1, 9, points.used.shape[1])))[0]) == 0.0
+    assert track_misfit(points, modes, points.whiten(np.ones((1, 9, points.used.shape[1])))[0]) == 0.0
 
 
 @pytest.mark.parametrize("count", [1, 3, 12, 60])
@@ -65,7 +65,7 @@ def test_noise_as_it_was_declared_is_not_straying_however_few_the_tracks(count):
         visible = np.random.default_rng(seed).random(xy.shape[:2]) < 0.8
         visible[0] = True
         objective = Objective([track_channels(body, TrackTargets(noisy, visible, np.full(visible.shape, 0.4), camera(), at), False)])
-        squares.append(strayed(objective, modes, objective.whiten(objective.residual(still[None]))[0]) ** 2)
+        squares.append(track_misfit(objective, modes, objective.whiten(objective.residual(still[None]))[0]) ** 2)
     assert np.mean(squares) < 0.15
 
 
@@ -90,7 +90,7 @@ def found(rippling, **changed):
 def test_a_sheet_that_was_lost_is_followed_again_finely(rippling, monkeypatch):
     """What was seen is met; what that is worth in force, `benchmarks/rippling.py` and the sample flag show."""
     finely = found(rippling)
-    monkeypatch.setattr(window, "STRAYED", np.inf)
+    monkeypatch.setattr(window, "REFOLLOW_MISFIT", np.inf)
     usual = found(rippling)
     assert np.median(finely.residual) < 0.7 * np.median(usual.residual)
 
@@ -102,12 +102,12 @@ def test_a_sheet_that_strays_finely_more_or_breaks_keeps_what_was_found_before(r
         return follow(solver, pace, share)
 
     follow = window.follow
-    monkeypatch.setattr(window, "STRAYED", np.inf)
+    monkeypatch.setattr(window, "REFOLLOW_MISFIT", np.inf)
     usual = found(rippling)
-    monkeypatch.setattr(window, "STRAYED", 0.0)
+    monkeypatch.setattr(window, "REFOLLOW_MISFIT", 0.0)
     misfits = iter([5.0, 9.0])
     with monkeypatch.context() as worse:
-        worse.setattr(window, "strayed", lambda *given: next(misfits))
+        worse.setattr(window, "track_misfit", lambda *given: next(misfits))
         np.testing.assert_array_equal(found(rippling).force_density, usual.force_density)
     monkeypatch.setattr(window, "follow", breaks)
     np.testing.assert_array_equal(found(rippling).force_density, usual.force_density)

@@ -10,8 +10,8 @@ from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis, velocity_basis
-from seeing_wind.engine.recovery.prior.evidence import _log_evidence, held_to, learn
-from seeing_wind.engine.recovery.prior.kernel import Kernel, Places, Prior, modes_worth
+from seeing_wind.engine.recovery.prior.evidence import _log_evidence, maximise_evidence, prefer_belief
+from seeing_wind.engine.recovery.prior.kernel import Kernel, Places, Prior, modes_for_variance
 from seeing_wind.engine.recovery.prior.learning import noise_share
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve
 from seeing_wind.engine.recovery.targets.channels import noise_of
@@ -125,11 +125,11 @@ def test_sizes_of_the_prior_are_learnt_from_a_draw():
     believed = Prior(true, places, np.zeros(0))
     draw = np.linalg.cholesky(np.linalg.inv(believed.precision())) @ np.random.default_rng(4).standard_normal(believed.count)
     normal = np.eye(believed.count) / 0.01**2
-    learnt = learn(Prior(Kernel(np.eye(3)), places, np.zeros(0)), normal, normal @ draw)
+    learnt = maximise_evidence(Prior(Kernel(np.eye(3)), places, np.zeros(0)), normal, normal @ draw)
     size = np.diag(learnt.covariance)
     assert size[2] > 4 * size[0] and size[2] > 4 * size[1] and 0.4 < size.sum() / 3.0 < 2.5
     assert 0.7 < learnt.length < 1.5 and 4.0 < learnt.duration < 9.0
-    assert modes_worth(learnt, basis, body.x, 1e-4) > modes_worth(replace(learnt, length=8.0), basis, body.x, 1e-4)
+    assert modes_for_variance(learnt, basis, body.x, 1e-4) > modes_for_variance(replace(learnt, length=8.0), basis, body.x, 1e-4)
 
 
 def test_the_derivative_of_the_evidence_is_that_of_its_difference_quotient():
@@ -143,7 +143,7 @@ def test_a_clip_that_tells_nothing_leaves_the_sizes_as_they_were():
     body = block((4, 4, 2))
     basis = spatial_basis(body.x, body.volume, 4)
     blind = Prior(Kernel(np.diag([1.0, 2.0, 3.0]), length=1.5), Places.along(basis, still(body, 4), 2.0), np.zeros(0))
-    assert learn(blind, 1e-12 * np.eye(blind.count), np.zeros(blind.count)) is blind.kernel
+    assert maximise_evidence(blind, 1e-12 * np.eye(blind.count), np.zeros(blind.count)) is blind.kernel
 
 
 def test_a_squeeze_is_learnt_as_a_slope_and_not_as_a_huge_net_force():
@@ -156,7 +156,7 @@ def test_a_squeeze_is_learnt_as_a_slope_and_not_as_a_huge_net_force():
     weight = np.repeat(np.where(np.arange(10) == 0, 1.0, 10.0) ** 2 / 0.3**2, 3)
     normal = np.diag(np.tile(weight, len(places.at)))
     noise = np.random.default_rng(1).standard_normal(len(normal)) / np.sqrt(np.diag(normal))
-    learnt = learn(Prior(Kernel(np.eye(3)), places, np.zeros(0)), normal, normal @ (squeeze.ravel() + noise))
+    learnt = maximise_evidence(Prior(Kernel(np.eye(3)), places, np.zeros(0)), normal, normal @ (squeeze.ravel() + noise))
     modes = np.diag(places.covariance(learnt)) * np.trace(learnt.covariance)
     assert learnt.slope > 2.0 * (learnt.uniform + 1.0)
     assert 0.2 < np.sqrt(modes[1]) < 3.0 and np.sqrt(modes[0]) < 1.0
@@ -330,12 +330,12 @@ def test_a_belief_is_given_up_when_the_clip_speaks_against_it(noise):
     basis, path = spatial_basis(body.x, body.volume, 6), still(body, 40)
     F = np.broadcast_to(np.eye(3), (*path.shape[:2], 3, 3))
     open_to_all = Prior(Kernel(9.0 * np.eye(3), uniform=0.1), Places.along(basis, path, 2.0), np.zeros(0))
-    belief = open_to_all.turning(basis, body.x, F, 2.0, 0.3)
+    belief = open_to_all.with_stretch_penalty(basis, body.x, F, 2.0, 0.3)
     white = np.random.default_rng(6).standard_normal(belief.count)
     for true in (belief, open_to_all):
         draw = np.linalg.cholesky(np.linalg.inv(true.precision())) @ white
         point = Linearisation.at(np.zeros(len(draw)), -draw / noise, np.eye(len(draw)) / noise)
-        kept = held_to(belief, open_to_all, point)
+        kept = prefer_belief(belief, open_to_all, point)
         assert kept is (open_to_all if true is open_to_all and noise < 1.0 else belief)
 
 

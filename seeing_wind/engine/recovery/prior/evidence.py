@@ -1,12 +1,12 @@
-"""The sizes of the prior that make the clip most probable: type-II maximum likelihood on the linearised problem.
+"""Hyperparameters of the prior by type-II maximum likelihood on the linearised problem.
 
 With unknowns ~ N(0, K), K the prior's covariance, and whitened residuals linear in them, J'J = R'R and z = R^-T J'(J theta - r), z is
 N(0, I + R K R'), so
 
     -2 log evidence = log |I + R K R'| + z' (I + R K R')^-1 z + constant
 
-(MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). Weak beliefs about the sizes keep it from running
-away where the clip says nothing.
+(MacKay 1992, "Bayesian interpolation"; Rasmussen and Williams 2006, section 5.4.1). Weak hyperpriors
+keep the hyperparameters finite where the clip does not determine them.
 """
 
 from __future__ import annotations
@@ -26,45 +26,44 @@ from ..targets.objective import Objective
 from .kernel import DURATION, LENGTH, SLOPE, UNIFORM, Kernel, Prior
 
 ITERATIONS = 25
-SETTLED = 0.01
-"""Sizes are learnt when a step gains less than so much log evidence: differences of one could be chance."""
-BELIEFS = {"length": (LENGTH, 1.0), "duration": (DURATION, 0.5), "uniform": (UNIFORM, 1.5), "slope": (SLOPE, 1.5)}
-"""Median and standard deviation of the logarithm of each size."""
-ROUNDNESS = 1.0
-"""Standard deviation of the logarithm of each component's size about what is believed of it, and of the correlations."""
+TOLERANCE = 0.01
+"""Convergence: the gain in log evidence of one L-BFGS step. A difference of 1 is not significant."""
+HYPERPRIORS = {"length": (LENGTH, 1.0), "duration": (DURATION, 0.5), "uniform": (UNIFORM, 1.5), "slope": (SLOPE, 1.5)}
+"""Log-normal hyperpriors: median, and standard deviation of the logarithm."""
+SHAPE_SPREAD = 1.0
+"""Standard deviation, under the hyperprior, of the logarithm of each component's size and of the correlations."""
 FLOOR = 0.02
-"""Share of the variance that keeps the shape believed: no direction is ruled out for good."""
+"""Share of the variance that keeps the shape given beforehand, so that no direction is ruled out."""
 ROUNDING = 1e-11
-"""What is added to the diagonal of a covariance, relative to its mean, so that it stays positive definite in double precision."""
-FAITH = 20.0
-"""Logarithm of the odds for a belief before the clip is seen. Of noisy points the evidence for one is a few units either way, against a
-wrong one hundreds."""
-LARGEST = 30.0
-"""Logarithms of sizes that a line search may try are no further from zero than this."""
-COARSELY = 3
-"""Of the scales of the mismatch so many steps apart are looked at before those between."""
-LARGE = 250
-"""Directions from which the matrices are worth all cores."""
-TELLING = 1e-4
-"""Variance that the prior gives a direction of the whitened clip, relative to the noise; directions of less hardly change the evidence."""
+"""Added to the diagonal of a covariance, relative to its mean, to keep it positive definite in double precision."""
+LOG_ODDS = 20.0
+"""Prior log odds of the stretch belief. With noisy points the evidence differs by a few units; against a wrong belief, by hundreds."""
+LOG_LIMIT = 30.0
+"""Largest absolute logarithm of a hyperparameter that the line search may try."""
+COARSE_STRIDE = 3
+"""Every so many of the mismatch factors are tried first, then those near the best."""
+PARALLEL_FROM = 250
+"""Number of data directions above which torch uses all cores; below, starting the threads costs more than it saves."""
+INFORMATIVE = 1e-4
+"""Directions of the whitened data to which the prior gives less variance than this, relative to the noise, are left out."""
 SMALLEST = 1e-12
-"""What is added to J'J, relative to its largest entry, for unknowns that the clip does not tell apart."""
+"""Added to the diagonal of J'J, relative to its largest entry, as J'J is singular where the data do not separate unknowns."""
 
 
-def learn(
+def maximise_evidence(
     prior: Prior, normal: np.ndarray, pull: np.ndarray, component: np.ndarray | None = None, check: Callable[[], None] = lambda: None
 ) -> Kernel:
-    """The sizes of the prior, learnt by L-BFGS.
+    """The hyperparameters of greatest evidence, by L-BFGS.
 
     Args:
-        prior: where to start. Its `stretch` is left out: what it holds down would make the sizes look small, and they it, without end.
+        prior: the starting point. Its stretch penalty is ignored: it would shrink the sizes, and smaller sizes would strengthen it.
         normal: (n, n) J'J of the whitened residuals.
         pull: (n,) J'(J theta - r) at the linearisation point theta.
-        component: (3, 3) the shape that the force's covariance is believed to have; None is a ball.
-        check: called at every evaluation; may raise to stop.
+        component: (3, 3) expected shape of the covariance of the force's components; None for isotropic.
+        check: called at every evaluation; may raise to cancel.
     """
     size = len(normal) - len(prior.velocity)
-    R, z = _told(prior, normal, pull)
+    R, z = _informative_directions(prior, normal, pull)
     if not len(z):
         return prior.kernel
     velocity = R[:, size:] @ torch.diag(torch.from_numpy(prior.velocity**2)) @ R[:, size:].T
@@ -74,7 +73,7 @@ def learn(
     parameters = _pack(prior.kernel, root.numpy()).requires_grad_(True)
     begin = parameters.detach().clone()
     optimiser = torch.optim.LBFGS(
-        [parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=SETTLED
+        [parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=TOLERANCE
     )
 
     def objective() -> torch.Tensor:
@@ -84,11 +83,11 @@ def learn(
         correlation = prior.places.correlation(*sizes)
         turned = (by_component @ (root @ factor)).unbind(dim=2)
         field = sum(part @ correlation @ part.T for part in turned)
-        value = _disbelief(parameters) - _log_evidence(field + velocity, z)
+        value = _penalty(parameters) - _log_evidence(field + velocity, z)
         value.backward()
         return value
 
-    with torch_threads(cores() if len(z) > LARGE else 1):
+    with torch_threads(cores() if len(z) > PARALLEL_FROM else 1):
         optimiser.step(objective)
     found = parameters.detach() if bool(torch.isfinite(parameters).all()) else begin
     factor, sizes = _unpack(found)
@@ -97,16 +96,16 @@ def learn(
     return Kernel(covariance, *(float(value) for value in sizes))
 
 
-def _told(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-    """R (k, n) and z (k,) of the directions that tell of the prior: there it moves the clip by more than a small part of the noise."""
+def _informative_directions(prior: Prior, normal: np.ndarray, pull: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    """R (k, n) and z (k,), restricted to the directions in which the prior is not small against the noise."""
     floor = SMALLEST * float(normal.diagonal().max())
     root = torch.linalg.cholesky(torch.from_numpy(normal + floor * np.eye(len(normal))))
     z = torch.linalg.solve_triangular(root, torch.from_numpy(pull)[:, None], upper=False)[:, 0]
     R, size = root.T.numpy(), len(normal) - len(prior.velocity)
     field = R[:, :size] @ np.kron(prior.places.covariance(prior.kernel), prior.kernel.covariance) @ R[:, :size].T
     signal, turn = torch.linalg.eigh(torch.from_numpy(field + (R[:, size:] * prior.velocity**2) @ R[:, size:].T))
-    telling = turn[:, signal > TELLING].T
-    return telling @ root.T, telling @ z
+    informative = turn[:, signal > INFORMATIVE].T
+    return informative @ root.T, informative @ z
 
 
 def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
@@ -120,20 +119,20 @@ def _pack(kernel: Kernel, root: np.ndarray) -> torch.Tensor:
 
 def _unpack(parameters: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
     """A, and L, tau, u, w."""
-    count = len(BELIEFS)
-    sizes = torch.exp(parameters[: count + 3].clamp(-LARGEST, LARGEST))
+    count = len(HYPERPRIORS)
+    sizes = torch.exp(parameters[: count + 3].clamp(-LOG_LIMIT, LOG_LIMIT))
     below = torch.zeros(3, 3, dtype=parameters.dtype).index_put(tuple(torch.tril_indices(3, 3, -1)), parameters[count + 3 :])
     factor = (torch.eye(3, dtype=parameters.dtype) + below) @ torch.diag(sizes[count:])
     return factor, sizes[:count].unbind()
 
 
-def _disbelief(parameters: torch.Tensor) -> torch.Tensor:
-    """Minus the logarithm of what is believed of the sizes: of C the shape root root' only, not its scale."""
+def _penalty(parameters: torch.Tensor) -> torch.Tensor:
+    """Negative log hyperprior. Of C it constrains the shape, root root', but not the scale."""
     total = torch.zeros((), dtype=parameters.dtype)
-    for value, (median, spread) in zip(parameters, BELIEFS.values()):
+    for value, (median, spread) in zip(parameters, HYPERPRIORS.values()):
         total = total + 0.5 * ((value - math.log(median)) / spread) ** 2
-    diagonal, below = parameters[len(BELIEFS) :].split((3, 3))
-    return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / ROUNDNESS**2
+    diagonal, below = parameters[len(HYPERPRIORS) :].split((3, 3))
+    return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / SHAPE_SPREAD**2
 
 
 class _LogEvidence(torch.autograd.Function):
@@ -162,10 +161,10 @@ def _log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
 
 
 def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, scales: Sequence[float]) -> float:
-    """Which of the factors on the standard deviation of the mismatch makes the clip most probable.
+    """The factor on the mismatch's standard deviation that has the greatest evidence.
 
     Args:
-        prior: with its sizes learnt.
+        prior: with its hyperparameters learnt.
         objective: that whitened the residuals of `point`.
         point: the linearisation.
         scales: factors to choose from, in order.
@@ -184,7 +183,7 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         volume = float(torch.log(torch.diagonal(factor)).sum()) - other.log_volume
         return 0.5 * (explained - float(data @ data)) - volume
 
-    best = max(range(0, len(scales), COARSELY), key=evidence)
+    best = max(range(0, len(scales), COARSE_STRIDE), key=evidence)
     while True:  # uphill from the best of a few
         better = max((index for index in (best - 1, best, best + 1) if 0 <= index < len(scales)), key=evidence)
         if better == best:
@@ -192,8 +191,8 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         best = better
 
 
-def held_to(belief: Prior, other: Prior, point: Linearisation, faith: float = FAITH) -> Prior:
-    """`belief`, unless the clip, linearised at `point`, speaks against it by more than `faith` in favour of the other prior."""
+def prefer_belief(belief: Prior, other: Prior, point: Linearisation, odds: float = LOG_ODDS) -> Prior:
+    """`belief`, unless the evidence at `point` favours the other prior by more than the log odds `odds`."""
     pull = point.normal @ point.theta - point.jacobian @ point.residual
     evidence = []
     for prior in (belief, other):
@@ -201,4 +200,4 @@ def held_to(belief: Prior, other: Prior, point: Linearisation, faith: float = FA
         total = precision + point.normal
         volume = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(total)[1]
         evidence.append(0.5 * float(volume + pull @ np.linalg.solve(total, pull)))
-    return belief if evidence[0] > evidence[1] - faith else other
+    return belief if evidence[0] > evidence[1] - odds else other

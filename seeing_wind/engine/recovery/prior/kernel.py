@@ -1,14 +1,13 @@
-"""What is believed of the field before the clip is seen: a Gaussian process over the places and times that the body passes.
+"""The prior of the field: a Gaussian process over the places and times that the body passes.
 
     cov(a(x, t), a(x', t')) = C  (u + w y.y' + exp(-|x - x'|² / 2 L²)) / (1 + u + w)  (c + M(|t - t'| / tau)) / (1 + c)
 
-with M the Matérn-5/2 function and y the place as seen from the body's centre, in body radii: a part that is the same everywhere, one
-that grows linearly, and one that bends, each of its own size. A squeeze has no net force, and without the linear part only a huge and
-smooth field would hold such a slope, whose huge net force is then taken from the noise. x is a place in the world, not on the body: a
-wind has its shape in the air, and a body that turns or travels through it meets the same gust with another of its parts. So what is seen
-of a gradient while the body lies across it tells of it when the body has turned along it, where a stiff body hides it. The solve's
-unknowns are modes on the body; their covariance is this one, taken along a nearby simulation. The sizes C, L, tau, u, w are learnt from
-the clip (`evidence`).
+with M the Matérn-5/2 function and y the position relative to the body's centre, in body radii: a uniform, a linear and a nonlinear part
+with variances of their own. Without the linear part, a squeeze, which has no net force, would need a large and smooth field, and so a
+large net force, which the fit would then take from the noise. x is a position in the world, not on the body: a gust has its shape in the
+air, and a body that turns or travels meets the same gust with another part of itself. A gradient measured while the body lies across it
+is therefore known when the body has turned along it, where a stiff body hides it. The unknowns of the solve are modes on the body; their
+covariance is this one, evaluated along a nearby simulation. The hyperparameters C, L, tau, u, w are learnt from the clip (`evidence`).
 """
 
 from __future__ import annotations
@@ -24,26 +23,26 @@ from .basis import SpatialBasis, knots
 from .stretch import stretch_precision, stretch_rows
 
 LENGTH, DURATION, UNIFORM, SLOPE = 2.0, 8.0, 0.5, 0.2
-"""L [body radii], tau [frames], u and w before anything is learnt."""
+"""Starting values of L [body radii], tau [frames], u and w."""
 CONSTANT = 0.5
-"""c: variance of the part that never changes, relative to the changing part's."""
+"""c: variance of the constant part in time, relative to the varying part."""
 STRETCH = 0.1
-"""Standard deviation of the field's symmetric gradient under one camera, relative to what the rest of the prior implies."""
+"""Standard deviation of the field's symmetric gradient under one camera, relative to that without the stretch penalty."""
 PLASTIC_STRETCH = 0.3
-"""The same for bodies that flow, which forces really stretch: with less, a ball that is squeezed was taken for one that moves in depth."""
+"""The same for plastic bodies, which forces do stretch. With a lower value a squeezed ball was taken for one that moves in depth."""
 MEASURED_STRETCH = 0.3
-"""The same of points in 3D and of several cameras, if the clip does not speak against it (`evidence.held_to`): noise hides a stretch."""
+"""The same for 3D points and several cameras, unless the evidence rejects it (`evidence.prefer_belief`): noise hides a stretch."""
 SWELLING = 0.1
-"""Standard deviation of the trace of the field's gradient, relative to what the rest of the prior implies, for bodies that flow and are
-seen in pictures: what a guessed shape and a coarse grid get wrong of their flow looks like a pressure from all sides."""
+"""Standard deviation of the trace of the field's gradient, relative to that without the penalty, for plastic bodies seen in frames: errors
+of a guessed shape and a coarse grid look like a pressure from all sides."""
 SAMPLES_PER_MODE = 3
 JITTER = 1e-8
-"""Variance of every mode relative to the mean one: none is ruled out, and the inverse exists."""
+"""Variance added to every mode, relative to the mean one, so that the inverse exists."""
 
 
 @dataclass(frozen=True)
 class Kernel:
-    """The sizes of the process."""
+    """The hyperparameters."""
 
     covariance: np.ndarray
     """C (3, 3) [m²/s⁴]."""
@@ -52,14 +51,14 @@ class Kernel:
     duration: float = DURATION
     """tau [frames]."""
     uniform: float = UNIFORM
-    """u: variance of what is the same everywhere, relative to what bends in space."""
+    """u: variance of the uniform part, relative to the nonlinear part."""
     slope: float = SLOPE
-    """w: variance, a body radius from its centre, of what grows linearly, relative to what bends."""
+    """w: variance of the linear part one body radius from the centre, relative to the nonlinear part."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where the modes of each knot are in the world."""
+    """World positions of sample particles at each knot, from which the covariance of the modes follows."""
 
     project: np.ndarray
     """(M, S): values at sample particles -> modes."""
@@ -136,7 +135,7 @@ class Prior:
         full[range(len(field), self.count), range(len(field), self.count)] = 1.0 / self.velocity**2
         return full
 
-    def turning(
+    def with_stretch_penalty(
         self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, share: float = STRETCH, volume_only: bool = False
     ) -> Prior:
         """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it.
@@ -152,7 +151,7 @@ class Prior:
         return replace(self, stretch=extra if self.stretch is None else self.stretch + extra)
 
 
-def modes_worth(kernel: Kernel, basis: SpatialBasis, x: np.ndarray, share: float) -> int:
+def modes_for_variance(kernel: Kernel, basis: SpatialBasis, x: np.ndarray, share: float) -> int:
     """How many of the first modes hold all but `share` of the variance that the field has over the body x (N, 3) [m]."""
     variance = np.diag(Places.along(basis, np.stack([x, x]), 1.0).covariance(kernel))[: basis.phi.shape[1]]
     beyond = variance.sum() - np.cumsum(variance)

@@ -1,4 +1,4 @@
-"""What a window believes of the field, and how the clip changes that: sizes, stretch, how far the solver is from real bodies."""
+"""The prior of one window, and what is learnt from the clip: hyperparameters, the stretch penalty, the solver's mismatch."""
 
 from __future__ import annotations
 
@@ -16,59 +16,59 @@ from ..solve.gauss_newton import Linearisation, Solution
 from ..targets.objective import Objective
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
-from .evidence import FAITH, held_to, learn, mismatch_scale
+from .evidence import LOG_ODDS, maximise_evidence, mismatch_scale, prefer_belief
 from .kernel import MEASURED_STRETCH, PLASTIC_STRETCH, STRETCH, SWELLING, Kernel, Places, Prior
 
 MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
-"""Factors on the mismatch of points in 3D that are tried."""
-ABSORBED = 4.0
-"""How much of the mismatch looks like a force: what the residuals still show of it must be taken times this."""
-STRAYED = 3.0
-"""Misfit that all tracks of a mode show together, in standard deviations, beyond which a window is followed again, finely: 0.1 to 0.4 of
-leaves, posts and plants, 1.4 of a banner that turns edge-on, 6 of a flag that was lost."""
-UNEXPLAINED = 0.5
-"""The same of a solution, beyond which the mismatch of tracks is larger than believed, as of soft sheets that swing far: 0.1 to 0.2 of the
-sheet and the post of another solver, 0.3 of the banner."""
+"""Factors on the mismatch of 3D points among which the evidence chooses."""
+ABSORBED_FACTOR = 4.0
+"""Mismatch over the part of it left in the residuals: the rest has been fitted by the force."""
+REFOLLOW_MISFIT = 3.0
+"""Track misfit [standard deviations] above which the first field of a window is found again with finer steps. Seen: 0.1 to 0.4 for leaves,
+posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost."""
+MISMATCH_MISFIT = 0.5
+"""Track misfit of a solution above which the tracks' mismatch is raised, as for soft sheets that swing far. Seen: 0.1 to 0.2 for another
+simulator's sheet and post, 0.3 for its banner."""
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What the clip as a whole says beforehand."""
+    """Scales estimated from the whole clip before the solve."""
 
     size: float
     """Root mean square acceleration of the field [m/s²]."""
     speed: np.ndarray
     """(V,) standard deviations of the initial velocities [m/s]."""
     component: np.ndarray
-    """(3, 3) covariance of the force's components, trace at most 3, before anything is learnt."""
+    """(3, 3) starting covariance of the force's components, trace at most 3."""
 
 
 def one_camera(objective: Objective) -> bool:
-    """Whether all that was seen are tracks of one camera."""
+    """Whether the only targets are the tracks of one camera."""
     return len(objective.channels) == 1 and isinstance(objective.channels[0], TrackChannels)
 
 
 def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Expected, objective: Objective) -> Prior:
-    """The prior of these sizes along a simulation, with what cameras must believe of stretch."""
+    """The prior with these hyperparameters along a simulation, with the stretch penalty that its targets need."""
     prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), expected.speed[: len(forward.velocity)])
     plastic = forward.model.plastic
     if plastic and any(isinstance(one, TrackChannels) for one in objective.channels):
-        prior = prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, SWELLING, volume_only=True)
+        prior = prior.with_stretch_penalty(forward.basis, forward.x, path.F, forward.knot_spacing, SWELLING, volume_only=True)
     if not one_camera(objective):
         return prior
-    return prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, PLASTIC_STRETCH if plastic else STRETCH)
+    return prior.with_stretch_penalty(forward.basis, forward.x, path.F, forward.knot_spacing, PLASTIC_STRETCH if plastic else STRETCH)
 
 
-def learnt(
+def learn_kernel(
     prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None], journal: Journal = Journal()
 ) -> Kernel:
-    """The prior's sizes learnt; a body that is seen as a point keeps the first ones, as it could only learn a depth that it has not."""
+    """The kernel of greatest evidence. A body seen as one point keeps the present one: its data cannot determine a size in space."""
     if len(prior.places.project) == 1:
         return prior.kernel
-    return journal.once("learn", Kernel, partial(learn, prior, normal, pull, expected.component, check), normal, pull)
+    return journal.once("learn", Kernel, partial(maximise_evidence, prior, normal, pull, expected.component, check), normal, pull)
 
 
-def learn_all(
+def learn_hyperparameters(
     prior: Prior,
     forward: Forward,
     solution: Solution,
@@ -77,44 +77,45 @@ def learn_all(
     check: Callable[[], None],
     journal: Journal = Journal(),
 ) -> tuple[Prior, Linearisation, Objective]:
-    """The prior's sizes, and how far the solver is from the real body; the linearisation with that known.
+    """Learn the prior's hyperparameters and the solver's mismatch, and whiten the linearisation anew.
 
     Returns:
         the prior, the linearisation, and the objective with the mismatch learnt.
     """
     point = solution.point
     path = forward.nearby(solution.theta)
-    prior = prior_along(learnt(prior, point.normal, solution.pull, expected, check, journal), forward, path, expected, objective)
-    scale = _mismatch(prior, forward, solution, objective)
+    prior = prior_along(learn_kernel(prior, point.normal, solution.pull, expected, check, journal), forward, path, expected, objective)
+    scale = _mismatch_factor(prior, forward, solution, objective)
     if scale is not None:
         other = objective.mismatched(scale)
         white = other.whiten(objective.unwhitened(np.concatenate([point.jacobian, point.residual[None]])))
         point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
         pull = point.normal @ point.theta - point.jacobian @ point.residual
         objective = other
-        prior = prior_along(learnt(prior, point.normal, pull, expected, check, journal), forward, path, expected, objective)
-    return _believing(prior, forward, path, point, objective), point, objective
+        prior = prior_along(learn_kernel(prior, point.normal, pull, expected, check, journal), forward, path, expected, objective)
+    return _with_stretch_belief(prior, forward, path, point, objective), point, objective
 
 
-def _mismatch(prior: Prior, forward: Forward, solution: Solution, objective: Objective) -> float | None:
-    """Factor on the mismatch that was believed; None leaves it.
+def _mismatch_factor(prior: Prior, forward: Forward, solution: Solution, objective: Objective) -> float | None:
+    """Factor on the assumed mismatch; None to keep it.
 
-    For pixels it is known better than it can be learnt, that of tracks which all lie on one slightly wrong body, unless even the solution
-    does not come near them. That of a clamp, seen by points, cannot be learnt either: all of it looks like a force.
+    The mismatch of tracks is set beforehand and raised only if the solution misses them clearly: they all lie on one slightly wrong body,
+    so their residuals are not independent samples of it. With 3D points on a held body it cannot be learnt: the clamp's mismatch looks
+    like a force.
     """
     if all(isinstance(one, PointChannels) for one in objective.channels):
         if forward.model.pinned.any():
             return None
-        return ABSORBED * mismatch_scale(prior, objective, solution.point, MISMATCH_SCALES)
-    left = 0.0 if forward.model.plastic else strayed(objective, forward.basis.up_to(2).phi, solution.residual)
-    return ABSORBED * left if left > UNEXPLAINED else None
+        return ABSORBED_FACTOR * mismatch_scale(prior, objective, solution.point, MISMATCH_SCALES)
+    left = 0.0 if forward.model.plastic else track_misfit(objective, forward.basis.up_to(2).phi, solution.residual)
+    return ABSORBED_FACTOR * left if left > MISMATCH_MISFIT else None
 
 
-def strayed(objective: Objective, modes: np.ndarray, white: np.ndarray) -> float:
-    """How far a simulation is from what was seen of the modes, in standard deviations (root mean square); 0 without tracks.
+def track_misfit(objective: Objective, modes: np.ndarray, white: np.ndarray) -> float:
+    """Distance of a simulation from the tracks, projected on the modes [standard deviations, root mean square]; 0 without tracks.
 
-    The mismatch with the real body is one of all tracks together, and spread over them, so only what they show together counts, less what
-    the noise of each is expected to leave of it.
+    A mismatch of the body moves many tracks together, while noise is independent. So the residuals are projected on the body's modes, and
+    the noise expected in the projection is subtracted.
 
     Args:
         objective: that whitened the residuals.
@@ -138,18 +139,18 @@ def strayed(objective: Objective, modes: np.ndarray, white: np.ndarray) -> float
     return math.sqrt(max(squares, 0.0) / count) if count else 0.0
 
 
-def _believing(prior: Prior, forward: Forward, path: Trajectory, point: Linearisation, objective: Objective) -> Prior:
-    """The prior with a belief about stretch, unless the clip speaks against it; that of one camera is given."""
+def _with_stretch_belief(prior: Prior, forward: Forward, path: Trajectory, point: Linearisation, objective: Objective) -> Prior:
+    """The prior with a stretch penalty, unless the evidence rejects it. Under one camera `prior_along` has set it already."""
     if one_camera(objective) or forward.basis.phi.shape[1] == 1:
         return prior
-    belief = prior.turning(forward.basis, forward.x, path.F, forward.knot_spacing, MEASURED_STRETCH)
-    return held_to(belief, prior, point, FAITH * noise_share(objective))
+    belief = prior.with_stretch_penalty(forward.basis, forward.x, path.F, forward.knot_spacing, MEASURED_STRETCH)
+    return prefer_belief(belief, prior, point, LOG_ODDS * noise_share(objective))
 
 
 def noise_share(objective: Objective) -> float:
-    """Share of noise in what separates points in 3D from the simulation, 0..1; the rest is the mismatch of the solver. One for tracks.
+    """Noise over noise plus mismatch of 3D points, 0..1; 1 for tracks.
 
-    Stretch is believed to be none because noise looks like it. Points without noise need no such help.
+    Noise looks like stretch, which is why stretch is penalised. Points without noise do not need the penalty.
     """
     shares = [1.0]
     if all(isinstance(one, PointChannels) for one in objective.channels):

@@ -1,11 +1,10 @@
-"""Forces that only stretch: what one camera cannot tell from depth.
+"""A penalty on forces that only stretch the body.
 
-A field's gradient has a part that turns a body and a symmetric part that stretches it. A stiff body answers the second with less than a
-tracking error, and in one camera's picture a body that grew looks like one that came nearer, one that shrank to one side like one that
-tilted. Left to the data, such forces soak up every small mismatch. So under a single camera the prior gives the symmetric gradient a
-fraction of the variance that the rest of it implies. Noisy points in 3D hide a stretch as well: there, and from several views, the same is
-believed more weakly, and given up where the clip speaks against it (`evidence.held_to`), as in a field whose waves are shorter than the
-body.
+The gradient of a field has an antisymmetric part, which turns a body, and a symmetric part, which stretches it. A stiff body answers a
+stretching force with less than a tracking error, and in one camera a body that grew looks like one that came nearer, and one that shrank
+to one side like one that tilted. Unconstrained, such forces would fit every small mismatch. So under a single camera the symmetric
+gradient keeps only a fraction of its prior variance. The same holds, more weakly, for noisy 3D points and several views, unless the
+evidence rejects it (`evidence.prefer_belief`), as in a field whose waves are shorter than the body.
 """
 
 from __future__ import annotations
@@ -15,9 +14,9 @@ import numpy as np
 from .basis import SpatialBasis, knots
 
 DEGREE = 1
-"""Highest degree of the smooth functions on which the gradient is held down."""
+"""Highest degree of the smooth functions against which the gradient is tested."""
 FLAT = 0.25
-"""An axis along which the body reaches less than this share of its longest cannot be stretched to any effect."""
+"""Axes shorter than this share of the longest are left out: stretching along them has no visible effect."""
 
 
 def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, volume_only: bool = False) -> np.ndarray:

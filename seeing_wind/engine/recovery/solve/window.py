@@ -21,8 +21,8 @@ from ...mpm.state import State, Trajectory
 from ...progress import Journal, Progress
 from ...records import Particles
 from ..prior.basis import SpatialBasis, hats, velocity_basis
-from ..prior.kernel import Prior, modes_worth
-from ..prior.learning import STRAYED, Expected, learn_all, learnt, prior_along, strayed
+from ..prior.kernel import Prior, modes_for_variance
+from ..prior.learning import REFOLLOW_MISFIT, Expected, learn_hyperparameters, learn_kernel, prior_along, track_misfit
 from ..targets.objective import Objective
 from ..targets.tracks import TrackChannels
 from .first_field import FINELY, FLOWING, USUAL, Pace, follow
@@ -99,7 +99,7 @@ class WindowSolver:
         else:
             forward, prior, found, more = self._finely(forward, prior, found, min(left, pace.fine_iterations), left)
             left, used = max(0, left - more), used + more
-        prior, point, self.objective = learn_all(
+        prior, point, self.objective = learn_hyperparameters(
             prior, forward, found, self.objective, self.expected, self.progress.check, self.journal
         )
         last = self.solve(
@@ -127,10 +127,10 @@ class WindowSolver:
                     raise
                 break  # what the usual pace found stands
             used += more + found.iterations
-            misfit = strayed(self.objective, modes, found.residual)
+            misfit = track_misfit(self.objective, modes, found.residual)
             if best is None or misfit < lost:
                 best, lost = (one, forward, prior, found), misfit
-            if misfit < STRAYED or pace is FLOWING or self.iterations == 1:
+            if misfit < REFOLLOW_MISFIT or pace is FLOWING or self.iterations == 1:
                 break
         assert best is not None
         return *best, used
@@ -140,10 +140,10 @@ class WindowSolver:
 
         Returns forward model, prior, solution, and the Jacobians used.
         """
-        kernel = learnt(prior, first.point.normal, first.pull, self.expected, self.progress.check, self.journal)
+        kernel = learn_kernel(prior, first.point.normal, first.pull, self.expected, self.progress.check, self.journal)
         path = coarse.trajectory(first.theta)
         self.objective = self.objective.reweighted(self.objective.residual(path.x[None])[0])
-        worth = modes_worth(kernel, self.basis, self.particles.x, UNEXPECTED)
+        worth = modes_for_variance(kernel, self.basis, self.particles.x, UNEXPECTED)
         fine = self.forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
         prior = prior_along(kernel, fine, path, self.expected, self.objective)
