@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 ARROWS_MATERIAL = "Seeing Wind Arrows"
 
 SAMPLES_MARK, LEGEND_MARK = "seeing_wind_samples", "seeing_wind_legend"
 """Custom properties of the object with the field's values, and of the arrows' legend."""
 
+CARRIED = "seeing_wind_carried"
+"""Custom property of the field object: the object with its values."""
+
 
 def in_figures(value: float) -> str:
     """A strength with three figures, without a power of ten where a person would write none."""
     return f"{float(f'{value:.3g}'):.0f}" if 100.0 <= value < 1e6 else f"{value:.3g}"
+
+
+def said_of_fit(field: Any) -> str:
+    """How far Blender's solvers feel a field object off the recovered field, in the mean over its box; "" where it was not measured."""
+    error = field.get("seeing_wind_error")
+    if error is None:
+        return ""
+    return f"{field['seeing_wind_nodes']} nodes, feels {100.0 * error[1]:.1f} % and {error[0]:.1f}° off the recovered field"

@@ -2,8 +2,8 @@
 
 import bpy
 
-from ..job.panel_pieces import Tab, panels
-from .display import ARROWS_MATERIAL, in_figures
+from ..job.panel_pieces import Tab, draw_text, panels
+from .display import ARROWS_MATERIAL, in_figures, said_of_fit
 from .node_groups import modifier_input
 
 SHOWN = ("Length", "Density", "Confidence Shown", "Slice Axis", "Slice Position", "Slice Thickness")
@@ -27,6 +27,7 @@ class FieldTab(Tab):
         layout.use_property_split, layout.use_property_decorate = True, False
         if settings.field_object.field is not None:
             layout.prop(settings.field_object.field, "strength")
+        self._nodes(context, settings)
         if settings.arrows_object is not None:
             self._arrows(context, settings.arrows_object)
         column = layout.column()
@@ -34,6 +35,19 @@ class FieldTab(Tab):
         row.enabled = context.active_object is not None
         row.operator("seeing_wind.calibrate", icon="PHYSICS")
         column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
+
+    def _nodes(self, context, settings):
+        """How the native field follows the recovered one."""
+        column = self.layout.column()
+        column.prop(settings, "field_resolution", text="Field Nodes" if settings.field_resolution else "Field Nodes (Automatic)")
+        column.prop(settings, "field_reach")
+        field = settings.field_object
+        set_here = (settings.field_resolution or field.get("seeing_wind_nodes"), settings.field_reach)
+        row = column.row()
+        row.alert = set_here != (field.get("seeing_wind_nodes"), field.get("seeing_wind_reach"))
+        row.operator("seeing_wind.fit_field", icon="FORCE_WIND")
+        if said_of_fit(field):
+            draw_text(column, context, said_of_fit(field), "INFO")
 
     def _arrows(self, context, arrows):
         column = self.layout.column(heading="Arrows")

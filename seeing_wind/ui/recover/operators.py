@@ -41,15 +41,15 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         self.digest, self.folder, self.clip = request.digest, request.take, request.clip
         takes.bring_along(settings, self.folder)
         request.write_inputs(scene)
-        return self._messages(python, request, settings.field_resolution)
+        return self._messages(python, request)
 
-    def _messages(self, python: str, request: RecoverRequest, resolution: int) -> "worker.Messages":
+    def _messages(self, python: str, request: RecoverRequest) -> "worker.Messages":
         from .results import sampling  # needs NumPy
 
         call = command(python, "recover", *request.options, "--take", str(request.take))
         last = yield from worker.run(call, cwd=str(ROOT), env=environment())
         if last["outcome"] == "done":
-            last = yield from sampling(python, request.take, resolution)
+            last = yield from sampling(python, request.take)
         return last
 
     def finish(self, scene, result):
@@ -94,7 +94,7 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
         from .results import sampling  # needs NumPy
 
-        return sampling(engine_python(), self.folder, settings.field_resolution)
+        return sampling(engine_python(), self.folder)
 
     def finish(self, scene, result):
         """As Recover does, without claiming that the settings of the scene are those of the take."""

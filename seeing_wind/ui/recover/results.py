@@ -17,7 +17,7 @@ from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, opened_by
 from ..field.arrows import create_arrows
 from ..field.field_object import create_field_object
-from ..field.kernels import between, lattice
+from ..field.fit.lattice import SampledField, fine_lattice, lattice
 from ..field.legend import create_legend
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
@@ -32,6 +32,8 @@ from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 COLLECTION = "Seeing Wind"
 CACHES = ("blender_points.*npy", "blender_samples.*npz")
 """Names of the files between a Blender and its worker: each Blender has its own, with its process's number in the name."""
+ARROWS = 7
+"""Arrows that stand along the longest side of the field's box."""
 RIDING = 64
 """Arrows that ride on the recovered object, at most: more of them hide it."""
 
@@ -41,20 +43,20 @@ class Places:
     """Where the field is asked for. The three groups go to the worker as one array, in this order."""
 
     nodes: np.ndarray
-    """(M, 3) of the field object [m]."""
-    probes: np.ndarray
-    """(P, 3) between the nodes [m]."""
+    """(L, 3) a lattice over the field's box [m]."""
+    arrows: np.ndarray
+    """(M, 3) a coarser one, on which arrows stand [m]."""
     riding: np.ndarray
     """(T, R, 3) on the moving object [m]; R may be 0."""
 
     def rows(self) -> np.ndarray:
-        """(T, M + P + R, 3), one row per frame, as the worker's `sample` takes them."""
-        still = np.concatenate([self.nodes, self.probes])
+        """(T, L + M + R, 3), one row per frame, as the worker's `sample` takes them."""
+        still = np.concatenate([self.nodes, self.arrows])
         return np.concatenate([np.broadcast_to(still, (len(self.riding), *still.shape)), self.riding], axis=1)
 
     def split(self, samples: np.ndarray) -> list[np.ndarray]:
-        """Samples (T, M + P + R, ...) -> one array per group."""
-        return np.split(samples, [len(self.nodes), len(self.nodes) + len(self.probes)], axis=1)
+        """Samples (T, L + M + R, ...) -> one array per group."""
+        return np.split(samples, [len(self.nodes), len(self.nodes) + len(self.arrows)], axis=1)
 
 
 def notes(folder: Path) -> list[str]:
@@ -62,7 +64,7 @@ def notes(folder: Path) -> list[str]:
     return recovery_notes(Take(folder))
 
 
-def places(take: Take, resolution: int) -> Places:
+def places(take: Take) -> Places:
     """Where to sample the field of a take.
 
     Raises:
@@ -70,16 +72,16 @@ def places(take: Take, resolution: int) -> Places:
     """
     field = field_summary(take)
     x = trajectory(take, field)[: field.frames]
-    return Places(lattice(field.box, resolution), between(field.box, resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
+    return Places(fine_lattice(field.box), lattice(field.box, ARROWS), x[:, :: max(1, -(-x.shape[1] // RIDING))])
 
 
-def sampling(python: str, folder: Path, resolution: int) -> worker.Messages:
+def sampling(python: str, folder: Path) -> worker.Messages:
     """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
     take = Take(folder)
     _clear_caches(take)
     points, samples = (take.file(name) for name in _own_caches())
     with take.writing(points.name) as aside:
-        np.save(aside, places(take, resolution).rows())
+        np.save(aside, places(take).rows())
     options = (str(folder), "--points", str(points), "--out", str(samples))
     return (yield from worker.run(command(python, "sample", *options), cwd=str(folder), env=environment()))
 
@@ -112,14 +114,14 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         ClipError: when Blender cannot read the clip; likewise.
     """
     settings, take = scene.seeing_wind, Take(folder)
-    field, where, samples = field_summary(take), places(take, settings.field_resolution), take.read_arrays(_own_caches()[1])
+    field, where, samples = field_summary(take), places(take), take.read_arrays(_own_caches()[1])
     shape = (field.frames, where.rows().shape[1])
     if [np.shape(samples.get(name)) for name in ("force_density", "confidence")] != [(*shape, 3), shape]:
         raise TakeError(f"The samples in {folder} do not fit its field.", "Load the results again.")
     if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence")):
         raise TakeError(f"The field in {folder} is not finite everywhere.", "Run Recover again.")
-    at_nodes, at_probes, at_riding = where.split(samples["force_density"])
-    sure_nodes, _, sure_riding = where.split(samples["confidence"])
+    at_nodes, at_arrows, at_riding = where.split(samples["force_density"])
+    sure_nodes, sure_arrows, sure_riding = where.split(samples["confidence"])
     seen = read_seen(take, field)
     if seen is not None:
         path = clip or _clip(settings, field)
@@ -131,13 +133,14 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     former, followers, groups = made_before(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
     collection = _collection(scene)
     wind = create_field_object(
-        scene, "Recovered Wind", where.nodes, at_nodes, fps=field.fps, density=field.density, frame_start=settings.frame_start,
-        probes=where.probes, probe_vectors=at_probes, confidence=sure_nodes, take=folder, collection=collection,
+        scene, "Recovered Wind", SampledField(where.nodes, at_nodes, sure_nodes), fps=field.fps, density=field.density,
+        frame_start=settings.frame_start, resolution=settings.field_resolution, reach=settings.field_reach, take=folder,
+        collection=collection,
     )  # fmt: skip
-    nodes = np.broadcast_to(where.nodes, at_nodes.shape)
+    standing = np.broadcast_to(where.arrows, at_arrows.shape)
     arrows = create_arrows(
-        scene, "Recovered Wind Arrows", np.concatenate([nodes, where.riding], axis=1), np.concatenate([at_nodes, at_riding], axis=1),
-        np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
+        scene, "Recovered Wind Arrows", np.concatenate([standing, where.riding], axis=1), np.concatenate([at_arrows, at_riding], axis=1),
+        np.concatenate([sure_arrows, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
     )  # fmt: skip
     low, high = field.box / metres_per_unit(scene)
     aside = low - [0.06 * (high - low).max(), 0.0, 0.0]
