@@ -14,7 +14,8 @@ from ...engine.errors import TakeError
 from ...engine.take import Take, alive
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
-from ..clip.inputs.clips import as_pattern, opened_by
+from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
+from ..clip.match import followed
 from ..field.arrows import create_arrows
 from ..field.field_object import create_field_object
 from ..field.fit.lattice import SampledField, fine_lattice, lattice
@@ -125,8 +126,11 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     seen = read_seen(take, field)
     if seen is not None:
         path = clip or _clip(settings, field)
+        known = found_clip(path)
+        if known is not None:
+            settings.frame_start = start_of(known, field.first_frame, settings.frame_start)
         settings.camera_object = setup_clip_scene(
-            scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start
+            scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start, followed(scene)
         )
 
     _leave_to_others(settings)
