@@ -24,3 +24,21 @@ def said_of_fit(field: Any) -> str:
     if error is None:
         return ""
     return f"{field['seeing_wind_nodes']} nodes, feels {100.0 * error[1]:.1f} % and {error[0]:.1f}° off the recovered field"
+
+
+def is_field(obj: Any) -> bool:
+    """Whether an object is a recovered field: of this scene's own Recover, appended, or linked."""
+    return obj is not None and "seeing_wind_density" in obj and obj.field is not None and obj.field.type == "WIND"
+
+
+def field_at_hand(context: Any) -> Any:
+    """The field that a selection means, else the scene's own; None when there is none."""
+    candidates = (context.active_object, *context.selected_objects, context.scene.seeing_wind.field_object)
+    return next((obj for obj in candidates if is_field(obj)), None)
+
+
+def out_of_time(scene: Any) -> list[Any]:
+    """Calibrations that were made for another frame rate than the scene has now."""
+    fps = scene.render.fps / scene.render.fps_base
+    listed = (each for each in scene.seeing_wind.calibrations if each.object is not None and each.field is not None)
+    return [each for each in listed if abs(each.fps - fps) > 1e-3 * fps]

@@ -13,7 +13,7 @@ from ..job.install.environment import engine_python
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
-from .display import said_of_fit
+from .display import field_at_hand, is_field, out_of_time, said_of_fit
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
@@ -21,11 +21,6 @@ ONE_FILE = [
     ("NPZ", "NPZ", "NumPy arrays of the whole field"),
 ]
 FORMATS = [("VDB", "OpenVDB", "Volumes with the grids force and confidence, one file per frame, written by Blender"), *ONE_FILE]
-
-
-def is_field(obj: bpy.types.Object | None) -> bool:
-    """Whether an object is a recovered field, of this scene's own Recover, appended, or linked."""
-    return obj is not None and "seeing_wind_density" in obj and obj.field is not None and obj.field.type == "WIND"
 
 
 def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object:
@@ -39,9 +34,8 @@ def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object
         if not is_field(found):
             raise UsageError(f"{name} is no recovered force field of this scene.", "Name the object that Recover made.")
         return found
-    for obj in (context.active_object, *context.selected_objects, context.scene.seeing_wind.field_object):
-        if is_field(obj):
-            return obj
+    if field_at_hand(context) is not None:
+        return field_at_hand(context)
     fields = [obj for obj in context.scene.objects if is_field(obj)]
     if len(fields) > 1:
         names = ", ".join(obj.name for obj in fields[:4])
@@ -100,7 +94,32 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         if obj == field:
             raise UsageError(f"{obj.name} is the wind itself.", "Make the object active that is to feel it, and select the field too.")
         said = calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
+        kept = scene.seeing_wind.calibrations
+        entry = next((each for each in kept if each.object == obj), None) or kept.add()
+        entry.object, entry.field, entry.fps = obj, field, scene.render.fps / scene.render.fps_base
+        entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
         return "; ".join(said)
+
+
+class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
+    """Calibrate all objects anew that were calibrated for another frame rate: native solvers count the wind per frame"""
+
+    bl_idname = "seeing_wind.calibrate_again"
+    bl_label = "Calibrate Again"
+
+    def act(self, context):
+        """With the options of their first time."""
+        from .solvers.calibration import calibrate_object  # needs NumPy
+
+        scene, done = context.scene, []
+        for entry in out_of_time(scene):
+            calibrate_object(
+                scene, entry.object, entry.field, density=entry.density or None, alone=entry.alone, set_mass=entry.set_mass
+            )  # fmt: skip
+            entry.fps = scene.render.fps / scene.render.fps_base
+            done.append(entry.object.name)
+        rate = f"{scene.render.fps / scene.render.fps_base:.4g} frames per second"
+        return f"Calibrated {', '.join(done)} for {rate}" if done else "Every calibration fits the frame rate"
 
 
 class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
@@ -153,4 +172,4 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
             raise SeeingWindError(last["message"], last.get("hint", ""))
 
 
-CLASSES = (SEEING_WIND_OT_fit_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_export_field)
+CLASSES = (SEEING_WIND_OT_fit_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_export_field)

@@ -3,9 +3,21 @@
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
 
-from bpy.props import IntProperty
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty
 
 from ..property_kinds import choice
+
+
+class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
+    """One object that was calibrated: its weights are right for one frame rate of the scene."""
+
+    object: PointerProperty(type=bpy.types.Object)
+    field: PointerProperty(type=bpy.types.Object)
+    density: FloatProperty(description="kg/m³; 0: as the recovered object")
+    alone: BoolProperty()
+    set_mass: BoolProperty()
+    fps: FloatProperty(description="Of the scene, at that time")
 
 
 class FieldSettings:
@@ -21,3 +33,7 @@ class FieldSettings:
         ("HOLD", "Hold", "As strong as at the box's nearest place; a native field holds it for about one box's length"),
         ("CONTINUE", "Continue", "Left to the falloff of the wind sources: weaker with distance, and never nothing"),
     ])  # fmt: skip
+    calibrations: CollectionProperty(type=SEEING_WIND_PG_calibration, options={"HIDDEN"})
+
+
+CLASSES = (SEEING_WIND_PG_calibration,)

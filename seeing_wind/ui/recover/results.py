@@ -17,12 +17,13 @@ from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
 from ..clip.match import followed
 from ..field.arrows import create_arrows
+from ..field.display import is_field
 from ..field.field_object import create_field_object
 from ..field.fit.lattice import SampledField, fine_lattice, lattice
 from ..field.legend import create_legend
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
-from ..job import worker
+from ..job import status, worker
 from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion, trajectory
 from ..job.worker_command import command, environment
 from ..scene_units import metres_per_unit
@@ -134,8 +135,9 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         )
 
     _leave_to_others(settings)
+    _keep_other_take(settings, folder)
     former, followers, groups = made_before(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
-    collection = _collection(scene)
+    collection = _collection(scene, settings.field_object)
     wind = create_field_object(
         scene, "Recovered Wind", SampledField(where.nodes, at_nodes, sure_nodes), fps=field.fps, density=field.density,
         frame_start=settings.frame_start, resolution=settings.field_resolution, reach=settings.field_reach, take=folder,
@@ -196,6 +198,22 @@ def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
             scene.collection.children.unlink(collection)
 
 
+def _keep_other_take(settings: bpy.types.PropertyGroup, folder: Path) -> None:
+    """The field of another take that is still there, and what belongs to it, stay in the scene beside the new one."""
+    field = settings.field_object
+    if field is None or not field.get("seeing_wind_take"):
+        return
+    other = Path(absolute(field["seeing_wind_take"]))
+    if other.resolve() == folder.resolve() or not (other / "field.safetensors").is_file():
+        return
+    for name in POINTERS:
+        setattr(settings, name, None)
+    status.of(settings.id_data.session_uid).warnings.append(
+        f"{field.name} of {other.name} stays: solvers feel both winds until you delete one, set its strength to 0, or calibrate with "
+        "Only This Wind"
+    )
+
+
 def _clip(settings: bpy.types.PropertyGroup, field: FieldSummary) -> str:
     """The clip of a take, which may have been moved with the .blend file since."""
     named = Path(field.clip)
@@ -240,8 +258,13 @@ def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tup
             group.add([index], weight, "REPLACE")
 
 
-def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
-    collection = next((each for each in scene.collection.children_recursive if each.get("seeing_wind")), None)
+def _collection(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.types.Collection:
+    """Where the results of a take are: the one with its field, or one of ours without any field, or a new one."""
+    ours = [each for each in scene.collection.children_recursive if each.get("seeing_wind")]
+    if field is not None:
+        collection = next((each for each in ours if field.name in each.objects), None)
+    else:
+        collection = next((each for each in ours if not any(is_field(obj) for obj in each.objects)), None)
     if collection is None:
         collection = bpy.data.collections.new(COLLECTION)
         collection["seeing_wind"] = True
@@ -261,7 +284,7 @@ def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> lis
         mesh.from_pydata(arrays["vertices"][0].tolist(), [], arrays["triangles"].tolist())
         mesh.update()
         obj = bpy.data.objects.new(path.stem, mesh)
-        _collection(scene).objects.link(obj)
+        _collection(scene, scene.seeing_wind.field_object).objects.link(obj)
         bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene)
         made.append(obj)
     return made

@@ -104,7 +104,7 @@ def test_calibrate_takes_the_active_object_and_reports(scene):
     assert cloth.settings.effector_weights.wind / weight == pytest.approx(200.0 / 700.0, rel=1e-5)
     with pytest.raises(RuntimeError, match="no object 'Nobody'"):
         bpy.ops.seeing_wind.calibrate(object="Nobody")
-    scene.seeing_wind.field_object = None
+    bpy.data.objects.remove(scene.seeing_wind.field_object)
     with pytest.raises(RuntimeError, match="no recovered field"):
         bpy.ops.seeing_wind.calibrate(object=obj.name)
 
