@@ -19,6 +19,9 @@ CAMERA = "Seeing Wind Camera"
 SENSOR_WIDTH = 36.0
 """mm; the focal length in mm that Blender shows is relative to it."""
 
+PICTURE_COLOUR = "picture_colour"
+"""Color attribute of the recovered object: the clip's pixels at its vertices."""
+
 OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenCV's camera looks along +Z with Y down, Blender's along -Z with Y up."""
 
@@ -94,11 +97,25 @@ def create_recovered_object(
     layer, corners = mesh.uv_layers.new(name="Picture"), np.empty(len(mesh.loops), dtype=np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
+    if isinstance(picture, np.ndarray):
+        _wear_in_solid_view(mesh, np.asarray(uv), picture)
     mesh.materials.append(_picture_material(f"{name} Picture", picture_image(f"{name} Picture", picture)))
     mesh.update()
     obj = bpy.data.objects.new(name, mesh)
     (collection or scene.collection).objects.link(obj)
     return obj
+
+
+def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, picture: np.ndarray) -> None:
+    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no picture."""
+    height, width = picture.shape[:2]
+    column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
+    row = np.clip(((1.0 - uv[:, 1]) * height).astype(int), 0, height - 1)
+    shown = picture[row, column, :3] / 255.0
+    linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+    colours = np.concatenate([linear, np.ones((len(uv), 1))], axis=1).astype(np.float32)
+    mesh.attributes.new(PICTURE_COLOUR, "FLOAT_COLOR", "POINT").data.foreach_set("color", colours.ravel())
+    mesh.color_attributes.active_color_name = PICTURE_COLOUR
 
 
 def _check_camera(camera: Mapping[str, Any], frames: int) -> None:

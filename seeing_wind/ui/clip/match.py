@@ -24,10 +24,24 @@ OURS = "seeing_wind_camera"
 """Custom property of the camera that stands where the clip's did."""
 
 
+def is_factory(obj: bpy.types.Object) -> bool:
+    """Whether an object is one of a new file, as Blender has made it."""
+    untouched = obj.animation_data is None and not obj.modifiers and not obj.constraints and obj.parent is None
+    if FACTORY.get(obj.name) != obj.type or not untouched:
+        return False
+    place = tuple(round(value, 2) for value in obj.location)
+    if obj.type == "MESH":
+        sides = tuple(round(side, 3) for side in obj.dimensions)
+        return place == (0.0, 0.0, 0.0) and len(obj.data.vertices) == 8 and sides == (2.0, 2.0, 2.0)
+    if obj.type == "LIGHT":
+        return place == (4.08, 1.01, 5.9) and obj.data.type == "POINT" and obj.data.energy == 1000.0
+    return place == (7.36, -6.93, 4.96)
+
+
 def is_fresh(scene: bpy.types.Scene) -> bool:
     """Whether a scene has nothing of its own: as a new file begins, or empty."""
     render = scene.render
-    own = [obj for obj in scene.objects if FACTORY.get(obj.name) != obj.type or obj.animation_data is not None]
+    own = [obj for obj in scene.objects if not is_factory(obj)]
     as_new = (scene.frame_start, scene.frame_end, render.fps, render.fps_base) == (1, 250, 24, 1.0)
     return as_new and (render.resolution_x, render.resolution_y) == (1920, 1080) and not own
 

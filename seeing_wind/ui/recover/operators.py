@@ -59,7 +59,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
         status.of(scene.session_uid).warnings += results.notes(self.folder)
-        return f"Recovered into {self.folder.name}"
+        return f"Recovered into {self.folder.name}. Next: play it, then insert a mesh (step 4)"
 
 
 def _found(pool, name: str):

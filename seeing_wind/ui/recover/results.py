@@ -15,7 +15,7 @@ from ...engine.take import Take, alive
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
-from ..clip.match import followed
+from ..clip.match import followed, is_factory
 from ..field.arrows import create_arrows
 from ..field.display import is_field
 from ..field.field_object import create_field_object
@@ -159,6 +159,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     kept = _in_place(scene, former, made)
     for name in POINTERS:
         setattr(settings, name, kept.get(name))
+    _clear_the_view(scene)
     physics_nodes.follow(followers, settings.field_object)
     if settings.recovered_object is not None:
         _restore_groups(settings.recovered_object, groups)
@@ -235,6 +236,23 @@ def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.t
     obj = create_recovered_object(scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.picture, collection)
     bake_shape_keys(obj, seen.motion, scene.seeing_wind.frame_start, fps, scene)
     return obj
+
+
+def _clear_the_view(scene: bpy.types.Scene) -> None:
+    """Let nothing of a new file stand in front of the results, and show them in their colors where a window shows them."""
+    layer = scene.view_layers[0]
+    cube = layer.objects.get("Cube")
+    if cube is not None and is_factory(cube) and cube not in [body.object for body in scene.seeing_wind.bodies]:
+        if not cube.hide_get(view_layer=layer):
+            cube.hide_set(True, view_layer=layer)
+            said = "Blender's default Cube stood in front of the results: hidden, Alt H shows it again"
+            status.of(scene.session_uid).warnings.append(said)
+        cube.hide_render = True
+    for window in bpy.context.window_manager.windows:
+        spaces = [area.spaces.active for area in window.screen.areas if area.type == "VIEW_3D"] if window.scene == scene else []
+        for space in spaces:
+            if space.shading.type == "SOLID" and space.shading.color_type == "MATERIAL":
+                space.shading.color_type = "VERTEX"
 
 
 def _groups(obj: bpy.types.Object | None) -> tuple[int, dict[str, list[tuple[int, float]]]]:

@@ -272,6 +272,8 @@ def test_a_clip_that_begins_before_frame_zero(workplace, tmp_path) -> None:
     scene.render.fps, scene.render.fps_base = 30, 1.001
     scene.seeing_wind.frame_start = -20
     recover(workplace, "negativ.take")
+    assert not scene.use_preview_range, "a scene of 29.97 frames a second is somebody's own"
+    bpy.ops.seeing_wind.match_scene(parts={"RANGE"})
     assert scene.use_preview_range and (scene.frame_preview_start, scene.frame_preview_end) == (-20, -8)
     falls = cube("Falls")
     bpy.ops.seeing_wind.insert_mesh(object="Falls", pin_group="Top")
