@@ -74,6 +74,8 @@ def create_field_object(
     obj = bpy.data.objects.new(name, _mesh(name, fit))
     obj.location = centre / unit
     obj.lock_scale = (True, True, True)
+    # its sources are drawn as black dots in front of everything otherwise
+    obj.display_type = "BOUNDS"
     (collection or scene.collection).objects.link(obj)
     # an object has no field settings until this operator gave it some
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0], object=obj, active_object=obj):

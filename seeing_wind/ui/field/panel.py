@@ -47,7 +47,7 @@ class FieldTab(Tab):
     def _nodes(self, context, settings, field):
         """How the native field follows the recovered one."""
         column = self.layout.column()
-        column.prop(settings, "field_resolution", text="Field Nodes" if settings.field_resolution else "Field Nodes (Automatic)")
+        column.prop(settings, "field_resolution")
         column.prop(settings, "field_reach")
         set_here = (settings.field_resolution or field.get("seeing_wind_nodes"), settings.field_reach)
         row = column.row()

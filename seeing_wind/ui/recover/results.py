@@ -16,6 +16,7 @@ from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
 from ..clip.match import followed, is_factory
+from ..edit.from_file import fill_edit
 from ..field.arrows import create_arrows
 from ..field.display import is_field
 from ..field.field_object import create_field_object
@@ -28,6 +29,7 @@ from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, rec
 from ..job.worker_command import command, environment
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
+from .fill import fill
 from .renew_in_place import can_renew, renew
 from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 
@@ -149,9 +151,10 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         np.concatenate([sure_arrows, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
     )  # fmt: skip
     low, high = field.box / metres_per_unit(scene)
-    aside = low - [0.06 * (high - low).max(), 0.0, 0.0]
+    # so far to the left that its plate hides nothing of the field
+    aside = low - [0.28 * (high - low).max(), 0.0, 0.0]
     legend = create_legend(
-        "Recovered Wind Legend", arrows["seeing_wind_peak"], aside, 0.6 * float((high - low).max()), collection, wind,
+        "Recovered Wind Legend", arrows["seeing_wind_peak"], aside, 0.4 * float((high - low).max()), collection, wind,
     )  # fmt: skip
     made = {"field_object": wind, SAMPLES_OBJECT: samples_of(wind), "arrows_object": arrows, LEGEND: legend}
     if seen is not None and seen.surface is not None:
@@ -159,6 +162,8 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     kept = _in_place(scene, former, made)
     for name in POINTERS:
         setattr(settings, name, kept.get(name))
+    if seen is not None:
+        fill(scene, take, path)
     _clear_the_view(scene)
     physics_nodes.follow(followers, settings.field_object)
     if settings.recovered_object is not None:
@@ -305,4 +310,19 @@ def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> lis
         _collection(scene, scene.seeing_wind.field_object).objects.link(obj)
         bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene)
         made.append(obj)
+    fill_edit(scene, take, {obj.name: obj for obj in made})
+    for body in scene.seeing_wind.bodies:
+        if body.is_recovered and body.baked_copy is not None and scene.seeing_wind.recovered_object is not None:
+            _dress(body.baked_copy.data, scene.seeing_wind.recovered_object.data)
     return made
+
+
+def _dress(mesh: bpy.types.Mesh, recovered: bpy.types.Mesh) -> None:
+    """Let the clip's object, simulated anew, wear what the recovered one wears. Of another number of corners it stays bare."""
+    if len(mesh.loops) != len(recovered.loops) or not recovered.uv_layers:
+        return
+    for material in recovered.materials:
+        mesh.materials.append(material)
+    places = np.empty(2 * len(mesh.loops), dtype=np.float32)
+    recovered.uv_layers.active.uv.foreach_get("vector", places)
+    mesh.uv_layers.new(name=recovered.uv_layers.active.name).uv.foreach_set("vector", places)
