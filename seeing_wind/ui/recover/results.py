@@ -298,9 +298,9 @@ def _collection(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.t
 # -- re-simulated bodies ----------------------------------------------------------------------------------------------------------
 
 
-def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> list[bpy.types.Object]:
-    """All bodies of a re-simulation as new objects with their motion, for files that are made without a session before."""
-    take, made = Take(folder), []
+def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> dict[str, bpy.types.Object]:
+    """All bodies of a re-simulation as new objects with their motion, by name, for files that are made without a session before."""
+    take, made = Take(folder), {}
     for path in sorted(take.file("bodies").glob("*.npz")):
         arrays = simulated_motion(take, path.stem)
         mesh = bpy.data.meshes.new(path.stem)
@@ -309,8 +309,8 @@ def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> lis
         obj = bpy.data.objects.new(path.stem, mesh)
         _collection(scene, scene.seeing_wind.field_object).objects.link(obj)
         bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene)
-        made.append(obj)
-    fill_edit(scene, take, {obj.name: obj for obj in made})
+        made[path.stem] = obj
+    fill_edit(scene, take, made)
     for body in scene.seeing_wind.bodies:
         if body.is_recovered and body.baked_copy is not None and scene.seeing_wind.recovered_object is not None:
             _dress(body.baked_copy.data, scene.seeing_wind.recovered_object.data)

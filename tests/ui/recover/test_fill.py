@@ -18,10 +18,10 @@ pytestmark = pytest.mark.usefixtures("stand_in")
 
 
 @pytest.fixture
-def take(stand_in, workplace) -> Path:
+def take(stand_in, workplace, tmp_path) -> Path:
     """As the engine leaves it: a stage with its settings each."""
-    recover(workplace)
-    folder = workplace / "out.take"
+    folder = tmp_path / "out.take"
+    recover(workplace, take=str(folder))
     clip = str(workplace / "clip.mp4")
     observed = {"clip": clip, "box": [20.0, 20.0, 44.0, 44.0], "distance": 2.5, "frames": [2, 9], "fov": 40.0, "seed": 4}
     Take(folder).finish("observe", "o", observed | {"mask": "/gone.png"})
@@ -76,7 +76,7 @@ def simulated(take) -> Path:
 def test_the_edit_list_is_filled_and_the_object_wears_its_picture(take, simulated) -> None:
     bpy.ops.seeing_wind.build_scene(take=str(take))
     scene = bpy.context.scene
-    made = {obj.name: obj for obj in results.import_bodies(scene, simulated, scene.seeing_wind.frame_start)}
+    made = results.import_bodies(scene, simulated, scene.seeing_wind.frame_start)
     settings = scene.seeing_wind
     box, own = settings.bodies
     assert box.object == made["Box"] and box.mass_scale == 3.0 and own.is_recovered
