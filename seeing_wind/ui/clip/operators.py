@@ -92,8 +92,8 @@ class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, title="What is to be as the clip's?", confirm_text="Match")
 
     def draw(self, context):
-        """A tick for each."""
-        self.layout.prop(self, "parts")
+        """One below the other: side by side their names are cut off."""
+        self.layout.column(align=True).prop(self, "parts")
 
     def act(self, context):
         """At once."""
