@@ -38,8 +38,12 @@ left at one box's length."""
 FAR = (0.8, 1.5, 3.0, 6.0, 12.0)
 """Distances, in longest sides, at which a fading wind is fitted to nothing. Without them it would stay at 0.7 of its strength at 4."""
 
-FAR_POINTS = 60
-"""At each of these distances."""
+PLACES = 4000
+"""Places in the box that a fit sees, at least, and three for each source: with 1000 for 343 sources the worst place was 3.6 % off, with
+these 1.0 %."""
+
+NEAR_SHARE, FAR_SHARE = 1 / 12, 1 / 60
+"""Places at each distance near the box and far from it, relative to those in it."""
 
 PROBES = 400
 """Places at which the error is measured; the fit does not see them."""
@@ -100,9 +104,9 @@ def faded(distance: np.ndarray, width: float) -> np.ndarray:
 
 def _fit(field: SampledField, resolution: int, reach: str) -> FieldFit:
     nodes = lattice(field.box, resolution)
-    inside, probes = _inside(field, 3 * len(nodes))
+    inside, probes = _inside(field, max(PLACES, 3 * len(nodes)))
     places, forces = [inside[0]], [inside[1]]
-    for outer, values in _outside(field, len(nodes), reach):
+    for outer, values in _outside(field, len(inside[0]), reach):
         places.append(outer)
         forces.append(values)
     weights = np.full(sum(map(len, places)), OUTER_WEIGHT)
@@ -134,11 +138,11 @@ def _outside(field: SampledField, count: int, reach: str) -> list[Known]:
         return []
     side, rng = float(np.ptp(field.box, axis=0).max()), np.random.default_rng(1)
     width = side * (FADE_WIDTH if reach == FADE else HOLD_REACH)
-    near = np.concatenate([_shell(field.box, share * width, max(count // 4, 40), rng) for share in (0.2, 0.5, 0.8, 1.1)])
+    near = np.concatenate([_shell(field.box, share * width, round(NEAR_SHARE * count), rng) for share in (0.2, 0.5, 0.8, 1.1)])
     values = field.at(near)
     if reach == HOLD:
         return [(near, values)]
-    far = np.concatenate([_shell(field.box, share * side, FAR_POINTS, rng) for share in FAR])
+    far = np.concatenate([_shell(field.box, share * side, round(FAR_SHARE * count), rng) for share in FAR])
     values *= faded(beside(field.box, near), width)[:, None]
     return [(near, values), (far, np.zeros((len(field.force), len(far), 3)))]
 
