@@ -16,7 +16,7 @@ direct_operator          what operators without a job share
 freshness                which step is done, which is stale
 commands, batch          `blender --command seeing_wind`
 scene_mesh, scene_units  meshes of the scene as arrays; its metres
-user_paths               paths as the user writes them
+user_paths               paths as the user writes them, relative in a saved file
 at_exit                  what is to be done when the process ends
 """
 
@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import at_exit, batch, commands, freshness, scene_properties
+from . import at_exit, batch, commands, freshness, scene_properties, user_paths
 from .bake import operators as bake_operators
 from .bake import panel as bake_panel
 from .clip import operators as clip_operators
@@ -41,6 +41,7 @@ from .edit.resimulate import operators as resimulate_operators
 from .edit.resimulate import panel as resimulate_panel
 from .field import operators as field_operators
 from .field import panel as field_panel
+from .field import properties as field_properties
 from .job import operator as job_operator
 from .job import status, takes
 from .job.install import environment
@@ -54,7 +55,7 @@ FEATURES = (
     clip_operators, clip_panel,
     object_properties, object_operators, object_panel,
     recover_operators, recover_panel,
-    field_operators, field_panel,
+    field_properties, field_operators, field_panel,
     edit_properties, edit_operators, edit_panel,
     resimulate_operators, resimulate_panel,
     bake_operators, bake_panel,
@@ -64,7 +65,7 @@ FEATURES = (
 
 CLASSES = tuple(cls for door in (job_operator, *FEATURES, scene_properties) for cls in door.CLASSES)
 
-HANDLERS = (scene_properties, freshness, job_operator, takes, commands)
+HANDLERS = (scene_properties, freshness, job_operator, takes, user_paths, commands)
 """What is more than classes."""
 
 

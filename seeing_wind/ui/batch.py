@@ -128,7 +128,7 @@ def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -
     if not hasattr(scene, "seeing_wind"):  # factory settings switch extensions off
         switch_on()
     settings = scene.seeing_wind
-    last = worker.wait(results.sampling(python, source, settings.field_resolution), show)
+    last = worker.wait(results.sampling(python, source), show)
     if last["outcome"] != "done":
         return worker.CANCELLED if last["outcome"] == "cancelled" else 1
     results.build(scene, source, clip)

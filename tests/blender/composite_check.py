@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind import ui  # noqa: E402
 from seeing_wind.ui.field import vdb as field_vdb  # noqa: E402
-from seeing_wind.ui.field.samples import samples_of  # noqa: E402
+from seeing_wind.ui.field.samples import read_samples, samples_of  # noqa: E402
 
 
 def check(name: str, good: bool, figures: str = "") -> None:
@@ -44,10 +44,13 @@ def check_vdb(scene: bpy.types.Scene, folder: Path) -> None:
 
     check("export", bpy.ops.seeing_wind.export_field(filepath=str(folder / "vdb")) == {"FINISHED"})
     files = sorted((folder / "vdb").glob("*.vdb"))
-    check("one file per frame", len(files) == 12 and files[0].name == "wind_0001.vdb", str(len(files)))
-    points, counts, force, _ = field_vdb.read_samples(samples_of(field))
+    check("one file per frame", len(files) == 12 and files[0].name == "wind_0002.vdb", str(len(files)))
+    sampled = read_samples(samples_of(field))
+    points, force = sampled.points, sampled.force
     grids = {grid.name: grid for grid in openvdb.readAllGridMetadata(str(files[4]))}
     check("grids", set(grids) == {"force", "confidence"})
+    said = {name: (str(grid.gridClass), grid["unit"]) for name, grid in grids.items()}
+    check("class and unit", said == {"force": ("fog volume", "N/m3"), "confidence": ("fog volume", "1")}, str(said))
     grid = openvdb.read(str(files[4]), "force")
     turn = np.array(field.matrix_world)
     for number in (0, len(points) // 2 + 3, len(points) - 1):

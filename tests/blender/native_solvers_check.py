@@ -170,11 +170,11 @@ def hair_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
     return checks["worst_errors"](found[clear], truth[clear])
 
 
-def sample_wind_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
-    """The node group Sample Wind on points, in the frame in which solvers feel the interval."""
+def sample_wind(field: bpy.types.Object, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (P, 3) in the world, and the accelerations that the node group Sample Wind gives there in a scene frame."""
     scene = bpy.context.scene
     mesh = bpy.data.meshes.new("Points")
-    mesh.from_pydata(released(field, places(interval)).tolist(), [], [])
+    mesh.from_pydata(points.tolist(), [], [])
     obj = bpy.data.objects.new("Points", mesh)
     scene.collection.objects.link(obj)
     # the object stands elsewhere than the world's origin, with its points where they were
@@ -189,12 +189,18 @@ def sample_wind_errors(field: bpy.types.Object, interval: int) -> tuple[float, f
         data_type="FLOAT_VECTOR", domain="POINT",
     )  # fmt: skip
     set_up_modifier(obj, group.finish(stored.outputs[0]))
-    scene.frame_set(FRAME_START + interval + 1)
+    scene.frame_set(frame)
     evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
     turn = np.array(evaluated.matrix_world)
     found = np.array([value.vector[:] for value in evaluated.data.attributes["a"].data]) @ turn[:3, :3].T
     at = np.array([vertex.co[:] for vertex in evaluated.data.vertices]) @ turn[:3, :3].T + turn[:3, 3]
     bpy.data.objects.remove(obj)
+    return at, found
+
+
+def sample_wind_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+    """Sample Wind in the frame in which solvers feel the interval."""
+    at, found = sample_wind(field, released(field, places(interval)), FRAME_START + interval + 1)
     return errors(field, at, found, interval)
 
 

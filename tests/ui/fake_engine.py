@@ -50,8 +50,9 @@ def recover(options: list[str]) -> None:
     take.write_arrays("trajectory.npz", {"x": moving, "fps": np.array(FPS)})
     with take.writing("field.safetensors") as path:
         path.write_bytes(b"no field")
+    first = int(options[options.index("--frames") + 1].split(":")[0]) if "--frames" in options else 0
     report = {"box": [[-0.5, -0.3, -0.5], [0.7, 0.3, 0.6]], "fps": FPS, "frames": FRAMES, "material": {"density": DENSITY}}
-    take.write_json("report.json", {**report, "clip": {"path": options[0], "first_frame": 0}})
+    take.write_json("report.json", {**report, "clip": {"path": options[0], "first_frame": first}})
     given = options[1 : options.index("--take")]
     take.finish("recover", stamp_of(*given), {"gravity": [0.0, 0.0, -3.0], "options": options})
 

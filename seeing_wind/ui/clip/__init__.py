@@ -1,10 +1,11 @@
 """Step 1, the clip: which video, which part of it, through which camera.
 
 properties       its settings
-operators        Choose Clip (also by drag and drop), Draw Box
+operators        Choose Clip (also by drag and drop), Match Scene, Draw Box
 panel            the panel *Clip*
 options          the settings as options of the worker
-clip_scene       camera, time and background of the scene as the clip wants them; the recovered object's mesh
+match            what of the scene follows the clip, and what is left alone
+clip_scene       the clip's camera with its pictures behind; the recovered object's mesh
 frame_on_screen  where the clip's frame lies on the screen
 
 `inputs` writes what Blender knows of the clip for the engine; `object` is step 2, what is followed in it.

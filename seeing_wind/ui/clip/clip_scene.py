@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,15 @@ from mathutils import Matrix
 
 from ...engine.errors import ClipError, UsageError
 from ..scene_units import metres_per_unit
-from .inputs.clips import opened_by
+from .inputs.clips import found_clip, load_clip
+from .match import ALL, OURS, follow
 
 CAMERA = "Seeing Wind Camera"
 SENSOR_WIDTH = 36.0
 """mm; the focal length in mm that Blender shows is relative to it."""
+
+PICTURE_COLOUR = "picture_colour"
+"""Color attribute of the recovered object: the clip's pixels at its vertices."""
 
 OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenCV's camera looks along +Z with Y down, Blender's along -Z with Y up."""
@@ -30,10 +34,9 @@ def setup_clip_scene(
     first_frame: int,
     frames: int,
     frame_start: int = 1,
+    parts: Collection[str] = ALL,
 ) -> bpy.types.Object:
-    """Make a scene match a clip: frame rate and range, resolution, camera, and the clip as the camera's background.
-
-    Colours are shown as they are (view transform *Standard*) and the film is transparent, so that a render goes over the clip.
+    """Put a camera where the clip's stood, with the clip behind it, and let parts of the scene follow the clip.
 
     Args:
         scene: changed. A former camera of this function is used again.
@@ -43,9 +46,10 @@ def setup_clip_scene(
         first_frame: index in the file of picture 0.
         frames: T, the number of frame intervals; T + 1 pictures are shown.
         frame_start: scene frame of picture 0.
+        parts: see `match.PARTS`.
 
     Returns:
-        The camera object, now the scene's camera.
+        The camera object.
 
     Raises:
         ClipError: when Blender cannot read the clip.
@@ -54,24 +58,17 @@ def setup_clip_scene(
     camera = dict(camera)
     _check_camera(camera, frames)
     clip = _load_clip(clip_path, first_frame, frame_start)
-    scene.frame_start, scene.frame_end = frame_start, frame_start + frames
-    # a scene's own range cannot begin before 0; the preview range, which playback follows, can
-    scene.use_preview_range = frame_start < 0
-    if scene.use_preview_range:
-        scene.frame_preview_start, scene.frame_preview_end = frame_start, frame_start + frames
-    scene.render.fps = max(1, round(fps))
-    scene.render.fps_base = scene.render.fps / fps
-    scene.render.resolution_x, scene.render.resolution_y = int(camera["width"]), int(camera["height"])
-    scene.render.resolution_percentage = 100
-    scene.render.film_transparent = True
-    scene.view_settings.view_transform = "Standard"
     scene.active_clip = clip
     obj = _camera_object(scene)
-    _set_lens(scene, obj.data, camera)
+    _set_lens(obj.data, camera)
     _set_pose(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), metres_per_unit(scene), frame_start)
     set_background(obj.data, clip)
-    scene.camera = obj
-    scene.frame_set(frame_start)
+    # pixels that are not square: Blender stretches one side by a factor of at least one
+    aspect = max(camera["fy"] / camera["fx"], 1.0), max(camera["fx"] / camera["fy"], 1.0)
+    size = int(camera["width"]), int(camera["height"])
+    follow(scene, parts, fps=fps, first=frame_start, last=frame_start + frames, size=size, aspect=aspect, camera=obj)
+    if "RANGE" in parts:
+        scene.frame_set(frame_start)
     return obj
 
 
@@ -100,11 +97,25 @@ def create_recovered_object(
     layer, corners = mesh.uv_layers.new(name="Picture"), np.empty(len(mesh.loops), dtype=np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
+    if isinstance(picture, np.ndarray):
+        _wear_in_solid_view(mesh, np.asarray(uv), picture)
     mesh.materials.append(_picture_material(f"{name} Picture", picture_image(f"{name} Picture", picture)))
     mesh.update()
     obj = bpy.data.objects.new(name, mesh)
     (collection or scene.collection).objects.link(obj)
     return obj
+
+
+def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, picture: np.ndarray) -> None:
+    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no picture."""
+    height, width = picture.shape[:2]
+    column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
+    row = np.clip(((1.0 - uv[:, 1]) * height).astype(int), 0, height - 1)
+    shown = picture[row, column, :3] / 255.0
+    linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
+    colours = np.concatenate([linear, np.ones((len(uv), 1))], axis=1).astype(np.float32)
+    mesh.attributes.new(PICTURE_COLOUR, "FLOAT_COLOR", "POINT").data.foreach_set("color", colours.ravel())
+    mesh.color_attributes.active_color_name = PICTURE_COLOUR
 
 
 def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
@@ -119,35 +130,31 @@ def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
 
 
 def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
-    try:
-        clip = bpy.data.movieclips.load(opened_by(str(Path(path).resolve())), check_existing=True)
-    except RuntimeError as error:
-        raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264) or check the path.") from error
+    clip = found_clip(str(path)) or load_clip(str(path))
     # a file that is no video loads without a complaint, as a clip of no pictures
     if clip.frame_duration < 1:
         if clip.users == 0:
             bpy.data.movieclips.remove(clip)
         raise ClipError(f"{path} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
     # the offset stays: the user's tracks and camera solve count from it
-    clip.frame_start = frame_start - first_frame + clip.frame_offset
+    if clip.library is None:
+        clip.frame_start = frame_start - first_frame + clip.frame_offset
     return clip
 
 
 def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:
-    obj = next((each for each in scene.objects if each.get("seeing_wind_camera")), None)
+    obj = next((each for each in scene.objects if each.get(OURS)), None)
     if obj is None:
         obj = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
-        obj["seeing_wind_camera"] = True
+        obj[OURS] = True
         scene.collection.objects.link(obj)
     obj.animation_data_clear()
     return obj
 
 
-def _set_lens(scene: bpy.types.Scene, data: bpy.types.Camera, camera: Mapping[str, Any]) -> None:
+def _set_lens(data: bpy.types.Camera, camera: Mapping[str, Any]) -> None:
     """Intrinsics. Blender gives the principal point as a shift in widths from the middle; its first pixel covers -0.5..0.5 in ours."""
     width, height, fx, fy = (float(camera[key]) for key in ("width", "height", "fx", "fy"))
-    # pixels that are not square: Blender stretches one side by a factor of at least one
-    scene.render.pixel_aspect_x, scene.render.pixel_aspect_y = max(fy / fx, 1.0), max(fx / fy, 1.0)
     data.type, data.sensor_fit, data.sensor_width = "PERSP", "HORIZONTAL", SENSOR_WIDTH
     data.lens = fx * SENSOR_WIDTH / width
     data.shift_x = 0.5 - (camera["cx"] + 0.5) / width

@@ -4,7 +4,7 @@ import math
 
 import bpy
 import gpu
-from bpy.props import BoolProperty, FloatVectorProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, StringProperty
 from gpu_extras.batch import batch_for_shader
 
 from ...engine.conventions import front_view
@@ -14,7 +14,8 @@ from ..job import status
 from ..job.operator import redraw
 from ..property_kinds import PATH
 from ..user_paths import absolute
-from .inputs.clips import first_picture, loaded_clip, scene_frame
+from .inputs.clips import first_picture, loaded_clip, scene_frame, start_of
+from .match import OURS, PARTS, follow, followed, left_alone
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
 LOOKING = ("MOUSE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEEL", "TRACKPAD", "NDOF", "NUMPAD", "HOME")
@@ -64,14 +65,55 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
             raise
         if former and another:  # box and pictures that were chosen for the former one mean nothing here
             settings.box, settings.use_frames = (0.0, 0.0, 0.0, 0.0), False
-        if clip.frame_start != 1 or clip.frame_offset:
-            settings.frame_start = scene_frame(clip, first_picture(settings))
+        settings.frame_start = start_of(clip, first_picture(settings), settings.frame_start)
+        ask = not settings.follows_decided
+        parts, kept = followed(scene), left_alone(scene)  # before the clip makes the scene another one
         scene.active_clip = clip
-        _show(scene, clip)
-        return f"{clip.name}: {clip.frame_duration} pictures of {clip.size[0]} x {clip.size[1]}"
+        _show(scene, clip, parts)
+        if ask and kept and not bpy.app.background:
+            bpy.ops.seeing_wind.match_scene("INVOKE_DEFAULT")
+        said = f"{clip.name}: {clip.frame_duration} pictures of {clip.size[0]} x {clip.size[1]}"
+        return f"{said}; {kept}" if kept else said
 
 
-def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip) -> None:
+class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
+    """Choose what of the scene is to be as the clip's, now and whenever results are loaded"""
+
+    bl_idname = "seeing_wind.match_scene"
+    bl_label = "Match Scene"
+
+    parts: EnumProperty(
+        name="As the Clip's", items=PARTS, options={"ENUM_FLAG", "SKIP_SAVE"}, description="The rest stays as the scene has it"
+    )
+
+    def invoke(self, context, event):
+        """Ask; what follows already is ticked."""
+        self.parts = set(followed(context.scene))
+        return context.window_manager.invoke_props_dialog(self, title="What is to be as the clip's?", confirm_text="Match")
+
+    def draw(self, context):
+        """One below the other: side by side their names are cut off."""
+        self.layout.column(align=True).prop(self, "parts")
+
+    def act(self, context):
+        """At once."""
+        scene = context.scene
+        settings = scene.seeing_wind
+        clip = loaded_clip(settings)
+        settings.follows, settings.follows_decided = self.parts, True
+        field = settings.field_object
+        fps = field["seeing_wind_fps"] if field is not None else settings.fps or clip.fps
+        last = settings.frames[1] if settings.use_frames else clip.frame_duration - 1 + clip.frame_offset
+        frames = int(field["seeing_wind_frames"]) if field is not None else max(last - first_picture(settings), 1)
+        camera = settings.camera_object or next((obj for obj in scene.objects if obj.get(OURS)), None)
+        follow(
+            scene, self.parts, fps=fps, first=settings.frame_start, last=settings.frame_start + frames, size=tuple(clip.size), aspect=None,
+            camera=camera,
+        )  # fmt: skip
+        return left_alone(scene).capitalize() or "The scene is as the clip"
+
+
+def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip, parts: frozenset[str]) -> None:
     """Put the clip behind the camera that Recover will use: the scene's own where the settings say so, else one of ours."""
     from .clip_scene import set_background, setup_clip_scene  # these need NumPy
     from .inputs.camera import camera_source
@@ -91,7 +133,7 @@ def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip) -> None:
     }  # fmt: skip
     last = settings.frames[1] if settings.use_frames else clip.frame_duration - 1 + clip.frame_offset
     fps = settings.fps or clip.fps or scene.render.fps / scene.render.fps_base
-    setup_clip_scene(scene, bpy.path.abspath(clip.filepath), camera, fps, first, max(last - first, 1), settings.frame_start)
+    setup_clip_scene(scene, bpy.path.abspath(clip.filepath), camera, fps, first, max(last - first, 1), settings.frame_start, parts)
 
 
 class SEEING_WIND_OT_draw_box(bpy.types.Operator):
@@ -260,4 +302,4 @@ class SEEING_WIND_FH_clip(bpy.types.FileHandler):
         return context.area is not None and context.area.type in {"VIEW_3D", "CLIP_EDITOR"}
 
 
-CLASSES = (SEEING_WIND_OT_choose_clip, SEEING_WIND_OT_draw_box, SEEING_WIND_FH_clip)
+CLASSES = (SEEING_WIND_OT_choose_clip, SEEING_WIND_OT_match_scene, SEEING_WIND_OT_draw_box, SEEING_WIND_FH_clip)

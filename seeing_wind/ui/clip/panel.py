@@ -31,6 +31,7 @@ class ClipTab(Tab):
         if settings.camera_mode in ("AUTO", "FOV", "JSON"):
             column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
         column.prop(settings, "frame_start")
+        column.operator("seeing_wind.match_scene", icon="SCENE_DATA")
         step = status.of(context.scene.session_uid).steps["clip"]
         if step.state == State.FAILED:
             draw_failure(self.layout, context, step)

@@ -3,10 +3,11 @@
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
 
-from bpy.props import IntProperty, IntVectorProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty, IntVectorProperty
 
 from ...engine.conventions import DEFAULT_FOV_DEGREES
 from ..property_kinds import KEPT, changed, choice, file_path, number, toggle
+from .match import PARTS
 
 
 class ClipOptions:
@@ -39,5 +40,11 @@ class ClipSettings:
     """What only the scene has."""
 
     frame_start: IntProperty(
-        name="First Frame", default=1, description="Scene frame of the clip's first picture; takes effect at the next Recover or Reload"
+        name="First Frame", default=1,
+        description="Scene frame of the first picture used; takes effect at the next Recover or Reload. A clip that was in the file before "
+        "stays where it is in time",
+    )  # fmt: skip
+    follows: EnumProperty(
+        name="Follows the Clip", items=PARTS, options={"ENUM_FLAG", "HIDDEN"}, description="What of the scene is as the clip's"
     )
+    follows_decided: BoolProperty(options={"HIDDEN"})

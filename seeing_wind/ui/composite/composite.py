@@ -18,9 +18,11 @@ import numpy as np
 from ...engine.errors import SeeingWindError, UsageError
 from ...engine.take import Take
 from ..clip.clip_scene import picture_image
+from ..clip.match import is_factory
 from ..field.display import LEGEND_MARK
 from ..job import takes
 from ..job.worker import said_by
+from .light import sun_of
 
 TREE, SUN, FLOOR, PLATE = "Seeing Wind Composite", "Seeing Wind Sun", "Seeing Wind Floor", "Seeing Wind Clean Plate"
 SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
@@ -34,18 +36,22 @@ class Composite:
     behind: str
     """"clip" or "plate"."""
     floor: bool
-    light: bool
-    """Whether a sun was added, because there was no light."""
+    light: str
+    """What was done for want of a light; "" where the scene has its own."""
+    shutter: float
+    """Of the motion blur [frames]; 0: none."""
 
     def __str__(self) -> str:
         parts = ["the clip" if self.behind == "clip" else "the clean plate, since the clip's object moves anew"]
-        parts += ["a floor that catches shadows"] * self.floor + ["a sun: turn it to the clip's light"] * self.light
+        parts += ["a floor that catches shadows"] * self.floor + [self.light] * bool(self.light)
+        parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
         return f"Composite over {', '.join(parts)}"
 
 
 def set_up(
-    scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, samples: int = 32, show_field: bool = False
-) -> Composite:
+    scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, samples: int = 32, shutter: float = 0.5,
+    show_field: bool = False,
+) -> Composite:  # fmt: skip
     """Make a scene render its edit over the clip. May be called again after changes.
 
     Args:
@@ -53,6 +59,7 @@ def set_up(
         plate: CLIP, PLATE, or AUTO: the plate when the clip's object is part of the edit.
         floor: add a plane under everything that catches shadows.
         samples: of Cycles, per pixel.
+        shutter: how long the camera's shutter was open [frames]: 0.5 is a shutter of 180 degrees; 0 renders no motion blur.
         show_field: render the arrows too.
 
     Raises:
@@ -73,11 +80,14 @@ def set_up(
     scene.render.engine = "CYCLES"
     scene.cycles.samples, scene.render.film_transparent = samples, True
     scene.view_settings.view_transform = "Standard"
+    scene.render.use_motion_blur = shutter > 0.0
+    if shutter > 0.0:
+        scene.render.motion_blur_shutter = shutter
     _background(scene.camera.data, clip)
     _floor(scene, floor)
     light = _light(scene)
     _compositor(scene, clip, picture)
-    return Composite("plate" if use_plate else "clip", floor, light)
+    return Composite("plate" if use_plate else "clip", floor, light, shutter)
 
 
 def is_set_up(scene: bpy.types.Scene) -> bool:
@@ -182,21 +192,28 @@ def _corners(scene: bpy.types.Scene) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _light(scene: bpy.types.Scene) -> bool:
-    """A sun and a pale sky where there is no light at all."""
-    if any(obj.type == "LIGHT" for obj in scene.objects):
-        return False
+def _light(scene: bpy.types.Scene) -> str:
+    """A sun and a pale sky where there is no light but Blender's default one; says what it did."""
+    lights = [obj for obj in scene.objects if obj.type == "LIGHT"]
+    default = [obj for obj in lights if is_factory(obj)]
+    if len(lights) > len(default):
+        return ""
+    for obj in default:
+        obj.hide_render = True
+    said = "Blender's default light is off; " if default else ""
+    seen = sun_of(scene.seeing_wind.recovered_object)
+    said += "a sun from where the clip's object is brightest" if seen else "a sun: turn it to the clip's light"
     lamp = bpy.data.lights.new(SUN, "SUN")
     lamp.energy, lamp.angle = 2.6, math.radians(2.0)
     sun = bpy.data.objects.new(SUN, lamp)
-    sun.rotation_euler = SUN_ANGLES
+    sun.rotation_euler = seen.to_track_quat("Z", "Y").to_euler() if seen else SUN_ANGLES
     scene.collection.objects.link(sun)
     if scene.world is None:
         scene.world = bpy.data.worlds.new("Seeing Wind Sky")
         scene.world.use_nodes = True
         sky = scene.world.node_tree.nodes.get("Background")
         sky.inputs["Color"].default_value, sky.inputs["Strength"].default_value = (0.66, 0.78, 1.0, 1.0), 0.55
-    return True
+    return said
 
 
 def _compositor(scene: bpy.types.Scene, clip: bpy.types.MovieClip, plate: bpy.types.Image | None) -> None:

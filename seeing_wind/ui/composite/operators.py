@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..direct_operator import DirectOperator
 from ..job import takes
@@ -26,13 +26,18 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
     behind: EnumProperty(name="Behind", items=BEHIND, description="What is seen behind the edit")
     floor: BoolProperty(name="Floor", description="A plane under the edit that catches its shadows; move it to where the clip's floor is")
     samples: IntProperty(name="Samples", default=32, min=1, soft_max=512, step=16, description="Of Cycles, per pixel")
+    shutter: FloatProperty(
+        name="Shutter (frames)", default=0.5, min=0.0, soft_max=1.0,
+        description="How long the clip's shutter was open: 0.5 is a shutter of 180 degrees; 0 renders no motion blur",
+    )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")
 
     def act(self, context):
         """May be repeated after any change."""
         from .composite import set_up  # needs NumPy
 
-        return str(set_up(context.scene, plate=self.behind, floor=self.floor, samples=self.samples, show_field=self.show_field))
+        chosen = {name: getattr(self, name) for name in ("floor", "samples", "shutter", "show_field")}
+        return str(set_up(context.scene, plate=self.behind, **chosen))
 
 
 class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):

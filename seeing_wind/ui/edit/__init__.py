@@ -3,7 +3,9 @@
 properties  its settings: bodies, colliders, further edits
 operators   insert, remove, pin, scale, let go; colliders; duplicate and remove an edit
 panel       the panel *Edit*
-edits       several edits of one field: one is worked on, the others are kept
+from_file   the Edit list from an edit.toml that was simulated elsewhere
+edits       several from_file   the Edit list from an edit.toml that was simulated elsewhere
+edits of one field: one is worked on, the others are kept
 
 `resimulate` is step 5.
 """

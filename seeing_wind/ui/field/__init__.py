@@ -1,10 +1,9 @@
 """The recovered field in Blender: one native force field object, and how it is seen.
 
-properties    how finely it is made
-operators     Calibrate for Object, Export Field
+properties    how finely it is made, and how it ends beside its box
+operators     Fit Field, Calibrate for Object, Export Field
 panel         the panel *Field*
 field_object  a mesh of wind sources that is a Blender force field
-kernels       a sampled field as a sum of such sources: least squares, NumPy only
 samples       the field's values for Geometry Nodes, and the group *Sample Wind*
 arrows        the arrows
 legend        the bar of colours beside them
@@ -12,5 +11,5 @@ display       names and texts by which these objects are known; no NumPy
 node_groups   building Geometry Nodes groups in few words
 vdb           OpenVDB files
 
-`solvers` makes Blender's own solvers feel it as they should.
+`fit` finds the wind sources whose sum is the field; `solvers` makes Blender's own solvers feel it as they should.
 """

@@ -138,8 +138,8 @@ def _arrow_group(
     )
     shown = group.math("MULTIPLY", shown, _thinned(group, points))
     shown = group.math("MULTIPLY", shown, _in_slice(group, current))
-    if field is not None and field.field is not None and field.field.strength:
-        scale = group.math("MULTIPLY", scale, group.driven("Strength", field, "field.strength", f"value / {field.field.strength!r}", 1.0))
+    if field is not None:
+        scale = group.math("MULTIPLY", scale, group.strength(field))
     rotation = group.node("FunctionNodeAlignRotationToVector", {"Vector": group.attribute("force", "FLOAT_VECTOR")}, axis="Z").outputs[
         "Rotation"
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 import numpy as np
 
@@ -12,6 +14,8 @@ from .node_groups import GroupBuilder, set_up_modifier
 CELLS = 48
 WIDTH = 0.06
 """Of the bar, relative to its height."""
+DARK, LIGHT = 0.01, 1.0
+"""The plate and the figures on it."""
 
 
 def create_legend(
@@ -43,15 +47,43 @@ def create_legend(
     collection.objects.link(obj)
     if parent is not None:
         obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
-    group, parts = GroupBuilder(name), []
+    group = GroupBuilder(name)
+    # behind the bar and its figures stands a dark plate, so that they can be read on any footage
+    size = {"Size X": 0.75 * height, "Size Y": 1.2 * height, "Vertices X": 2, "Vertices Y": 2}
+    plate = group.node("GeometryNodeMeshGrid", size).outputs["Mesh"]
+    parts = [_placed(group, plate, (0.24 * height, 0.01 * height, 0.5 * height), DARK)]
     for text, at in ((f"{in_figures(peak)} N/m³", height), ("0", 0.0)):
         letters = group.node("GeometryNodeStringToCurves", {"String": text, "Size": 0.09 * height})
         filled = group.node("GeometryNodeFillCurve", {0: group.node("GeometryNodeRealizeInstances", {0: letters.outputs[0]}).outputs[0]})
-        place = {"Geometry": filled.outputs[0], "Translation": (0.03 * height, 0.0, at - 0.03 * height), "Rotation": (np.pi / 2, 0.0, 0.0)}
-        parts.append(group.node("GeometryNodeTransform", place).outputs[0])
+        parts.append(_placed(group, filled.outputs[0], (0.03 * height, 0.0, at - 0.03 * height), LIGHT))
     join = group.node("GeometryNodeJoinGeometry")
     # the bar last, which puts it in front: its active colours then count for Solid view
     for part in (*parts, group.input.outputs["Geometry"]):
         group.tree.links.new(part, join.inputs[0])
     set_up_modifier(obj, group.finish(join.outputs[0]))
     return obj
+
+
+def _placed(group: GroupBuilder, geometry: Any, at: tuple[float, float, float], colour: float) -> Any:
+    """Geometry of the XY plane, upright, in one shade of grey whatever Solid view takes its colors from."""
+    turned = group.node("GeometryNodeTransform", {"Geometry": geometry, "Translation": at, "Rotation": (np.pi / 2, 0.0, 0.0)}).outputs[0]
+    painted = group.node("GeometryNodeSetMaterial", {"Geometry": turned, "Material": _material(colour)}).outputs[0]
+    return group.node(
+        "GeometryNodeStoreNamedAttribute", {"Geometry": painted, "Name": COLOUR, "Value": (colour, colour, colour, 1.0)},
+        data_type="FLOAT_COLOR", domain="POINT",
+    ).outputs["Geometry"]  # fmt: skip
+
+
+def _material(colour: float) -> bpy.types.Material:
+    """A shade of grey that glows, made once per file."""
+    name = f"Seeing Wind Legend {colour:g}"
+    material = bpy.data.materials.get(name)
+    if material is None:
+        material = bpy.data.materials.new(name)
+        material.diffuse_color, material.use_nodes = (colour, colour, colour, 1.0), True
+        nodes = material.node_tree.nodes
+        nodes.clear()
+        emission, output = nodes.new("ShaderNodeEmission"), nodes.new("ShaderNodeOutputMaterial")
+        emission.inputs["Color"].default_value = (colour, colour, colour, 1.0)
+        material.node_tree.links.new(emission.outputs[0], output.inputs["Surface"])
+    return material

@@ -67,18 +67,24 @@ class GroupBuilder:
         """Output sockets of the components."""
         return list(self.node("ShaderNodeSeparateXYZ", {0: vector}).outputs)
 
-    def driven(self, name: str, obj: bpy.types.Object, path: str, expression: str, start: float) -> Any:
-        """Output socket of a number that follows a property of an object; `expression` calls it `value`.
+    def driven(self, name: str, obj: bpy.types.Object, paths: dict[str, str], expression: str, start: float) -> Any:
+        """Output socket of a number that follows properties of an object; `expression` calls them by the keys of `paths`.
 
         Only arithmetic may stand in the expression: then Blender needs no leave to run scripts.
         """
         node = self.node("ShaderNodeValue", name=name, label=name)
         node.outputs[0].default_value = start
         driver = node.outputs[0].driver_add("default_value").driver
-        variable = driver.variables.new()
-        variable.name, variable.targets[0].id, variable.targets[0].data_path = "value", obj, path
+        for key, path in paths.items():
+            variable = driver.variables.new()
+            variable.name, variable.targets[0].id, variable.targets[0].data_path = key, obj, path
         driver.expression = expression
         return node.outputs[0]
+
+    def strength(self, field: bpy.types.Object) -> Any:
+        """Output socket of a field object's strength relative to the recovered one."""
+        paths = {"now": "field.strength", "recovered": '["seeing_wind_strength"]'}
+        return self.driven("Strength", field, paths, "now / recovered", 1.0)
 
     def attribute(self, name: str, kind: str = "FLOAT") -> Any:
         """Output socket of a named attribute; `kind` is FLOAT or FLOAT_VECTOR."""

@@ -13,6 +13,7 @@ from ..job.install.environment import engine_python
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
+from .display import field_at_hand, is_field, out_of_time, said_of_fit
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
@@ -22,6 +23,45 @@ ONE_FILE = [
 FORMATS = [("VDB", "OpenVDB", "Volumes with the grids force and confidence, one file per frame, written by Blender"), *ONE_FILE]
 
 
+def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object:
+    """The field that is meant: the named one, else a selected one, else the scene's own, else the only one in the scene.
+
+    Raises:
+        UsageError: when there is none, or which of several is not said.
+    """
+    if name:
+        found = context.scene.objects.get(name)
+        if not is_field(found):
+            raise UsageError(f"{name} is no recovered force field of this scene.", "Name the object that Recover made.")
+        return found
+    if field_at_hand(context) is not None:
+        return field_at_hand(context)
+    fields = [obj for obj in context.scene.objects if is_field(obj)]
+    if len(fields) > 1:
+        names = ", ".join(obj.name for obj in fields[:4])
+        raise UsageError(f"There are several recovered fields: {names}.", "Select the one that is meant, too.")
+    if not fields:
+        raise UsageError("There is no recovered field.", "Run Recover first, load the results of a take, or append a field.")
+    return fields[0]
+
+
+class SEEING_WIND_OT_fit_field(DirectOperator, bpy.types.Operator):
+    """Make the native force field anew from the values that it carries, with the nodes and the reach that are set here"""
+
+    bl_idname = "seeing_wind.fit_field"
+    bl_label = "Fit Field"
+
+    field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
+
+    def act(self, context):
+        """A few seconds; needs neither the take nor the engine."""
+        from .field_object import fit_again  # needs NumPy
+
+        field, settings = chosen_field(context, self.field), context.scene.seeing_wind
+        fit_again(field, settings.field_resolution, settings.field_reach)
+        return f"{field.name}: {said_of_fit(field)}"
+
+
 class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
     """Let the chosen object's particles, hair, cloth, rigid body or physics nodes accelerate in the recovered wind as real matter does"""
 
@@ -29,6 +69,7 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
     bl_label = "Calibrate for Object"
 
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of the object; empty: the active one")
+    field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
     density: FloatProperty(
         name="Density (kg/m³)", default=0.0, min=0.0, soft_max=20000.0, step=1000, precision=1, options={"SKIP_SAVE"},
         description="Of the object's matter in kilograms per cubic metre; 0: as the recovered object",
@@ -49,11 +90,36 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         obj = scene.objects.get(self.object) if self.object else context.active_object
         if obj is None:
             raise UsageError(f"There is no object {self.object!r}." if self.object else "No object is active.", "Select one.")
-        field = scene.seeing_wind.field_object
-        if field is None:
-            raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
+        field = chosen_field(context, self.field)
+        if obj == field:
+            raise UsageError(f"{obj.name} is the wind itself.", "Make the object active that is to feel it, and select the field too.")
         said = calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
+        kept = scene.seeing_wind.calibrations
+        entry = next((each for each in kept if each.object == obj), None) or kept.add()
+        entry.object, entry.field, entry.fps = obj, field, scene.render.fps / scene.render.fps_base
+        entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
         return "; ".join(said)
+
+
+class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
+    """Calibrate all objects anew that were calibrated for another frame rate: native solvers count the wind per frame"""
+
+    bl_idname = "seeing_wind.calibrate_again"
+    bl_label = "Calibrate Again"
+
+    def act(self, context):
+        """With the options of their first time."""
+        from .solvers.calibration import calibrate_object  # needs NumPy
+
+        scene, done = context.scene, []
+        for entry in out_of_time(scene):
+            calibrate_object(
+                scene, entry.object, entry.field, density=entry.density or None, alone=entry.alone, set_mass=entry.set_mass
+            )  # fmt: skip
+            entry.fps = scene.render.fps / scene.render.fps_base
+            done.append(entry.object.name)
+        rate = f"{scene.render.fps / scene.render.fps_base:.4g} frames per second"
+        return f"Calibrated {', '.join(done)} for {rate}" if done else "Every calibration fits the frame rate"
 
 
 class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
@@ -106,4 +172,4 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
             raise SeeingWindError(last["message"], last.get("hint", ""))
 
 
-CLASSES = (SEEING_WIND_OT_calibrate, SEEING_WIND_OT_export_field)
+CLASSES = (SEEING_WIND_OT_fit_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_export_field)

@@ -2,8 +2,8 @@
 
 import bpy
 
-from ..job.panel_pieces import Tab, panels
-from .display import ARROWS_MATERIAL, in_figures
+from ..job.panel_pieces import Tab, draw_text, panels
+from .display import ARROWS_MATERIAL, field_at_hand, in_figures, out_of_time, said_of_fit
 from .node_groups import modifier_input
 
 SHOWN = ("Length", "Density", "Confidence Shown", "Slice Axis", "Slice Position", "Slice Thickness")
@@ -18,22 +18,43 @@ class FieldTab(Tab):
 
     @classmethod
     def poll(cls, context):
-        """Once there is a field."""
-        return context.scene is not None and context.scene.seeing_wind.field_object is not None
+        """Once there is a field: the scene's own, or a selected one that was appended or linked."""
+        return context.scene is not None and field_at_hand(context) is not None
 
     def draw(self, context):
         """Reads the objects' own settings: nothing is kept twice."""
-        settings, layout = context.scene.seeing_wind, self.layout
+        settings, layout, field = context.scene.seeing_wind, self.layout, field_at_hand(context)
         layout.use_property_split, layout.use_property_decorate = True, False
-        if settings.field_object.field is not None:
-            layout.prop(settings.field_object.field, "strength")
-        if settings.arrows_object is not None:
+        if field != settings.field_object:
+            layout.label(text=field.name, icon="FORCE_WIND")
+        layout.prop(field.field, "strength")
+        self._nodes(context, settings, field)
+        if settings.arrows_object is not None and settings.arrows_object.parent == field:
             self._arrows(context, settings.arrows_object)
         column = layout.column()
         row = column.row()
         row.enabled = context.active_object is not None
         row.operator("seeing_wind.calibrate", icon="PHYSICS")
+        wrong = out_of_time(context.scene)
+        if wrong:
+            box = column.box()
+            box.alert = True
+            names = ", ".join(each.object.name for each in wrong[:3])
+            draw_text(box, context, f"The frame rate has changed since {names} was calibrated: the wind is felt wrongly", "ERROR")
+            box.operator("seeing_wind.calibrate_again", icon="FILE_REFRESH")
         column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
+
+    def _nodes(self, context, settings, field):
+        """How the native field follows the recovered one."""
+        column = self.layout.column()
+        column.prop(settings, "field_resolution")
+        column.prop(settings, "field_reach")
+        set_here = (settings.field_resolution or field.get("seeing_wind_nodes"), settings.field_reach)
+        row = column.row()
+        row.alert = set_here != (field.get("seeing_wind_nodes"), field.get("seeing_wind_reach"))
+        row.operator("seeing_wind.fit_field", icon="FORCE_WIND")
+        if said_of_fit(field):
+            draw_text(column, context, said_of_fit(field), "INFO")
 
     def _arrows(self, context, arrows):
         column = self.layout.column(heading="Arrows")

@@ -3,12 +3,37 @@
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
 
-from bpy.props import IntProperty
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty
+
+from ..property_kinds import choice
+
+
+class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
+    """One object that was calibrated: its weights are right for one frame rate of the scene."""
+
+    object: PointerProperty(type=bpy.types.Object)
+    field: PointerProperty(type=bpy.types.Object)
+    density: FloatProperty(description="kg/m³; 0: as the recovered object")
+    alone: BoolProperty()
+    set_mass: BoolProperty()
+    fps: FloatProperty(description="Of the scene, at that time")
 
 
 class FieldSettings:
     """How finely the field object follows the recovered field."""
 
     field_resolution: IntProperty(
-        name="Field Nodes", default=7, min=2, max=12, description="Wind sources along each side of the field object"
-    )
+        name="Field Nodes", default=0, min=0, max=12,
+        description="Wind sources along the field object's longest side: more follow the field closer and play slower. "
+        "0: as many as it needs",
+    )  # fmt: skip
+    field_reach: choice("Beside the Box", "What becomes of the wind beside the box in which it was recovered", [
+        ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
+        ("HOLD", "Hold", "As strong as at the box's nearest place; a native field holds it for about one box's length"),
+        ("CONTINUE", "Continue", "Left to the falloff of the wind sources: weaker with distance, and never nothing"),
+    ])  # fmt: skip
+    calibrations: CollectionProperty(type=SEEING_WIND_PG_calibration, options={"HIDDEN"})
+
+
+CLASSES = (SEEING_WIND_PG_calibration,)

@@ -1,8 +1,8 @@
 """The field on a lattice, for Geometry Nodes: a hidden mesh with the field's values, and the node group *Sample Wind* that reads it.
 
-The field object's own vertices are wind sources, whose vectors are not the field's values; so the values have a mesh of their own, a child
-of the field object that moves, turns and changes strength with it. *Sample Wind* is marked as an asset: it can be dropped into any node
-tree, and its only link to one field is the object that it is given.
+The values are the engine's own, at its own lattice; the wind sources of the field object are only fitted to them. They are a child of the
+field object that moves, turns and changes strength with it. *Sample Wind* is marked as an asset: it can be dropped into any node tree, and
+its only link to one field is the object that it is given.
 """
 
 from __future__ import annotations
@@ -12,35 +12,38 @@ from typing import Any
 import bpy
 import numpy as np
 
-from .display import SAMPLES_MARK
+from .display import CARRIED, SAMPLES_MARK
+from .fit.choose import CONTINUE, FADE, FADE_WIDTH
+from .fit.lattice import SampledField
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 
 SAMPLE_WIND = "Sample Wind"
-FORCE, COUNT, SURE = "force", "lattice_count", "confidence"
-"""Attributes: the field [N per cubic scene unit-metre, as the field object has it], nodes along each axis, confidence in 0..1."""
+FORCE, COUNT, SURE, REACH = "force", "lattice_count", "confidence", "reach"
+"""Attributes: the field [N per cubic scene unit-metre, as the field object has it], nodes along each axis, confidence in 0..1, and how the
+wind ends beside the box (see `set_reach`)."""
+
+FOR_EVER = 1e6
+"""Scene units over which a wind fades that is not to fade."""
 
 
-def create_samples(
-    scene: bpy.types.Scene, field: bpy.types.Object, counts: tuple[int, int, int], points: np.ndarray, forces: np.ndarray,
-    confidence: np.ndarray, frame_start: int, delay: int,
-) -> bpy.types.Object:  # fmt: skip
+def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: int, delay: int) -> bpy.types.Object:
     """The hidden child of a field object that holds its values.
 
     Args:
-        counts: nodes along x, y, z; `points` run through z fastest.
-        points: (L, 3) in the field object's own coordinates [scene units].
-        forces: (T, L, 3) [N/m³ over the scene's unit, so that force / density is in scene units per square second].
-        confidence: (T, L) in 0..1.
+        sampled: in the field object's own coordinates [scene units, N/m³ over the scene's unit, so that force / density is in scene units
+            per square second].
         frame_start: scene frame of picture 0.
         delay: scene frames by which the values are late; that of the solvers.
     """
+    forces, counts = sampled.force, sampled.counts
     mesh = bpy.data.meshes.new(f"{field.name} Samples")
     mesh.vertices.add(forces.shape[0] * forces.shape[1])
-    mesh.vertices.foreach_set("co", np.tile(points, (len(forces), 1)).astype(np.float32).ravel())
+    mesh.vertices.foreach_set("co", np.tile(sampled.points, (len(forces), 1)).astype(np.float32).ravel())
     many = np.broadcast_to(np.asarray(counts, dtype=np.float32), forces.shape)
     for name, values in ((FORCE, forces), (COUNT, many)):
         mesh.attributes.new(name, "FLOAT_VECTOR", "POINT").data.foreach_set("vector", values.astype(np.float32).ravel())
-    mesh.attributes.new(SURE, "FLOAT", "POINT").data.foreach_set("value", confidence.astype(np.float32).ravel())
+    mesh.attributes.new(REACH, "FLOAT_VECTOR", "POINT")
+    mesh.attributes.new(SURE, "FLOAT", "POINT").data.foreach_set("value", sampled.confidence.astype(np.float32).ravel())
     mesh.update()
     obj = bpy.data.objects.new(f"{field.name} Samples", mesh)
     obj[SAMPLES_MARK] = True
@@ -50,18 +53,49 @@ def create_samples(
     group = GroupBuilder(f"{field.name} Samples")
     current = points_of_current_frame(group, forces.shape[1], len(forces), frame_start, delay)
     # the strength slider of the field object acts here too
-    factor = group.driven("Strength", field, "field.strength", f"value / {field.field.strength!r}", 1.0)
     stored = group.node(
         "GeometryNodeStoreNamedAttribute",
-        {"Geometry": current, "Name": FORCE, "Value": group.scaled(group.attribute(FORCE, "FLOAT_VECTOR"), factor)},
+        {"Geometry": current, "Name": FORCE, "Value": group.scaled(group.attribute(FORCE, "FLOAT_VECTOR"), group.strength(field))},
         data_type="FLOAT_VECTOR", domain="POINT",
     ).outputs["Geometry"]  # fmt: skip
     set_up_modifier(obj, group.finish(stored))
     return obj
 
 
+def set_reach(samples: bpy.types.Object, reach: str, power: float) -> None:
+    """Say how *Sample Wind* ends beside the box: the attribute `REACH` is the width of the fade, and the power and radius of a falloff.
+
+    Args:
+        reach: FADE, HOLD or CONTINUE, see `fit.choose`.
+        power: falloff of the field object's sources, by which a wind that continues weakens from the middle of the box.
+    """
+    sampled = read_samples(samples)
+    side = float(np.ptp(sampled.box, axis=0).max())
+    row = (side * FADE_WIDTH if reach == FADE else FOR_EVER, power if reach == CONTINUE else 0.0, 0.5 * side)
+    values = np.tile(np.asarray(row, dtype=np.float32), len(samples.data.vertices))
+    samples.data.attributes[REACH].data.foreach_set("vector", values)
+    samples.data.update_tag()
+
+
+def read_samples(samples: bpy.types.Object) -> SampledField:
+    """The values that a field object carries, in its own coordinates [scene units] and over the scene's unit, as recovered."""
+    mesh = samples.data
+    total = len(mesh.vertices)
+    flat = {name: np.empty(3 * total, dtype=np.float32) for name in ("co", FORCE)}
+    mesh.vertices.foreach_get("co", flat["co"])
+    mesh.attributes[FORCE].data.foreach_get("vector", flat[FORCE])
+    sure = np.empty(total, dtype=np.float32)
+    mesh.attributes[SURE].data.foreach_get("value", sure)
+    size = int(np.prod([round(count) for count in mesh.attributes[COUNT].data[0].vector]))
+    places = flat["co"].reshape(-1, 3)[:size].astype(np.float64)
+    return SampledField(places, flat[FORCE].reshape(-1, size, 3).astype(np.float64), sure.reshape(-1, size))
+
+
 def samples_of(field: bpy.types.Object) -> bpy.types.Object | None:
     """The object with the values of a field object, if it is still there."""
+    carried = field.get(CARRIED)
+    if carried is not None:
+        return carried
     return next((child for child in field.children if SAMPLES_MARK in child), None)
 
 
@@ -102,7 +136,7 @@ def _build(group: GroupBuilder) -> bpy.types.NodeTree:
     low, high = box.outputs["Min"], box.outputs["Max"]
     count = _sample(group, own, group.attribute(COUNT, "FLOAT_VECTOR"), 0)
     last = group.vector("SUBTRACT", count, (1.0, 1.0, 1.0))
-    # outside the box the nearest place on it counts
+    # outside the box the nearest place on it counts, as far as the wind reaches
     share = group.vector("DIVIDE", group.vector("SUBTRACT", local, low), group.vector("SUBTRACT", high, low))
     where = group.vector("MULTIPLY", group.vector("MINIMUM", group.vector("MAXIMUM", share, (0.0,) * 3), (1.0,) * 3), last)
     corner = group.vector("FLOOR", group.vector("MINIMUM", where, group.vector("SUBTRACT", last, (1.0e-3,) * 3)))
@@ -111,6 +145,8 @@ def _build(group: GroupBuilder) -> bpy.types.NodeTree:
     force = _mix(group, [_sample(group, own, group.attribute(FORCE, "FLOAT_VECTOR"), index) for index in indices], t, "VECTOR")
     sure = _mix(group, [_sample(group, own, group.attribute(SURE), index, "FLOAT") for index in indices], t, "FLOAT")
 
+    left = _left(group, local, low, high, _sample(group, own, group.attribute(REACH, "FLOAT_VECTOR"), 0))
+    force, sure = group.scaled(force, left), group.math("MULTIPLY", sure, left)
     turned = group.node("FunctionNodeTransformDirection", {0: force, 1: info.outputs["Transform"]}).outputs[0]
     acceleration = group.scaled(turned, group.math("DIVIDE", 1.0, density))
     group.result("Force Density", "Vector", turned, "N/m³ in the object's space")
@@ -118,6 +154,20 @@ def _build(group: GroupBuilder) -> bpy.types.NodeTree:
     group.result("Force", "Vector", group.scaled(acceleration, mass), "On a point of that mass and density [N]")
     group.result("Confidence", "Float", sure, "0: a guess, 1: well determined by the clip")
     return group.finish()
+
+
+def _left(group: GroupBuilder, place: Any, low: Any, high: Any, reach: Any) -> Any:
+    """Share of the wind that is left at a place beside the box: `fit.choose.faded`, times the falloff of a wind that continues."""
+    nearest = group.vector("MINIMUM", group.vector("MAXIMUM", place, low), high)
+    distance = group.vector("LENGTH", group.vector("SUBTRACT", place, nearest))
+    width, power, radius = group.split(reach)
+    fade = group.node(
+        "ShaderNodeMapRange", {"Value": distance, "From Min": 0.0, "From Max": width, "To Min": 1.0, "To Max": 0.0},
+        interpolation_type="SMOOTHSTEP", clamp=True,
+    ).outputs["Result"]  # fmt: skip
+    near = group.math("ADD", radius, 1.0)
+    fall = group.math("POWER", group.math("DIVIDE", near, group.math("ADD", near, distance)), power)
+    return group.math("MULTIPLY", fade, fall)
 
 
 def _sample(group: GroupBuilder, geometry: Any, value: Any, index: Any, kind: str = "FLOAT_VECTOR") -> Any:

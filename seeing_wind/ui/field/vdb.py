@@ -10,10 +10,11 @@ import numpy as np
 
 from ...engine.errors import UsageError
 from ..scene_units import metres_per_unit
-from .samples import COUNT, FORCE, SURE, samples_of
+from .field_object import SOLVER_DELAY
+from .samples import read_samples, samples_of
 
-GRIDS = ("force", "confidence")
-"""Names of the grids: N/m³ as three floats, and 0..1."""
+UNITS = {"force": "N/m3", "confidence": "1"}
+"""The grids, and what their metadata call their unit: three floats, and a number in 0..1."""
 
 
 def available() -> bool:
@@ -22,9 +23,10 @@ def available() -> bool:
 
 
 def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> list[Path]:
-    """Write `wind_0001.vdb` and so on, named by the scene frame from which the force acts, as the field object now stands and blows.
+    """Write `wind_0002.vdb` and so on, one per scene frame in which solvers feel the field, as the field object now stands and blows.
 
-    Grids are as Blender's volume objects take them: cells in scene units, values N/m³ with the field object's strength applied.
+    A volume object that shows frame N in scene frame N is then in step with them. The values are the engine's own at its lattice, no sum
+    of wind sources. Cells are in scene units, values in N/m³ with the field object's strength applied; each grid says its unit.
 
     Raises:
         UsageError: when this Blender has no OpenVDB, or the field's values are gone.
@@ -38,7 +40,8 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     samples = samples_of(field)
     if samples is None:
         raise UsageError(f"The values under {field.name} are gone.", "Load the results again (Reload in the Recover panel).")
-    points, counts, force, sure = read_samples(samples)
+    sampled = read_samples(samples)
+    points, counts, force, sure = sampled.points, sampled.counts, sampled.force, sampled.confidence
     turn = np.array(field.matrix_world)
     strength = field.field.strength / field.get("seeing_wind_strength", field.field.strength) * metres_per_unit(scene)
     spacing = (points[-1] - points[0]) / (np.array(counts) - 1)
@@ -51,25 +54,11 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     for t in range(len(force)):
         vectors = (strength * force[t] @ turn[:3, :3].T).reshape(*counts, 3)
         grids = [openvdb.Vec3SGrid(), openvdb.FloatGrid()]
-        for grid, name, values in zip(grids, GRIDS, (vectors, sure[t].reshape(counts)), strict=True):
+        for grid, name, values in zip(grids, UNITS, (vectors, sure[t].reshape(counts)), strict=True):
             grid.copyFromArray(np.ascontiguousarray(values, dtype=np.float32))
-            grid.name, grid.transform = name, transform
-        path = folder / f"wind_{field['seeing_wind_frame_start'] + t:04}.vdb"
+            grid.name, grid.transform, grid.gridClass = name, transform, openvdb.GridClass.FOG_VOLUME
+            grid["unit"] = UNITS[name]
+        path = folder / f"wind_{field['seeing_wind_frame_start'] + SOLVER_DELAY + t:04}.vdb"
         openvdb.write(str(path), grids=grids)
         written.append(path)
     return written
-
-
-def read_samples(samples: bpy.types.Object) -> tuple[np.ndarray, tuple[int, int, int], np.ndarray, np.ndarray]:
-    """Places (L, 3) [scene units, the field object's own], counts along x y z, forces (T, L, 3) over the unit, confidence (T, L)."""
-    mesh = samples.data
-    total = len(mesh.vertices)
-    flat = {name: np.empty(3 * total, dtype=np.float32) for name in ("co", FORCE)}
-    mesh.vertices.foreach_get("co", flat["co"])
-    mesh.attributes[FORCE].data.foreach_get("vector", flat[FORCE])
-    sure = np.empty(total, dtype=np.float32)
-    mesh.attributes[SURE].data.foreach_get("value", sure)
-    nx, ny, nz = (round(count) for count in mesh.attributes[COUNT].data[0].vector)
-    size = nx * ny * nz
-    places = flat["co"].reshape(-1, 3)[:size].astype(np.float64)
-    return places, (nx, ny, nz), flat[FORCE].reshape(-1, size, 3).astype(np.float64), sure.reshape(-1, size)

@@ -22,6 +22,9 @@ from ...engine import systems
 from ...engine.errors import TakeError
 from ..user_paths import absolute
 
+EDIT = "edit.toml"
+"""An edit of the panel stands in the folder of its own re-simulation."""
+
 NO_FIELD = "There is no recovered field."
 
 
@@ -48,7 +51,10 @@ def edit_folder(settings: bpy.types.PropertyGroup, take: Path) -> Path:
     others = [other.seeing_wind for other in bpy.data.scenes if other != scene]
     taken = {Path(each.simulated_take).name for other in others for each in (other, *other.edits)}
     name = f"{stem}.{edit}.take"
-    return take.with_name(name if name not in taken else f"{stem}.{edit}.{_plain(scene.name)}.take")
+    folder = take.with_name(name if name not in taken else f"{stem}.{edit}.{_plain(scene.name)}.take")
+    # a batch or the command line keeps its edit elsewhere: what they have simulated stays as it is
+    theirs = (each for each in (folder, *(folder.with_name(f"{folder.stem}.{k}.take") for k in range(2, 1000))))
+    return next((each for each in theirs if not (each / "take.toml").is_file() or (each / EDIT).is_file()), folder)
 
 
 def stamp_of_field(folder: Path) -> str:

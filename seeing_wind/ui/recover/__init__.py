@@ -5,6 +5,7 @@ operators       Recover, Reload, Open Report
 panel           the panel *Recover*
 request         one snapshot of a scene: options, digest, and the files made from the scene
 results         from a take to the scene: field, arrows, legend, camera, recovered object
+fill            the panel's settings from a take that was made elsewhere
 shown           which objects of a scene show its field; no NumPy
 renew_in_place  new results in the objects of a former run, so that what points at them stays
 """

@@ -41,15 +41,15 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         self.digest, self.folder, self.clip = request.digest, request.take, request.clip
         takes.bring_along(settings, self.folder)
         request.write_inputs(scene)
-        return self._messages(python, request, settings.field_resolution)
+        return self._messages(python, request)
 
-    def _messages(self, python: str, request: RecoverRequest, resolution: int) -> "worker.Messages":
+    def _messages(self, python: str, request: RecoverRequest) -> "worker.Messages":
         from .results import sampling  # needs NumPy
 
         call = command(python, "recover", *request.options, "--take", str(request.take))
         last = yield from worker.run(call, cwd=str(ROOT), env=environment())
         if last["outcome"] == "done":
-            last = yield from sampling(python, request.take, resolution)
+            last = yield from sampling(python, request.take)
         return last
 
     def finish(self, scene, result):
@@ -59,7 +59,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
         status.of(scene.session_uid).warnings += results.notes(self.folder)
-        return f"Recovered into {self.folder.name}"
+        return f"Recovered into {self.folder.name}. Next: play it, then insert a mesh (step 4)"
 
 
 def _found(pool, name: str):
@@ -94,7 +94,7 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
         from .results import sampling  # needs NumPy
 
-        return sampling(engine_python(), self.folder, settings.field_resolution)
+        return sampling(engine_python(), self.folder)
 
     def finish(self, scene, result):
         """As Recover does, without claiming that the settings of the scene are those of the take."""

@@ -14,24 +14,30 @@ from ...engine.errors import TakeError
 from ...engine.take import Take, alive
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
-from ..clip.inputs.clips import as_pattern, opened_by
+from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
+from ..clip.match import followed, is_factory
+from ..edit.from_file import fill_edit
 from ..field.arrows import create_arrows
+from ..field.display import is_field
 from ..field.field_object import create_field_object
-from ..field.kernels import between, lattice
+from ..field.fit.lattice import SampledField, fine_lattice, lattice
 from ..field.legend import create_legend
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
-from ..job import worker
+from ..job import status, worker
 from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion, trajectory
 from ..job.worker_command import command, environment
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
+from .fill import fill
 from .renew_in_place import can_renew, renew
 from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 
 COLLECTION = "Seeing Wind"
 CACHES = ("blender_points.*npy", "blender_samples.*npz")
 """Names of the files between a Blender and its worker: each Blender has its own, with its process's number in the name."""
+ARROWS = 7
+"""Arrows that stand along the longest side of the field's box."""
 RIDING = 64
 """Arrows that ride on the recovered object, at most: more of them hide it."""
 
@@ -41,20 +47,20 @@ class Places:
     """Where the field is asked for. The three groups go to the worker as one array, in this order."""
 
     nodes: np.ndarray
-    """(M, 3) of the field object [m]."""
-    probes: np.ndarray
-    """(P, 3) between the nodes [m]."""
+    """(L, 3) a lattice over the field's box [m]."""
+    arrows: np.ndarray
+    """(M, 3) a coarser one, on which arrows stand [m]."""
     riding: np.ndarray
     """(T, R, 3) on the moving object [m]; R may be 0."""
 
     def rows(self) -> np.ndarray:
-        """(T, M + P + R, 3), one row per frame, as the worker's `sample` takes them."""
-        still = np.concatenate([self.nodes, self.probes])
+        """(T, L + M + R, 3), one row per frame, as the worker's `sample` takes them."""
+        still = np.concatenate([self.nodes, self.arrows])
         return np.concatenate([np.broadcast_to(still, (len(self.riding), *still.shape)), self.riding], axis=1)
 
     def split(self, samples: np.ndarray) -> list[np.ndarray]:
-        """Samples (T, M + P + R, ...) -> one array per group."""
-        return np.split(samples, [len(self.nodes), len(self.nodes) + len(self.probes)], axis=1)
+        """Samples (T, L + M + R, ...) -> one array per group."""
+        return np.split(samples, [len(self.nodes), len(self.nodes) + len(self.arrows)], axis=1)
 
 
 def notes(folder: Path) -> list[str]:
@@ -62,7 +68,7 @@ def notes(folder: Path) -> list[str]:
     return recovery_notes(Take(folder))
 
 
-def places(take: Take, resolution: int) -> Places:
+def places(take: Take) -> Places:
     """Where to sample the field of a take.
 
     Raises:
@@ -70,16 +76,16 @@ def places(take: Take, resolution: int) -> Places:
     """
     field = field_summary(take)
     x = trajectory(take, field)[: field.frames]
-    return Places(lattice(field.box, resolution), between(field.box, resolution), x[:, :: max(1, -(-x.shape[1] // RIDING))])
+    return Places(fine_lattice(field.box), lattice(field.box, ARROWS), x[:, :: max(1, -(-x.shape[1] // RIDING))])
 
 
-def sampling(python: str, folder: Path, resolution: int) -> worker.Messages:
+def sampling(python: str, folder: Path) -> worker.Messages:
     """Ask the engine for the field of a take at the places that the scene needs, as a job; `build` reads its answer."""
     take = Take(folder)
     _clear_caches(take)
     points, samples = (take.file(name) for name in _own_caches())
     with take.writing(points.name) as aside:
-        np.save(aside, places(take, resolution).rows())
+        np.save(aside, places(take).rows())
     options = (str(folder), "--points", str(points), "--out", str(samples))
     return (yield from worker.run(command(python, "sample", *options), cwd=str(folder), env=environment()))
 
@@ -112,37 +118,43 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         ClipError: when Blender cannot read the clip; likewise.
     """
     settings, take = scene.seeing_wind, Take(folder)
-    field, where, samples = field_summary(take), places(take, settings.field_resolution), take.read_arrays(_own_caches()[1])
+    field, where, samples = field_summary(take), places(take), take.read_arrays(_own_caches()[1])
     shape = (field.frames, where.rows().shape[1])
     if [np.shape(samples.get(name)) for name in ("force_density", "confidence")] != [(*shape, 3), shape]:
         raise TakeError(f"The samples in {folder} do not fit its field.", "Load the results again.")
     if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence")):
         raise TakeError(f"The field in {folder} is not finite everywhere.", "Run Recover again.")
-    at_nodes, at_probes, at_riding = where.split(samples["force_density"])
-    sure_nodes, _, sure_riding = where.split(samples["confidence"])
+    at_nodes, at_arrows, at_riding = where.split(samples["force_density"])
+    sure_nodes, sure_arrows, sure_riding = where.split(samples["confidence"])
     seen = read_seen(take, field)
     if seen is not None:
         path = clip or _clip(settings, field)
+        known = found_clip(path)
+        if known is not None:
+            settings.frame_start = start_of(known, field.first_frame, settings.frame_start)
         settings.camera_object = setup_clip_scene(
-            scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start
+            scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start, followed(scene)
         )
 
     _leave_to_others(settings)
+    _keep_other_take(settings, folder)
     former, followers, groups = made_before(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
-    collection = _collection(scene)
+    collection = _collection(scene, settings.field_object)
     wind = create_field_object(
-        scene, "Recovered Wind", where.nodes, at_nodes, fps=field.fps, density=field.density, frame_start=settings.frame_start,
-        probes=where.probes, probe_vectors=at_probes, confidence=sure_nodes, take=folder, collection=collection,
+        scene, "Recovered Wind", SampledField(where.nodes, at_nodes, sure_nodes), fps=field.fps, density=field.density,
+        frame_start=settings.frame_start, resolution=settings.field_resolution, reach=settings.field_reach, take=folder,
+        collection=collection,
     )  # fmt: skip
-    nodes = np.broadcast_to(where.nodes, at_nodes.shape)
+    standing = np.broadcast_to(where.arrows, at_arrows.shape)
     arrows = create_arrows(
-        scene, "Recovered Wind Arrows", np.concatenate([nodes, where.riding], axis=1), np.concatenate([at_nodes, at_riding], axis=1),
-        np.concatenate([sure_nodes, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
+        scene, "Recovered Wind Arrows", np.concatenate([standing, where.riding], axis=1), np.concatenate([at_arrows, at_riding], axis=1),
+        np.concatenate([sure_arrows, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
     )  # fmt: skip
     low, high = field.box / metres_per_unit(scene)
-    aside = low - [0.06 * (high - low).max(), 0.0, 0.0]
+    # so far to the left that its plate hides nothing of the field
+    aside = low - [0.28 * (high - low).max(), 0.0, 0.0]
     legend = create_legend(
-        "Recovered Wind Legend", arrows["seeing_wind_peak"], aside, 0.6 * float((high - low).max()), collection, wind,
+        "Recovered Wind Legend", arrows["seeing_wind_peak"], aside, 0.4 * float((high - low).max()), collection, wind,
     )  # fmt: skip
     made = {"field_object": wind, SAMPLES_OBJECT: samples_of(wind), "arrows_object": arrows, LEGEND: legend}
     if seen is not None and seen.surface is not None:
@@ -150,6 +162,9 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     kept = _in_place(scene, former, made)
     for name in POINTERS:
         setattr(settings, name, kept.get(name))
+    if seen is not None:
+        fill(scene, take, path)
+    _clear_the_view(scene)
     physics_nodes.follow(followers, settings.field_object)
     if settings.recovered_object is not None:
         _restore_groups(settings.recovered_object, groups)
@@ -189,6 +204,22 @@ def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
             scene.collection.children.unlink(collection)
 
 
+def _keep_other_take(settings: bpy.types.PropertyGroup, folder: Path) -> None:
+    """The field of another take that is still there, and what belongs to it, stay in the scene beside the new one."""
+    field = settings.field_object
+    if field is None or not field.get("seeing_wind_take"):
+        return
+    other = Path(absolute(field["seeing_wind_take"]))
+    if other.resolve() == folder.resolve() or not (other / "field.safetensors").is_file():
+        return
+    for name in POINTERS:
+        setattr(settings, name, None)
+    status.of(settings.id_data.session_uid).warnings.append(
+        f"{field.name} of {other.name} stays: solvers feel both winds until you delete one, set its strength to 0, or calibrate with "
+        "Only This Wind"
+    )
+
+
 def _clip(settings: bpy.types.PropertyGroup, field: FieldSummary) -> str:
     """The clip of a take, which may have been moved with the .blend file since."""
     named = Path(field.clip)
@@ -212,6 +243,23 @@ def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.t
     return obj
 
 
+def _clear_the_view(scene: bpy.types.Scene) -> None:
+    """Let nothing of a new file stand in front of the results, and show them in their colors where a window shows them."""
+    layer = scene.view_layers[0]
+    cube = layer.objects.get("Cube")
+    if cube is not None and is_factory(cube) and cube not in [body.object for body in scene.seeing_wind.bodies]:
+        if not cube.hide_get(view_layer=layer):
+            cube.hide_set(True, view_layer=layer)
+            said = "Blender's default Cube stood in front of the results: hidden, Alt H shows it again"
+            status.of(scene.session_uid).warnings.append(said)
+        cube.hide_render = True
+    for window in bpy.context.window_manager.windows:
+        spaces = [area.spaces.active for area in window.screen.areas if area.type == "VIEW_3D"] if window.scene == scene else []
+        for space in spaces:
+            if space.shading.type == "SOLID" and space.shading.color_type == "MATERIAL":
+                space.shading.color_type = "VERTEX"
+
+
 def _groups(obj: bpy.types.Object | None) -> tuple[int, dict[str, list[tuple[int, float]]]]:
     """Vertex groups that the user has made on the clip's object: vertices of the mesh, and per group indices with their weights."""
     if obj is None:
@@ -233,8 +281,13 @@ def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tup
             group.add([index], weight, "REPLACE")
 
 
-def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
-    collection = next((each for each in scene.collection.children_recursive if each.get("seeing_wind")), None)
+def _collection(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.types.Collection:
+    """Where the results of a take are: the one with its field, or one of ours without any field, or a new one."""
+    ours = [each for each in scene.collection.children_recursive if each.get("seeing_wind")]
+    if field is not None:
+        collection = next((each for each in ours if field.name in each.objects), None)
+    else:
+        collection = next((each for each in ours if not any(is_field(obj) for obj in each.objects)), None)
     if collection is None:
         collection = bpy.data.collections.new(COLLECTION)
         collection["seeing_wind"] = True
@@ -245,16 +298,31 @@ def _collection(scene: bpy.types.Scene) -> bpy.types.Collection:
 # -- re-simulated bodies ----------------------------------------------------------------------------------------------------------
 
 
-def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> list[bpy.types.Object]:
-    """All bodies of a re-simulation as new objects with their motion, for files that are made without a session before."""
-    take, made = Take(folder), []
+def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> dict[str, bpy.types.Object]:
+    """All bodies of a re-simulation as new objects with their motion, by name, for files that are made without a session before."""
+    take, made = Take(folder), {}
     for path in sorted(take.file("bodies").glob("*.npz")):
         arrays = simulated_motion(take, path.stem)
         mesh = bpy.data.meshes.new(path.stem)
         mesh.from_pydata(arrays["vertices"][0].tolist(), [], arrays["triangles"].tolist())
         mesh.update()
         obj = bpy.data.objects.new(path.stem, mesh)
-        _collection(scene).objects.link(obj)
+        _collection(scene, scene.seeing_wind.field_object).objects.link(obj)
         bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene)
-        made.append(obj)
+        made[path.stem] = obj
+    fill_edit(scene, take, made)
+    for body in scene.seeing_wind.bodies:
+        if body.is_recovered and body.baked_copy is not None and scene.seeing_wind.recovered_object is not None:
+            _dress(body.baked_copy.data, scene.seeing_wind.recovered_object.data)
     return made
+
+
+def _dress(mesh: bpy.types.Mesh, recovered: bpy.types.Mesh) -> None:
+    """Let the clip's object, simulated anew, wear what the recovered one wears. Of another number of corners it stays bare."""
+    if len(mesh.loops) != len(recovered.loops) or not recovered.uv_layers:
+        return
+    for material in recovered.materials:
+        mesh.materials.append(material)
+    places = np.empty(2 * len(mesh.loops), dtype=np.float32)
+    recovered.uv_layers.active.uv.foreach_get("vector", places)
+    mesh.uv_layers.new(name=recovered.uv_layers.active.name).uv.foreach_set("vector", places)

@@ -20,6 +20,11 @@ def made_before(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object
         for name, mark in ((SAMPLES_OBJECT, SAMPLES_MARK), (LEGEND, LEGEND_MARK)):
             if mark in child:
                 found[name] = child
+    # of a field object that the user has deleted, these two stay behind without a parent
+    for obj in settings.id_data.objects:
+        for name, mark in ((SAMPLES_OBJECT, SAMPLES_MARK), (LEGEND, LEGEND_MARK)):
+            if found.get(name) is None and obj.parent is None and mark in obj:
+                found[name] = obj
     return {name: obj for name, obj in found.items() if obj is not None}
 
 

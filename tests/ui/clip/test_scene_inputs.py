@@ -19,7 +19,7 @@ from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Camera
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene
 from seeing_wind.ui.clip.frame_on_screen import box_in_picture, box_on_screen
-from seeing_wind.ui.clip.inputs.camera import scene_camera
+from seeing_wind.ui.clip.inputs.camera import camera_source, scene_camera
 from seeing_wind.ui.clip.inputs.clips import as_pattern, loaded_clip
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
 from seeing_wind.ui.clip.object.options import object_options
@@ -247,8 +247,8 @@ def with_box(settings):
     return settings
 
 
-def solve(clip: bpy.types.MovieClip) -> None:
-    """Tracks of points at rest before a camera that moves, and Blender's own solve of them."""
+def solve(clip: bpy.types.MovieClip, k1: float = 0.0, k2: float = 0.0) -> None:
+    """Tracks of points at rest before a camera that moves, bent by OpenCV's formula, and Blender's own solve of them."""
     clip.tracking.camera.units, clip.tracking.camera.focal_length_pixels = "PIXELS", 100.0
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 3)) * [1.5, 1.0, 1.0]
     for number, point in enumerate(points):
@@ -257,7 +257,9 @@ def solve(clip: bpy.types.MovieClip) -> None:
             angle = 0.06 * frame
             turn = np.array(Euler((0.0, angle, 0.0)).to_matrix())
             x, y, z = (point - [4.0 * np.sin(angle), 0.3 * np.sin(2.0 * angle), 4.0 * np.cos(angle)]) @ turn
-            track.markers.insert_frame(frame, co=(-x / z * 100.0 / WIDTH + 0.5, -y / z * 100.0 / HEIGHT + 0.5))
+            r2 = (x**2 + y**2) / z**2
+            focal = 100.0 * (1.0 + k1 * r2 + k2 * r2**2)
+            track.markers.insert_frame(frame, co=(-x / z * focal / WIDTH + 0.5, -y / z * focal / HEIGHT + 0.5))
     window = bpy.context.window_manager.windows[0]
     area = window.screen.areas[0]
     area.type = "CLIP_EDITOR"
@@ -382,3 +384,48 @@ def test_choosing_a_clip_shows_it_and_keeps_its_place_in_time(settings, video) -
     assert bpy.ops.seeing_wind.draw_box(box=(20.0, 20.0, 44.0, 44.0)) == {"FINISHED"} and settings.object_mode == "BOX"
     with pytest.raises(RuntimeError, match="too small"):
         bpy.ops.seeing_wind.draw_box(box=(20.0, 20.0, 20.0, 44.0))
+
+
+@pytest.mark.parametrize(("told", "fits"), [((-0.25, 0.05), True), ((0.0, 0.0), False)])
+def test_blenders_own_solver_means_the_lens_as_the_engine_does(settings, told, fits) -> None:
+    """Points bent by OpenCV's formula are solved without a rest when Blender is told the same numbers, and not otherwise."""
+    clip = loaded_clip(settings)
+    lens = clip.tracking.camera
+    lens.distortion_model, lens.k1, lens.k2 = "POLYNOMIAL", *told
+    solve(clip, -0.25, 0.05)
+    assert (clip.tracking.reconstruction.average_error < 0.01) == fits
+    found = scene_camera(bpy.context.scene)
+    assert (found.get("k1", 0.0), found.get("k2", 0.0)) == pytest.approx(told)
+
+
+@pytest.mark.parametrize("model", ["POLYNOMIAL", "DIVISION", "BROWN"])
+def test_the_lens_of_a_solve_is_handed_on(settings, model) -> None:
+    """Blender's numbers by OpenCV's names; Division, which has another formula, to a fraction of a pixel."""
+    scene, clip = bpy.context.scene, loaded_clip(settings)
+    solve(clip)
+    lens, stamp = clip.tracking.camera, camera_source(scene)
+    assert "k1" not in scene_camera(scene), "a lens that bends nothing says nothing"
+    lens.distortion_model = model
+    if model == "POLYNOMIAL":
+        lens.k1, lens.k2 = -0.25, 0.05
+    elif model == "DIVISION":
+        lens.division_k1, lens.division_k2 = -0.12, 0.01
+    else:
+        lens.brown_k1, lens.brown_k2, lens.brown_p1, lens.brown_p2 = -0.2, 0.04, 0.01, -0.006
+    found = scene_camera(scene)
+    assert camera_source(scene) != stamp
+    if model == "DIVISION":
+        straight = np.linspace(0.0, 0.5, 20)
+        bent = straight * (1.0 + found["k1"] * straight**2 + found["k2"] * straight**4 + found["k3"] * straight**6)
+        assert np.abs(bent / (1.0 - 0.12 * bent**2 + 0.01 * bent**4) - straight).max() * found["fx"] < 0.02
+        return
+    given = (-0.25, 0.05, 0.0, 0.0) if model == "POLYNOMIAL" else (-0.2, 0.04, 0.01, -0.006)
+    assert [found[name] for name in ("k1", "k2", "p1", "p2")] == pytest.approx(given, abs=1e-6)
+
+
+def test_a_lens_that_the_engine_lacks_is_said(settings) -> None:
+    clip = loaded_clip(settings)
+    solve(clip)
+    clip.tracking.camera.distortion_model = "NUKE"
+    with pytest.raises(UsageError, match="lens model Nuke"):
+        scene_camera(bpy.context.scene)

@@ -8,10 +8,14 @@ import bpy
 import numpy as np
 import pytest
 
+from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR
 from seeing_wind.ui.composite import composite
+from seeing_wind.ui.composite.light import sun_of
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import samples_of
+from seeing_wind.ui.job import status
+from tests.ui.jobs import recover
 
 
 @pytest.fixture(autouse=True)
@@ -104,7 +108,7 @@ def test_calibrate_takes_the_active_object_and_reports(scene):
     assert cloth.settings.effector_weights.wind / weight == pytest.approx(200.0 / 700.0, rel=1e-5)
     with pytest.raises(RuntimeError, match="no object 'Nobody'"):
         bpy.ops.seeing_wind.calibrate(object="Nobody")
-    scene.seeing_wind.field_object = None
+    bpy.data.objects.remove(scene.seeing_wind.field_object)
     with pytest.raises(RuntimeError, match="no recovered field"):
         bpy.ops.seeing_wind.calibrate(object=obj.name)
 
@@ -152,3 +156,59 @@ def test_a_picture_that_cannot_be_written_is_told(scene, tmp_path):
     with pytest.raises(RuntimeError, match="could not render") as raised:
         bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "x.png"), still=True)
     assert "Traceback" not in str(raised.value)
+
+
+def test_blenders_default_light_counts_as_none_and_motion_is_blurred(workplace):
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    scene = bpy.context.scene
+    recover(workplace)
+    said = composite.set_up(scene)
+    assert scene.objects["Light"].hide_render and scene.objects["Seeing Wind Sun"].data.type == "SUN"
+    assert "default light is off" in str(said)
+    assert scene.render.use_motion_blur and scene.render.motion_blur_shutter == 0.5 and "motion blur" in str(said)
+    assert composite.set_up(scene, shutter=0.0).light == "" and not scene.render.use_motion_blur
+    own = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
+    scene.collection.objects.link(own)
+    bpy.data.objects.remove(scene.objects["Seeing Wind Sun"])
+    assert composite.set_up(scene).light == "", "a light of the user's is enough"
+
+
+def shaded(normals: np.ndarray, way: np.ndarray) -> np.ndarray:
+    return 0.25 + 0.6 * np.maximum(normals @ way, 0.0)
+
+
+@pytest.mark.parametrize("way", [(0.6, -0.5, 0.6), (-0.7, -0.6, 0.4), (0.0, -0.3, 0.95)])
+def test_the_sun_stands_where_a_matt_object_is_brightest(scene, way):
+    """A ball under a light that is known, with a pattern on it; and a pattern alone, which tells nothing."""
+    way = np.array(way) / np.linalg.norm(way)
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=24, ring_count=16)
+    ball = bpy.context.object
+    normals = np.array([vertex.normal[:] for vertex in ball.data.vertices])
+    front = normals[:, 1] < 0.2
+    rng = np.random.default_rng(0)
+
+    def paint(values: np.ndarray) -> None:
+        attribute = ball.data.attributes.get(PICTURE_COLOUR) or ball.data.attributes.new(PICTURE_COLOUR, "FLOAT_COLOR", "POINT")
+        attribute.data.foreach_set("color", np.repeat(values[:, None], 4, axis=1).astype(np.float32).ravel())
+
+    paint(shaded(normals, way) * rng.uniform(0.8, 1.2, len(normals)))
+    assert np.degrees(np.arccos(np.clip(np.array(sun_of(ball)) @ way, -1.0, 1.0))) < 20.0 and front.any()
+    paint(rng.uniform(0.1, 1.0, len(normals)))
+    assert sun_of(ball) is None and sun_of(None) is None
+
+
+def test_the_first_look_after_recover(workplace):
+    """Nothing of a new file stands in front, and Solid view has the object's and the arrows' colors."""
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    scene = bpy.context.scene
+    recover(workplace)
+    cube = scene.objects["Cube"]
+    assert cube.hide_get() and cube.hide_render and any("Alt H" in text for text in status.of(scene.session_uid).warnings)
+    mesh = scene.seeing_wind.recovered_object.data
+    assert mesh.color_attributes.active_color_name == PICTURE_COLOUR
+    # the stand-in's picture is a grey of 90
+    assert np.allclose([value.color[0] for value in mesh.attributes[PICTURE_COLOUR].data], ((90 / 255 + 0.055) / 1.055) ** 2.4, atol=1e-3)
+    cube.hide_set(False)
+    cube.location.x = 3.0
+    bpy.ops.seeing_wind.build_scene()
+    assert not cube.hide_get(), "moved, it is the user's"

@@ -9,29 +9,73 @@ from mathutils import Euler, Vector
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui.field.arrows import create_arrows, ramp_colours
-from seeing_wind.ui.field.field_object import create_field_object
-from seeing_wind.ui.field.kernels import choose_power, evaluate, fit_nodes, lattice, paired_directions
+from seeing_wind.ui.field.field_object import create_field_object, fit_again
+from seeing_wind.ui.field.fit.choose import CONTINUE, FADE, HOLD, RESOLUTIONS, beside, fit_field
+from seeing_wind.ui.field.fit.kernels import evaluate, paired_directions
+from seeing_wind.ui.field.fit.lattice import SampledField, differences, fine_lattice, lattice
 from seeing_wind.ui.field.node_groups import set_input
+from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.field.solvers.calibration import calibrate_particles
 
 DEGREES, RELATIVE = 2.0, 0.05
 
 
-def test_fit_reproduces_the_field_between_the_nodes():
-    rng = np.random.default_rng(0)
-    for half_size in (0.03, 0.4, 4.0):
-        nodes = lattice(half_size * np.array([[-1.0] * 3, [1.0] * 3]), 7)
-        probes = half_size * rng.uniform(-1.0, 1.0, (1500, 3))
+def curved(points: np.ndarray, half_size: float, length: float) -> np.ndarray:
+    """(1, P, 3): a steady wind and waves of a length, in half sizes of the box, across it."""
+    x, y, z = points.T / half_size * (2.0 * np.pi / length)
+    waves = np.stack([np.sin(y + 0.5), np.sin(z + 0.3 * x), np.cos(x - 0.4 * y)], axis=-1)
+    return (np.array([1.0, 0.3, 0.5]) + 0.4 * waves)[None]
 
-        def field(points, half_size=half_size):
-            x, y, z = points.T / half_size
-            return np.stack([2.0 - y, x + 0.3 * np.sin(2.0 * z), 1.0 + z * x], axis=-1)[None]
 
-        power = choose_power(nodes)
-        vectors = fit_nodes(nodes, probes, field(probes), power)
-        elsewhere = 0.9 * half_size * rng.uniform(-1.0, 1.0, (200, 3))
-        error = np.linalg.norm(evaluate(nodes, vectors, elsewhere, power) - field(elsewhere), axis=-1)
-        assert error.max() < 0.03 * np.linalg.norm(field(elsewhere), axis=-1).mean()
+def sampled(half_size: float, length: float) -> SampledField:
+    nodes = fine_lattice(half_size * np.array([[-1.0, -1.0, -0.7], [1.0, 1.0, 0.7]]))
+    return SampledField(nodes, curved(nodes, half_size, length), np.ones((1, len(nodes))))
+
+
+@pytest.mark.parametrize("half_size", [0.03, 0.4, 4.0])
+@pytest.mark.parametrize("reach", [FADE, HOLD, CONTINUE])
+def test_the_error_that_a_fit_says_is_the_one_it_has(half_size: float, reach: str):
+    """At places that neither the fit nor its own measurement saw, against the field itself."""
+    fit = fit_field(sampled(half_size, 2.5), 7, reach)
+    elsewhere = half_size * np.random.default_rng(3).uniform([-1.0, -1.0, -0.7], [1.0, 1.0, 0.7], (500, 3))
+    found = evaluate(fit.places, fit.vectors, elsewhere, fit.power)
+    angle, size = differences(found, curved(elsewhere, half_size, 2.5))
+    assert fit.angle == pytest.approx(angle, rel=0.35) and fit.size == pytest.approx(size, rel=0.35)
+    assert angle < 3.0 and size < 0.06
+
+
+def test_nodes_are_as_many_as_the_field_needs():
+    chosen = [fit_field(sampled(0.4, length), 0, CONTINUE) for length in (8.0, 1.8, 1.2)]
+    assert chosen[0].resolution == RESOLUTIONS[0] < chosen[1].resolution < chosen[2].resolution, "finer waves, more nodes"
+    assert all(fit.angle < 1.0 and fit.size < 0.02 for fit in chosen[:2])
+    # noise has no sources at all: more nodes do not help it, and are not taken
+    nodes = fine_lattice(np.array([[0.0] * 3, [1.0] * 3]))
+    noise = np.random.default_rng(0).normal(size=(2, len(nodes), 3))
+    assert fit_field(SampledField(nodes, noise, np.ones((2, len(nodes)))), 0, CONTINUE).resolution < RESOLUTIONS[-1]
+
+
+def test_the_wind_beside_the_box_fades_holds_or_continues():
+    field, rng = sampled(0.4, 2.5), np.random.default_rng(5)
+    inside = np.linalg.norm(field.force, axis=-1).mean()
+    around = rng.uniform(-8.0, 8.0, (4000, 3)) * 0.4
+    far = beside(field.box, around)
+    left = {}
+    for reach in (FADE, HOLD, CONTINUE):
+        fit = fit_field(field, 9, reach)
+        strength = np.linalg.norm(evaluate(fit.places, fit.vectors, around, fit.power)[0], axis=-1) / inside
+        left[reach] = [strength[(far > low * 0.8) & (far < high * 0.8)].mean() for low, high in ((0.05, 0.2), (0.6, 1.0), (1.5, 3.0))]
+    assert left[FADE][0] > 0.4 and left[FADE][1] < 0.25 and left[FADE][2] < 0.1
+    assert 0.8 < left[HOLD][0] < 1.2 and 0.6 < left[HOLD][1] < 1.3
+    assert left[CONTINUE][2] > 3.0 * left[FADE][2]
+
+
+def test_a_lattice_is_thinned_as_far_as_it_says_the_same():
+    smooth, sharp = sampled(0.4, 40.0), sampled(0.4, 0.8)
+    assert len(smooth.thinned().points) < len(smooth.points) / 50 and sharp.thinned() is sharp
+    places = np.random.default_rng(0).uniform(*smooth.box, (300, 3))
+    angle, size = differences(smooth.thinned().at(places), smooth.at(places))
+    assert angle < 0.5 and size < 0.01
+    assert np.allclose(smooth.at(smooth.box[:1] - 1.0), smooth.force[:, :1]), "beside the box its nearest place counts"
 
 
 def test_two_unit_vectors_encode_a_magnitude():
@@ -110,15 +154,39 @@ def test_field_survives_save_and_load_without_handlers(scene, checks, tmp_path):
 
 def test_field_is_refused_when_arrays_do_not_agree(scene):
     nodes = lattice(np.array([[0.0] * 3, [1.0] * 3]), 3)
-    with pytest.raises(UsageError, match="shape"):
-        create_field_object(scene, "Wind", nodes, np.zeros((4, 5, 3)), fps=24.0, density=100.0)
     vectors = np.zeros((4, len(nodes), 3))
-    vectors[1, 2, 0] = np.nan
+    with pytest.raises(UsageError, match="shape"):
+        SampledField(nodes, np.zeros((4, 5, 3)), np.ones((4, 5)))
+    with pytest.raises(UsageError, match="lattice"):
+        SampledField(nodes[:5], vectors[:, :5], np.ones((4, 5)))
+    broken = vectors.copy()
+    broken[1, 2, 0] = np.nan
     with pytest.raises(UsageError, match="finite"):
-        create_field_object(scene, "Wind", nodes, vectors, fps=24.0, density=100.0)
+        SampledField(nodes, broken, np.ones((4, len(nodes))))
     with pytest.raises(UsageError, match="above zero"):
-        create_field_object(scene, "Wind", nodes, np.zeros((4, len(nodes), 3)), fps=0.0, density=100.0)
+        create_field_object(scene, "Wind", SampledField(nodes, vectors, np.ones((4, len(nodes)))), fps=0.0, density=100.0)
     assert not bpy.data.objects and not bpy.data.meshes
+
+
+def test_fitting_again_keeps_place_strength_and_values(scene, checks):
+    """With other nodes and another reach; native particles and the arrows' drivers feel the user's strength as before."""
+    field = checks["swirl_field"](scene, 5)
+    said = tuple(field["seeing_wind_error"])
+    field.field.strength *= 1.5
+    field.location.x += 0.25
+    before = read_samples(samples_of(field)).force
+    fit_again(field, 9, HOLD)
+    assert (field["seeing_wind_nodes"], field["seeing_wind_reach"]) == (9, "HOLD")
+    fit_again(field, 9, CONTINUE)
+    assert field["seeing_wind_reach"] == "CONTINUE" and tuple(field["seeing_wind_error"]) < said
+    assert np.array_equal(read_samples(samples_of(field)).force, before)
+    assert [modifier.type for modifier in field.modifiers] == ["NODES"] and len(bpy.data.meshes) == 2
+    # the home of the probes is where the field stands now
+    points = np.array([[0.45, 0.0, 0.5], [0.3, -0.3, 0.8]])
+    places, found = checks["released_accelerations"](scene, field, points, checks["FRAME_START"] + 2)
+    truth = 1.5 * checks["swirl"](places - [0.25, 0.0, 0.0], 2) / checks["DENSITY"]
+    angle, size = checks["worst_errors"](found, truth)
+    assert angle < 0.5 and size < 0.01
 
 
 def test_calibration_refuses_what_blender_cannot_weigh(scene, checks):
@@ -207,3 +275,35 @@ def test_arrows_and_their_colours_follow_strength_and_the_field_object(scene, ch
     assert np.ptp(after[0, :, 2]) == pytest.approx(2.0 * np.ptp(before[0, :, 2]), rel=1e-3)
     assert arrows.matrix_world.translation.x == pytest.approx(1.0, abs=1e-5)
     assert np.allclose(ramp_colours(np.array([1.0])), [[1.0, 0.0, 0.0]])
+
+
+# -- what Recover makes by itself: as many nodes as the field needs, and a fade beside the box ---------------------------------------
+
+
+def waves(points: np.ndarray, frame: int) -> np.ndarray:
+    """(P, 3) [N/m³], waves as long as the box is high."""
+    return 60.0 * (1.0 + 0.2 * frame) * curved(points - [0.3, 0.0, 0.5], 0.4, 2.0)[0]
+
+
+@pytest.fixture
+def wavy(scene) -> bpy.types.Object:
+    nodes = fine_lattice(np.array([[-0.1, -0.4, 0.1], [0.7, 0.4, 0.9]]))
+    values = np.stack([waves(nodes, frame) for frame in range(3)])
+    return create_field_object(scene, "Wind", SampledField(nodes, values, np.ones(values.shape[:2])), fps=24.0, density=120.0)
+
+
+def test_particles_feel_a_curved_field_within_a_degree_and_two_percent(scene, checks, wavy):
+    """In the mean over the box, as the panel says it, measured by Blender's own particles."""
+    points = np.random.default_rng(2).uniform([-0.1, -0.4, 0.1], [0.7, 0.4, 0.9], (300, 3))
+    places, found = checks["released_accelerations"](scene, wavy, points, 2)
+    angle, size = differences(found[None], waves(places, 1)[None] / 120.0)
+    assert angle < 1.0 and size < 0.02
+    assert wavy["seeing_wind_error"][0] == pytest.approx(angle, rel=0.5) and wavy["seeing_wind_error"][1] == pytest.approx(size, rel=0.5)
+
+
+def test_particles_far_from_the_filmed_body_are_left_alone(scene, checks, wavy):
+    inside = np.array([[0.3, 0.0, 0.5], [0.5, 0.2, 0.3]])
+    away = np.array([[0.3, 2.5, 0.5], [-3.0, 0.0, 0.5], [0.3, 0.0, 4.0]])
+    _, found = checks["released_accelerations"](scene, wavy, np.concatenate([inside, away]), 1)
+    strength = np.linalg.norm(found, axis=1)
+    assert strength[2:].max() < 0.12 * strength[:2].mean()

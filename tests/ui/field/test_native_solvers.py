@@ -119,3 +119,17 @@ def test_strength_slider_reaches_geometry_nodes_and_the_group_is_an_asset(scene,
     group = sample_wind_group()
     assert group.asset_data is not None and group is sample_wind_group()
     assert samples_of(field).hide_viewport and samples_of(field).parent == field
+
+
+@pytest.mark.parametrize(("reach", "near", "far"), [
+    ("FADE", (0.4, 0.9), (0.0, 0.0)), ("HOLD", (1.0, 1.0), (1.0, 1.0)), ("CONTINUE", (0.8, 1.0), (0.2, 0.7)),
+])  # fmt: skip
+def test_sample_wind_ends_beside_the_box_as_it_is_told(scene, solvers, reach, near, far):
+    """Against the wind at the nearest place of the box, a quarter and three lengths away from it."""
+    checks = solvers["checks"]
+    field = checks["swirl_field"](scene, 5, reach)
+    middle = checks["CENTRE"]
+    ends = middle + np.array([[0.5, 0.0, 0.0], [0.75, 0.0, 0.0], [3.5, 0.0, 0.0]])
+    found = np.linalg.norm(solvers["sample_wind"](field, ends, 2)[1], axis=1)
+    share = found[1:] / found[0]
+    assert near[0] - 1e-4 <= share[0] <= near[1] + 1e-4 and far[0] - 1e-4 <= share[1] <= far[1] + 1e-4

@@ -15,8 +15,7 @@ from seeing_wind.ui import freshness
 from seeing_wind.ui.bake.animation import keyframes
 from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.bake.plan import MARK, mark_of
-from seeing_wind.ui.field.samples import samples_of
-from seeing_wind.ui.field.vdb import read_samples
+from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.job import status
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -59,6 +58,7 @@ def snapshot() -> dict:
         key = obj.data.shape_keys if obj.type == "MESH" else None
         objects[obj.name] = {
             "mark": obj.get(MARK),
+            "reach": obj.get("seeing_wind_reach"),
             "place": [round(value, 5) for row in obj.matrix_basis for value in row],
             "keys": len(key.key_blocks) if key else 0,
             "curves": keyframes(obj) + (keyframes(key) if key else []),
@@ -85,6 +85,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
     clip, take = str(workplace / "clip.mp4"), str(workplace / "undo.take")
     steps = [
         ("choose clip", lambda: ops.choose_clip(filepath=clip)),
+        ("match", lambda: ops.match_scene(parts={"FPS", "CAMERA"})),
         ("draw box", lambda: ops.draw_box(box=(20.0, 20.0, 44.0, 44.0))),
         ("recover", lambda: ops.recover(distance=2.0, take=take)),
         ("insert", lambda: ops.insert_mesh(object="Held")),
@@ -108,8 +109,10 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("bake there", lambda: ops.bake()),
         ("remove edit", lambda: ops.remove_edit()),
         ("load", lambda: setattr(bpy.context.scene.seeing_wind, "frame_start", 3) or ops.build_scene()),
+        ("fit", lambda: setattr(bpy.context.scene.seeing_wind, "field_reach", "HOLD") or ops.fit_field()),
         ("guess", lambda: ops.use_guess()),
         ("calibrate", lambda: ops.calibrate(object="Cloth")),
+        ("calibrate again", lambda: setattr(bpy.context.scene.render, "fps", 50) or ops.calibrate_again()),
         ("composite", lambda: ops.set_up_composite(floor=True)),
     ]
     changing = {cls.bl_idname for cls in ui.CLASSES if issubclass(cls, bpy.types.Operator) and "UNDO" in getattr(cls, "bl_options", ())}
@@ -269,6 +272,8 @@ def test_a_clip_that_begins_before_frame_zero(workplace, tmp_path) -> None:
     scene.render.fps, scene.render.fps_base = 30, 1.001
     scene.seeing_wind.frame_start = -20
     recover(workplace, "negativ.take")
+    assert not scene.use_preview_range, "a scene of 29.97 frames a second is somebody's own"
+    bpy.ops.seeing_wind.match_scene(parts={"RANGE"})
     assert scene.use_preview_range and (scene.frame_preview_start, scene.frame_preview_end) == (-20, -8)
     falls = cube("Falls")
     bpy.ops.seeing_wind.insert_mesh(object="Falls", pin_group="Top")
@@ -306,7 +311,7 @@ def test_small_units_and_a_linked_scene_beside(workplace, tmp_path) -> None:
         scene.frame_set(frame)
         low.append(world(falls)[:, 2].min())
     assert low == pytest.approx([-10.0, -10.0 - 100.0 * 0.5 * 3.0 * (12 / 24.0) ** 2], abs=1e-3)
-    assert np.ptp(read_samples(samples_of(scene.seeing_wind.field_object))[0], axis=0).max() == pytest.approx(120.0, rel=1e-3)
+    assert np.ptp(read_samples(samples_of(scene.seeing_wind.field_object)).box, axis=0).max() == pytest.approx(120.0, rel=1e-3)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mit Szene.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "mit Szene.blend"))
     linked = next(scene for scene in bpy.data.scenes if scene.library)

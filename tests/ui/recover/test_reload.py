@@ -9,6 +9,7 @@ import pytest
 
 from seeing_wind.ui.field.node_groups import get_input, set_input
 from seeing_wind.ui.field.samples import SAMPLE_WIND, samples_of
+from seeing_wind.ui.job import status
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -84,13 +85,33 @@ def test_the_look_is_the_users_and_the_first_frame_that_of_the_results(recovered
     assert recovered.seeing_wind.field_object["seeing_wind_frame_start"] == 11
 
 
-def test_another_take_comes_into_the_same_objects(recovered, workplace: Path) -> None:
-    before = [obj.session_uid for obj in made(recovered)]
-    recovered.seeing_wind.field_object.location.x += 1.0
-    home = recovered.seeing_wind.field_object["seeing_wind_take"]
+def test_a_second_take_leaves_the_first_ones_field_alone(recovered, workplace: Path) -> None:
+    first = made(recovered)
+    names = [obj.name for obj in first]
     bpy.ops.seeing_wind.recover(take=str(workplace / "two.take"))
+    second = made(recovered)
+    assert [obj.name for obj in first] == names and not set(first) & set(second)
+    assert all(obj.name in recovered.objects for obj in first + second)
+    assert {Path(obj["seeing_wind_take"]).name for obj in (first[0], second[0])} == {"one.take", "two.take"}
+    assert first[0].users_collection != second[0].users_collection
+    assert any("stays" in text for text in status.of(recovered.session_uid).warnings)
+    # the next run of the second goes into its own objects
+    bpy.ops.seeing_wind.recover(take=str(workplace / "two.take"))
+    assert made(recovered) == second
+
+
+def test_a_take_that_was_moved_comes_into_its_own_objects(recovered, workplace: Path) -> None:
+    before = [obj.session_uid for obj in made(recovered)]
+    (workplace / "one.take").rename(workplace / "moved.take")
+    bpy.ops.seeing_wind.build_scene(take=str(workplace / "moved.take"))
     assert [obj.session_uid for obj in made(recovered)] == before
-    assert recovered.seeing_wind.field_object["seeing_wind_take"] != home
+
+
+def test_nothing_is_left_of_a_field_that_was_deleted(recovered) -> None:
+    before = {obj.name for obj in bpy.data.objects}
+    bpy.data.objects.remove(recovered.seeing_wind.field_object)
+    bpy.ops.seeing_wind.build_scene()
+    assert {obj.name for obj in bpy.data.objects} == before
 
 
 def test_an_object_in_edit_mode_takes_the_results_too(recovered) -> None:

@@ -17,6 +17,9 @@ from .clips import clip_of, first_picture, loaded_clip, marker_frame, scene_fram
 BLENDER_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Blender's camera looks along -Z with Y up, OpenCV's along +Z with Y down."""
 
+LENS = ("k1", "k2", "p1", "p2", "k3")
+"""OpenCV's numbers of a lens, in its order."""
+
 SPARE = 8
 """Rows beyond the clip's length: two libraries may count its pictures differently by one or two."""
 
@@ -32,7 +35,9 @@ def camera_source(scene: bpy.types.Scene) -> tuple:
             raise UsageError("The clip has no camera solve.", "Solve it in the Movie Clip Editor, or use a field of view.")
         obj = _solved_object(scene)
         pose = obj.name if obj is not None else ""
-        return ("solve", pose, round(clip.tracking.reconstruction.average_error, 6), round(clip.tracking.camera.focal_length_pixels, 4))
+        lens = _solved_lens(clip)
+        bend = tuple(round(lens.get(name, 0.0), 6) for name in LENS)
+        return ("solve", pose, round(clip.tracking.reconstruction.average_error, 6), round(lens["fx"], 4), *(bend if any(bend) else ()))
     if wanted == "SCENE" or (wanted == "AUTO" and settings.scale_mode == "PROXY"):
         obj = scene.camera
         if obj is None:
@@ -99,7 +104,7 @@ def _solved_lens(clip: bpy.types.MovieClip) -> dict[str, Any]:
     x, y = camera.principal_point_pixels
     focal = camera.focal_length_pixels
     # Blender's principal point counts from the picture's lower left corner
-    return {
+    lens = {
         "width": int(width),
         "height": int(height),
         "fx": focal,
@@ -107,6 +112,38 @@ def _solved_lens(clip: bpy.types.MovieClip) -> dict[str, Any]:
         "cx": x - 0.5,
         "cy": height - y - 0.5,
     }
+    return lens | _distortion(camera, 0.5 * float(np.hypot(width, height)) / focal)
+
+
+def _distortion(camera: bpy.types.MovieTrackingCamera, corner: float) -> dict[str, float]:
+    """The lens of a solve as OpenCV's `k1 k2 p1 p2 k3`, for lengths in focal lengths; empty for one that bends nothing.
+
+    Blender's Polynomial and Brown are OpenCV's formulas by other names. Its Division says how a pixel is bent back, r / (1 + k1 r² +
+    k2 r⁴), so OpenCV's radial numbers are fitted to it, over the picture up to its corners.
+
+    Args:
+        corner: how far the picture's corners are from its middle [focal lengths].
+
+    Raises:
+        UsageError: for a lens that OpenCV's formula does not have.
+    """
+    model = camera.distortion_model
+    if model == "POLYNOMIAL":
+        numbers = (camera.k1, camera.k2, 0.0, 0.0, camera.k3)
+    elif model == "BROWN" and camera.brown_k4 == 0.0:
+        numbers = (camera.brown_k1, camera.brown_k2, camera.brown_p1, camera.brown_p2, camera.brown_k3)
+    elif model == "DIVISION":
+        bent = np.linspace(0.0, corner, 200)[1:]
+        straight = bent / (1.0 + camera.division_k1 * bent**2 + camera.division_k2 * bent**4)
+        table = np.stack([straight**2, straight**4, straight**6], axis=1)
+        k1, k2, k3 = np.linalg.lstsq(table, bent / straight - 1.0, rcond=None)[0]
+        numbers = (k1, k2, 0.0, 0.0, k3)
+    else:
+        raise UsageError(
+            f"The solve has the lens model {model.title()}, which the engine does not have.",
+            "Choose Polynomial, Division or Brown without K4 under Lens, and solve again.",
+        )
+    return {name: float(value) for name, value in zip(LENS, numbers, strict=True)} if any(numbers) else {}
 
 
 def _solved_object(scene: bpy.types.Scene) -> bpy.types.Object | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -11,15 +12,40 @@ from ....engine.conventions import PICTURE_SUFFIXES, is_sequence, pictures_of
 from ....engine.errors import ClipError
 from ...user_paths import absolute
 
+PLACED = "seeing_wind_placed"
+"""Custom property of the clips that we have loaded."""
+
 PICTURES = {*PICTURE_SUFFIXES, ".dpx"}
 
 
 def clip_of(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip | None:
     """The movie clip of the file that the settings name, None while Blender has not loaded it."""
-    if not settings.clip:
-        return None
-    wanted = opened_by(absolute(settings.clip))
-    return next((clip for clip in bpy.data.movieclips if absolute(clip.filepath, clip.library) == wanted), None)
+    return found_clip(absolute(settings.clip)) if settings.clip else None
+
+
+def found_clip(path: str) -> bpy.types.MovieClip | None:
+    """The movie clip of a file, however its own path is written; None while Blender has not loaded it."""
+    wanted = os.path.realpath(opened_by(path))
+    return next((clip for clip in bpy.data.movieclips if os.path.realpath(absolute(clip.filepath, clip.library)) == wanted), None)
+
+
+def load_clip(path: str) -> bpy.types.MovieClip:
+    """Load the movie clip of a file, and note that its place in time is ours to choose.
+
+    Raises:
+        ClipError: when Blender cannot read it.
+    """
+    try:
+        clip = bpy.data.movieclips.load(opened_by(os.path.realpath(path)))
+    except RuntimeError as error:
+        raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264) or check the path.") from error
+    clip[PLACED] = True
+    return clip
+
+
+def start_of(clip: bpy.types.MovieClip, picture: int, otherwise: int) -> int:
+    """Scene frame of a picture of a clip's file: where the user has put it, or `otherwise` for a clip that we have loaded."""
+    return otherwise if clip.get(PLACED) else scene_frame(clip, picture)
 
 
 def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
@@ -30,11 +56,7 @@ def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     """
     clip = clip_of(settings)
     if clip is None:
-        path = opened_by(absolute(settings.clip))
-        try:
-            clip = bpy.data.movieclips.load(path)
-        except RuntimeError as error:
-            raise ClipError(f"Blender cannot open {path}.", "Convert it to MP4 (H.264) or check the path.") from error
+        clip = load_clip(absolute(settings.clip))
     if clip.size[0] < 1 or clip.frame_duration < 1:
         raise ClipError(f"{clip.filepath} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
     return clip

@@ -13,10 +13,9 @@ import numpy as np
 from ....engine.errors import UsageError
 from ....engine.settings import toml_text
 from ....engine.take import Take
+from ...job.takes import EDIT
 from ...scene_mesh import FIRM, mesh_arrays, pinned_vertices
 from ...scene_units import metres_per_unit
-
-EDIT = "edit.toml"
 
 
 @dataclass(frozen=True)

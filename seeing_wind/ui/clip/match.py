@@ -1,0 +1,102 @@
+"""What of a scene follows its clip: frame rate, range, size, colours, active camera. A shot that is there already is left alone.
+
+A fresh scene follows the clip in everything. In any other the user's say counts (`SEEING_WIND_OT_match_scene`); until then it follows in
+nothing that it has of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import bpy
+
+PARTS = [
+    ("FPS", "Frame Rate", "Frames per second of the clip: one scene frame is one picture"),
+    ("RANGE", "Frame Range", "Begin with the clip's first picture and end with its last"),
+    ("SIZE", "Resolution", "Size and shape of the clip's pixels"),
+    ("VIEW", "Colors", "View transform Standard and a transparent film, so that the clip's colors come out as they went in"),
+    ("CAMERA", "Active Camera", "Look through the camera that stands where the clip's did"),
+]
+ALL = frozenset(part for part, _, _ in PARTS)
+FACTORY = {"Cube": "MESH", "Camera": "CAMERA", "Light": "LIGHT"}
+"""Objects of a new file."""
+OURS = "seeing_wind_camera"
+"""Custom property of the camera that stands where the clip's did."""
+
+
+def is_factory(obj: bpy.types.Object) -> bool:
+    """Whether an object is one of a new file, as Blender has made it."""
+    untouched = obj.animation_data is None and not obj.modifiers and not obj.constraints and obj.parent is None
+    if FACTORY.get(obj.name) != obj.type or not untouched:
+        return False
+    place = tuple(round(value, 2) for value in obj.location)
+    if obj.type == "MESH":
+        sides = tuple(round(side, 3) for side in obj.dimensions)
+        return place == (0.0, 0.0, 0.0) and len(obj.data.vertices) == 8 and sides == (2.0, 2.0, 2.0)
+    if obj.type == "LIGHT":
+        return place == (4.08, 1.01, 5.9) and obj.data.type == "POINT" and obj.data.energy == 1000.0
+    return place == (7.36, -6.93, 4.96)
+
+
+def is_fresh(scene: bpy.types.Scene) -> bool:
+    """Whether a scene has nothing of its own: as a new file begins, or empty."""
+    render = scene.render
+    own = [obj for obj in scene.objects if not is_factory(obj)]
+    as_new = (scene.frame_start, scene.frame_end, render.fps, render.fps_base) == (1, 250, 24, 1.0)
+    return as_new and (render.resolution_x, render.resolution_y) == (1920, 1080) and not own
+
+
+def followed(scene: bpy.types.Scene) -> frozenset[str]:
+    """The parts that follow the clip; decided the first time that this is asked."""
+    settings = scene.seeing_wind
+    if not settings.follows_decided:
+        settings.follows = set(ALL) if is_fresh(scene) else {"CAMERA"} - ({"CAMERA"} if scene.camera is not None else set())
+        settings.follows_decided = True
+    return frozenset(settings.follows)
+
+
+def left_alone(scene: bpy.types.Scene) -> str:
+    """The parts that do not follow, for a person; "" when all do."""
+    parts = followed(scene)
+    names = [name.lower() for part, name, _ in PARTS if part not in parts]
+    return f"the scene keeps its own {', '.join(names)} (Match Scene changes that)" if names else ""
+
+
+def follow(
+    scene: bpy.types.Scene,
+    parts: Collection[str],
+    *,
+    fps: float,
+    first: int,
+    last: int,
+    size: tuple[int, int],
+    aspect: tuple[float, float] | None,
+    camera: bpy.types.Object | None,
+) -> None:
+    """Let the given parts of a scene be as the clip's.
+
+    Args:
+        fps: frames per second of the clip.
+        first, last: scene frames of its first and last picture.
+        size: width and height [px].
+        aspect: of a pixel; None leaves it.
+        camera: that stands where the clip's did.
+    """
+    render = scene.render
+    if "FPS" in parts:
+        render.fps = max(1, round(fps))
+        render.fps_base = render.fps / fps
+    if "RANGE" in parts:
+        scene.frame_start, scene.frame_end = first, last
+        # a scene's own range cannot begin before 0; the preview range, which playback follows, can
+        scene.use_preview_range = first < 0
+        if scene.use_preview_range:
+            scene.frame_preview_start, scene.frame_preview_end = first, last
+    if "SIZE" in parts:
+        render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+        if aspect is not None:
+            render.pixel_aspect_x, render.pixel_aspect_y = aspect
+    if "VIEW" in parts:
+        render.film_transparent, scene.view_settings.view_transform = True, "Standard"
+    if "CAMERA" in parts and camera is not None:
+        scene.camera = camera

@@ -1,0 +1,44 @@
+"""The panel's settings from a take that was made elsewhere, by the command line or a batch: so that one can go on with it."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import bpy
+
+from ...engine.errors import TakeError
+from ...engine.take import Take
+from .properties import IMPLIED, OPTIONS
+
+PATHS = ("clip", "mask", "camera")
+"""Settings that are files: one that is not there any more is left out."""
+
+
+def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
+    """Fill the settings of a scene that has none of its own from a take; those of a scene that has a clip are left alone.
+
+    Args:
+        clip: where the take's clip is now; "" for a field from trajectories.
+    """
+    settings = scene.seeing_wind
+    if settings.clip or not clip or not os.path.isfile(clip):
+        return
+    given: dict[str, Any] = {}
+    for stage in take.description().get("stages", {}).values():
+        given |= {key: value for key, value in stage.get("settings", {}).items() if key in OPTIONS}
+    given["clip"] = clip
+    if "law" in given:
+        given["law"] = str(given["law"]).upper()
+    for name, value in given.items():
+        if name in PATHS and not os.path.isfile(str(value)):
+            continue
+        try:
+            setattr(settings, name, tuple(value) if isinstance(value, list) else value)
+        except (TypeError, ValueError) as error:
+            raise TakeError(f"take.toml of {take.path} says {name} = {value!r} ({error}).", "Run Recover again.") from error
+        mode, implied = IMPLIED.get(name, ("", None))
+        if mode:
+            setattr(settings, mode, implied)
+    if "solve" in take.description().get("stages", {}) and "gravity" not in given:
+        settings.gravity_mode = "NONE"

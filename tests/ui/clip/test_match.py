@@ -1,0 +1,82 @@
+"""A shot that is there already: Choose Clip and Reload leave it alone unless the user says so, and a clip stands where the user put it."""
+
+from __future__ import annotations
+
+import bpy
+import pytest
+
+from tests.ui.jobs import recover
+
+pytestmark = pytest.mark.usefixtures("stand_in")
+
+
+def shot(scene: bpy.types.Scene) -> tuple:
+    """What belongs to the user's shot."""
+    render = scene.render
+    size = (render.resolution_x, render.resolution_y, render.pixel_aspect_x)
+    looks = (scene.view_settings.view_transform, render.film_transparent, scene.camera.name if scene.camera else "")
+    return (render.fps, render.fps_base, scene.frame_start, scene.frame_end, scene.frame_current, *size, *looks)
+
+
+@pytest.fixture
+def own(scene) -> bpy.types.Scene:
+    """The shot of the review: 24 frames a second, 1920x1080, frames 1001 to 1100, a camera of the user's."""
+    camera = bpy.data.objects.new("Main Camera", bpy.data.cameras.new("Main Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.frame_start, scene.frame_end = 1001, 1100
+    scene.frame_set(1050)
+    return scene
+
+
+def test_a_shot_that_is_there_is_left_alone(own, workplace) -> None:
+    before = shot(own)
+    bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4"))
+    assert shot(own) == before
+    recover(workplace)
+    bpy.ops.seeing_wind.build_scene()
+    assert shot(own) == before
+    # our camera is there all the same, with the clip behind it
+    camera = own.seeing_wind.camera_object
+    assert camera != own.camera and camera.data.background_images[0].clip == own.active_clip
+    assert not len(own.camera.data.background_images)
+
+
+def test_the_user_says_what_is_to_be_as_the_clips(own, workplace) -> None:
+    recover(workplace)
+    bpy.ops.seeing_wind.match_scene(parts={"SIZE", "RANGE"})
+    assert (own.render.resolution_x, own.render.resolution_y) == (96, 64) and (own.frame_start, own.frame_end) == (1, 13)
+    assert own.camera.name == "Main Camera" and own.view_settings.view_transform != "Standard"
+    bpy.ops.seeing_wind.match_scene(parts={"CAMERA", "VIEW"})
+    own.render.resolution_x = 500
+    bpy.ops.seeing_wind.build_scene()
+    assert own.camera == own.seeing_wind.camera_object and own.view_settings.view_transform == "Standard"
+    assert own.render.resolution_x == 500, "no longer as the clip's"
+
+
+@pytest.mark.parametrize("empty", [True, False])
+def test_a_new_file_is_set_up_silently(workplace, empty: bool) -> None:
+    bpy.ops.wm.read_factory_settings(use_empty=empty)
+    scene = bpy.context.scene
+    bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4"))
+    assert (scene.render.resolution_x, scene.frame_end, scene.view_settings.view_transform) == (96, 13, "Standard")
+    assert scene.camera.get("seeing_wind_camera")
+
+
+def test_a_scene_without_a_camera_gets_one(scene, workplace) -> None:
+    scene.frame_start = 1001
+    bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4"))
+    assert scene.camera.get("seeing_wind_camera") and scene.frame_start == 1001
+
+
+@pytest.mark.parametrize(("start", "offset", "expected"), [(101, 0, 105), (1, 0, 5), (101, 2, 103)])
+def test_a_clip_stands_where_the_user_put_it(scene, workplace, start: int, offset: int, expected: int) -> None:
+    """Picture 4 of a clip that begins at `start`; relative and absolute paths are the same clip."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "shot.blend"))
+    clip = bpy.data.movieclips.load("//clip.mp4")
+    clip.frame_start, clip.frame_offset = start, offset
+    recover(workplace, frames=(4, 12))
+    assert len(bpy.data.movieclips) == 1 and (clip.frame_start, clip.frame_offset) == (start, offset)
+    assert scene.seeing_wind.frame_start == expected == scene.frame_start
+    bpy.ops.seeing_wind.build_scene()
+    assert len(bpy.data.movieclips) == 1 and scene.seeing_wind.field_object["seeing_wind_frame_start"] == expected

@@ -1,0 +1,116 @@
+"""A recovered wind in another shot: appended or linked, calibrated by name or selection, at another frame rate, from a moved project."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from seeing_wind.ui.field.display import field_at_hand, out_of_time
+from seeing_wind.ui.field.samples import samples_of
+from tests.ui.jobs import now, recover
+
+pytestmark = pytest.mark.usefixtures("stand_in")
+
+
+def sheet(name: str = "Sheet") -> bpy.types.Object:
+    bpy.ops.mesh.primitive_grid_add(size=0.5)
+    obj = bpy.context.object
+    obj.name = name
+    obj.modifiers.new("Cloth", "CLOTH")
+    return obj
+
+
+def weight(obj: bpy.types.Object) -> float:
+    return obj.modifiers["Cloth"].settings.effector_weights.wind
+
+
+@pytest.fixture
+def library(checks, tmp_path) -> Path:
+    """A file with the swirl as a field object."""
+    checks["swirl_field"](bpy.context.scene)
+    path = tmp_path / "wind.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return path
+
+
+def brought(path: Path, link: bool) -> bpy.types.Object:
+    with bpy.data.libraries.load(str(path), link=link) as (_, wanted):
+        wanted.objects = ["Wind"]
+    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    return wanted.objects[0]
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_an_appended_or_linked_field_is_calibrated_and_carries_its_values(library, checks, link: bool) -> None:
+    field, obj = brought(library, link), sheet()
+    assert bpy.ops.seeing_wind.calibrate() == {"FINISHED"} and weight(obj) > 0.0
+    angle, size = checks["field_errors"](bpy.context.scene, field, 2)
+    assert angle < 1.0 and size < 0.02
+    assert samples_of(field) is not None
+    if link:
+        with pytest.raises(RuntimeError, match="linked"):
+            bpy.ops.seeing_wind.fit_field(field="Wind")
+    else:
+        bpy.context.scene.seeing_wind.field_resolution = 5
+        assert bpy.ops.seeing_wind.fit_field() == {"FINISHED"} and field["seeing_wind_nodes"] == 5
+
+
+def test_of_several_fields_the_selected_or_named_one_is_meant(library) -> None:
+    first, second = brought(library, False), brought(library, False)
+    second["seeing_wind_density"] = 12.0
+    obj = sheet()
+    with pytest.raises(RuntimeError, match="several recovered fields"):
+        bpy.ops.seeing_wind.calibrate()
+    bpy.ops.seeing_wind.calibrate(field=first.name)
+    light = weight(obj)
+    second.select_set(True)
+    assert field_at_hand(bpy.context) == second
+    bpy.ops.seeing_wind.calibrate()
+    assert weight(obj) / light == pytest.approx(10.0, rel=1e-5)
+    with pytest.raises(RuntimeError, match="no recovered force field"):
+        bpy.ops.seeing_wind.calibrate(field=obj.name)
+    with pytest.raises(RuntimeError, match="is the wind itself"):
+        bpy.ops.seeing_wind.calibrate(object=second.name)
+
+
+def test_another_frame_rate_is_said_and_mended_by_one_click(library, checks) -> None:
+    """Rigid bodies moved 1.94 times as far per frame at 24 instead of 29.92 frames a second, without a word."""
+    brought(library, False)
+    scene, obj = bpy.context.scene, sheet()
+    scene.render.fps, scene.render.fps_base = 30, 30 / 29.92
+    bpy.ops.seeing_wind.calibrate(density=300.0)
+    before = weight(obj)
+    assert not out_of_time(scene)
+    scene.render.fps, scene.render.fps_base = 24, 1.0
+    assert [each.object for each in out_of_time(scene)] == [obj]
+    bpy.ops.seeing_wind.calibrate_again()
+    assert not out_of_time(scene) and weight(obj) / before == pytest.approx(24.0 / 29.92, rel=1e-4)
+    obj.modifiers.remove(obj.modifiers["Cloth"])
+    bpy.data.objects.remove(obj)
+    scene.render.fps = 50
+    assert not out_of_time(scene), "what was deleted is no matter"
+
+
+def test_a_project_that_was_moved_works(workplace, tmp_path) -> None:
+    home = tmp_path / "before"
+    home.mkdir()
+    shutil.copy(workplace / "clip.mp4", home / "clip.mp4")
+    scene = bpy.context.scene
+    recover(workplace, clip=str(home / "clip.mp4"), take=str(home / "clip.take"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(home / "shot.blend"))
+    assert (scene.seeing_wind.clip, scene.seeing_wind.take) == ("//clip.mp4", "//clip.take")
+    assert now(scene)["recover"].state == "done"
+    home.rename(tmp_path / "after")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "after" / "shot.blend"))
+    scene = bpy.context.scene
+    assert now(scene)["clip"].state == "done" and now(scene)["recover"].state == "done"
+    # saved elsewhere, the paths lead to the same files
+    (tmp_path / "deep" / "er").mkdir(parents=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "deep" / "er" / "shot.blend"))
+    assert Path(bpy.path.abspath(scene.seeing_wind.clip)).resolve() == (tmp_path / "after" / "clip.mp4").resolve()
+    assert np.isfinite(scene.seeing_wind.field_object["seeing_wind_fps"])

@@ -1,0 +1,101 @@
+"""A take of the command line or a batch, loaded into a new file: the panel is filled, and one can go on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from seeing_wind.engine.take import Take
+from seeing_wind.ui.composite import composite
+from seeing_wind.ui.job import takes
+from seeing_wind.ui.recover import results
+from tests.ui.jobs import cube, now, recover
+
+pytestmark = pytest.mark.usefixtures("stand_in")
+
+
+@pytest.fixture
+def take(stand_in, workplace, tmp_path) -> Path:
+    """As the engine leaves it: a stage with its settings each."""
+    folder = tmp_path / "out.take"
+    recover(workplace, take=str(folder))
+    clip = str(workplace / "clip.mp4")
+    observed = {"clip": clip, "box": [20.0, 20.0, 44.0, 44.0], "distance": 2.5, "frames": [2, 9], "fov": 40.0, "seed": 4}
+    Take(folder).finish("observe", "o", observed | {"mask": "/gone.png"})
+    Take(folder).finish("build", "b", {"material": "paper", "density": 800.0, "law": "corotated", "particles": 500})
+    Take(folder).finish("solve", "s", {"gravity": [0.0, 0.0, -3.0], "iterations": 7, "stiffness": "free"})
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return folder
+
+
+def test_reload_into_a_new_file_fills_the_panel(take, workplace) -> None:
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    settings = bpy.context.scene.seeing_wind
+    assert Path(settings.clip) == workplace / "clip.mp4"
+    assert tuple(settings.box) == (20.0, 20.0, 44.0, 44.0) and settings.object_mode == "BOX"
+    assert settings.distance == pytest.approx(2.5) and settings.scale_mode == "DISTANCE" and tuple(settings.frames) == (2, 9)
+    assert settings.use_frames and settings.fov == pytest.approx(40.0) and settings.camera_mode == "FOV"
+    assert (settings.material, settings.use_density, settings.density, settings.law) == ("paper", True, 800.0, "COROTATED")
+    assert settings.gravity_mode == "CUSTOM" and settings.gravity[2] == pytest.approx(-3.0) and settings.iterations == 7
+    assert settings.mask == "", "a file that is gone is left out"
+    steps = now(bpy.context.scene)
+    assert steps["clip"].state == "done" and steps["object"].state == "done"
+
+
+def test_settings_that_are_there_are_left_alone(take, workplace) -> None:
+    settings = bpy.context.scene.seeing_wind
+    settings.clip, settings.distance = str(workplace / "clip.mp4"), 7.0
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    assert settings.distance == 7.0 and tuple(settings.box) == (0.0, 0.0, 0.0, 0.0)
+
+
+@pytest.fixture
+def simulated(take) -> Path:
+    """A re-simulation by the command line: its edit stands elsewhere. Returns its take."""
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    cube("Box", bpy.context.scene)
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.insert_mesh(recovered=True)
+    bpy.ops.seeing_wind.scale_mass(object="Box", factor=3.0)
+    bpy.context.scene.seeing_wind.field_strength = 0.5
+    bpy.ops.seeing_wind.resimulate()
+    mine = Path(bpy.context.scene.seeing_wind.simulated_take)
+    theirs = mine.with_name("out.edit.take")
+    assert mine == theirs, "nobody else's was there"
+    text = (mine / "edit.toml").read_text()
+    (take.parent / "edit.toml").write_text(text)
+    (mine / "edit.toml").unlink()
+    Take(theirs).finish("resimulate", "r", {"source": str(take), "edit": str(take.parent / "edit.toml")})
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return theirs
+
+
+def test_the_edit_list_is_filled_and_the_object_wears_its_picture(take, simulated) -> None:
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    scene = bpy.context.scene
+    made = results.import_bodies(scene, simulated, scene.seeing_wind.frame_start)
+    settings = scene.seeing_wind
+    box, own = settings.bodies
+    assert box.object == made["Box"] and box.mass_scale == 3.0 and own.is_recovered
+    assert settings.field_strength == 0.5 and settings.edit_gravity_mode == "CUSTOM"
+    assert [material.name for material in own.baked_copy.data.materials] == [m.name for m in settings.recovered_object.data.materials]
+    uv = [np.array([each.vector[:] for each in mesh.uv_layers.active.uv]) for mesh in (own.baked_copy.data, settings.recovered_object.data)]
+    assert np.allclose(*uv)
+    # the clip's object moves anew, so it must not be seen a second time
+    assert composite.set_up(scene).behind == "plate"
+
+
+def test_what_others_have_simulated_is_not_written_over(take, simulated) -> None:
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    scene = bpy.context.scene
+    before = {path: path.stat().st_mtime_ns for path in simulated.rglob("*") if path.is_file()}
+    cube("Other", scene)
+    bpy.ops.seeing_wind.insert_mesh(object="Other")
+    bpy.ops.seeing_wind.resimulate()
+    mine = Path(scene.seeing_wind.simulated_take)
+    assert mine.name == "out.edit.2.take" and {path: path.stat().st_mtime_ns for path in simulated.rglob("*") if path.is_file()} == before
+    bpy.ops.seeing_wind.resimulate()
+    assert takes.edit_folder(scene.seeing_wind, take) == mine, "one's own is used again"
