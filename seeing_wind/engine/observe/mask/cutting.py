@@ -10,6 +10,9 @@ from ...progress import Progress
 LEAST_PIXELS = 12
 """Smallest object that can be followed: a disc of four pixels."""
 
+SPECK = 0.03
+"""Part of the largest piece below which another piece is nothing."""
+
 GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
 
@@ -49,6 +52,7 @@ def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
     if near is not None:
         touching = np.bincount(labels[near & mask], minlength=count)[1:]
         keep = touching > 0.25 * areas if (touching > 0.25 * areas).any() else touching > 0
+        keep &= areas >= SPECK * areas[keep].max()
     kept = np.concatenate([[False], keep])[labels]
     holes, labels, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] < 0.02 * kept.sum()

@@ -84,9 +84,7 @@ def looks_of(picture: np.ndarray, plate: Plate, mask: np.ndarray) -> Looks:
     return Looks(against(~differs), against(plate.relit(picture, window) & differs))
 
 
-def against_plate(
-    picture: np.ndarray, plate: Plate, window: Window, looks: Looks, least: float = -SURE
-) -> tuple[np.ndarray, np.ndarray]:
+def against_plate(picture: np.ndarray, plate: Plate, window: Window, looks: Looks, least: float = -SURE) -> tuple[np.ndarray, np.ndarray]:
     """Log odds (h, w) in `window` by what differs from the background, and where that is known (h, w) bool.
 
     A shadow that came or went is background; so is what does not differ, with odds of `least` or more.
@@ -105,7 +103,10 @@ def against_plate(
 
 
 def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
-    """Log odds (h, w) by the distance to the border of an expected silhouette `shape` (h, w) bool: -1.5 for each `band` [px] outside, 3 inside."""
+    """Log odds (h, w) by the distance to the border of an expected silhouette `shape` (h, w) bool.
+
+    For each `band` [px] they fall by 1.5 outside and rise by 3 inside.
+    """
     padded = np.pad(shape, 1).astype(np.uint8)
     within = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
     beyond = cv2.distanceTransform(1 - padded, cv2.DIST_L2, 5)[1:-1, 1:-1]

@@ -141,11 +141,18 @@ def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behin
                 return likely
             trimap[boxed & ~likely] = cv2.GC_PR_BGD
             trimap[boxed & (behind < -1.0) & (motion <= 0.0)] = cv2.GC_BGD
+            # Where both agree, colours are not asked; gaps narrower than a codec's blocks are closed.
+            closed = cv2.morphologyEx((behind > 0.0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) > 0
+            shade = cv2.morphologyEx((behind < 0.0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
+            trimap[boxed & closed & ~shade & (motion > 0.0)] = cv2.GC_FGD
     return grab_cut(crop, trimap, 5, progress)
 
 
 def refined(frames: Frames, mask: np.ndarray, plate: Plate, allowed: np.ndarray) -> np.ndarray:
-    """The object `mask` (H, W) bool of the first of `frames` (T+1, H, W, 3) found again with the background known, within `allowed` (H, W) bool."""
+    """The object in the first of `frames` (T+1, H, W, 3), found again with the background known, within `allowed` (H, W) bool.
+
+    `mask` (H, W) bool: where it was found before.
+    """
     band = band_of(float(mask.sum()))
     window, picture = window_of(mask | allowed, 16), frames[0]
     crop, shape = cut(picture, window), cut(mask, window, cv2.BORDER_CONSTANT)
@@ -154,7 +161,7 @@ def refined(frames: Frames, mask: np.ndarray, plate: Plate, allowed: np.ndarray)
     odds, known = against_plate(picture, plate, window, looks_of(picture, plate, mask), STILL_PART)
     motion = moving_odds(frames, window, plate.noise)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
-    odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors, colors + motion)
+    odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors + 0.5 * np.maximum(motion, 0.0), colors + motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
     found = tidy(cut_out(odds, crop), shape)
     better = np.zeros_like(mask)
