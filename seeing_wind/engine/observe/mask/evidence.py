@@ -24,8 +24,11 @@ SURE = 4.0
 OUTSIDE = -50.0
 """Log odds of what is certainly not the object."""
 
-USUAL = 0.15
+USUAL = 0.35
 """Part of an object that looks like the background behind it, as long as little of it was seen before a known background."""
+
+SHADED = 0.35
+"""Part of the object that looks like the background in a shadow from which that is no sign of a shadow."""
 
 STAYS = 0.7
 """Log odds at its very border for a silhouette that was carried on: what says little does not wear it away."""
@@ -77,11 +80,11 @@ def looks_of(picture: np.ndarray, plate: Plate, mask: np.ndarray) -> Looks:
     differs = plate.away(picture, window) > DIFFERS * plate.noise
     few = 0.1 * inside.sum() + 1.0
 
-    def against(alike: np.ndarray) -> float:
-        part = ((alike & known).sum() + USUAL * few) / (known.sum() + few)
-        return float(np.clip(-np.log(part), 0.1, SURE))
+    def part(alike: np.ndarray, usual: float) -> float:
+        return float(((alike & known).sum() + usual * few) / (known.sum() + few))
 
-    return Looks(against(~differs), against(plate.relit(picture, window) & differs))
+    shaded = part(plate.relit(picture, window) & differs, 0.0)
+    return Looks(float(np.clip(-np.log(part(~differs, USUAL)), 0.1, SURE)), 1.5 * SURE if shaded < SHADED else 0.1)
 
 
 def against_plate(picture: np.ndarray, plate: Plate, window: Window, looks: Looks, least: float = -SURE) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ PARTLY = 0.75
 """A small object's mask below this part of its usual size is partly hidden: shape, colours and velocity of the last full sight are kept."""
 
 
-CARRIED = 1.5
+CARRIED = 2.0
 """Most log odds for the silhouette that was carried on where the background is known: what is wrong in it goes away again."""
 
 BESIDE_PLATE = 0.3
