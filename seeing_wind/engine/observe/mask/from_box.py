@@ -10,7 +10,7 @@ from ...progress import Progress
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import DIFFERS, OUTSIDE, Colors, against_plate, against_shape, band_of, cut_out, looks_of
+from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out, looks_of
 from .motion import Window, cut, paste, window_of
 
 CUT_OFF = (0.08, 1.0)
@@ -121,11 +121,9 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
 
 
 def _left(picture: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
-    """Log odds (h, w) in `window` for what differs from the background and for shadows over it; 0 where neither is so."""
-    away = plate.away(picture, window) > DIFFERS * plate.noise
-    known = cut(plate.reliable, window, cv2.BORDER_CONSTANT)
-    shaded = plate.relit(picture, window) & away
-    return np.where(known & away, np.where(shaded, -MOTION_SURE - 1.0, MOTION_SURE), 0.0).astype(np.float32)
+    """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
+    odds, known = against_plate(picture, plate, window, Looks(0.0, MOTION_SURE + 1.0))
+    return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
 
 
 def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behind: np.ndarray | None, progress: Progress) -> np.ndarray:
