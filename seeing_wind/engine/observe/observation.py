@@ -237,7 +237,7 @@ def _with_background(
     if boxed:
         mask = refined(frames, mask, plate, allowed)
     if not settings.mask_model:
-        masks = Masks.of(itertools.chain([mask], (new for new, _ in _carry(frames, mask, plate, progress, 0.1, 0.3))))
+        masks = Masks.of(itertools.chain([mask], (new for new, _ in _carry(frames, mask, plate, progress, 0.1, 0.3, rough=True))))
         if areas(masks)[1:].any():
             plate = plate_behind(frames, masks, plate, progress)
     if boxed:
@@ -246,10 +246,10 @@ def _with_background(
 
 
 def _carry(
-    frames: Frames, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
+    frames: Frames, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float, rough: bool = False
 ) -> Iterator[tuple[np.ndarray, MaskFollower]]:
     """The masks of pictures 1 to T and the follower in its state after each; reports progress from `start` to `end`."""
-    follower = MaskFollower(frames[0], mask, plate, progress)
+    follower = MaskFollower(frames[0], mask, plate, progress, rough)
     for t in range(1, len(frames)):
         progress.update(start + (end - start) * t / len(frames), f"following the object, frame {t} of {len(frames) - 1}")
         yield follower.advance(frames[t]), follower

@@ -69,7 +69,7 @@ class Plate:
         ratio = now / behind
         middle = cv2.transform(ratio, np.full((1, 3), 1.0 / 3.0, np.float32))
         # In the dark, a codec's rounding tints as much as a colour does.
-        grain = 0.6 * self.noise / behind.min(axis=2)
+        grain = 0.6 * self.noise / _smallest(behind)
         alike = _largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle + grain
         # A shadow is soft and lets through what is behind it; a gray thing's own pattern and edges are neither.
         alike &= np.abs(middle - cv2.GaussianBlur(middle, (0, 0), 3.0)) < SHADOW_SOFT + grain
@@ -80,6 +80,12 @@ def _largest(picture: np.ndarray) -> np.ndarray:
     """The largest of three channels (H, W, 3) -> (H, W); NumPy's reduction over so short an axis is twenty times slower."""
     first, second, third = cv2.split(picture)
     return cv2.max(cv2.max(first, second), third)
+
+
+def _smallest(picture: np.ndarray) -> np.ndarray:
+    """The smallest of three channels (H, W, 3) -> (H, W)."""
+    first, second, third = cv2.split(picture)
+    return cv2.min(cv2.min(first, second), third)
 
 
 def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:

@@ -9,7 +9,7 @@ from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
 from .evidence import OUTSIDE, Colors, against_plate, against_shape, band_of, cut_out, looks_of
-from .motion import Flow, FlowSolver, Window, body_shift, cut, paste, window_of
+from .motion import FLOW_PIXELS, ROUGH_PIXELS, Flow, FlowSolver, Window, body_shift, cut, paste, window_of
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -40,12 +40,15 @@ class MaskFollower:
         hidden: the object was not found in the newest picture.
     """
 
-    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture."""
+    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, rough: bool = False) -> None:
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
+
+        `rough`: quicker, where the outlines only have to show what is behind the object.
+        """
         self._progress = progress
         self._plate = plate
         self._looks = looks_of(picture, plate, mask) if plate is not None else None
-        self._solver = FlowSolver()
+        self._solver = FlowSolver(ROUGH_PIXELS if rough else FLOW_PIXELS)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(picture, window_of(mask, 24))
         self._colors = Colors(picture[mask], around[~near])
@@ -63,8 +66,7 @@ class MaskFollower:
     def advance(self, picture: np.ndarray) -> np.ndarray:
         """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
         gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
-        changed = self._changed(picture)
-        shift = self._search(picture, changed)
+        shift = self._search(picture)
         self._progress.check()
         window = self._shape_window
         side = max(window[2] - window[0], window[3] - window[1])
@@ -87,7 +89,7 @@ class MaskFollower:
             return None
         return np.clip(self._plate.difference(picture) / (10.0 * self._plate.noise), 0.0, 1.0)
 
-    def _search(self, picture: np.ndarray, changed: np.ndarray | None) -> np.ndarray:
+    def _search(self, picture: np.ndarray) -> np.ndarray:
         size = float(np.sqrt(self._shape.sum()))
         # Nothing is known of the first step; a small thing may leap several of its own widths, a large one only part of its own.
         reach = max(24.0, 4.0 * size if self._shape.sum() < SMALL else 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
@@ -96,7 +98,8 @@ class MaskFollower:
         origin = (self._shape_window[0], self._shape_window[1])
         # A plate that holds only part of the object's path as clean would pull towards that part.
         clean = self._plate is not None and cut(self._plate.reliable, self._shape_window).mean() > 0.9
-        return body_shift(self._template, self._shape, origin, picture, changed if clean else None, self.velocity, min(reach, 200.0))
+        changed = self._changed(picture) if clean else None
+        return body_shift(self._template, self._shape, origin, picture, changed, self.velocity, min(reach, 200.0))
 
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""
