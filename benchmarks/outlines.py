@@ -26,7 +26,7 @@ from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
 CHOSEN_ON = ("carnation", "hanging_toy", "pendulum", "puck_pulled", "sheet_v0", "pole_v0")
-"""Clips on which settings were chosen; the others were only reported."""
+"""Clips on which settings were to be chosen. Faults seen in pictures of most of the others were mended, too: they are no clean test."""
 RENDERED = ("sheet_v0", "pole_v0", "clay_v0", "banner_v0", "sheet_v1", "pole_v1", "clay_v1")
 MEDIAN, WORST = 0.9, 0.75
 """The bars over all outlined frames of a kind of clips."""
@@ -162,7 +162,7 @@ def main() -> int:
         ("painted", PAINTED),
         ("rendered", RENDERED),
         ("chosen on", CHOSEN_ON),
-        ("reported only", [name for name in names if name not in CHOSEN_ON]),
+        ("others", [name for name in names if name not in CHOSEN_ON]),
     ):
         values = [value for name in group if name in found for value in found[name]]
         if values:
