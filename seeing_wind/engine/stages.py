@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 
-VERSION = 11
+VERSION = 12
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 SOLVED, FITTED = "solve.npz", "fitted.safetensors"

@@ -4,6 +4,7 @@
     working_size.py  large clips in a smaller copy
     clip/    frames, camera, depth                   mask/    the object's outline
     tracks/  where its points go                     models/  optional networks, behind `networks`
+    preview/ what was seen, drawn and judged
     object/  particles, surface and key points: what the solver moves
 """
 

@@ -18,7 +18,9 @@ from .clip.frames import Clip
 from .clip.lens import Lens
 from .clip.stored import Frames
 from .mask.background import Plate
-from .mask.first_mask import LEAST_PIXELS, first_mask, mask_in_box, point_list
+from .mask.cutting import LEAST_PIXELS
+from .mask.first_mask import first_mask, point_list
+from .mask.from_box import mask_in_box
 from .mask.motion import Flow, FlowSolver, window_of
 from .tracks.tracker import find_corners
 
@@ -60,13 +62,15 @@ def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tu
     return predict_depth(settings.depth_model, clip.frames[0], focal, progress), settings.depth_model
 
 
-def first_outline(settings: ObserveSettings, picture: np.ndarray, plate: Plate | None, lens: Lens, progress: Progress) -> np.ndarray:
-    """The object (H, W) bool in the straightened `picture` (H, W, 3): from words, else as `first_mask` finds it; cut by a network if named.
+def first_outline(settings: ObserveSettings, frames: Frames, plate: Plate | None, lens: Lens, progress: Progress) -> np.ndarray:
+    """The object (H, W) bool in the first of the straightened `frames` (T+1, H, W, 3).
+
+    From words, else as `first_mask` finds it; cut by a network if one is named.
 
     Raises:
         ObjectError, UsageError: as `first_mask`. ModelError, MissingPackage: a network that cannot be used.
     """
-    box = settings.box
+    box, picture = settings.box, frames[0]
     if settings.prompt is not None and settings.detector_model is not None:
         from .models.masks import find_box
 
@@ -83,8 +87,8 @@ def first_outline(settings: ObserveSettings, picture: np.ndarray, plate: Plate |
             raise ObjectError(f"{settings.mask_model} finds nothing there.", "Mark it more closely, or give --mask with a PNG.")
         return mask
     if box is not None and settings.mask is None:
-        return mask_in_box(picture, box, plate, progress)
-    mask = first_mask(settings, picture, plate, progress)
+        return mask_in_box(picture, box, plate, progress, frames)
+    mask = first_mask(settings, frames, plate, progress)
     # A mask or a depth map of the user's is over the filmed picture; what moves was found in the straightened one.
     return lens.straight_map(mask) if settings.mask is not None or settings.depth is not None else mask
 

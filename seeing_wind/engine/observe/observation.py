@@ -24,9 +24,10 @@ from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, camera_turns, steadied, turning
 from .clip.stored import Frames
-from .mask.background import Plate, clean_plate, median_plate, plate_behind, stands_still, with_first_sight, without_object
+from .mask.background import Plate, clean_plate, median_plate, plate_behind, seen_first, stands_still
 from .mask.first_mask import point_list, read_mask
 from .mask.follow import MaskFollower
+from .mask.from_box import refined
 from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
 from .tracks.centroid import centroid_track
 from .tracks.file import read_tracks
@@ -101,12 +102,13 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
         progress.warn("The camera moves, and without --camera its motion is taken for the object's.")
     plate = median_plate(clip.frames, progress) if still else None
     progress.update(0.08, "finding the object")
-    mask = first_outline(settings, clip.frames[0], plate, lens, progress)
+    mask = first_outline(settings, clip.frames, plate, lens, progress)
     progress.update(0.1, "following the object")
+    if plate is not None:
+        plate = seen_first(plate, clip.frames, mask, around if settings.box is not None else mask)
+        mask, plate = _with_background(clip.frames, mask, plate, settings, around, progress)
     pin = _pin(settings, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
-    if plate is not None:
-        plate = with_first_sight(without_object(plate, clip.frames[0], mask), clip.frames, mask)
     masks, tracks = _follow(clip, mask, plate, lens, settings, progress)
     tell_defects(clip.frames, masks, progress)
     progress.update(0.95, "background")
@@ -202,7 +204,7 @@ def _follow(
     carried: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
         network_masks(settings.mask_model, frames, mask, progress)
         if settings.mask_model
-        else _carry(frames, mask, plate, progress, 0.1, 0.7)
+        else _carry(frames, mask, plate, progress, 0.3, 0.9)
     )
 
     def followed() -> Iterator[np.ndarray]:
@@ -222,18 +224,32 @@ def _follow(
     enough = visible[:, : len(corners)].sum(axis=1) >= ENOUGH
     if enough[seen].all():
         return masks, found
-    if plate is not None and not settings.mask_model:
-        # The silhouette counts now, and its first masks show what is behind it.
-        plate = plate_behind(frames, masks, plate, progress)
-        masks = Masks.of(itertools.chain([mask], (new for new, _ in _carry(frames, mask, plate, progress, 0.7, 0.9))))
     return masks, _with_centroid(frames, masks, plate, found, enough, progress)
 
 
+def _with_background(
+    frames: Frames, mask: np.ndarray, plate: Plate, settings: ObserveSettings, around: np.ndarray, progress: Progress
+) -> tuple[np.ndarray, Plate]:
+    """The outline of picture 0 and the background, each found again by the other: the object, followed, shows what is behind it."""
+    boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
+    # What a box cut off of a small object was found outside it.
+    allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
+    if boxed:
+        mask = refined(frames, mask, plate, allowed)
+    if not settings.mask_model:
+        masks = Masks.of(itertools.chain([mask], (new for new, _ in _carry(frames, mask, plate, progress, 0.1, 0.3, rough=True))))
+        if areas(masks)[1:].any():
+            plate = plate_behind(frames, masks, plate, progress)
+    if boxed:
+        mask = refined(frames, mask, plate, allowed)
+    return mask, plate
+
+
 def _carry(
-    frames: Frames, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
+    frames: Frames, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float, rough: bool = False
 ) -> Iterator[tuple[np.ndarray, MaskFollower]]:
     """The masks of pictures 1 to T and the follower in its state after each; reports progress from `start` to `end`."""
-    follower = MaskFollower(frames[0], mask, plate, progress)
+    follower = MaskFollower(frames[0], mask, plate, progress, rough)
     for t in range(1, len(frames)):
         progress.update(start + (end - start) * t / len(frames), f"following the object, frame {t} of {len(frames) - 1}")
         yield follower.advance(frames[t]), follower

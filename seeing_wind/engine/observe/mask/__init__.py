@@ -1,6 +1,9 @@
 """The outline of the object.
 
-    first_mask.py  in frame 0: from a PNG, a box, a depth map, or what moves
+    first_mask.py  in frame 0: from a PNG, points, a depth map, or what moves
+    from_box.py    in frame 0: what moves together in a box
+    cutting.py     a region by its colours, and without specks
+    evidence.py    what speaks for each pixel, in log odds
     follow.py      carried through the clip
     motion.py      how the object moved between two frames
     background.py  what is behind it, and where that is known

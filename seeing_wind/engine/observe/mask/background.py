@@ -26,8 +26,17 @@ STEADY = 5.0
 SHADOW_TINT = 0.07
 """Relative difference between the channels' darkening up to which it is a shadow: sky light tints shadows a little."""
 
+STEADY_PART = 0.5
+"""Part of the sights of the background that must agree."""
+
+SHADOW_SOFT = 0.05
+"""Relative change of light over three pixels up to which it is a shadow's."""
+
+SHADOW = (0.4, 2.5)
+"""Factors of light between which a shadow may come or go."""
+
 FIRST_SIGHTS = 3
-"""Pictures, from the first on, that must agree on what is behind the object where the whole clip does not."""
+"""Pictures that must agree with picture 0 on what is behind the object where the median does not."""
 
 LONGEST_MEDIAN = 31
 """Pictures that enter a temporal median, spread over the clip: more cost memory and change nothing."""
@@ -49,19 +58,34 @@ class Plate:
         away = cv2.absdiff(picture, self.color).astype(np.float32)
         return np.where(self.reliable, _largest(cv2.GaussianBlur(away, (0, 0), 0.8)), np.float32(0.0))
 
+    def away(self, picture: np.ndarray, window: Window) -> np.ndarray:
+        """(h, w) float32 in `window`: largest channel difference to the plate, grain averaged out first; also where it is not reliable."""
+        now, behind = (cv2.GaussianBlur(cut(whole, window).astype(np.float32), (0, 0), 1.0) for whole in (picture, self.color))
+        return _largest(cv2.absdiff(now, behind))
+
     def relit(self, picture: np.ndarray, window: Window) -> np.ndarray:
         """(h, w) bool in `window`: the plate darker or brighter by one factor in all channels, a shadow that came or went."""
         now, behind = (cv2.GaussianBlur(cut(whole, window), (0, 0), 1.0).astype(np.float32) + 4.0 for whole in (picture, self.color))
         ratio = now / behind
         middle = cv2.transform(ratio, np.full((1, 3), 1.0 / 3.0, np.float32))
-        alike = _largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle
-        return cut(self.reliable, window, cv2.BORDER_CONSTANT) & alike & (middle > 0.25) & (middle < 4.0)
+        # In the dark, a codec's rounding tints as much as a colour does.
+        grain = 0.6 * self.noise / _smallest(behind)
+        alike = _largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle + grain
+        # A shadow is soft and lets through what is behind it; a gray thing's own pattern and edges are neither.
+        alike &= np.abs(middle - cv2.GaussianBlur(middle, (0, 0), 3.0)) < SHADOW_SOFT + grain
+        return cut(self.reliable, window, cv2.BORDER_CONSTANT) & alike & (middle > SHADOW[0]) & (middle < SHADOW[1])
 
 
 def _largest(picture: np.ndarray) -> np.ndarray:
     """The largest of three channels (H, W, 3) -> (H, W); NumPy's reduction over so short an axis is twenty times slower."""
     first, second, third = cv2.split(picture)
     return cv2.max(cv2.max(first, second), third)
+
+
+def _smallest(picture: np.ndarray) -> np.ndarray:
+    """The smallest of three channels (H, W, 3) -> (H, W)."""
+    first, second, third = cv2.split(picture)
+    return cv2.min(cv2.min(first, second), third)
 
 
 def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
@@ -119,45 +143,52 @@ def _median(block: np.ndarray) -> np.ndarray:
     return np.partition(block, middle, axis=0)[middle]
 
 
-def without_object(plate: Plate, picture: np.ndarray, mask: np.ndarray) -> Plate:
-    """The plate with trust withdrawn where the object of picture 0 itself has become the median (a pole's foot, a leaf before it falls)."""
-    same = _largest(cv2.absdiff(picture, plate.color)) < 4.0 * plate.noise
-    stayed = cv2.morphologyEx((same & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    reach = cv2.dilate(stayed, np.ones((9, 9), np.uint8)) > 0
-    return Plate(plate.color, plate.reliable & ~reach, plate.noise)
+def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarray) -> Plate:
+    """The plate put right by picture 0, which shows the background wherever the object cannot be: what the median shows instead passes.
 
-
-def with_first_sight(plate: Plate, frames: Frames, mask: np.ndarray) -> Plate:
-    """The plate with what the first pictures show off the object, where the median is not to be trusted.
-
-    An object that comes to rest, or turns in one place for half of the clip, leaves no steady median there; the pictures before it came
-    do show what is behind it.
+    Where the object is, the median is trusted only if picture 0 differs from it, so that the object has left: a pole's foot, or a leaf
+    before it falls, is no background. Beside it, where it may be, the median is trusted only if picture 0 shows the same.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0.
+        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0; around: (H, W) bool, where it may be.
     """
-    if len(frames) <= FIRST_SIGHTS:
-        return plate
-    first = np.stack([frames[t] for t in range(FIRST_SIGHTS)])
-    seen = ~plate.reliable & (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0)
-    for picture in first[1:]:
-        seen &= _largest(cv2.absdiff(picture, first[0])) < 4.0 * plate.noise
-    color = np.where(seen[..., None], _median(first), plate.color)
-    return Plate(color, plate.reliable | seen, plate.noise)
+    chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
+    away = _largest(cv2.GaussianBlur(cv2.absdiff(np.array(frames[0]), plate.color), (0, 0), 0.8)) > 4.0 * plate.noise
+    stayed = cv2.morphologyEx((~away & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    near = (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0) | around
+    doubtful = (away | ~plate.reliable) & ~near
+    plate = Plate(plate.color, plate.reliable & ~(around & ~mask & away), plate.noise)
+    color, reliable = plate.color, plate.reliable & (cv2.dilate(stayed, np.ones((9, 9), np.uint8)) == 0)
+    rows, columns = np.flatnonzero(doubtful.any(axis=1)), np.flatnonzero(doubtful.any(axis=0))
+    if len(rows):
+        part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        first = np.array(frames[0][part])
+        agree = np.zeros(first.shape[:2], np.int32)
+        for t in chosen:
+            agree += _largest(cv2.absdiff(np.ascontiguousarray(frames[int(t)][part]), first)) < 5.0 * plate.noise
+        seen = doubtful[part] & (agree >= FIRST_SIGHTS)
+        color, reliable = color.copy(), reliable.copy()
+        color[part] = np.where(seen[..., None], cv2.GaussianBlur(first, (0, 0), 0.7), color[part])
+        reliable[part] = np.where(doubtful[part], seen, reliable[part])
+    return Plate(color, reliable, plate.noise)
 
 
 def plate_behind(frames: Frames, masks: Masks, before: Plate, progress: Progress) -> Plate:
-    """A better plate once the object's `masks` (T+1, H, W) are known: trusted wherever the object ever leaves and nothing else moves."""
+    """A better plate once the object's `masks` (T+1, H, W) are known: trusted where the object ever leaves and what is seen then agrees."""
     color = clean_plate(frames, masks, True, progress)
     grow = np.ones((9, 9), np.uint8)
     leaves = np.zeros(color.shape[:2], np.int32)
     passed = np.zeros(color.shape[:2], bool)
-    for mask in masks:
+    agree = np.zeros(color.shape[:2], np.int32)
+    for t, mask in enumerate(masks):
+        progress.check()
         off = cv2.dilate(mask.astype(np.uint8), grow) == 0
         leaves += off
         passed |= ~off
-    # Three sights of a pixel are the least of which a median can drop one that is wrong.
-    return Plate(color, (before.reliable & ~passed) | (passed & (leaves >= 3)), before.noise)
+        agree += off & (_largest(cv2.absdiff(np.array(frames[t]), color)) < 4.0 * before.noise)
+    # Three sights of a pixel are the least of which a median can drop one that is wrong. Where they do not agree, the object was missed.
+    steady = (leaves >= 3) & (agree > STEADY_PART * leaves)
+    return Plate(color, (before.reliable & ~passed) | (passed & steady), before.noise)
 
 
 def clean_plate(frames: Frames, masks: Masks, still: bool, progress: Progress) -> np.ndarray:

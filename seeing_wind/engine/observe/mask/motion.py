@@ -10,6 +10,9 @@ import numpy as np
 Window = tuple[int, int, int, int]
 """x0, y0, x1, y1 [px], the end exclusive; may reach outside the picture."""
 
+ROUGH_PIXELS = 60_000
+"""The same where a silhouette only has to be about right."""
+
 TEMPLATE = 40
 """Pixels along the longer side of the template that the whole-body search uses."""
 
@@ -118,7 +121,9 @@ def body_shift(
 class FlowSolver:
     """Dense inverse search flow (Kroeger 2016) round a known shift, on the object's window only."""
 
-    def __init__(self) -> None:
+    def __init__(self, pixels: int = FLOW_PIXELS) -> None:
+        """`pixels`: window size beyond which flow is computed on a smaller copy."""
+        self._pixels = pixels
         self._solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         self._solver.setFinestScale(0)
 
@@ -127,7 +132,7 @@ class FlowSolver:
         dx, dy = (int(value) for value in np.round(shift))
         x0, y0, x1, y1 = window
         first, second = cut(before, window), cut(after, (x0 + dx, y0 + dy, x1 + dx, y1 + dy))
-        scale = min(1.0, float(np.sqrt(FLOW_PIXELS / first.size)))
+        scale = min(1.0, float(np.sqrt(self._pixels / first.size)))
         if scale < 1.0:
             size = (round(first.shape[1] * scale), round(first.shape[0] * scale))
             first, second = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (first, second))

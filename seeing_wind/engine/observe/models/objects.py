@@ -15,7 +15,7 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ...reading import read_json
 from ...take import Take
-from ..mask.first_mask import mask_in_box
+from ..mask.from_box import mask_in_box
 from .endpoint import LONGEST_SIDE, Endpoint
 from .language import RANGES, Estimate, check_what, checked, cut_out, exact_keys, properties
 

@@ -1,0 +1,72 @@
+"""The verb *preview*: what is seen in a clip, drawn and judged before the solve. `recover` with the same options goes on from it."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import time
+from typing import Any
+
+import numpy as np
+
+from ..progress import Progress
+from ..settings import ObserveSettings
+from ..stages import observe_stage
+from ..take import Take
+from .arguments import settings_of
+from .lock import held
+
+PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
+
+
+def preview(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """`preview CLIP --take DIR` -> preview.png, preview.mp4 and preview.json; held.png where the object seems to be held."""
+    from ..observe.clip.frames import require_clip
+    from ..observe.preview.held import proposed_place
+    from ..observe.preview.verdicts import judged
+
+    require_clip(arguments.clip)
+    points = tuple(value for point in arguments.points for value in point) if arguments.points else None
+    settings = settings_of(ObserveSettings, arguments, points=points)
+    started = time.perf_counter()
+    with held(Take(arguments.take), arguments.verb, progress) as take:
+        seen, _ = observe_stage(take, arguments.clip, settings, progress)
+        proposed = None if seen.pin.any() else proposed_place(seen)
+        verdicts = judged(seen, settings, proposed)
+        progress.begin("preview", "drawing")
+        _draw(take, seen, proposed, verdicts, progress)
+        for one in verdicts:
+            if one.severity > 0.0:
+                progress.warn(f"{one.item}: doubtful because {one.because[0].lower()}{one.because[1:]} {one.do}".strip())
+        files = [PICTURE, FILM, *([HELD] if proposed is not None else [])]
+        found = {"verdicts": [one.as_json() for one in verdicts], "files": files}
+        take.write_json("preview.json", found)
+    progress.update(1.0, "done")
+    return {"outcome": "converged", "take": str(take.path), **found, "seconds": time.perf_counter() - started}
+
+
+def _draw(take: Take, seen: Any, proposed: np.ndarray | None, verdicts: list[Any], progress: Progress) -> None:
+    """The picture of frame 0 with the verdicts, the film, and the proposed place as a mask."""
+    import cv2
+
+    from ..look.report.video import video_writer
+    from ..observe.clip.frames import read_clip
+    from ..observe.clip.lens import Lens
+    from ..observe.clip.pictures import write_png
+    from ..observe.preview.drawing import drawn, with_verdicts
+
+    with take.writing(PICTURE) as path:
+        first = with_verdicts(drawn(seen, seen.image, 0, proposed), verdicts)
+        write_png(path, cv2.cvtColor(first, cv2.COLOR_RGB2BGR))
+    if proposed is not None:
+        with take.writing(HELD) as path:
+            write_png(path, proposed.astype(np.uint8) * 255)
+    frames = read_clip(seen.clip, (seen.first_frame, seen.first_frame + seen.frames), seen.fps, progress).frames
+    lens, (height, width) = Lens(seen.camera), frames.shape[1:3]
+    with contextlib.ExitStack() as together:
+        path = together.enter_context(take.writing(FILM))
+        writer = together.enter_context(video_writer(path, seen.fps, (width - width % 2, height - height % 2)))
+        for t in range(len(frames)):
+            progress.update(t / len(frames), f"drawing, frame {t} of {len(frames) - 1}")
+            picture = drawn(seen, lens.straight_one(np.array(frames[t])), t, proposed)
+            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)[: height - height % 2, : width - width % 2])

@@ -1,0 +1,60 @@
+"""Cutting a region out of a picture by its colours, and tidying it."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ...progress import Progress
+
+LEAST_PIXELS = 12
+"""Smallest object that can be followed: a disc of four pixels."""
+
+SPECK = 0.03
+"""Part of the largest piece below which another piece is nothing."""
+
+GRABCUT_PIXELS = 120_000
+"""Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
+
+
+def grab_cut(crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Progress | None = None) -> np.ndarray:
+    """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a smaller copy if large.
+
+    `progress` is asked between iterations, each of which may take a fifth of a second.
+    """
+    given = (trimap & 1) > 0
+    scale = min(1.0, float(np.sqrt(GRABCUT_PIXELS / trimap.size)))
+    size = (max(8, round(crop.shape[1] * scale)), max(8, round(crop.shape[0] * scale)))
+    small = crop if scale == 1.0 else cv2.resize(crop, size, interpolation=cv2.INTER_AREA)
+    labels = trimap.copy() if scale == 1.0 else cv2.resize(trimap, size, interpolation=cv2.INTER_NEAREST)
+    # Five colours per side need at least as many samples.
+    if min((labels & 1).sum(), ((labels & 1) == 0).sum()) < 10:
+        return given
+    cv2.setRNGSeed(0)
+    behind, front = np.zeros((1, 65)), np.zeros((1, 65))
+    for iteration in range(iterations):
+        cv2.grabCut(small, labels, None, behind, front, 1, cv2.GC_EVAL if iteration else cv2.GC_INIT_WITH_MASK)
+        if progress is not None:
+            progress.check()
+        if not (labels & 1).any():
+            break
+    found = (labels & 1).astype(np.float32)
+    return found > 0 if scale == 1.0 else cv2.resize(found, crop.shape[1::-1], interpolation=cv2.INTER_LINEAR) > 0.5
+
+
+def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
+    """`mask` (h, w) bool without specks and small holes: the parts that touch `near`, or the largest part and those a tenth as large."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    if count < 2:
+        return mask
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    keep = areas >= 0.1 * areas.max()
+    if near is not None:
+        touching = np.bincount(labels[near & mask], minlength=count)[1:]
+        keep = touching > 0.25 * areas if (touching > 0.25 * areas).any() else touching > 0
+        keep &= areas >= SPECK * areas[keep].max()
+    kept = np.concatenate([[False], keep])[labels]
+    holes, labels, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
+    small = stats[:, cv2.CC_STAT_AREA] < 0.02 * kept.sum()
+    small[0] = False
+    return kept | small[labels] if holes > 1 else kept

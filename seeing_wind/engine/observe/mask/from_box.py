@@ -1,0 +1,186 @@
+"""The object in picture 0 from a box round it: what moves together in the box, not what is coloured alike."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from ...errors import ObjectError, UsageError
+from ...progress import Progress
+from ..clip.stored import Frames
+from .background import Plate
+from .cutting import LEAST_PIXELS, grab_cut, tidy
+from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out, looks_of
+from .motion import Window, cut, paste, window_of
+
+CUT_OFF = (0.08, 1.0)
+"""Parts of what a box holds of a small object that may lie outside it: less is its rim, more is something else beside it."""
+
+FEW = 900
+"""Pixels below which colours say little of an object, and what differs from a clean background more."""
+
+MOVES = 0.04
+"""Part of a box that has to change in the clip for what changes to be taken for the object, and the rest of the box for still."""
+
+LATER = (1, 2, 3, 5, 8, 12, 17, 23)
+"""Pictures whose motion against picture 0 is looked at."""
+
+LEAST_MOTION = 1.0
+"""Pixels that the object moves and the background, whose texture and grain mislead the flow, does not."""
+
+MOTION_SURE = 2.0
+"""Log odds that motion, or the lack of it, gives."""
+
+STILL_PART = -1.4
+"""Least log odds of what does not differ from the background, in a box."""
+
+NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, --points X,Y ..., or --mask with a PNG."
+
+
+def mask_in_box(
+    picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None, progress: Progress, frames: Frames | None = None
+) -> np.ndarray:
+    """The object (H, W) bool inside `box` (x0, y0, x1, y1) [px]; what surrounds the box is background.
+
+    GrabCut (Rother 2004), begun with what changes over the clip as the object and what does not as background.
+
+    Args:
+        picture: (H, W, 3) uint8 RGB, picture 0.
+        plate: the background; None where the camera moves, and then only colours count.
+        frames: (T+1, H, W, 3) uint8 RGB, the clip; None where there is but one picture.
+
+    Raises:
+        UsageError: a box outside the picture or without area.
+        ObjectError: nothing in the box stands out.
+    """
+    inside = _pixels_of(box, *picture.shape[:2])
+    margin = max(20, (window_of(inside, 0)[2] - window_of(inside, 0)[0]) // 2, (window_of(inside, 0)[3] - window_of(inside, 0)[1]) // 2)
+    x0, y0, x1, y1 = window_of(inside, margin)
+    window = (max(x0, 0), max(y0, 0), min(x1, picture.shape[1]), min(y1, picture.shape[0]))
+    crop, boxed = cut(picture, window), cut(inside, window)
+    motion = behind = None
+    if plate is not None and frames is not None:
+        motion, behind = moving_odds(frames, window, plate.noise), _left(picture, plate, window)
+    found = _begun(crop, boxed, motion, behind, progress)
+    if found.sum() < LEAST_PIXELS and motion is not None:
+        # A box that GrabCut empties holds something too small or too alike: trust what changes.
+        found = (motion + behind > 0.0) & boxed
+    mask = np.zeros(inside.shape, bool)
+    paste(mask, tidy(found & boxed), window)
+    if plate is not None and LEAST_PIXELS <= mask.sum() < FEW:
+        mask = _beyond_box(mask, inside, picture, plate, progress)
+    if mask.sum() < LEAST_PIXELS:
+        raise ObjectError(
+            f"Nothing in the box {numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
+        )
+    return mask
+
+
+def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) -> np.ndarray:
+    """(H, W) bool, the box. Raises UsageError as `mask_in_box`."""
+    if not np.isfinite(box).all() or box[2] <= box[0] or box[3] <= box[1]:
+        raise UsageError(f"The box {numbers(box)} has no area.", "Give X0 Y0 X1 Y1 with X0 < X1 and Y0 < Y1, in pixels from the top left.")
+    x0, y0 = max(int(np.floor(box[0])), 0), max(int(np.floor(box[1])), 0)
+    x1, y1 = min(int(np.ceil(box[2])), width - 1), min(int(np.ceil(box[3])), height - 1)
+    if x1 <= x0 or y1 <= y0:
+        raise UsageError(f"The box {numbers(box)} lies outside the {width}x{height} picture.", NEITHER)
+    if x1 - x0 >= width - 2 and y1 - y0 >= height - 2:
+        raise UsageError(
+            "The box covers the whole picture, so nothing is left to tell the background from.", "Draw it close round the object."
+        )
+    inside = np.zeros((height, width), bool)
+    inside[y0 : y1 + 1, x0 : x1 + 1] = True
+    return inside
+
+
+def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
+    """Log odds (h, w) in `window` by what picture 0 shows there moving, before a background that stands still.
+
+    Dense flow (Kroeger 2016) to some of the next pictures, believed where the flow back returns to its start and explains the pixel better
+    than standing still does. What differs from picture 0 in none of them stands still.
+    """
+    first = cut(frames[0], window)
+    gray, solver = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY), cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    y, x = np.mgrid[: gray.shape[0], : gray.shape[1]].astype(np.float32)
+    moved, changed = np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int32)
+    for t in (t for t in LATER if t < len(frames)):
+        crop = cut(frames[t], window)
+        later = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
+        there, back = solver.calc(gray, later, None), solver.calc(later, gray, None)
+        at_x, at_y = x + there[..., 0], y + there[..., 1]
+        returns = cv2.remap(back, at_x, at_y, cv2.INTER_LINEAR) + there
+        still = cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0).max(axis=2)
+        flown = cv2.remap(crop, at_x, at_y, cv2.INTER_LINEAR)
+        left = cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0).max(axis=2)
+        sure = (np.hypot(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
+        moved = np.maximum(moved, np.where(sure, np.hypot(there[..., 0], there[..., 1]), 0.0))
+        changed += still > 6.0 * noise
+    size = max(3, int(0.04 * min(gray.shape))) | 1
+    share = cv2.blur((moved > LEAST_MOTION).astype(np.float32), (size, size))
+    return np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
+
+
+def _left(picture: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
+    """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
+    odds, known = against_plate(picture, plate, window, Looks(0.0, MOTION_SURE + 1.0))
+    return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
+
+
+def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behind: np.ndarray | None, progress: Progress) -> np.ndarray:
+    """The object (h, w) bool in `crop` by GrabCut.
+
+    Begun with what moves by itself, log odds `motion` (h, w), or differs from the background, `behind` (h, w), as the object.
+    """
+    trimap = np.where(boxed, cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
+    if motion is not None and behind is not None:
+        likely = (motion + behind > 0.0) & boxed
+        if likely.sum() > max(MOVES * boxed.sum(), LEAST_PIXELS):
+            if boxed.sum() < FEW:
+                return likely
+            trimap[boxed & ~likely] = cv2.GC_PR_BGD
+            trimap[boxed & (behind < -1.0) & (motion <= 0.0)] = cv2.GC_BGD
+            # Where both agree, colours are not asked; gaps narrower than a codec's blocks are closed.
+            closed = cv2.morphologyEx((behind > 0.0).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((9, 9), np.uint8)) > 0
+            shade = cv2.morphologyEx((behind < 0.0).astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)) > 0
+            trimap[boxed & closed & ~shade & (motion > 0.0)] = cv2.GC_FGD
+    return grab_cut(crop, trimap, 5, progress)
+
+
+def refined(frames: Frames, mask: np.ndarray, plate: Plate, allowed: np.ndarray) -> np.ndarray:
+    """The object in the first of `frames` (T+1, H, W, 3), found again with the background known, within `allowed` (H, W) bool.
+
+    `mask` (H, W) bool: where it was found before.
+    """
+    band = band_of(float(mask.sum()))
+    window, picture = window_of(mask | allowed, 16), frames[0]
+    crop, shape = cut(picture, window), cut(mask, window, cv2.BORDER_CONSTANT)
+    near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    colors = Colors(crop[shape], crop[~near]).odds(crop)
+    odds, known = against_plate(picture, plate, window, looks_of(picture, plate, mask), STILL_PART)
+    motion = moving_odds(frames, window, plate.noise)
+    # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
+    odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors + 0.5 * np.maximum(motion, 0.0), colors + motion)
+    odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
+    found = tidy(cut_out(odds, crop), shape)
+    better = np.zeros_like(mask)
+    paste(better, found, window)
+    return better if better.sum() >= max(LEAST_PIXELS, 0.3 * mask.sum()) else mask
+
+
+def _beyond_box(mask: np.ndarray, inside: np.ndarray, picture: np.ndarray, plate: Plate, progress: Progress) -> np.ndarray:
+    """The small object `mask` (H, W) with what a box drawn through it cut off: changed pixels outside that adjoin it, shadows aside."""
+    height, width = mask.shape
+    changed = plate.difference(picture) > 6.0 * plate.noise
+    outside = changed & ~inside & ~plate.relit(picture, (0, 0, width, height))
+    _, labels = cv2.connectedComponents((mask | outside).astype(np.uint8), connectivity=4)
+    own = np.unique(labels[mask])
+    grown = outside & np.isin(labels, own)
+    if not CUT_OFF[0] * mask.sum() < grown.sum() < CUT_OFF[1] * mask.sum():
+        return mask
+    progress.warn("The box cuts through the object; what adjoins it outside the box is taken as well.")
+    return tidy(mask | grown, mask)
+
+
+def numbers(values: tuple[float, ...]) -> str:
+    """Numbers as they were given on the command line."""
+    return " ".join(f"{value:g}" for value in values)

@@ -1,0 +1,6 @@
+"""What was seen, shown and judged before anything is solved.
+
+    held.py      where the object seems to be held
+    verdicts.py  good or doubtful, and what to do, item by item
+    drawing.py   outline, tracks, held place and scale over a picture
+"""

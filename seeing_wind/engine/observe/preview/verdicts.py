@@ -1,0 +1,173 @@
+"""What can be trusted in an observation, what cannot, and what to do about it: one verdict for each item, the worst first."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from ...masks import areas
+from ...records import Observation
+from ...settings import ObserveSettings
+from .held import swings
+
+FEW_TRACKS = 12
+"""Tracks in a picture below which a body's bending cannot be told from their errors."""
+
+ON_BOX = 0.04
+"""Part of the outline on the border of the box from which the box cuts the object."""
+
+HARDLY = 1.5
+"""Pixels of motion that are lost in the tracks' errors."""
+
+OPEN = 0.5
+"""Part of the time between pictures for which a usual shutter is open."""
+
+BLURRED = 0.08
+"""Blur in units of the object's shorter side from which its outline and tracks suffer."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Of one item."""
+
+    item: str
+    severity: float
+    """0 is good; from 1 on the result cannot be trusted."""
+    because: str
+    do: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """good or doubtful."""
+        return "doubtful" if self.severity > 0.0 else "good"
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it, with the verdict in words."""
+        return {"verdict": self.verdict, **asdict(self)}
+
+
+def judged(seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None) -> list[Verdict]:
+    """All verdicts on `seen`, the worst first. `proposed` (H, W) bool: where the object seems to be held, None where nowhere."""
+    found = [
+        _outline(seen, settings, proposed),
+        _sight(seen),
+        _tracks(seen),
+        _held(seen, proposed),
+        _motion(seen),
+        _blur(seen),
+        _scale(settings),
+    ]
+    return sorted(found, key=lambda one: -one.severity)
+
+
+def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None) -> Verdict:
+    mask = np.asarray(seen.masks[0])
+    rim = mask & (cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) == 0)
+    length = max(int(rim.sum()), 1)
+    if settings.box is not None and settings.mask is None:
+        x0, y0, x1, y1 = settings.box
+        rows, columns = np.nonzero(rim)
+        on_box = (columns <= x0 + 1) | (columns >= x1 - 1) | (rows <= y0 + 1) | (rows >= y1 - 1)
+        # A side of the box that is the picture's own is judged below.
+        inner = (columns > 1) & (rows > 1) & (columns < mask.shape[1] - 2) & (rows < mask.shape[0] - 2)
+        part = float((on_box & inner).sum() / length)
+        if part > ON_BOX:
+            return Verdict("outline", 1.0 + part, f"{100 * part:.0f} % of it lies on the box, which cuts the object.", "Draw a larger box.")
+    edge = np.ones_like(mask)
+    edge[1:-1, 1:-1] = False
+    touching = edge & mask
+    if proposed is not None:
+        touching &= ~proposed
+    if seen.pin.any():
+        touching &= cv2.dilate(seen.pin.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
+    if touching.sum() > 3:
+        return Verdict(
+            "outline", 0.8, "It touches the picture's edge, so a part of the object is out of sight.", "Take pictures that show all of it."
+        )
+    return Verdict("outline", 0.0, "It lies within the box and the picture.")
+
+
+def _sight(seen: Observation) -> Verdict:
+    lost = np.flatnonzero(areas(seen.masks) == 0)
+    if len(lost):
+        return Verdict(
+            "sight",
+            0.5 + len(lost) / len(seen.masks),
+            f"The object is out of sight in {len(lost)} of {len(seen.masks)} pictures, first in picture {lost[0]}.",
+            f"End the clip before with --frames {seen.first_frame}:{seen.first_frame + max(int(lost[0]) - 1, 1)}.",
+        )
+    return Verdict("sight", 0.0, "The object is seen in every picture.")
+
+
+def _tracks(seen: Observation) -> Verdict:
+    if seen.on_centroid.all():
+        return Verdict(
+            "tracks",
+            0.6,
+            "Only the middle of the outline is followed, so turning and bending stay unknown.",
+            "Film closer, or with more pattern.",
+        )
+    least = int(seen.visible[:, ~seen.on_centroid].sum(axis=1).min())
+    if least < FEW_TRACKS:
+        return Verdict(
+            "tracks",
+            1.0 - 0.5 * least / FEW_TRACKS,
+            f"Only {least} points are followed in the poorest picture.",
+            "Film closer, or shorten the clip.",
+        )
+    return Verdict("tracks", 0.0, f"At least {least} points are followed in every picture.")
+
+
+def _held(seen: Observation, proposed: np.ndarray | None) -> Verdict:
+    if seen.pin.any():
+        return Verdict("held place", 0.0, "It is marked.")
+    if proposed is None:
+        return Verdict("held place", 0.0, "The object seems to be free.")
+    rows, columns = np.nonzero(proposed)
+    at = f"{columns.mean():.0f}, {rows.mean():.0f}"
+    return Verdict(
+        "held place",
+        1.2,
+        f"The object never leaves the place at {at} px, and none is marked.",
+        "Add --pin held.png of this take, if it is held.",
+    )
+
+
+def _motion(seen: Observation) -> Verdict:
+    _, swing = swings(seen)
+    if not len(swing):
+        place = np.where(seen.visible[..., None], seen.xy, np.nan)
+        swing = np.nanmax(np.linalg.norm(place - place[:1], axis=-1), axis=0)
+    most = float(np.nanpercentile(swing, 90)) if len(swing) else 0.0
+    if most < HARDLY:
+        return Verdict(
+            "motion",
+            1.5,
+            f"It moves by {most:.1f} px, no more than the tracks' errors.",
+            "Take a part in which it moves more, or film closer.",
+        )
+    return Verdict("motion", 0.0, f"It moves by {most:.0f} px.")
+
+
+def _blur(seen: Observation) -> Verdict:
+    both = seen.visible[1:] & seen.visible[:-1]
+    steps = np.linalg.norm(np.diff(seen.xy, axis=0), axis=-1)[both]
+    fast = float(np.percentile(steps, 90)) if len(steps) else 0.0
+    rows, columns = np.nonzero(np.asarray(seen.masks[0]))
+    side = float(min(np.ptp(rows), np.ptp(columns))) + 1.0
+    blur = OPEN * fast
+    if blur > max(BLURRED * side, 3.0):
+        return Verdict(
+            "blur", min(blur / side, 0.9), f"It moves by up to {fast:.0f} px a picture, so its rim is blurred by about {blur:.0f} px.",
+            "Film with a shorter exposure or more frames a second.",
+        )  # fmt: skip
+    return Verdict("blur", 0.0, f"It moves by up to {fast:.1f} px a picture.")
+
+
+def _scale(settings: ObserveSettings) -> Verdict:
+    if settings.distance or settings.pixels_per_metre or settings.depth or settings.camera or settings.depth_model:
+        return Verdict("scale", 0.0, "It is given.")
+    return Verdict("scale", 0.9, "No length is known, so forces are off by one unknown factor.", "Give --pixels-per-metre or --distance.")

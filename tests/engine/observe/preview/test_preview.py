@@ -1,0 +1,155 @@
+"""Verdicts, each provoked; the proposed held place; and the verb, which leaves its observation for `recover`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scenes import Scene
+
+from seeing_wind.engine.command.arguments import parser
+from seeing_wind.engine.command.preview import preview
+from seeing_wind.engine.observe.preview.held import proposed_place
+from seeing_wind.engine.observe.preview.verdicts import Verdict, judged
+from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.records import Observation
+from seeing_wind.engine.settings import ObserveSettings
+from seeing_wind.engine.stages import observe_stage
+from seeing_wind.engine.take import Take
+
+GIVEN = ObserveSettings(distance=1.5)
+
+
+def verdict(seen: Observation, item: str, settings: ObserveSettings = GIVEN) -> Verdict:
+    """One verdict on `seen`."""
+    return next(one for one in judged(seen, settings, proposed_place(seen)) if one.item == item)
+
+
+def swaying(seen: Observation) -> Observation:
+    """A post of which the foot stays at the lower edge of the picture while the head swings by 20 px."""
+    height, width = seen.masks.height, seen.masks.width
+    t = np.arange(len(seen.xy))[:, None]
+    y = np.linspace(40.0, height - 20.0, 24)
+    bend = ((height - y) / height) ** 2
+    xy = np.stack([100.0 + 20.0 * np.sin(0.7 * t) * bend, np.broadcast_to(y, (len(t), len(y)))], axis=-1)
+    rows, columns = np.mgrid[:height, :width]
+    masks = [
+        (np.abs(columns - 100.0 - 20.0 * np.sin(0.7 * at) * ((height - rows) / height) ** 2) < 12) & (rows > 30) for at in range(len(t))
+    ]
+    return dataclasses.replace(
+        seen, masks=np.stack(masks), xy=xy, visible=np.ones(xy.shape[:2], bool), sigma=np.ones(xy.shape[:2]), on_centroid=np.zeros(24, bool)
+    )
+
+
+def test_a_good_clip_is_called_good(disc: Scene, disc_seen: Observation) -> None:
+    found = judged(disc_seen, dataclasses.replace(GIVEN, box=tuple(np.add(disc.box, (-6, -6, 6, 6)))), proposed_place(disc_seen))
+    assert {one.item for one in found if one.severity > 0.0} <= {"blur"}
+
+
+def test_the_worst_comes_first(disc_seen: Observation) -> None:
+    found = judged(disc_seen, ObserveSettings(), proposed_place(disc_seen))
+    assert [one.severity for one in found] == sorted((one.severity for one in found), reverse=True)
+    assert found[0].verdict == "doubtful" and found[0].do
+
+
+def test_a_box_that_cuts_the_object(disc: Scene, disc_seen: Observation) -> None:
+    x0, y0, x1, y1 = disc.box
+    tight = dataclasses.replace(GIVEN, box=(x0, y0, 0.5 * (x0 + x1), y1))
+    cut = np.asarray(disc_seen.masks[0]).copy()
+    cut[:, int(0.5 * (x0 + x1)) :] = False
+    seen = dataclasses.replace(disc_seen, masks=np.stack([cut, *[np.asarray(mask) for mask in disc_seen.masks][1:]]))
+    assert "box" in verdict(seen, "outline", tight).because
+    assert verdict(seen, "outline", tight).severity > 1.0
+
+
+def test_an_object_at_the_edge_of_the_picture(disc_seen: Observation) -> None:
+    masks = np.stack([np.roll(np.asarray(mask), -40, axis=1) for mask in disc_seen.masks])
+    masks[:, 60:100, :5] = True
+    assert "edge" in verdict(dataclasses.replace(disc_seen, masks=masks, xy=disc_seen.xy - [40.0, 0.0]), "outline").because
+
+
+def test_few_tracks(disc_seen: Observation) -> None:
+    few = disc_seen.visible.copy()
+    few[5, 6:] = False
+    found = verdict(dataclasses.replace(disc_seen, visible=few), "tracks")
+    assert found.severity > 0.0 and "6 points" in found.because
+
+
+def test_the_centroid_alone(disc_seen: Observation) -> None:
+    assert verdict(dataclasses.replace(disc_seen, on_centroid=np.ones(disc_seen.xy.shape[1], bool)), "tracks").severity > 0.0
+
+
+def test_hardly_moving(disc_seen: Observation) -> None:
+    still = np.repeat(disc_seen.xy[:1], len(disc_seen.xy), axis=0)
+    assert verdict(dataclasses.replace(disc_seen, xy=still), "motion").severity > 1.0
+    assert verdict(disc_seen, "motion").severity == 0.0
+
+
+def test_motion_blur(disc_seen: Observation) -> None:
+    fast = disc_seen.xy + np.arange(len(disc_seen.xy))[:, None, None] * np.array([20.0, 0.0])
+    assert "blurred" in verdict(dataclasses.replace(disc_seen, xy=fast), "blur").because
+
+
+def test_out_of_sight(disc_seen: Observation) -> None:
+    masks = np.stack([np.asarray(mask) for mask in disc_seen.masks])
+    masks[9:] = False
+    found = verdict(dataclasses.replace(disc_seen, masks=masks), "sight")
+    assert "first in picture 9" in found.because and "--frames 0:8" in found.do
+
+
+def test_no_scale(disc_seen: Observation) -> None:
+    assert verdict(disc_seen, "scale", ObserveSettings()).severity > 0.0
+    assert verdict(disc_seen, "scale", ObserveSettings(pixels_per_metre=300.0)).severity == 0.0
+
+
+def test_a_held_foot_is_proposed(disc_seen: Observation) -> None:
+    seen = swaying(disc_seen)
+    place = proposed_place(seen)
+    assert place is not None
+    rows, columns = np.nonzero(place)
+    assert rows.min() > 0.9 * seen.masks.height and abs(columns.mean() - 100) < 4
+    assert verdict(seen, "held place").severity > 1.0
+    assert verdict(dataclasses.replace(seen, pin=place), "held place").severity == 0.0
+    assert verdict(seen, "outline").severity == 0.0, "the edge where it is held cuts nothing"
+
+
+def test_a_free_thing_is_not_held(disc_seen: Observation) -> None:
+    assert proposed_place(disc_seen) is None
+
+
+@pytest.fixture(scope="module")
+def shown(disc: Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
+    take = tmp_path_factory.mktemp("shown") / "a.take"
+    box = [str(value) for value in np.add(disc.box, (-5, -5, 5, 5))]
+    return take, preview(parser().parse_args(["preview", str(disc.path), "--take", str(take), "--box", *box]), NoProgress())
+
+
+def test_the_verb_leaves_picture_film_and_verdicts(disc: Scene, shown: tuple[Path, dict]) -> None:
+    take, result = shown
+    assert result["outcome"] == "converged" and result["verdicts"][0]["severity"] >= result["verdicts"][-1]["severity"]
+    assert json.loads((take / "preview.json").read_text())["verdicts"] == result["verdicts"]
+    picture = cv2.imread(str(take / "preview.png"))
+    assert picture.shape[1] == disc.frames.shape[2] and picture.shape[0] > disc.frames.shape[1]
+    blue, level, red = np.moveaxis(picture[: disc.frames.shape[1]].astype(int), 2, 0)
+    green = (level > red + 90) & (level > blue + 90)
+    rim = cv2.dilate(disc.masks[0].astype(np.uint8), np.ones((7, 7))) - cv2.erode(disc.masks[0].astype(np.uint8), np.ones((7, 7)))
+    assert green.sum() > 50 and (green & (rim > 0)).sum() > 0.9 * green.sum()
+    film = cv2.VideoCapture(str(take / "preview.mp4"))
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == len(disc.frames)
+
+
+def test_recover_goes_on_from_it(disc: Scene, shown: tuple[Path, dict]) -> None:
+    take, _ = shown
+    words: list[str] = []
+
+    class Told(NoProgress):
+        def begin(self, stage: str, message: str = "") -> None:
+            words.append(f"{stage}: {message}")
+
+    box = tuple(float(value) for value in np.add(disc.box, (-5, -5, 5, 5)))
+    observe_stage(Take(take), str(disc.path), ObserveSettings(box=box), Told())
+    assert words == ["observe: already done"]

@@ -1,0 +1,103 @@
+"""The outline from a box alone where colours mislead: a shadow, two parts of different colours, a thing of the background's tint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scenes import noise, write_video
+
+from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.mask.background import Plate
+from seeing_wind.engine.observe.mask.evidence import Looks, against_plate, against_shape, cut_out, looks_of
+from seeing_wind.engine.observe.mask.from_box import moving_odds
+from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.settings import ObserveSettings
+
+HEIGHT, WIDTH = 180, 240
+
+
+def parts_scene(folder: Path, shadow: float) -> tuple[Path, np.ndarray]:
+    """A bright disc over a dark square, moving together before a mottled wall, with a soft shadow of strength `shadow`; path and masks."""
+    rng = np.random.default_rng(3)
+    wall = noise(rng, (HEIGHT, WIDTH), (120, 112, 100), (170, 160, 142), 3.0)
+    pattern = cv2.GaussianBlur(rng.standard_normal((HEIGHT, WIDTH)), (0, 0), 1.5)
+    pattern = 22.0 * pattern / pattern.std()
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    frames, masks = [], []
+    for t in range(16):
+        x, y = 60 + 7 * t, 60 + round(0.2 * t * t)
+        disc = np.hypot(columns - x, rows - y) < 20
+        square = (np.abs(columns - x) < 14) & (np.abs(rows - y - 32) < 14)
+        own = np.roll(pattern, (y, x), (0, 1))[..., None]
+        dark = cv2.GaussianBlur(np.roll((disc | square).astype(np.float64), (12, 14), (0, 1)), (0, 0), 3.0)
+        picture = wall * (1.0 - shadow * dark[..., None])
+        picture = np.where(disc[..., None], np.array([225, 190, 60]) + own, picture)
+        picture = np.where(square[..., None], np.array([40, 60, 130]) + own, picture)
+        frames.append(np.clip(np.round(picture + rng.normal(0, 1.5, picture.shape)), 0, 255).astype(np.uint8))
+        masks.append(disc | square)
+    write_video(folder / "clip.avi", frames, 30.0)
+    return folder / "clip.avi", np.stack(masks)
+
+
+def box_of(mask: np.ndarray, margin: float = 6.0) -> tuple[float, float, float, float]:
+    rows, columns = np.nonzero(mask)
+    return columns.min() - margin, rows.min() - margin, columns.max() + margin, rows.max() + margin
+
+
+@pytest.mark.parametrize("shadow", [0.0, 0.4])
+def test_parts_of_two_colours_move_together_and_their_shadow_is_left_out(tmp_path: Path, shadow: float) -> None:
+    path, masks = parts_scene(tmp_path, shadow)
+    found = np.asarray(observe(path, ObserveSettings(box=box_of(masks[0]), distance=1.0), NoProgress()).masks)
+    iou = (found & masks).sum(axis=(1, 2)) / (found | masks).sum(axis=(1, 2))
+    assert np.median(iou) > 0.9 and iou.min() > 0.8
+
+
+def test_what_stands_still_in_a_loose_box_is_background(tmp_path: Path) -> None:
+    path, masks = parts_scene(tmp_path, 0.0)
+    loose = box_of(masks[0], 25.0)
+    first = np.asarray(observe(path, ObserveSettings(box=loose, distance=1.0), NoProgress()).masks[0])
+    assert (first & ~masks[0]).sum() < 0.1 * masks[0].sum()
+
+
+def test_motion_tells_the_object_from_what_stands_still(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    wall, thing = noise(rng, (100, 140), (60, 60, 60), (200, 200, 200), 1.5), noise(rng, (40, 40), (60, 60, 60), (200, 200, 200), 1.5)
+    frames = np.repeat(wall[None], 6, axis=0)
+    for t in range(6):
+        frames[t, 30:70, 40 + 2 * t : 80 + 2 * t] = thing
+    odds = moving_odds(np.clip(frames + rng.normal(0, 1, frames.shape), 0, 255).astype(np.uint8), (0, 0, 140, 100), 2.0)
+    assert odds[40:60, 50:70].min() > 0.0
+    assert odds[:20].max() <= 0.0 and odds[:20].mean() < -1.0
+
+
+def test_a_shadow_is_background_unless_the_object_looks_so() -> None:
+    rng = np.random.default_rng(2)
+    color = noise(rng, (60, 60), (120, 110, 100), (170, 160, 150), 4.0).astype(np.uint8)
+    plate = Plate(color, np.ones((60, 60), bool), 2.0)
+    dark = np.full((60, 60), 1.0)
+    dark[15:45, 15:45] = 0.6
+    shaded = (color * cv2.GaussianBlur(dark, (0, 0), 3.0)[..., None]).astype(np.uint8)
+    mask = np.zeros((60, 60), bool)
+    mask[22:38, 22:38] = True
+    odds, known = against_plate(shaded, plate, (0, 0, 60, 60), Looks(4.0, 6.0))
+    assert known.all() and (odds[25:35, 25:35] < -1.0).mean() > 0.95
+    gray = looks_of(shaded, plate, mask)
+    assert gray.shaded < 1.0, "a thing that is the wall's colour, only darker, would be lost"
+    red = shaded.copy()
+    red[mask] = (180, 30, 30)
+    assert looks_of(red, plate, mask).shaded > 4.0
+    odds, _ = against_plate(red, plate, (0, 0, 60, 60), looks_of(red, plate, mask))
+    assert odds[25:35, 25:35].min() > 2.0
+
+
+def test_evidence_is_cut_along_the_edges_of_the_picture() -> None:
+    picture = np.full((60, 60, 3), 40, np.uint8)
+    picture[:, 30:] = 200
+    expected = np.zeros((60, 60), bool)
+    expected[:, 32:] = True
+    found = cut_out(against_shape(expected, 8.0), picture)
+    assert abs(found.sum() - 60 * 30) < 60 * 3
+    assert against_shape(expected, 8.0)[30, 59] > 0.0 > against_shape(expected, 8.0)[30, 0]
