@@ -1,16 +1,18 @@
-"""How stiff a held body is, and where it is held, as two more unknowns of the solve.
+"""How stiff a held body is, how it is damped, and where it is held, as more unknowns of the solve.
 
 How far a force bends a held body is a matter of its stiffness, and nobody knows that well: it grows with the cube of a thickness that
 was guessed from pictures, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
 its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself tells, so its stiffness is found with
 the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up makes it stiffer, but not in the same
-way to every swing: so that is found, too, and how the stiffness is spread over the section (`section`). With r the whitened residuals,
+way to every swing: so that is found, too, and how the stiffness is spread over the section (`section`). What a body loses in every
+swing and its model does not would be blown away by a wind that slows it: so the damping is found, too. With r the whitened residuals,
 J (n, m) their derivatives by the other unknowns theta, P the precision of theta's prior, and
 
-    q = (s, d, a, b)    s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
-                        a, b ~ N(0, SECTION_SPREAD²), sizes of the section's two shapes
-    C = dr/dq           (m, 4), central differences through the simulator
-    Q                   the diagonal matrix of these priors' precisions
+    q = (s, d, a, b, l)    s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
+                           a, b ~ N(0, SECTION_SPREAD²), sizes of the section's two shapes
+                           l ~ N(0, LOSS_SPREAD²), loss factor less the material's; their sum is not below zero
+    C = dr/dq              (m, 5), differences through the simulator
+    Q                      the diagonal matrix of these priors' precisions
 
 a Gauss-Newton step for all
 
@@ -28,6 +30,8 @@ from functools import partial
 
 import numpy as np
 
+from ...materials import loss_factor, retardation_time
+from ...mpm.damping import longest_retardation, retardation_of, with_retardation
 from ...mpm.model import Model
 from ...mpm.model_for import MAX_SUBSTEPS_HELD, with_clamp_depth
 from ...records import Particles
@@ -45,9 +49,11 @@ FIXED = 0.5
 """The clip tells the stiffness when it leaves at most this share of SPREAD. Otherwise the one given stays."""
 SECTION_SPREAD = 0.2
 """Standard deviation of a and b before the clip is seen: a square with one side 8 % longer than the other has an a of as much."""
-OFFSETS = (0.02, 0.05, 0.03, 0.03)
-"""Half the central difference's step of s, d, a and b."""
-STEPS = (0.4, 0.5, 0.2, 0.2)
+LOSS_SPREAD = 0.02
+"""Standard deviation of l before the clip is seen: those of stems, branches and fabrics differ by more than they are known."""
+OFFSETS = (0.02, 0.05, 0.03, 0.03, 1e-3)
+"""Half the central difference's step of s, d, a, b and l."""
+STEPS = (0.4, 0.5, 0.2, 0.2, 0.02)
 """Largest step of each at a time."""
 SHARES = (1.0, 0.5, 0.25, 0.125)
 """Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what the step takes it for."""
@@ -59,7 +65,7 @@ COARSE_ROUNDS, FINE_ROUNDS = 5, 2
 
 @dataclass(frozen=True)
 class Stiffness:
-    """What is held to be true of s, d, a and b."""
+    """What is held to be true of s, d, a, b and l."""
 
     free: bool
     """Still to be found; else they stay."""
@@ -70,6 +76,10 @@ class Stiffness:
     """d [grid cells]."""
     uneven: tuple[float, float] = (0.0, 0.0)
     """a and b."""
+    loss: float = 0.0
+    """l."""
+    loss_deviation: float = LOSS_SPREAD
+    """Standard deviation of l, by the fit itself."""
 
     @property
     def known(self) -> bool:
@@ -78,12 +88,14 @@ class Stiffness:
 
     @property
     def q(self) -> np.ndarray:
-        """(4,) s, d, a and b."""
-        return np.array([self.s, self.deeper, *self.uneven])
+        """(5,) s, d, a, b and l."""
+        return np.array([self.s, self.deeper, *self.uneven, self.loss])
 
-    def at(self, q: np.ndarray, deviation: float) -> Stiffness:
-        """The same with other values (4,)."""
-        return replace(self, s=float(q[0]), deeper=float(q[1]), uneven=(float(q[2]), float(q[3])), deviation=deviation)
+    def at(self, q: np.ndarray, covariance: np.ndarray) -> Stiffness:
+        """The same with other values (5,), known as well as their covariance (5, 5) says."""
+        s, deeper, a, b, loss = q.tolist()
+        deviation, loss_deviation = np.sqrt(np.diag(covariance))[[0, 4]].tolist()
+        return Stiffness(self.free, s, deviation, deeper, (a, b), loss, loss_deviation)
 
     def settled(self) -> Stiffness:
         """The same from now on."""
@@ -91,10 +103,10 @@ class Stiffness:
 
     def of(self, model: Model, body: Particles) -> Model:
         """The model given with this stiffness, held where this says."""
-        factor, model = self.spread(body), scaled(model, self.s)
-        if factor is not None:
-            model = replace(model, mu=factor * model.mu, lam=factor * model.lam)
-        return with_clamp_depth(model, body, model.clamp_depth + self.deeper)
+        factor, retardation = self.spread(body), retardation_of(model) + retardation_time(self.loss)
+        model = stiffer(scaled(model, self.s), 1.0 if factor is None else factor)
+        model = with_clamp_depth(model, body, model.clamp_depth + self.deeper)
+        return with_retardation(model, retardation) if self.loss else model
 
     def spread(self, body: Particles) -> np.ndarray | None:
         """(N,) factor on the particles' stiffness besides e^s; None where it is even."""
@@ -105,7 +117,7 @@ class Stiffness:
         return float(self.q @ _PRECISION @ self.q)
 
 
-_PRECISION = np.diag([SPREAD**-2, DEPTH_SPREAD**-2, SECTION_SPREAD**-2, SECTION_SPREAD**-2])
+_PRECISION = np.diag(np.array([SPREAD, DEPTH_SPREAD, SECTION_SPREAD, SECTION_SPREAD, LOSS_SPREAD]) ** -2.0)
 
 
 def is_free(particles: Particles, model: Model, settings: RecoverSettings) -> bool:
@@ -121,7 +133,18 @@ def scaled(model: Model, s: float) -> Model:
     if s == 0.0:
         return model
     factor = math.exp(s)
-    return replace(model, mu=factor * model.mu, lam=factor * model.lam, substeps=math.ceil(model.substeps * max(1.0, math.sqrt(factor))))
+    return replace(stiffer(model, factor), substeps=math.ceil(model.substeps * max(1.0, math.sqrt(factor))))
+
+
+def stiffer(model: Model, factor: float | np.ndarray) -> Model:
+    """The body of `model` with `factor` times the stiffness, one or (N,), and the same retardation time."""
+    return replace(model, mu=factor * model.mu, lam=factor * model.lam, viscosity=factor * model.viscosity)
+
+
+def losses(model: Model) -> tuple[float, float]:
+    """By how much l may change at least and at most: down to no damping, up to what the model's substeps carry."""
+    now, most = loss_factor(retardation_of(model)), loss_factor(longest_retardation(model))
+    return -now, max(most - now, 0.0)
 
 
 def stiffest(model: Model) -> float:
@@ -159,11 +182,11 @@ class Joint:
     normal: np.ndarray
     """(n, n) J J' + P."""
     coupling: np.ndarray
-    """(n, 4) J C."""
+    """(n, 5) J C."""
     own: np.ndarray
-    """(4, 4) C'C + Q."""
+    """(5, 5) C'C + Q."""
     gradient: np.ndarray
-    """(n + 4,) right side, its sign turned."""
+    """(n + 5,) right side, its sign turned."""
 
     @staticmethod
     def about(
@@ -175,7 +198,10 @@ class Joint:
             return forward.journal.array("white", partial(_white, forward, body, objective, solution.theta, dq), solution.theta, dq)
 
         here = white(np.zeros(len(there.q)))
-        C = np.stack([(white(step) - white(-step)) / (2.0 * step.sum()) for step in np.diag(OFFSETS)], axis=1)
+        sides = [(step, -step) for step in np.diag(OFFSETS)]
+        least, most = np.array(losses(forward.model))
+        sides[-1] = tuple(np.clip(side, least, most) for side in sides[-1])
+        C = np.stack([(white(ahead) - white(behind)) / (ahead - behind).sum() for ahead, behind in sides], axis=1)
         jacobian = solution.point.jacobian.astype(np.float64)
         pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + _PRECISION @ there.q])
         return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + _PRECISION, pull)
@@ -186,24 +212,21 @@ class Joint:
 
     @property
     def covariance(self) -> np.ndarray:
-        """(4, 4) of q when nothing but the priors is known of theta."""
+        """(5, 5) of q when nothing but the priors is known of theta."""
         # What theta's freedom leaves of `own` is positive definite but for rounding, and no less than the prior.
         left: np.ndarray = self.own - self.coupling.T @ np.linalg.solve(self.normal, self.coupling)
         values, vectors = np.linalg.eigh(0.5 * (left + left.T) - _PRECISION)
         return np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + _PRECISION)
 
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of s."""
-        return math.sqrt(self.covariance[0, 0])
-
-    def step(self) -> np.ndarray:
-        """(4,) the Gauss-Newton step of q."""
+    def step(self, least: float = -math.inf, most: float = math.inf) -> np.ndarray:
+        """(5,) the Gauss-Newton step of q, of which the last is kept between these bounds."""
         followed = self.coupling.T @ np.linalg.solve(self.normal, self.gradient[: self._count])
-        return -self.covariance @ (self.gradient[self._count :] - followed)
+        covariance = self.covariance
+        free = -covariance @ (self.gradient[self._count :] - followed)
+        return free + covariance[-1] * ((min(max(free[-1], least), most) - free[-1]) / covariance[-1, -1])
 
     def follow(self, dq: np.ndarray) -> np.ndarray:
-        """(n,) the step of theta that goes best with a step (4,) of q."""
+        """(n,) the step of theta that goes best with a step (5,) of q."""
         return -np.linalg.solve(self.normal, self.gradient[: self._count] + self.coupling @ dq)
 
     def chord(self, theta: np.ndarray, residual: np.ndarray, jacobian: np.ndarray, precision: np.ndarray) -> np.ndarray:
@@ -212,7 +235,7 @@ class Joint:
 
 
 def shortened(step: np.ndarray) -> np.ndarray:
-    """The step (4,) of q, or as much of it as is taken at a time."""
+    """The step (5,) of q, or as much of it as is taken at a time."""
     return step / max(1.0, *(np.abs(step) / STEPS))
 
 
@@ -226,8 +249,9 @@ def covariance_with(normal: np.ndarray, joint: Joint | None) -> np.ndarray:
 
 
 def _white(forward: Forward, body: Particles, objective: Objective, theta: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """(m,) whitened residuals a step dq (4,) away. The substeps stay, or the difference would be one of substeps too."""
-    factor = np.exp(dq[0] + dq[2:] @ section_shapes(body))
+    """(m,) whitened residuals a step dq (5,) away. The substeps stay, or the difference would be one of substeps too."""
+    factor = np.exp(dq[0] + dq[2:4] @ section_shapes(body))
     model = with_clamp_depth(forward.model, body, forward.model.clamp_depth + float(dq[1]))
-    other = replace(forward, model=replace(model, mu=factor * model.mu, lam=factor * model.lam))
+    damped = with_retardation(model, retardation_of(model) + retardation_time(float(dq[4])))
+    other = replace(forward, model=stiffer(damped, factor))
     return objective.whiten(objective.residual(other.positions(theta[None])))[0].astype(np.float64)
