@@ -95,7 +95,7 @@ def model_for(
     _check_reach(x, dx)
     path = None if pin_path is None else checked_pin_path(pin_path, x, pinned, dx)
     notes: list[str] = []
-    substeps, columns = max(least_substeps, _substeps_for(speed, path, dx, frame_dt, max_substeps)), []
+    substeps, columns = max(MIN_SUBSTEPS, _substeps_for(speed, path, dx, frame_dt, max_substeps)), []
     for body, stuff, scale in zip(bodies, materials, scales):
         youngs_modulus, needed = _affordable_modulus(stuff, scale, dx, frame_dt, max_substeps, notes)
         if youngs_modulus < stuff.youngs_modulus and np.any(body.pinned):
@@ -118,19 +118,23 @@ def model_for(
         gravity, device, obstacles, path, None if path is None else x, clamp_depth, axes=axes,
     )  # fmt: skip
     most = min(max_substeps, int(DAMPED_SUBSTEPS * substeps)) if pinned.any() else substeps
-    return _damped(model, bodies, materials, most, notes), notes
+    damped = _damped(replace(model, substeps=max(least_substeps, substeps)), bodies, materials, most, notes)
+    return damped, notes
 
 
 def _damped(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], most: int, notes: list[str]) -> Model:
-    """The model with its materials' damping, and for it up to `most` substeps; a free body, which hardly shows it, gets none."""
+    """The model with its materials' damping, for which it may take up to `most` substeps.
+
+    A free body hardly shows it: it gets no more substeps, and if they carry less, that is not worth a note.
+    """
     wanted = max(stuff.retardation for stuff in materials)
     if wanted == 0.0:
         return model
     needed = substeps_for(model, wanted)
     model = replace(model, substeps=max(model.substeps, min(needed, most)))
     carried = longest_retardation(model)
-    for stuff in materials:
-        if stuff.retardation > carried:
+    for body, stuff in zip(bodies, materials):
+        if stuff.retardation > carried and np.any(body.pinned):
             notes.append(
                 f"{stuff.name}: its loss factor of {stuff.loss_factor:.2g} would need {needed} substeps a frame; simulated with "
                 f"{stuff.loss_factor * carried / stuff.retardation:.2g}, which {model.substeps} can carry."

@@ -39,8 +39,9 @@ def window(b, x: ti.template(), role: ti.template(), offset, dx):
 
 @ti.func
 def particles_to_grid(
-    plastic: ti.template(), b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(), viscosity: ti.template(),
-    law: ti.template(), role: ti.template(), x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
+    plastic: ti.template(), b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(),
+    viscosity: ti.template(), law: ti.template(), role: ti.template(),
+    x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
     force_row, acceleration: ti.template(), gradient: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """p2g of the particles in row b under the force in row `force_row`."""

@@ -30,8 +30,8 @@ from functools import partial
 
 import numpy as np
 
-from ...materials import loss_factor, retardation_time
-from ...mpm.damping import longest_retardation, retardation_of, with_retardation
+from ...materials import LOSS_FREQUENCY, loss_factor, retardation_time
+from ...mpm.damping import DAMPED_SUBSTEPS, longest_retardation, retardation_of, substeps_for, with_retardation
 from ...mpm.model import Model
 from ...mpm.model_for import MAX_SUBSTEPS_HELD, with_clamp_depth
 from ...records import Particles
@@ -106,11 +106,24 @@ class Stiffness:
         factor, retardation = self.spread(body), retardation_of(model) + retardation_time(self.loss)
         model = stiffer(scaled(model, self.s), 1.0 if factor is None else factor)
         model = with_clamp_depth(model, body, model.clamp_depth + self.deeper)
-        return with_retardation(model, retardation) if self.loss else model
+        if not self.loss:
+            return model
+        substeps = min(substeps_for(model, retardation), damped_substeps(model))
+        return with_retardation(replace(model, substeps=substeps), retardation)
 
     def spread(self, body: Particles) -> np.ndarray | None:
         """(N,) factor on the particles' stiffness besides e^s; None where it is even."""
         return np.exp(np.array(self.uneven) @ section_shapes(body)) if any(self.uneven) else None
+
+    def changes(self, model: Model) -> tuple[float, float]:
+        """By how much l may change at least and at most, where `model` has the material given: to no damping, to what substeps carry."""
+        stiff = scaled(model, self.s)
+        most = longest_retardation(replace(stiff, substeps=damped_substeps(stiff)))
+        return -self.loss_factor(model), max(0.0, loss_factor(most) - self.loss_factor(model))
+
+    def loss_factor(self, model: Model) -> float:
+        """Of the body, where `model` has the material given."""
+        return max(0.0, loss_factor(retardation_of(model)) + self.loss)
 
     def penalty(self) -> float:
         """What q adds to the cost, twice their negative log prior."""
@@ -141,10 +154,9 @@ def stiffer(model: Model, factor: float | np.ndarray) -> Model:
     return replace(model, mu=factor * model.mu, lam=factor * model.lam, viscosity=factor * model.viscosity)
 
 
-def losses(model: Model) -> tuple[float, float]:
-    """By how much l may change at least and at most: down to no damping, up to what the model's substeps carry."""
-    now, most = loss_factor(retardation_of(model)), loss_factor(longest_retardation(model))
-    return -now, max(most - now, 0.0)
+def damped_substeps(model: Model) -> int:
+    """Most substeps per frame that the damping of a held body of `model` may ask for."""
+    return max(model.substeps, min(MAX_SUBSTEPS_HELD, int(DAMPED_SUBSTEPS * model.substeps)))
 
 
 def stiffest(model: Model) -> float:
@@ -168,7 +180,9 @@ def remark(stiffness: Stiffness, model: Model) -> list[str]:
         return [
             f"The motion fits a Young's modulus of {found:.3g} Pa ({beside}, +-{100.0 * stiffness.deviation:.2g} %) on a body held from "
             f"{abs(away):.1f} mm {'inside' if away > 0.0 else 'outside'} the border given: the forces are those on such a body. "
-            f"--stiffness given keeps what was given."
+            f"--stiffness given keeps what was given.",
+            f"It fits a loss factor of {stiffness.loss_factor(model):.2g} +-{stiffness.loss_deviation:.2g} at {LOSS_FREQUENCY:g} Hz, "
+            f"besides what the solver loses of itself.",
         ]
     if stiffness.free and stiffness.deviation < SPREAD:
         return [f"The motion does not tell how stiff the held body is: {given:.3g} Pa was kept, and its forces grow with that."]
@@ -199,8 +213,8 @@ class Joint:
 
         here = white(np.zeros(len(there.q)))
         sides = [(step, -step) for step in np.diag(OFFSETS)]
-        least, most = np.array(losses(forward.model))
-        sides[-1] = tuple(np.clip(side, least, most) for side in sides[-1])
+        now, most = (loss_factor(of(forward.model)) for of in (retardation_of, longest_retardation))
+        sides[-1] = tuple(np.clip(side, -now, max(most - now, 0.0)) for side in sides[-1])
         C = np.stack([(white(ahead) - white(behind)) / (ahead - behind).sum() for ahead, behind in sides], axis=1)
         jacobian = solution.point.jacobian.astype(np.float64)
         pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + _PRECISION @ there.q])

@@ -29,7 +29,7 @@ from .first_field import FINELY, FLOWING, USUAL, Pace, follow
 from .forward import Forward
 from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of
 from .gauss_newton import solve as gauss_newton
-from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, losses, shortened, stiffest
+from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
 
 FULL_KNOT = 2.0
 """Frames between knots of the last solves."""
@@ -166,7 +166,7 @@ class WindowSolver:
             about = partial(Joint.about, forward, self.particles, self.objective, prior.precision(), solution, before)
             joint = self.journal.once("joint", Joint, about, solution.theta, before)
             known = before.at(before.q, joint.covariance).known
-            after = before.q + shortened(joint.step(*losses(forward.model))) if known else np.zeros(len(before.q))
+            after = before.q + shortened(joint.step(*before.changes(self.model))) if known else np.zeros(len(before.q))
             after[0] = min(after[0], stiffest(self.model))
             changed = self._towards(after - before.q, forward, prior, solution, joint, SHARES if known else (1.0,))
             if changed is None:
