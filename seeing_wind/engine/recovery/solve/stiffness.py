@@ -53,6 +53,8 @@ LOSS_SPREAD = 0.02
 """Standard deviation of l before the clip is seen: those of stems, branches and fabrics differ by more than they are known."""
 OFFSETS = (0.02, 0.05, 0.03, 0.03, 1e-3)
 """Half the central difference's step of s, d, a, b and l."""
+LEAST_WIDTH = 0.2
+"""Of a difference over its offset, below which rounding would show."""
 STEPS = (0.4, 0.5, 0.2, 0.2, 0.02)
 """Largest step of each at a time."""
 SHARES = (1.0, 0.5, 0.25, 0.125)
@@ -215,7 +217,11 @@ class Joint:
         sides = [(step, -step) for step in np.diag(OFFSETS)]
         now, most = (loss_factor(of(forward.model)) for of in (retardation_of, longest_retardation))
         sides[-1] = tuple(np.clip(side, -now, max(most - now, 0.0)) for side in sides[-1])
-        C = np.stack([(white(ahead) - white(behind)) / (ahead - behind).sum() for ahead, behind in sides], axis=1)
+        C = np.zeros((len(here), len(sides)))
+        for column, (ahead, behind) in enumerate(sides):
+            width = (ahead - behind).sum()
+            if width > LEAST_WIDTH * OFFSETS[column]:  # substeps that carry no damping tell nothing of it
+                C[:, column] = (white(ahead) - white(behind)) / width
         jacobian = solution.point.jacobian.astype(np.float64)
         pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + _PRECISION @ there.q])
         return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + _PRECISION, pull)
