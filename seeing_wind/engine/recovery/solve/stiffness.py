@@ -49,8 +49,8 @@ FIXED = 0.5
 """The clip tells the stiffness when it leaves at most this share of SPREAD. Otherwise the one given stays."""
 SECTION_SPREAD = 0.2
 """Standard deviation of a and b before the clip is seen: a square with one side 8 % longer than the other has an a of as much."""
-LOSS_SPREAD = 0.02
-"""Standard deviation of l before the clip is seen: those of stems, branches and fabrics differ by more than they are known."""
+LOSS_SPREAD = 0.05
+"""Standard deviation of l before the clip is seen: loss factors of stems, branches and soft plastics lie between hundredths and tenths."""
 OFFSETS = (0.02, 0.05, 0.03, 0.03, 1e-3)
 """Half the central difference's step of s, d, a, b and l."""
 LEAST_WIDTH = 0.2
