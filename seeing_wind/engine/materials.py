@@ -62,17 +62,7 @@ class Material:
     def retardation(self) -> float:
         """s by which the strain of a Kelvin-Voigt solid lags behind the stress: a mode at the frequency f has the loss factor
         2 pi f times it, and half of that as its damping ratio."""
-        return 0.0 if self.law in PLASTIC_LAWS else retardation_time(self.loss_factor)
-
-
-def retardation_time(loss_factor: float) -> float:
-    """s, of a loss factor at `LOSS_FREQUENCY`."""
-    return loss_factor / (2.0 * math.pi * LOSS_FREQUENCY)
-
-
-def loss_factor(retardation: float) -> float:
-    """At `LOSS_FREQUENCY`, of a retardation time [s]."""
-    return 2.0 * math.pi * LOSS_FREQUENCY * retardation
+        return 0.0 if self.law in PLASTIC_LAWS else self.loss_factor / (2.0 * math.pi * LOSS_FREQUENCY)
 
 
 def find(name: str) -> Material:

@@ -262,10 +262,6 @@ class Recovery:
     """Standard deviation of the logarithm of `youngs_modulus`, by the fit itself."""
     stiffness: np.ndarray | None = None
     """(N,) factor on Young's modulus besides, of a held body whose section is stiffer one way than the other; None is one everywhere."""
-    loss_factor: float | None = None
-    """What the motion of a held body fits, as of `Material`; None where `youngs_modulus` is."""
-    loss_deviation: float | None = None
-    """Standard deviation of `loss_factor`, by the fit itself."""
     clamp_depth: float = 0.0
     """As in the settings: where the held part began to be held."""
     substeps: int | None = None
@@ -273,12 +269,8 @@ class Recovery:
 
 
 def as_found(material: Material, recovery: Recovery) -> Material:
-    """`material` with the stiffness and damping that the recovery found for the body: its field belongs to that one."""
+    """`material` with the stiffness that the recovery found for the body: its field belongs to that one."""
     if recovery.youngs_modulus is None:
         return material
     source = f"{material.source}; Young's modulus: found from the motion, given {material.youngs_modulus:g} Pa"
-    found = replace(material, youngs_modulus=recovery.youngs_modulus, source=source)
-    if recovery.loss_factor is None:  # a take from before the damping was found, too
-        return found
-    source = f"{source}; loss factor: found from the motion, given {material.loss_factor:g}"
-    return replace(found, loss_factor=recovery.loss_factor, source=source)
+    return replace(material, youngs_modulus=recovery.youngs_modulus, source=source)

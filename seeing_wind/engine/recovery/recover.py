@@ -28,7 +28,7 @@ from .diagnostics.posterior import missed_acceleration, posterior_deviation, uns
 from .diagnostics.remarks import astray, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
 from .prior.basis import SpatialBasis, spatial_basis
 from .prior.learning import Expected
-from .solve.stiffness import Stiffness, covariance_with, is_free, remark, youngs_modulus
+from .solve.stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .solve.window import FULL_KNOT, Found, WindowSolver
 from .targets.objective import Channels, Objective
 from .targets.points import PointChannels, point_channels
@@ -286,10 +286,8 @@ class _Clip:
             youngs_modulus=youngs_modulus(self.model, self.stiffness.s) if self.stiffness.known else None,
             stiffness_deviation=self.stiffness.deviation if self.stiffness.known else None,
             stiffness=self.stiffness.spread(self.particles) if self.stiffness.known else None,
-            loss_factor=self.stiffness.loss_factor(self.model) if self.stiffness.known else None,
-            loss_deviation=self.stiffness.loss_deviation if self.stiffness.known else None,
             clamp_depth=self.settings.clamp_depth + self.stiffness.deeper,
-            substeps=self.stiffness.of(self.model, self.particles).substeps,
+            substeps=scaled(self.model, self.stiffness.s).substeps,
         )
 
 

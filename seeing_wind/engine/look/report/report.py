@@ -8,7 +8,6 @@ import numpy as np
 
 from ...field import ForceField
 from ...field.sampling import sample_points
-from ...materials import LOSS_FREQUENCY
 from ...progress import NoProgress, Progress
 from ...records import Body, Material, Observation, Particles, Recovery, as_found
 from ...settings import RecoverSettings, to_mapping
@@ -171,13 +170,6 @@ def _figures(
             "given": material.youngs_modulus,
             "relative_deviation": recovery.stiffness_deviation,
             "clamp_depth": recovery.clamp_depth,
-        }
-    if recovery.loss_factor is not None:
-        figures["damping"] = {
-            "loss_factor": recovery.loss_factor,
-            "given": material.loss_factor,
-            "deviation": recovery.loss_deviation,
-            "frequency": LOSS_FREQUENCY,
         }
     if settings is not None:
         figures["settings"] = to_mapping(settings)

@@ -165,15 +165,15 @@ class WindowSolver:
             before = self.stiffness
             about = partial(Joint.about, forward, self.particles, self.objective, prior.precision(), solution, before)
             joint = self.journal.once("joint", Joint, about, solution.theta, before)
-            known = before.at(before.q, joint.covariance).known
-            after = before.q + shortened(joint.step(*before.changes(self.model))) if known else np.zeros(len(before.q))
+            known = before.at(before.q, joint.deviation).known
+            after = before.q + shortened(joint.step()) if known else np.zeros(len(before.q))
             after[0] = min(after[0], stiffest(self.model))
             changed = self._towards(after - before.q, forward, prior, solution, joint, SHARES if known else (1.0,))
             if changed is None:
                 # Nothing lowers the cost: far from a minimum the clip says nothing of the stiffness, at one it has been said.
-                if before.s == 0.0 and known and abs(after[0]) > before.at(before.q, joint.covariance).deviation:
+                if before.s == 0.0 and known and abs(after[0]) > joint.deviation:
                     break
-                self.stiffness, self.joint = before.at(before.q, joint.covariance), joint
+                self.stiffness, self.joint = before.at(before.q, joint.deviation), joint
                 break
             self.stiffness, forward, theta = changed
             self.joint = joint
@@ -187,12 +187,12 @@ class WindowSolver:
     def _towards(
         self, dq: np.ndarray, forward: Forward, prior: Prior, solution: Solution, joint: Joint, shares: tuple[float, ...]
     ) -> tuple[Stiffness, Forward, np.ndarray] | None:
-        """The first of these shares of the joint step by dq (5,) that lowers the cost (any, if there is one share only that does not break
+        """The first of these shares of the joint step by dq (4,) that lowers the cost (any, if there is one share only that does not break
         down): stiffness, forward model and theta there. None when none does."""
         before = self.stiffness
         most = solution.cost + before.penalty() if len(shares) > 1 else np.inf
         for share in shares if dq.any() else ():
-            there = before.at(before.q + share * dq, joint.covariance)
+            there = before.at(before.q + share * dq, joint.deviation)
             changed = replace(forward, model=there.of(self.model, self.particles), rough=self._rough(there))
             theta = solution.theta + share * joint.follow(dq)
             for _ in range(FOLLOWING):
