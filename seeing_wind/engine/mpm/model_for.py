@@ -117,16 +117,14 @@ def model_for(
         mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
         gravity, device, obstacles, path, None if path is None else x, clamp_depth, axes=axes,
     )  # fmt: skip
-    most = min(max_substeps, int(DAMPED_SUBSTEPS * substeps)) if pinned.any() else substeps
-    damped = _damped(replace(model, substeps=max(least_substeps, substeps)), bodies, materials, most, notes)
-    return damped, notes
+    model = replace(model, substeps=max(least_substeps, substeps))
+    if not pinned.any():  # hardly shows its damping
+        return model, notes
+    return _damped(model, bodies, materials, min(max_substeps, int(DAMPED_SUBSTEPS * substeps)), notes), notes
 
 
 def _damped(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], most: int, notes: list[str]) -> Model:
-    """The model with its materials' damping, for which it may take up to `most` substeps.
-
-    A free body hardly shows it: it gets no more substeps, and if they carry less, that is not worth a note.
-    """
+    """The model with its materials' damping, for which it may take up to `most` substeps."""
     wanted = max(stuff.retardation for stuff in materials)
     if wanted == 0.0:
         return model
