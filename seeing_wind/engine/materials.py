@@ -26,6 +26,13 @@ MODULI = (1e-3, 1e13)
 DENSITIES = (1e-3, 1e5)
 """kg/m³ between which densities lie: osmium has 2.3e4, the lightest aerogel 0.2."""
 
+LOSS_FREQUENCY = 2.0
+"""Hz at which a loss factor holds. Real ones hardly change with the frequency, that of a Kelvin-Voigt solid grows with it: it is right for
+what sways about twice a second, as stems, branches and flags in a clip do."""
+
+MOST_LOSS = 2.0
+"""Largest loss factor: a body that does not swing any more at its critical damping."""
+
 DEFAULT = "leaf"
 """The material of an object of which nothing is said."""
 
@@ -47,6 +54,15 @@ class Material:
     viscosity: float = 0.0
     """Pa s; viscoplastic only."""
     source: str = ""
+    loss_factor: float = 0.0
+    """Of the elastic laws: energy lost in a radian of an oscillation over the energy stored, at `LOSS_FREQUENCY`. Where nothing is known
+    it is zero, which leaves the damping that the solver has of itself."""
+
+    @property
+    def retardation(self) -> float:
+        """s by which the strain of a Kelvin-Voigt solid lags behind the stress: a mode at the frequency f has the loss factor
+        2 pi f times it, and half of that as its damping ratio."""
+        return 0.0 if self.law in PLASTIC_LAWS else self.loss_factor / (2.0 * math.pi * LOSS_FREQUENCY)
 
 
 def find(name: str) -> Material:
@@ -72,17 +88,18 @@ def adjusted(
     poisson_ratio: float | None = None,
     yield_stress: float | None = None,
     viscosity: float | None = None,
+    loss_factor: float | None = None,
 ) -> Material:
     """`material` with the given properties replaced (None keeps the library's) and all of them checked.
 
     Args:
-        law: one of `LAWS`; density: [kg/m³]; youngs_modulus, yield_stress: [Pa]; viscosity: [Pa s].
+        law: one of `LAWS`; density: [kg/m³]; youngs_modulus, yield_stress: [Pa]; viscosity: [Pa s]; loss_factor: elastic laws only.
 
     Raises:
         MaterialError: unknown law, a number that is not finite or out of its range, a plastic law without a yield stress.
     """
     given = {"law": law, "density": density, "youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
-    given |= {"yield_stress": yield_stress, "viscosity": viscosity}
+    given |= {"yield_stress": yield_stress, "viscosity": viscosity, "loss_factor": loss_factor}
     changes = {key: value if key == "law" else _number(key, value) for key, value in given.items() if value is not None}
     sources = [material.source, f"given by the user: {', '.join(changes)}" if changes else ""]
     result = dataclasses.replace(material, **changes, source="; ".join(filter(None, sources)))  # type: ignore[arg-type]
@@ -101,7 +118,7 @@ def _check(material: Material) -> None:
     """Raise MaterialError unless every property is physical."""
     if material.law not in LAWS:
         raise MaterialError(f"There is no law '{material.law}'.", f"Known laws: {', '.join(LAWS)}.")
-    for key in ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity"):
+    for key in ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "loss_factor"):
         if not math.isfinite(getattr(material, key)):
             raise MaterialError(f"{key} of {material.name} is not finite.", "Give a finite number in SI units.")
     for what, value, unit, (least, most) in (
@@ -120,6 +137,8 @@ def _check(material: Material) -> None:
             f"Yield stress or viscosity of {material.name} is {material.yield_stress:g} Pa or {material.viscosity:g} Pa s.",
             f"Give from zero to {MODULI[1]:g}.",
         )
+    if not 0.0 <= material.loss_factor <= MOST_LOSS:
+        raise MaterialError(f"The loss factor of {material.name} is {material.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")
     if material.law in PLASTIC_LAWS and material.yield_stress == 0.0:
         raise MaterialError(f"{material.name} has the plastic law {material.law} but no yield stress.", "Give --yield-stress in Pa.")
 

@@ -139,6 +139,8 @@ class BodyEdit:
     law: str | None = None
     yield_stress: float | None = None
     viscosity: float | None = None
+    loss_factor: float | None = None
+    """Damping, as of `Material`."""
     mass: float | None = None
     """Of the whole body [kg], instead of a density."""
     mass_scale: float = 1.0

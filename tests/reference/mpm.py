@@ -32,6 +32,12 @@ def kirchhoff(law: str, F: np.ndarray, mu: float, lam: float) -> np.ndarray:
     return hencky(F, mu, lam)
 
 
+def viscous(C: np.ndarray, mu: float, lam: float, viscosity: float) -> np.ndarray:
+    """tau (3, 3) [Pa] of the rate of strain in an elastic law, a Kelvin-Voigt solid."""
+    rate = 0.5 * (C + C.T)
+    return viscosity / mu * (2.0 * mu * rate + lam * np.trace(rate) * np.eye(3))
+
+
 def energy(law: str, F: np.ndarray, mu: float, lam: float) -> float:
     """psi [J/m³] with tau = dpsi/dF F^T."""
     J = np.linalg.det(F)
@@ -71,6 +77,8 @@ def substep(model, law: str, dt: float, state, acceleration: np.ndarray, gradien
     mass, momentum = {}, {}
     for p, x in enumerate(state.x):
         tau = kirchhoff(law, state.F[p], model.mu[p], model.lam[p])
+        if law in ("corotated", "neo_hookean"):
+            tau = tau + viscous(state.C[p], model.mu[p], model.lam[p], model.viscosity[p])
         A = model.mass[p] * (state.C[p] + dt * gradient[p]) - dt * model.volume[p] * 4.0 / dx**2 * tau
         for node, w in weights(x, offset, dx):
             distance = offset + dx * np.array(node) - x

@@ -3,7 +3,7 @@
     model.py      what stays the same        model_for.py  chosen from bodies and materials     state.py  what changes
     rollout.py    frames of simulation       body.py       one large body on all cores          autograd.py  for torch
     tangent.py    many changes to first order              frame_run.py   one frame of a body, and what is kept of it
-    checks.py     what is refused            failure.py    what stopped a run
+    checks.py     what is refused            failure.py    what stopped a run                   damping.py  what substeps carry
     laws/  stress from deformation     lattice/  the grid and its boundary     kernels/  the substep     compiler/  Quadrants or Taichi
 """
 

@@ -53,7 +53,7 @@ class Model:
     yield_stress: np.ndarray
     """(N,) [Pa]; plastic laws only."""
     viscosity: np.ndarray
-    """(N,) [Pa s]; the viscoplastic law only."""
+    """(N,) [Pa s]; of an elastic law its shear viscosity, see `laws.viscous`; of the viscoplastic one that of its flow."""
     law: np.ndarray
     """(N,) int32, a value of `constitutive.LAWS`."""
     role: np.ndarray

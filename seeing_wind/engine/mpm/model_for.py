@@ -12,6 +12,7 @@ from ..conventions import GRAVITY, lame
 from ..errors import SimulationError
 from ..records import Material, Particles
 from .checks import check_choices, checked_bodies
+from .damping import DAMPED_SUBSTEPS, longest_retardation, substeps_for, with_retardation
 from .kernels.packed import MOST_NODES_ACROSS
 from .lattice.boundary import border_axes, clamped_nodes, lattice_offset, particle_roles
 from .lattice.colliders import Collider, collider_grid, collider_notes
@@ -47,6 +48,7 @@ def model_for(
     speed: float = DEFAULT_SPEED,
     dx: float | None = None,
     max_substeps: int | None = None,
+    least_substeps: int = MIN_SUBSTEPS,
     device: str = "auto",
     colliders: Sequence[Collider] = (),
     pin_path: np.ndarray | None = None,
@@ -63,7 +65,8 @@ def model_for(
         speed: fastest motion expected [m/s], besides that of `pin_path`; more substeps above about one cell per substep.
         dx: grid spacing [m]; None takes 1.6 spacings of the finest body.
         max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `MAX_SUBSTEPS`, or
-            `MAX_SUBSTEPS_HELD` where something is pinned.
+            `MAX_SUBSTEPS_HELD` where something is pinned. Damping beyond what so many carry is cut, too.
+        least_substeps: per frame, whatever the material.
         device: auto or cpu.
         colliders: planes, rooms and closed meshes that stand still, see `colliders`.
         pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every picture; None leaves them where they are.
@@ -114,7 +117,27 @@ def model_for(
         mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
         gravity, device, obstacles, path, None if path is None else x, clamp_depth, axes=axes,
     )  # fmt: skip
-    return model, notes
+    model = replace(model, substeps=max(least_substeps, substeps))
+    if not pinned.any():  # hardly shows its damping
+        return model, notes
+    return _damped(model, bodies, materials, min(max_substeps, int(DAMPED_SUBSTEPS * substeps)), notes), notes
+
+
+def _damped(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], most: int, notes: list[str]) -> Model:
+    """The model with its materials' damping, for which it may take up to `most` substeps."""
+    wanted = max(stuff.retardation for stuff in materials)
+    if wanted == 0.0:
+        return model
+    needed = substeps_for(model, wanted)
+    model = replace(model, substeps=max(model.substeps, min(needed, most)))
+    carried = longest_retardation(model)
+    for body, stuff in zip(bodies, materials):
+        if stuff.retardation > carried and np.any(body.pinned):
+            notes.append(
+                f"{stuff.name}: its loss factor of {stuff.loss_factor:.2g} would need {needed} substeps a frame; simulated with "
+                f"{stuff.loss_factor * carried / stuff.retardation:.2g}, which {model.substeps} can carry."
+            )
+    return with_retardation(model, np.concatenate([np.full(len(body.x), stuff.retardation) for body, stuff in zip(bodies, materials)]))
 
 
 def with_clamp_depth(model: Model, body: Particles, depth: float) -> Model:
@@ -187,6 +210,6 @@ def _body_columns(body: Particles, material: Material, mass_scale: float, youngs
         mu * factor,
         lam * factor,
         np.full(count, float(material.yield_stress)),
-        np.full(count, float(material.viscosity)),
+        np.full(count, float(material.viscosity) if material.law in PLASTIC_LAWS else 0.0),
         np.full(count, LAWS[material.law], np.int32),
     )

@@ -160,8 +160,8 @@ class _Carrier:
             raise failure((*found, int(status[2])), frame, substeps)
         with contracted():
             tangent_kernels.linearise(
-                m.volume, m.mu, m.lam, m.law, m.offset, m.dx, m.frame_dt / substeps,
-                self.x, self.F, self.boxes, self.corner, self.record,
+                m.volume, m.mu, m.lam, m.viscosity, m.law, m.offset, m.dx, m.frame_dt / substeps,
+                self.x, self.C, self.F, self.boxes, self.corner, self.record,
             )  # fmt: skip
         self.state = State(self.x[-1].copy(), self.v[-1].copy(), self.C[-1].copy(), self.F[-1].copy())
         return substeps
@@ -211,6 +211,8 @@ class _Carrier:
     def _carry(self, groups: int, substeps: int) -> None:
         m, nodes = self.model, 3 * self.capacity
         mass, flat = m.mass.astype(np.float32), lambda array: array.reshape(-1, self.width)
+        viscous = -4.0 * m.frame_dt / substeps / m.dx * m.volume * m.viscosity
+        damping = np.stack([viscous, viscous * m.lam / m.mu], axis=1).astype(np.float32).reshape(-1)
         at_once = max(1, min(groups, _WORK_PER_CALL // (m.particles * substeps * self.width)))
         at_once += at_once % 2
         for first in range(0, groups, at_once):
@@ -218,6 +220,6 @@ class _Carrier:
             self.progress.check()
             with native_vectors(), contracted(), compiled_in(np.float32):
                 tangent_kernels.carry[self.width](
-                    first, mass, m.role, m.dx, m.frame_dt / substeps, self.boxes, self.corner, self.record, self.inverse_mass,
+                    first, mass, damping, m.role, m.dx, m.frame_dt / substeps, self.boxes, self.corner, self.record, self.inverse_mass,
                     flat(self.source), flat(self.lanes), grid,
                 )  # fmt: skip

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.mpm import rollout_batch
+from seeing_wind.engine.mpm.damping import substeps_for, with_retardation
 from seeing_wind.engine.mpm.kernels.tangent_kernels import WIDTHS
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.state import State
@@ -68,6 +69,19 @@ def test_agrees_with_differences_of_simulations(law, pinned_below, count):
     change[5:, :2] = 0.0  # these begin later
     model, start, basis = body(law, pinned_below, (8, 6, 10))
     assert largest_error(model, start, basis, coefficients(rng, 4, 3.0), change) < 0.03
+
+
+@pytest.mark.parametrize("law", ["corotated", "neo_hookean"])
+def test_agrees_with_differences_where_the_body_is_damped(law):
+    """Its damping changes the changes by far more than the bar."""
+    rng, retardation = np.random.default_rng(1), 5e-3
+    model, start, basis = body(law, 0.008, (8, 6, 10))
+    damped = with_retardation(replace(model, substeps=substeps_for(model, retardation)), retardation)
+    change, force = rng.standard_normal((8, FRAMES, 4, 3)), coefficients(rng, 4, 3.0)
+    assert largest_error(damped, start, basis, force, change) < 0.03
+    moved = [tangents(one, start, basis.phi, basis.gradient, force, Changes(change), NoProgress())[1] for one in (model, damped)]
+    differs = np.linalg.norm((moved[1] - moved[0]).reshape(8, -1), axis=1) / np.linalg.norm(moved[0].reshape(8, -1), axis=1)
+    assert differs.max() > 0.1
 
 
 def test_what_moving_nodes_neglect_is_of_second_order():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser, settings_of
+from seeing_wind.engine.mpm.damping import retardation_of
 from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS_HELD, model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found
@@ -21,6 +22,7 @@ from seeing_wind.engine.take import from_arrays, to_arrays
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
 TOO_STIFF = replace(RUBBER, youngs_modulus=1.3 * RUBBER.youngs_modulus)
+LOSSY = replace(RUBBER, loss_factor=0.06)
 GIVEN = replace(WEIGHTLESS, stiffness="given")
 
 
@@ -32,6 +34,11 @@ def post():
 def gust(X, t):
     """A push that ends: what follows is the post's own swing."""
     return np.zeros_like(X) + [3.0 * (0 <= t < 4), 0.0, 0.0]
+
+
+def swell(X, t):
+    """A push that comes and goes gently, over seven frames."""
+    return np.zeros_like(X) + [3.0 * np.sin(np.pi * min(t + 0.5, 7.0) / 7.0) ** 2, 0.0, 0.0]
 
 
 def filmed(body, x, noise=0.05, seed=0):
@@ -101,20 +108,31 @@ def test_points_in_3d_tell_the_stiffness_too(swing):
 
 def test_the_field_moves_the_recovered_body_as_it_was_seen_to_move(swing):
     body, _, _, found = swing
+    moved = np.abs(found.x - found.x[0]).max()
+    off, as_given = (missed(body, TOO_STIFF, found, one) for one in (found, replace(found, youngs_modulus=None)))
+    assert off < 0.05 * moved < as_given
+
+
+def test_a_damped_body_comes_to_rest_as_it_was_seen_to():
+    body = post()
+    x, wind = blow(body, swell, 16, material=LOSSY)
+    found, undamped = (recover(body, one, [points(body, x)], FPS, WEIGHTLESS, NoProgress()) for one in (LOSSY, RUBBER))
+    invented = [np.abs(one.force_density[8:, ~body.pinned]).mean() for one in (found, undamped)]  # the air is still by then
+    assert invented[0] < 0.9 * invented[1]
+    assert 2.0 * missed(body, LOSSY, found, found) < missed(body, RUBBER, found, found)
+
+
+def missed(body, material, found, recovery):
+    """How far at most the body of this material, as of `recovery`, is from the motion found, under the force found."""
     cloud = every(body)
     count = len(body.x)
     turn = np.tile([1.0, 0.0, 0.0, 0.0], (count, 1))
     gaussians = Gaussians(body.x, np.full((count, 3), 0.01), turn, np.ones(count), np.zeros((count, 1, 3)), cloud)
     triangles = np.array([[0, 1, 2]], dtype=np.int32)
-    whole = Body(body, TOO_STIFF, gaussians, Surface(body.x, triangles, np.zeros((count, 2)), cloud), cloud, found.x)
+    whole = Body(body, material, gaussians, Surface(body.x, triangles, np.zeros((count, 2)), cloud), cloud, found.x)
     field = AsFound(found, body)
     edit = Edit((BodyEdit("post", "recovered"),), gravity=(0.0, 0.0, 0.0))
-    moved = np.abs(found.x - found.x[0]).max()
-
-    def missed(recovery):
-        return np.abs(simulate_bodies(edit, field, (whole, recovery), ".")["post"].vertices - found.x).max() / moved
-
-    assert missed(found) < 0.05 < missed(replace(found, youngs_modulus=None))
+    return np.abs(simulate_bodies(edit, field, (whole, recovery), ".")["post"].vertices - found.x).max()
 
 
 def test_pins_that_reach_too_far_up_are_moved_down(swing):
@@ -208,6 +226,8 @@ def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
     assert youngs_modulus(model) == pytest.approx(RUBBER.youngs_modulus)
     assert youngs_modulus(other) == pytest.approx(np.exp(0.5) * RUBBER.youngs_modulus) == youngs_modulus(model, 0.5)
     np.testing.assert_allclose(other.lam / other.mu, model.lam / model.mu)
+    damped, _ = model_for(post(), LOSSY, FPS)
+    assert retardation_of(scaled(damped, 0.5)) == pytest.approx(retardation_of(damped)) == pytest.approx(LOSSY.retardation)
     again, _ = model_for(post(), replace(RUBBER, youngs_modulus=youngs_modulus(other)), FPS)
     assert other.substeps >= again.substeps and scaled(model, -0.5).substeps == model.substeps
     assert scaled(model, stiffest(model)).substeps <= MAX_SUBSTEPS_HELD + 1

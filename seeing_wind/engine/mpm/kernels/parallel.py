@@ -12,6 +12,7 @@ from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_velocity, in_box
 from ..laws.constitutive import kirchhoff
 from ..laws.plasticity import VON_MISES, plastic_flow
+from ..laws.viscous import is_damped, viscous
 from .crew import share
 from .packed import (
     LAM,
@@ -81,7 +82,10 @@ def particle_to_grid(
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
     law = ti.cast(particle[own + LAW], ti.i32)
-    tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), particle[own + MU], particle[own + LAM])
+    mu, lam, viscosity = particle[own + MU], particle[own + LAM], particle[own + VISCOSITY]
+    tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), mu, lam)
+    if is_damped(law, viscosity):
+        tau += viscous(matrix(state[row + 3], state[row + 4], state[row + 5]), mu, lam, viscosity)
     S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
     scatter(f, S, X, Y, Z, at, dims, grid)
 

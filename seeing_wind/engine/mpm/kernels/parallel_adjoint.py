@@ -11,6 +11,7 @@ from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_velocity_adjoint
 from ..laws.constitutive import kirchhoff_both_ways
 from ..laws.plasticity import VON_MISES, plastic_flow_adjoint
+from ..laws.viscous import is_damped, viscous, viscous_adjoint
 from .crew import await_all, counters, finish, share, taken
 from .packed import (
     LAM,
@@ -168,7 +169,14 @@ def particle_to_grid_adjoint(
     A1_bar = with_fourth(dx * (My - f[1] * q_bar), q_bar[1])
     A2_bar = with_fourth(dx * (Mz - f[2] * q_bar), q_bar[2])
     tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + VOLUME]) * matrix(A0_bar, A1_bar, A2_bar)
-    tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, particle[own + MU], particle[own + LAM], tau_bar)
+    mu, lam, viscosity = particle[own + MU], particle[own + LAM], particle[own + VISCOSITY]
+    tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, mu, lam, tau_bar)
+    C_bar, viscosity_bar = ti.Matrix.zero(float, 3, 3), 0.0
+    if is_damped(law, viscosity):
+        C = matrix(state[row + 3], state[row + 4], state[row + 5])
+        tau += viscous(C, mu, lam, viscosity)
+        C_bar, by_mu, by_lam, viscosity_bar = viscous_adjoint(C, mu, lam, viscosity, tau_bar)
+        mu_bar, lam_bar = mu_bar + by_mu, lam_bar + by_lam
     S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
     D0, D1, D2 = bar[row + 3], bar[row + 4], bar[row + 5]
     U, V, W = with_fourth(D0, 0.0), with_fourth(D1, 0.0), with_fourth(D2, 0.0)
@@ -181,7 +189,7 @@ def particle_to_grid_adjoint(
     for j in ti.static(range(3)):
         bar[row + j] = bar[row + j] + ti.Vector([F_bar[0, j], F_bar[1, j], F_bar[2, j], pull[j]])
         moving_bar = mass * A_bar[j]
-        bar[row + 3 + j] = moving_bar
+        bar[row + 3 + j] = moving_bar + ti.Vector([C_bar[0, j], C_bar[1, j], C_bar[2, j], 0.0])
         force_bar[push + j] = force_bar[push + j] + dt * moving_bar
     if material != 0:
         for j in ti.static(range(3)):
@@ -190,6 +198,7 @@ def particle_to_grid_adjoint(
         particle_bar[own + MASS] = particle_bar[own + MASS] + mass_bar
         particle_bar[own + MU] = particle_bar[own + MU] + mu_bar
         particle_bar[own + LAM] = particle_bar[own + LAM] + lam_bar
+        particle_bar[own + VISCOSITY] = particle_bar[own + VISCOSITY] + viscosity_bar
 
 
 @ti.func

@@ -39,14 +39,17 @@ def window(b, x: ti.template(), role: ti.template(), offset, dx):
 
 @ti.func
 def particles_to_grid(
-    plastic: ti.template(), b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(), law: ti.template(),
-    role: ti.template(), x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
+    plastic: ti.template(), b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(),
+    viscosity: ti.template(), law: ti.template(), role: ti.template(),
+    x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
     force_row, acceleration: ti.template(), gradient: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
     """p2g of the particles in row b under the force in row `force_row`."""
     for p in range(x.shape[1]):
         if role[p] != HELD:
-            A = affine_momentum(plastic, law[p], mass[p], volume[p], mu[p], lam[p], C[b, p], F[b, p], gradient[force_row, p], dt, 1.0 / dx)
+            A = affine_momentum(
+                plastic, law[p], mass[p], volume[p], mu[p], lam[p], viscosity[p], C[b, p], F[b, p], gradient[force_row, p], dt, 1.0 / dx
+            )
             scatter(x[b, p], mass[p] * (v[b, p] + dt * acceleration[force_row, p]), mass[p], A, offset, dx, lo, dims, grid, r)
 
 
@@ -126,7 +129,7 @@ def run_substeps(
                 else:
                     clear(grid, r, dims)
                     particles_to_grid(
-                        plastic, b, r, mass, volume, mu, lam, law, role, x, v, C, F, b, acceleration, gradient,
+                        plastic, b, r, mass, volume, mu, lam, viscosity, law, role, x, v, C, F, b, acceleration, gradient,
                         offset, dx, dt, lo, dims, grid,
                     )
                     momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)

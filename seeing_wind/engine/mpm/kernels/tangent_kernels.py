@@ -2,7 +2,7 @@
 
 A change is carried in coordinates that move with it: the nodes go along with the changed particles, so that weights stay and
 
-    p2g   q = m (dv + dt da),  B = dx m (D + dt dG) - (4 dt V / dx) (dtau - tau L^T),  L = dF F^-1
+    p2g   q = m (dv + dt da),  B = dx m (D + dt dG) - (4 dt V / dx) (dtau - tau L^T),  L = dF F^-1,  dC = D - C L
     g2p   dv = sum w dv_i,  D = 4/dx² sum w dv_i (x_i - x_p)^T,  dF += dt D F,  dx += dt dv
 
 with D the change's velocity gradient in the unchanged body. It is the substep of `transfer` with the stress exchanged for its derivative,
@@ -18,6 +18,7 @@ from ..compiler import ti
 from ..lattice.boundary import FREE, HELD
 from ..laws.constitutive import kirchhoff, kirchhoff_adjoint
 from ..laws.eigen import product
+from ..laws.viscous import doubled_rate, is_damped, viscous
 from .substep import GRID_FULL, RUNNING, STRIDE, grid_to_particles, grids, matrices, nodes, particles_to_grid, scalars, vectors, window
 from .substep import flags as integers
 from .transfer import base_of, clear, momentum_to_velocity, spline, vec3
@@ -31,7 +32,7 @@ SOURCE = 12
 RECORD = 102
 """Numbers of a linearised particle: weights 0..8, place f in its cell 9..11, derivative of the stress 12..92, dt F 93..101."""
 
-records = ti.types.ndarray(dtype=ti.f32, ndim=1)
+singles = records = ti.types.ndarray(dtype=ti.f32, ndim=1)
 table = ti.types.ndarray(dtype=ti.i32, ndim=2)
 inverse_masses = ti.types.ndarray(dtype=ti.f32, ndim=2)
 
@@ -61,8 +62,9 @@ def record_frame(
                     boxes[s, a], boxes[s, 3 + a] = lo[a], dims[a]
                 clear(grid, 0, dims)
                 particles_to_grid(
-                    plastic, s, 0, mass, volume, mu, lam, law, role, x, v, C, F, 0, acceleration, gradient, offset, dx, dt, lo, dims, grid
-                )
+                    plastic, s, 0, mass, volume, mu, lam, viscosity, law, role, x, v, C, F, 0, acceleration, gradient,
+                    offset, dx, dt, lo, dims, grid,
+                )  # fmt: skip
                 for node in range(count):
                     m = grid[0, node][3]
                     i, j, k = node // (dims[1] * dims[2]), node // dims[2] % dims[1], node % dims[2]
@@ -87,8 +89,8 @@ def record_frame(
 
 @ti.kernel
 def linearise(
-    volume: scalars, mu: scalars, lam: scalars, law: integers, offset: vec3, dx: ti.f64, dt: ti.f64,
-    x: vectors, F: matrices, boxes: table, corner: table, record: records,
+    volume: scalars, mu: scalars, lam: scalars, viscosity: scalars, law: integers, offset: vec3, dx: ti.f64, dt: ti.f64,
+    x: vectors, C: matrices, F: matrices, boxes: table, corner: table, record: records,
 ):  # fmt: skip
     """Weights and stress derivatives of all substeps of a frame: corner (S, N), record (S N RECORD,)."""
     for s, p in ti.ndrange(boxes.shape[0], x.shape[1]):
@@ -107,12 +109,18 @@ def linearise(
             record[at + 9 + a] = ti.cast(f[a], ti.f32)
         scale = -4.0 * dt / dx * volume[p]
         tau, known = kirchhoff(False, law[p], F_p, mu[p], lam[p])
-        turn = scale * product(tau, F_p.inverse().transpose())
+        inverse, damped = F_p.inverse().transpose(), is_damped(law[p], viscosity[p])
+        if damped:
+            tau += viscous(C[s, p], mu[p], lam[p], viscosity[p])
+        turn = scale * product(tau, inverse)
         for a in range(3):
             for b in range(a, 3):
                 bar = ti.Matrix.zero(ti.f64, 3, 3)
                 bar[a, b] = scale
                 F_bar, _mu_bar, _lam_bar = kirchhoff_adjoint(law[p], F_p, mu[p], lam[p], known, bar)
+                if damped:
+                    C_bar = viscosity[p] * doubled_rate(bar, lam[p] / mu[p])
+                    F_bar -= product(product(C[s, p].transpose(), C_bar), inverse)
                 for i, d in ti.static(ti.ndrange(3, 3)):
                     first, second = F_bar[i, d], F_bar[i, d]
                     if i == b:
@@ -128,10 +136,13 @@ def _carry(width: int):
 
     @ti.kernel
     def carry(
-        first: ti.i32, mass: ti.types.ndarray(dtype=ti.f32, ndim=1), role: integers, dx: ti.f32, dt: ti.f32, boxes: table, corner: table,
+        first: ti.i32, mass: singles, damping: singles, role: integers, dx: ti.f32, dt: ti.f32, boxes: table, corner: table,
         record: records, inverse_mass: inverse_masses, source: lanes, state: lanes, grid: lanes,
     ):  # fmt: skip
-        """Brings state (groups N STATE,) of the groups from `first` on through a frame under source (groups N SOURCE,)."""
+        """Brings state (groups N STATE,) of the groups from `first` on through a frame under source (groups N SOURCE,).
+
+        damping (2 N,): for each particle -(4 dt V / dx) eta, and that times lam / mu; see `viscous`.
+        """
         # The compiler runs loops of less than about a thousand turns on one thread: see `substep.run_substeps`.
         ti.loop_config(block_dim=STRIDE)
         for turn in range(grid.shape[0] // (3 * inverse_mass.shape[1]) * STRIDE):
@@ -140,7 +151,7 @@ def _carry(width: int):
                 own = g * 3 * inverse_mass.shape[1]
                 count = mass.shape[0]
                 for s in range(boxes.shape[0]):
-                    to_nodes(s, first + g, count, own, mass, role, dx, boxes, corner, record, source, state, grid)
+                    to_nodes(s, first + g, count, own, mass, damping, role, dx, boxes, corner, record, source, state, grid)
                     for node in range(boxes[s, 3] * boxes[s, 4] * boxes[s, 5]):
                         inverse = inverse_mass[s, node]
                         for a in ti.static(range(3)):
@@ -152,8 +163,8 @@ def _carry(width: int):
 
 @ti.func
 def to_nodes(
-    s, group, count, own, mass: ti.template(), role: ti.template(), dx, boxes: ti.template(), corner: ti.template(),
-    record: ti.template(), source: ti.template(), state: ti.template(), grid: ti.template(),
+    s, group, count, own, mass: ti.template(), damping: ti.template(), role: ti.template(), dx, boxes: ti.template(),
+    corner: ti.template(), record: ti.template(), source: ti.template(), state: ti.template(), grid: ti.template(),
 ):  # fmt: skip
     """p2g of all particles' changes."""
     nil = 0.0 * state[0]
@@ -171,6 +182,11 @@ def to_nodes(
                     F = state[row + 12 + k]
                     for d in ti.static(range(3)):
                         B[d] = B[d] + record[at + 12 + 9 * (3 * c + d) + k] * F
+                if damping[2 * p] != 0.0:
+                    swell = damping[2 * p + 1] * (state[row + 3] + state[row + 7] + state[row + 11])
+                    for d in ti.static(range(3)):
+                        B[d] = B[d] + damping[2 * p] * (state[row + 3 + 3 * c + d] + state[row + 3 + 3 * d + c])
+                        B[d] = B[d] + ti.cast(c == d, ti.f32) * swell
                 value = source[given + c] + mass[p] * state[row + c]
                 for d in ti.static(range(3)):
                     value = value - record[at + 9 + d] * B[d]

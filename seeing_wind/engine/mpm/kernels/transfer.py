@@ -12,6 +12,7 @@ gradient goes into the affine momentum. Without that the torque and the strain t
 
 from ..compiler import ti
 from ..laws.constitutive import kirchhoff
+from ..laws.viscous import is_damped, viscous
 
 vec3 = ti.types.vector(3, ti.f64)
 vec4 = ti.types.vector(4, ti.f64)
@@ -45,9 +46,11 @@ def clear(grid: ti.template(), r, dims):
 
 
 @ti.func
-def affine_momentum(plastic: ti.template(), law, mass, volume, mu, lam, C, F, G, dt, inv_dx):
+def affine_momentum(plastic: ti.template(), law, mass, volume, mu, lam, viscosity, C, F, G, dt, inv_dx):
     """A of the MLS-MPM transfer: m (C + dt grad a) - dt V 4/dx² tau [kg/s]."""
     tau, _known = kirchhoff(plastic, law, F, mu, lam)
+    if is_damped(law, viscosity):
+        tau += viscous(C, mu, lam, viscosity)
     return mass * (C + dt * G) - (4.0 * dt * volume * inv_dx * inv_dx) * tau
 
 

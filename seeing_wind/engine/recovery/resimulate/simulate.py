@@ -198,7 +198,7 @@ def _enter_mesh(body: BodyEdit, base_dir: Path) -> _Actor:
 
 
 def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Material:
-    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")
+    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "loss_factor")
     changed = adjusted(material, **{name: getattr(body, name) for name in names})
     density = None if body.mass is None else body.mass / float(particles.volume.sum())
     return adjusted(changed, density=density, youngs_modulus=changed.youngs_modulus * body.youngs_modulus_scale)
@@ -289,9 +289,10 @@ def _model(
     speed = max(5.0, 1.5 * max(float(np.linalg.norm(actor.velocity, axis=1).max()) for actor in actors))
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
-        max_substeps=MAX_SUBSTEPS, colliders=colliders, device=device, clamp_depth=max(actor.clamp_depth for actor in actors),
+        max_substeps=MAX_SUBSTEPS, least_substeps=max(actor.substeps for actor in actors), colliders=colliders, device=device,
+        clamp_depth=max(actor.clamp_depth for actor in actors),
     )  # fmt: skip
-    return dataclasses.replace(model, substeps=max(model.substeps, *(actor.substeps for actor in actors))), notes
+    return model, notes
 
 
 def _released(state: State, actors: Sequence[_Actor], slices: Sequence[slice], frame: int) -> State:

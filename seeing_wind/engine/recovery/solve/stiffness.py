@@ -17,7 +17,8 @@ a Gauss-Newton step for all
     [ J J' + P   J C      ] [d theta]       [ J r + P theta ]
     [ (J C)'     C'C + Q  ] [d q    ]  =  - [ C'r + Q q     ]
 
-and after it theta alone is solved for again. s scales both of Lamé's parameters: Poisson's ratio stays.
+and after it theta alone is solved for again. s scales both of Lamé's parameters and the viscosity: Poisson's ratio and the retardation
+time stay. The damping is the material's: found with the rest it took nothing from the errors (docs/notebook/held_bodies.md).
 """
 
 from __future__ import annotations
@@ -93,7 +94,7 @@ class Stiffness:
         """The model given with this stiffness, held where this says."""
         factor, model = self.spread(body), scaled(model, self.s)
         if factor is not None:
-            model = replace(model, mu=factor * model.mu, lam=factor * model.lam)
+            model = stiffer(model, factor)
         return with_clamp_depth(model, body, model.clamp_depth + self.deeper)
 
     def spread(self, body: Particles) -> np.ndarray | None:
@@ -121,7 +122,12 @@ def scaled(model: Model, s: float) -> Model:
     if s == 0.0:
         return model
     factor = math.exp(s)
-    return replace(model, mu=factor * model.mu, lam=factor * model.lam, substeps=math.ceil(model.substeps * max(1.0, math.sqrt(factor))))
+    return replace(stiffer(model, factor), substeps=math.ceil(model.substeps * max(1.0, math.sqrt(factor))))
+
+
+def stiffer(model: Model, factor: float | np.ndarray) -> Model:
+    """The body of `model` with `factor` times the stiffness, one or (N,), and the same retardation time."""
+    return replace(model, mu=factor * model.mu, lam=factor * model.lam, viscosity=factor * model.viscosity)
 
 
 def stiffest(model: Model) -> float:
@@ -229,5 +235,5 @@ def _white(forward: Forward, body: Particles, objective: Objective, theta: np.nd
     """(m,) whitened residuals a step dq (4,) away. The substeps stay, or the difference would be one of substeps too."""
     factor = np.exp(dq[0] + dq[2:] @ section_shapes(body))
     model = with_clamp_depth(forward.model, body, forward.model.clamp_depth + float(dq[1]))
-    other = replace(forward, model=replace(model, mu=factor * model.mu, lam=factor * model.lam))
+    other = replace(forward, model=stiffer(model, factor))
     return objective.whiten(objective.residual(other.positions(theta[None])))[0].astype(np.float64)

@@ -10,6 +10,7 @@ import pytest
 
 from seeing_wind.engine.errors import MaterialError, UsageError
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic, UniformField
+from seeing_wind.engine.materials import find
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.recovery import journal as journals
@@ -137,6 +138,19 @@ def test_the_mass_of_the_whole_body_and_a_factor_on_its_stiffness(folder):
     same = BodyEdit("a", "flag.npz", density=500.0, youngs_modulus=4e4), BodyEdit("b", "flag.npz", youngs_modulus_scale=2.0, **SOFT)
     bodies = run(folder, *same, field=waves())
     np.testing.assert_allclose(bodies["a"].vertices, bodies["b"].vertices, atol=1e-12)
+
+
+def test_an_edit_may_damp_a_body(folder):
+    """A box that stands on four held corners is pushed for four frames: without its material's damping it shakes on for longer."""
+    vertices = trimesh.load(folder / "box.obj", process=False).vertices
+    np.save(folder / "pins.npy", np.flatnonzero(vertices[:, 2] < vertices[:, 2].mean()))
+    held = {"mesh": "box.obj", "pin": "pins.npy", "density": 500.0, "youngs_modulus": 4e3, "material": "rubber"}
+    losses = {"own": None, "same": find("rubber").loss_factor, "none": 0.0}
+    boxes = [BodyEdit(name, loss_factor=loss, **held) for name, loss in losses.items()]
+    bodies = run(folder, *boxes, field=uniform((300.0, 0.0, 0.0), 14), field_strength=(1.0,) * 4 + (0.0,) * 10)
+    np.testing.assert_array_equal(bodies["own"].vertices, bodies["same"].vertices)
+    speed = {name: np.linalg.norm(np.diff(body.vertices[6:], axis=0), axis=-1).mean() for name, body in bodies.items()}
+    assert speed["own"] < 0.97 * speed["none"]
 
 
 def test_a_body_waits_for_its_start_frame(folder):

@@ -1,0 +1,52 @@
+"""How much damping explicit substeps carry, and how many substeps a damping asks for.
+
+A Kelvin-Voigt solid (`laws.viscous`) with the retardation time tau follows its own rates at once: over a substep dt a wave of circular
+frequency omega stays stable while (omega dt)² (1 + 2 tau / dt) < 4, which for the fastest waves of a grid, that cross `crossed` cells in
+a substep, is a bound on crossed² (1 + 2 tau / dt). Without damping it is the Courant number's own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from .laws.plasticity import VON_MISES
+from .model import Model
+
+VISCOUS_COURANT = 0.48
+"""Largest crossed sqrt(1 + 2 tau / dt). Bars that are shaken and bent break down from 1.05 on (Poisson's ratio 0.3) or from 0.95 on
+(0.45); a recovery's rough model, with half the substeps, is at 0.8; carried changes (`tangent`) of a
+free leaf were lost at 0.9."""
+DAMPED_SUBSTEPS = 2.0
+"""Times the substeps for elastic waves that damping may ask for."""
+
+
+def cells_per_frame(model: Model) -> float:
+    """Cells that the fastest elastic wave crosses in a frame."""
+    return float(np.sqrt((model.lam + 2.0 * model.mu) * model.volume / model.mass).max()) * model.frame_dt / model.dx
+
+
+def longest_retardation(model: Model) -> float:
+    """The longest retardation time [s] that the model's substeps carry."""
+    crossed, dt = cells_per_frame(model) / model.substeps, model.frame_dt / model.substeps
+    return max(0.0, 0.5 * dt * ((VISCOUS_COURANT / crossed) ** 2 - 1.0))
+
+
+def substeps_for(model: Model, retardation: float) -> int:
+    """Substeps per frame that carry a retardation time [s]; at least the model's."""
+    cells = cells_per_frame(model)
+    lean = retardation * cells**2 / model.frame_dt
+    return max(model.substeps, math.ceil((lean + math.hypot(lean, VISCOUS_COURANT * cells)) / VISCOUS_COURANT**2))
+
+
+def retardation_of(model: Model) -> float:
+    """The longest retardation time [s] of the model's elastic particles; 0 without damping."""
+    return float(np.where(model.law < VON_MISES, model.viscosity / model.mu, 0.0).max())
+
+
+def with_retardation(model: Model, retardation: float | np.ndarray) -> Model:
+    """The model with a retardation time [s], one or (N,), where its law is elastic; no longer than its substeps carry."""
+    carried = np.minimum(retardation, longest_retardation(model))
+    return replace(model, viscosity=np.where(model.law < VON_MISES, carried * model.mu, model.viscosity))
