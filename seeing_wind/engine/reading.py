@@ -12,6 +12,7 @@ import errno
 import json
 import math
 import os
+import re
 import stat
 import tomllib
 import zipfile
@@ -28,6 +29,9 @@ LARGEST_TEXT = 256 * 2**20
 
 DEEPEST = 32
 """Brackets inside brackets; the deepest file of ours has six."""
+
+_LONG_KEY = re.compile(r"(?:[A-Za-z0-9_-]+[ \t]*\.[ \t]*){1000}")
+"""A dotted key that no file of ours comes near. Python's TOML reader takes memory that grows with the square of its parts."""
 
 LARGEST_ARRAYS = 2 * 2**30
 """Bytes that the arrays of one file of the user may take in memory: 600 particles in 100,000 frames take 1.4 GB."""
@@ -85,7 +89,10 @@ def _no_constant(name: str) -> float:
 
 def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The tables of a TOML file."""
-    return _sane(tomllib.loads, read_text(path))
+    text = read_text(path)
+    if _LONG_KEY.search(text):
+        raise ValueError("it is nested too deeply")
+    return _sane(tomllib.loads, text)
 
 
 def _sane(parse: Any, text: str | bytes) -> Any:

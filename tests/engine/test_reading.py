@@ -39,7 +39,7 @@ def test_json_that_only_a_hostile_file_holds(tmp_path: Path, text: str) -> None:
         read_json(tmp_path / "a.json")
 
 
-@pytest.mark.parametrize("text", ["a = " + "[" * 200_000, "a = " + "9" * 5000, "a = " + "9" * 30, "a = ", "\0"])
+@pytest.mark.parametrize("text", ["a = " + "[" * 200_000, "a = " + "9" * 5000, "a = " + "9" * 30, "a = ", "\0", "a.b." * 50_000 + "c = 1"])
 def test_toml_that_only_a_hostile_file_holds(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.toml").write_text(text)
     with pytest.raises(ValueError):

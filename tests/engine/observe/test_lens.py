@@ -89,3 +89,6 @@ def test_a_lens_that_folds_is_refused(tmp_path: Path) -> None:
     path.write_text(json.dumps({**values, "k1": "wide"}))
     with pytest.raises(UsageError, match="number"):
         read_camera(str(path), 220, 160, 5)
+    path.write_text(json.dumps({**values, "fx": None}))
+    with pytest.raises(UsageError, match="not a number .fx is null."):
+        read_camera(str(path), 220, 160, 5)

@@ -93,12 +93,13 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
             "Scale fx, fy, cx, cy and the size with the picture, or use the camera of this clip.",
         )
     try:
-        wrong = [key for key in (*KEYS[2:6], *LENS) if isinstance(values.get(key), bool)]
+        numbers = {key: values.get(key, 0.0) for key in (*KEYS[2:6], *LENS)}
+        wrong = [key for key, value in numbers.items() if isinstance(value, bool) or not isinstance(value, (int, float, str))]
         if wrong:
-            raise TypeError(f"{wrong[0]} is {json.dumps(values[wrong[0]])}")
-        fx, fy, cx, cy = (float(values[key]) for key in ("fx", "fy", "cx", "cy"))
+            raise TypeError(f"{wrong[0]} is {json.dumps(numbers[wrong[0]])[:60]}")
+        fx, fy, cx, cy = (float(numbers[key]) for key in ("fx", "fy", "cx", "cy"))
         poses = np.array(values["camera_to_world"], dtype=np.float64)
-        lens = tuple(float(values.get(key, 0.0)) for key in LENS)
+        lens = tuple(float(numbers[key]) for key in LENS)
     except (TypeError, ValueError) as error:
         raise UsageError(
             f"The camera {path} holds something that is not a number ({error}).", "Write plain numbers and 4x4 lists."
