@@ -19,8 +19,6 @@ VISCOUS_COURANT = 0.48
 """Largest crossed sqrt(1 + 2 tau / dt). Bars that are shaken and bent break down from 1.05 on (Poisson's ratio 0.3) or from 0.95 on
 (0.45); a recovery's rough model, with half the substeps, is at 0.8; carried changes (`tangent`) of a
 free leaf were lost at 0.9."""
-DAMPED_SUBSTEPS = 2.0
-"""Times the substeps for elastic waves that damping may ask for."""
 
 
 def cells_per_frame(model: Model) -> float:

@@ -12,7 +12,7 @@ from ..conventions import GRAVITY, lame
 from ..errors import SimulationError
 from ..records import Material, Particles
 from .checks import check_choices, checked_bodies
-from .damping import DAMPED_SUBSTEPS, longest_retardation, substeps_for, with_retardation
+from .damping import longest_retardation, substeps_for, with_retardation
 from .kernels.packed import MOST_NODES_ACROSS
 from .lattice.boundary import border_axes, clamped_nodes, lattice_offset, particle_roles
 from .lattice.colliders import Collider, collider_grid, collider_notes
@@ -120,16 +120,15 @@ def model_for(
     model = replace(model, substeps=max(least_substeps, substeps))
     if not pinned.any():  # hardly shows its damping
         return model, notes
-    return _damped(model, bodies, materials, min(max_substeps, int(DAMPED_SUBSTEPS * substeps)), notes), notes
+    return _damped(model, bodies, materials, notes), notes
 
 
-def _damped(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], most: int, notes: list[str]) -> Model:
-    """The model with its materials' damping, for which it may take up to `most` substeps."""
+def _damped(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], notes: list[str]) -> Model:
+    """The model with its materials' damping, as far as its substeps carry it: more of them would add more damping of the solver's own."""
     wanted = max(stuff.retardation for stuff in materials)
     if wanted == 0.0:
         return model
     needed = substeps_for(model, wanted)
-    model = replace(model, substeps=max(model.substeps, min(needed, most)))
     carried = longest_retardation(model)
     for body, stuff in zip(bodies, materials):
         if stuff.retardation > carried and np.any(body.pinned):
