@@ -196,7 +196,7 @@ def test_what_even_the_solution_misses_is_not_put_down_to_forces(rippling, monke
     body, soft, _, wind, seen = rippling
     wrong = body, replace(soft, youngs_modulus=4.0 * soft.youngs_modulus), None, None, seen
     doubted = found(wrong)
-    monkeypatch.setattr(beliefs, "UNEXPLAINED", np.inf)
+    monkeypatch.setattr(beliefs, "MISMATCH_MISFIT", np.inf)
     believed, free = found(wrong), ~body.pinned
     errors = [relative(one.force_density[:, free], 400.0 * wind[:, free]) for one in (doubted, believed)]
     assert errors[0] < 0.7 * errors[1]
