@@ -112,6 +112,8 @@ class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
         from .solvers.calibration import calibrate_object  # needs NumPy
 
         scene, done = context.scene, []
+        if not scene.seeing_wind.calibrations:
+            raise UsageError("No object of this scene has been calibrated.", "Select one and run Calibrate for Object.")
         for entry in out_of_time(scene):
             calibrate_object(
                 scene, entry.object, entry.field, density=entry.density or None, alone=entry.alone, set_mass=entry.set_mass

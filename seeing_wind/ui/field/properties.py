@@ -12,11 +12,11 @@ from ..property_kinds import choice
 class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
     """One object that was calibrated: its weights are right for one frame rate of the scene."""
 
-    object: PointerProperty(type=bpy.types.Object)
-    field: PointerProperty(type=bpy.types.Object)
+    object: PointerProperty(type=bpy.types.Object, description="The object that was calibrated")
+    field: PointerProperty(type=bpy.types.Object, description="The field that it was calibrated for")
     density: FloatProperty(description="kg/m³; 0: as the recovered object")
-    alone: BoolProperty()
-    set_mass: BoolProperty()
+    alone: BoolProperty(description="Whether it feels no other forces than those of the field")
+    set_mass: BoolProperty(description="Whether its mass was changed to suit the weight of its rigid body world")
     fps: FloatProperty(description="Of the scene, at that time")
 
 
