@@ -14,10 +14,10 @@ class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
 
     object: PointerProperty(type=bpy.types.Object, description="The object that was calibrated")
     field: PointerProperty(type=bpy.types.Object, description="The field that it was calibrated for")
-    density: FloatProperty(description="kg/m³; 0: as the recovered object")
+    density: FloatProperty(name="Density (kg/m³)", description="0: as the recovered object")
     alone: BoolProperty(description="Whether it feels no other forces than those of the field")
     set_mass: BoolProperty(description="Whether its mass was changed to suit the weight of its rigid body world")
-    fps: FloatProperty(description="Of the scene, at that time")
+    fps: FloatProperty(name="Frame Rate (1/s)", description="Of the scene, at that time")
 
 
 class FieldSettings:
