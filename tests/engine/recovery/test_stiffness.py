@@ -226,8 +226,9 @@ def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
     assert youngs_modulus(model) == pytest.approx(RUBBER.youngs_modulus)
     assert youngs_modulus(other) == pytest.approx(np.exp(0.5) * RUBBER.youngs_modulus) == youngs_modulus(model, 0.5)
     np.testing.assert_allclose(other.lam / other.mu, model.lam / model.mu)
-    damped, _ = model_for(post(), LOSSY, FPS)
-    assert retardation_of(scaled(damped, 0.5)) == pytest.approx(retardation_of(damped)) == pytest.approx(LOSSY.retardation)
+    lossy = replace(RUBBER, loss_factor=0.02)
+    damped, _ = model_for(post(), lossy, FPS)
+    assert retardation_of(scaled(damped, 0.5)) == pytest.approx(retardation_of(damped)) == pytest.approx(lossy.retardation)
     again, _ = model_for(post(), replace(RUBBER, youngs_modulus=youngs_modulus(other)), FPS)
     assert other.substeps >= again.substeps and scaled(model, -0.5).substeps == model.substeps
     assert scaled(model, stiffest(model)).substeps <= MAX_SUBSTEPS_HELD + 1
