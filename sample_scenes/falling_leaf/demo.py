@@ -28,13 +28,13 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(ROOT)]  # a script o
 import make  # noqa: E402
 from in_blender import BlenderFailed, run  # noqa: E402
 
-from seeing_wind.engine.command.verbs import read_edit  # noqa: E402
 from seeing_wind.engine.errors import SeeingWindError  # noqa: E402
 from seeing_wind.engine.field.sampling import sample_points  # noqa: E402
 from seeing_wind.engine.field.storage import load_field  # noqa: E402
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
 from seeing_wind.engine.recovery.resimulate import simulate_bodies  # noqa: E402
 from seeing_wind.engine.settings import Edit  # noqa: E402
+from seeing_wind.engine.settings.tables import read_edit  # noqa: E402
 
 FIRST = 5
 """Pictures over which the first acceleration of a body is taken."""

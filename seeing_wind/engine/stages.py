@@ -22,9 +22,9 @@ from .take import Take, from_arrays, stamp_of, to_arrays
 
 if TYPE_CHECKING:
     from .field import ForceField
-    from .paper.losses import MotionLoss
     from .progress import Journal
     from .records import Material, Particles, PointTargets
+    from .recovery.paper.losses import MotionLoss
 
 R = TypeVar("R")
 
@@ -137,9 +137,9 @@ def recover_stage(
         that solve, distillation and refinement took.
     """
     from .field import load_field
-    from .paper.schedule import recover_by_descent
     from .recovery import recover
     from .recovery.journal import TakeJournal
+    from .recovery.paper.schedule import recover_by_descent
 
     stamp = stamp_of("recover", VERSION, upstream, settings)
     # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it. Until the field is
@@ -191,7 +191,7 @@ def _fitted(
 ) -> ForceField:
     """The field that holds the recovered forces, refined if the settings say so; adds the seconds that either took."""
     from .field import distill
-    from .paper.refinement import refine
+    from .recovery.paper.refinement import refine
 
     progress.begin("distill", "fitting the field")
     started = time.perf_counter()
@@ -237,8 +237,8 @@ def picture_loss(settings: RecoverSettings, observation: Observation, body: Body
     """The image or flow-and-depth loss of a clip, which is read once more: see `recovery.image_objective`, `flow_depth_objective`."""
     from .observe.clip.frames import read_clip
     from .observe.tracks.dense_flow import dense_flow
-    from .paper.flow_depth_loss import FlowDepthLoss, SceneFlow
-    from .paper.image_loss import ImageLoss, Pictures
+    from .recovery.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
+    from .recovery.paper.image_loss import ImageLoss, Pictures
 
     last = observation.first_frame + observation.frames
     frames = read_clip(observation.clip, (observation.first_frame, last), observation.fps, progress).frames

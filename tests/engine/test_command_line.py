@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.command.verbs import read_edit
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.field import GustField
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
+from seeing_wind.engine.settings.tables import read_edit
 from seeing_wind.engine.stages import observe_stage
 from seeing_wind.engine.take import Take, from_arrays
 
@@ -54,12 +54,14 @@ def square(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--distance", "0"], "must be above zero"),
-        (["--distance", "-2"], "must be above zero"),
-        (["--pixels-per-metre", "nan"], "not finite"),
-        (["--frames", "9:3"], "no two pictures in order"),
-        (["--fov", "180"], "under 180"),
-        (["--representation", "magic"], "invalid choice"),
+        (["--distance", "0"], "`--distance` must be above 0 m; this is 0."),
+        (["--distance", "-2"], "`--distance` must be above 0 m; this is -2."),
+        (["--distance", "near"], "`--distance` must be a finite number; this is 'near'."),
+        (["--pixels-per-metre", "nan"], "`--pixels-per-metre` must be above 0 px/m; this is nan."),
+        (["--frames", "9:3"], "must be two pictures in order"),
+        (["--fov", "180"], "must be above 0 and below 180 °; this is 180."),
+        (["--iterations", "1.5"], "`--iterations` must be a whole number; this is '1.5'."),
+        (["--representation", "magic"], "must be causal_triplane or kplanes or point; this is 'magic'."),
         (["--box", "1", "2", "3", "4", "--mask", "m.png"], "not allowed with"),
         (["--material", "unobtainium", "--box", "12", "10", "32", "30"], "unobtainium"),
         (["--poisson-ratio", "0.5", "--box", "12", "10", "32", "30"], "oisson"),

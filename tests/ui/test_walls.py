@@ -52,9 +52,11 @@ def test_the_engine_imports_neither_blender_nor_the_panel() -> None:
 
 @pytest.mark.parametrize("name", [*GROUND, *(name.removeprefix("seeing_wind.engine.").replace(".", "/") for name in BATCH)])
 def test_the_ground_floor_needs_numpy_only(name: str) -> None:
-    names = imported(PACKAGE / "engine" / f"{name}.py")
-    assert not {found for found in names if found.split(".")[0] in HEAVY}
-    assert of_the_engine(names) <= set(GROUND)
+    place = PACKAGE / "engine" / name
+    for path in files(place) if place.is_dir() else [place.with_suffix(".py")]:
+        names = imported(path)
+        assert not {found for found in names if found.split(".")[0] in HEAVY}
+        assert of_the_engine(names) <= set(GROUND)
 
 
 def test_the_panel_stands_on_the_ground_floor_only() -> None:

@@ -26,8 +26,7 @@ def preview(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     from ..observe.preview.verdicts import judged
 
     require_clip(arguments.clip)
-    points = tuple(value for point in arguments.points for value in point) if arguments.points else None
-    settings = settings_of(ObserveSettings, arguments, points=points)
+    settings = settings_of(ObserveSettings, arguments)
     started = time.perf_counter()
     with held(Take(arguments.take), arguments.verb, progress) as take:
         seen, _ = observe_stage(take, arguments.clip, settings, progress)

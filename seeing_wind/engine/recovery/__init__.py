@@ -4,9 +4,7 @@
                                                              diagnostics/  what the user should know about a solution
     solve/          Gauss-Newton through the simulator       resimulate/   a recovered field on other bodies
     prior/          what is believed of a force beforehand
-    targets/        what was observed, as residuals
-
-The paper's own schedule for the same problem is `engine/paper/`.
+    targets/        what was observed, as residuals          paper/        the paper's own schedule for the same problem
 """
 
 from .recover import recover

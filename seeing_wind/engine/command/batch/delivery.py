@@ -9,10 +9,10 @@ from pathlib import Path
 from ... import systems
 from ...errors import TakeError, UsageError
 from ...progress import Progress
-from ...reading import read_toml
+from ...settings.tables import names_in
 from ...take import Take
 from .. import lock
-from .jobs import EDIT_FILES, FILES, Job
+from .jobs import FILES, Job
 from .node import Order
 
 LEFT_HERE = {"report.png", "overlay.mp4"}
@@ -35,15 +35,8 @@ def order_of(job: Job, threads: int, shared: bool) -> Order:
 def _check_shippable(job: Job) -> None:
     for option in sorted({"objects", "view"} & job.recover.keys()):
         raise UsageError(f"The files of {option} in {job.name} cannot be shipped.", "Put the batch on a shared folder and add --shared.")
-    if job.edit is None:
-        return
-    try:
-        tables = read_toml(job.edit)
-    except (OSError, ValueError):
-        return  # told by the engine
-    rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]
-    for name in (row.get(key) for row in rows for key in EDIT_FILES):
-        if isinstance(name, str) and Path(name).is_absolute():
+    for name in names_in(job.edit):
+        if Path(name).is_absolute():
             raise UsageError(
                 f"{job.edit} names {name}, which a node does not have.",
                 "Name it relative to the edit, or use a shared folder and --shared.",

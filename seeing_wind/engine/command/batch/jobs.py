@@ -24,15 +24,12 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import TakeError, UsageError
-from ...reading import read_toml
+from ...settings import ObserveSettings, options_of
+from ...settings.tables import names_in, read_users_toml, tables_of
 
-KEYS = {"name", "clip", "trajectories", "take", "recover", "edit", "edit_take", "save", "render"}
-PATHS = KEYS - {"name", "recover"}
 SOURCES = ("clip", "trajectories")
-FILES = {"mask", "pin", "camera", "tracks", "depth", "objects"}
+FILES = {"objects", *(one.name for one in options_of(ObserveSettings).values() if one.file)}
 """Options of `recover` that are paths."""
-EDIT_FILES = ("mesh", "pin", "pin_weights", "free")
-"""Keys of an edit's bodies and colliders that are paths."""
 FIELD = "field.safetensors"
 
 
@@ -76,7 +73,8 @@ class Job:
 
     def reads(self) -> list[Path]:
         """The files that it reads, those that are there."""
-        found = [self.source, self.edit, *(Path(self.recover[key]) for key in FILES & self.recover.keys()), *named_in(self.edit)]
+        found = [self.source, self.edit, *(Path(self.recover[key]) for key in FILES & self.recover.keys())]
+        found += [self.edit.parent / name for name in names_in(self.edit)] if self.edit is not None else []
         if self.clip is not None and _is_sequence(self.clip):
             found += sorted((self.clip if self.clip.is_dir() else self.clip.parent).iterdir())
         return [path for path in found if path is not None and path.is_file()]
@@ -130,15 +128,10 @@ def read_jobs(path: Path) -> list[Job]:
     Raises:
         UsageError: no such file, no TOML, no jobs, an unknown key, a missing file, two jobs of one name or with one result.
     """
-    try:
-        values = read_toml(path)
-    except OSError as error:
-        raise UsageError(f"The jobs {path} cannot be read: {error.strerror or error}.", "Give the path of a TOML file.") from error
-    except ValueError as error:
-        raise UsageError(f"The jobs {path} are no TOML: {error}.", "Mend that line.") from error
-    tables = values.pop("job", [])
-    if values or not isinstance(tables, list) or not tables or not all(isinstance(table, dict) for table in tables):
-        raise UsageError(f"{path} has no [[job]], or something beside them.", "See docs/batch.md for what belongs in it.")
+    values, hint = read_users_toml(path, "The file of jobs"), "See docs/batch.md for what belongs in it."
+    tables = tables_of(values, "job", f"The file of jobs {path}", hint)
+    if values:
+        raise UsageError(f"{path} has {', '.join(values)} beside its [[job]].", hint)
     jobs = [_job(table, number, path) for number, table in enumerate(tables, start=1)]
     _check_together(jobs)
     return jobs
@@ -163,6 +156,10 @@ def _check_together(jobs: list[Job]) -> None:
         for output in (job.edit_take, job.save, job.render):
             if output is not None and written.setdefault(output, job.name) != job.name:
                 raise UsageError(f"{written[output]} and {job.name} both write {output}.", "Give one of them another path.")
+
+
+KEYS = {each.name for each in dataclasses.fields(Job)}
+PATHS = KEYS - {"name", "recover"}
 
 
 def _job(table: dict[str, Any], number: int, path: Path) -> Job:
@@ -208,15 +205,3 @@ def _words(options: dict[str, Any]) -> list[str]:
 def _is_sequence(clip: Path) -> bool:
     """Whether it is a folder or a pattern of pictures; what is in it is the engine's to say."""
     return clip.is_dir() or (clip.parent.is_dir() and ("*" in clip.name or "%" in clip.name))
-
-
-def named_in(edit: Path | None) -> list[Path]:
-    """Meshes and lists of vertices that an edit names; of an edit that cannot be read the engine speaks when its turn comes."""
-    if edit is None:
-        return []
-    try:
-        tables = read_toml(edit)
-    except (OSError, ValueError):
-        return []
-    rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]
-    return [edit.parent / row[key] for row in rows for key in EDIT_FILES if isinstance(row.get(key), str)]

@@ -12,8 +12,8 @@ from typing import Any
 
 from ...errors import ClipError, UsageError
 from ...progress import Progress
+from ...settings import ObserveSettings, options_of
 from ...take import Take
-from ..arguments import frame_range
 from .jobs import Job
 from .needs import BLENDER, MIB, TABLE, Needs
 from .node import edition
@@ -184,7 +184,7 @@ def _pictures(job: Job, maker: Job | None) -> int:
         raise UsageError(f"{job.name} renders, and its take comes from trajectories.", "Leave `render` out: it goes over a clip.")
     frames = maker.recover.get("frames")
     if isinstance(frames, str):
-        first, last = frame_range(frames)
+        first, last = options_of(ObserveSettings)["frames"].read(frames)
         return last - first + 1
     return _count(maker.clip)
 

@@ -12,13 +12,13 @@ from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.observe.object.motion.control import attach
-from seeing_wind.engine.paper.field import PlaneField
-from seeing_wind.engine.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
-from seeing_wind.engine.paper.image_loss import ImageLoss, Pictures
-from seeing_wind.engine.paper.schedule import recover_by_descent
-from seeing_wind.engine.paper.start import first_look
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Camera, Gaussians, Material, Particles, PointTargets, TrackTargets
+from seeing_wind.engine.recovery.paper.field import PlaneField
+from seeing_wind.engine.recovery.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
+from seeing_wind.engine.recovery.paper.image_loss import ImageLoss, Pictures
+from seeing_wind.engine.recovery.paper.schedule import recover_by_descent
+from seeing_wind.engine.recovery.paper.start import first_look
 from seeing_wind.engine.settings import RecoverSettings
 from seeing_wind.engine.stages import check_solve
 

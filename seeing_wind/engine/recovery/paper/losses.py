@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 import torch
 
-from ..records import Attachment, Camera, Particles, PointTargets, TrackTargets
-from ..recovery.targets.channels import check
-from ..recovery.targets.tracks import edge_on
+from ...records import Attachment, Camera, Particles, PointTargets, TrackTargets
+from ..targets.channels import check
+from ..targets.tracks import edge_on
 
 Targets = PointTargets | Sequence[TrackTargets]
 

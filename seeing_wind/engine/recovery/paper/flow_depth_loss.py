@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from scipy.spatial import cKDTree
 
-from ..errors import ObjectError
-from ..masks import Masks
-from ..records import Attachment, Camera
+from ...errors import ObjectError
+from ...masks import Masks
+from ...records import Attachment, Camera
 from .losses import Rider, project, smooth_length
 
 NEIGHBOURS = 8

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..errors import ObjectError
-from ..look.gaussians import SH0, rest_covariances, view_camera
-from ..look.splatting import Tiles, blend, project, tiles_of
-from ..masks import Masks
-from ..observe.clip.stored import Frames
-from ..records import Camera, Gaussians
+from ...errors import ObjectError
+from ...look.gaussians import SH0, rest_covariances, view_camera
+from ...look.splatting import Tiles, blend, project, tiles_of
+from ...masks import Masks
+from ...observe.clip.stored import Frames
+from ...records import Camera, Gaussians
 from .losses import Rider
 
 PIXELS = 30_000

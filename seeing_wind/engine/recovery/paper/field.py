@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from ..field.representations.kplanes import KPlanes
-from ..field.representations.neural import NeuralModule
-from ..field.representations.planes import Stencil
-from ..field.representations.triplane import CausalTriPlane
+from ...field.representations.kplanes import KPlanes
+from ...field.representations.neural import NeuralModule
+from ...field.representations.planes import Stencil
+from ...field.representations.triplane import CausalTriPlane
 
 NODES = (24, 24, 24)
 FEATURES, WIDTH, HIDDEN = 32, 128, 1

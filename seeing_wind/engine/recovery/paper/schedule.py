@@ -19,16 +19,16 @@ import numpy as np
 import torch
 from torch.nn.utils import parameters_to_vector
 
-from ..errors import ObjectError, SimulationError, UsageError
-from ..field.adam import adam_state, in_parts, restore
-from ..field.torch_threads import one_torch_thread
-from ..mpm.autograd import simulate
-from ..mpm.model import Model
-from ..mpm.model_for import model_for
-from ..progress import Journal, Progress
-from ..records import Material, Outcome, Particles, PointTargets, Recovery
-from ..settings import RecoverSettings
-from ..take import from_arrays, to_arrays
+from ...errors import ObjectError, SimulationError, UsageError
+from ...field.adam import adam_state, in_parts, restore
+from ...field.torch_threads import one_torch_thread
+from ...mpm.autograd import simulate
+from ...mpm.model import Model
+from ...mpm.model_for import model_for
+from ...progress import Journal, Progress
+from ...records import Material, Outcome, Particles, PointTargets, Recovery
+from ...settings import RecoverSettings
+from ...take import from_arrays, to_arrays
 from .field import DescentField, descent_field
 from .losses import MotionLoss, Targets, TrackingLoss
 from .start import first_look

@@ -13,9 +13,9 @@ from seeing_wind.engine.look.report.accuracy import field_errors
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
-from seeing_wind.engine.paper.refinement import WINDOW, _Run, refine
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
+from seeing_wind.engine.recovery.paper.refinement import WINDOW, _Run, refine
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
 
@@ -109,7 +109,7 @@ def test_it_can_be_cancelled_and_a_body_that_breaks_is_told(known, rough, monkey
         raise SimulationError("It broke.", "Try another.")
 
     told: list[dict] = []
-    monkeypatch.setattr("seeing_wind.engine.paper.refinement.simulate", broken)
+    monkeypatch.setattr("seeing_wind.engine.recovery.paper.refinement.simulate", broken)
     assert refine(rough, recovery, body, RUBBER, REFINED, Progress(told.append)).field is rough
     assert any("not refined" in str(one) for one in told)
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..records import Particles, PointTargets
-from ..recovery.targets.channels import second_derivative
+from ...records import Particles, PointTargets
+from ..targets.channels import second_derivative
 from .losses import Targets
 
 FIRST = 8

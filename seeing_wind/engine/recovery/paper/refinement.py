@@ -18,16 +18,16 @@ import numpy as np
 import torch
 from torch.nn.utils import parameters_to_vector
 
-from ..errors import SimulationError
-from ..field.adam import in_parts
-from ..field.force_field import ForceField
-from ..field.representations.neural import ForceFieldNeural, NeuralModule
-from ..mpm.autograd import simulate
-from ..mpm.model import Model
-from ..mpm.model_for import model_for
-from ..progress import Journal, Progress
-from ..records import Material, Particles, Recovery, as_found
-from ..settings import RecoverSettings
+from ...errors import SimulationError
+from ...field.adam import in_parts
+from ...field.force_field import ForceField
+from ...field.representations.neural import ForceFieldNeural, NeuralModule
+from ...mpm.autograd import simulate
+from ...mpm.model import Model
+from ...mpm.model_for import model_for
+from ...progress import Journal, Progress
+from ...records import Material, Particles, Recovery, as_found
+from ...settings import RecoverSettings
 from .field import OFFSET, quotient, star
 
 STRAY = 1e-3

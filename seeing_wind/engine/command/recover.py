@@ -1,0 +1,184 @@
+"""The verbs *recover* and *recover-trajectories*: options in, one result out. The work is in the stages."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import UsageError
+from ..materials import adjusted, find
+from ..progress import Progress
+from ..records import Outcome
+from ..settings import BuildSettings, ObserveSettings, RecoverSettings
+from ..stages import build_stage, check_solve, observe_stage, picture_loss, recover_stage, track_targets, write_gaussians
+from ..take import Take, stamp_of
+from .arguments import properties_of, settings_of
+from .lock import held
+from .reporting import diverged, reported
+
+if TYPE_CHECKING:
+    from ..observe.models.endpoint import Endpoint
+
+Result = dict[str, Any]
+
+PAINTED_DEPTH = 0.5
+"""Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a picture takes in some material that gives way."""
+
+
+def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover CLIP --take DIR`."""
+    if arguments.objects is not None:
+        return _recover_objects(arguments, progress)
+    return _recover_one(arguments, progress)
+
+
+def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover CLIP --take DIR --objects OBJECTS.json`: every object in a take of its own, DIR/NAME.take, with its own material.
+
+    Raises:
+        UsageError: a file that `identify` did not write, or options that belong to one object.
+    """
+    from ..observe.models.language import RANGES
+    from ..observe.models.objects import read_objects
+
+    if arguments.view or arguments.tracks:
+        raise UsageError("--view and --tracks belong to one object.", "Leave them out, or recover the objects one by one with --mask.")
+    home, found = Path(arguments.take), read_objects(arguments.objects)
+    Take(home).prepare()
+    results: list[Result] = []
+    for number, one in enumerate(found, start=1):
+        progress.begin("observe", f"{one['name']}, object {number} of {len(found)}")
+        own = argparse.Namespace(**vars(arguments))
+        vars(own).update({key: one[key] for key in ("mask", "law", *RANGES)})
+        own.objects, own.take = None, str(home / f"{one['name']}.take")
+        own.estimated_material, own.estimated_by = one["material"], f"{one['object']} of {Path(arguments.objects).name}"
+        own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
+        results.append({"name": one["name"], **_recover_one(own, progress)})
+    Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
+    worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
+    outcome, warnings = worst[0] if worst else Outcome.CONVERGED, [f"{r['name']}: {one}" for r in results for one in r.get("warnings", [])]
+    return {"outcome": outcome.value, "take": str(home), "objects": results, "warnings": warnings}
+
+
+def _on(mask: str, pin: str) -> bool:
+    """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
+    import cv2
+
+    from ..observe.clip.pictures import read_picture
+
+    try:
+        pictures = [read_picture(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
+    except (OSError, ValueError):
+        return True  # told by the stage that reads them
+    if pictures[0].shape != pictures[1].shape:
+        return True
+    return bool(((pictures[0] > 0) & (pictures[1] > 0)).any())
+
+
+def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """One object of a clip into one take."""
+    from ..observe.clip.frames import require_clip
+
+    # What is wrong is told before the work begins, and before a folder is made.
+    require_clip(arguments.clip)
+    adjusted(find(arguments.material), **properties_of(arguments))
+    settings = settings_of(RecoverSettings, arguments, clamp_depth=PAINTED_DEPTH)
+    check_solve(settings, clip=True, views=len(arguments.view))
+    endpoint = asked_model(arguments)
+    with held(Take(arguments.take), arguments.verb, progress) as take:
+        return _recover_into(take, arguments, settings, endpoint, progress)
+
+
+def _recover_into(
+    take: Take, arguments: argparse.Namespace, settings: RecoverSettings, endpoint: Endpoint | None, progress: Progress
+) -> Result:
+    from ..look import write_ply
+    from ..look.multiview import with_views
+    from ..observe import observe
+    from ..observe.object.motion.views import lifted_together, view_targets
+
+    seconds = dict[str, float]()
+    observing = settings_of(ObserveSettings, arguments)
+    observation, seen = _timed(seconds, "observe", lambda: observe_stage(take, arguments.clip, observing, progress))
+    building = settings_of(BuildSettings, arguments)
+    if endpoint is not None:
+        from ..observe.models.language import estimated
+
+        building = _timed(seconds, "material", lambda: estimated(take, endpoint, observation, building, progress))
+    body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
+    targets, sights = [track_targets(observation, body)], []
+    for clip, camera, mask in arguments.view:
+        # Depth and pins of a further view are not used: its points are found on the first view's body.
+        further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
+        further = dataclasses.replace(further, distance=1.0, depth_model=None, prompt=None, detector_model=None)
+        progress.begin("observe", f"further view {Path(clip).name}")
+        sights.append(observe(clip, further, progress))
+        targets.append(view_targets(body, sights[-1]))
+    if arguments.view:
+        body = lifted_together(observation, body, targets, progress)
+        body, _ = with_views(body, observation, sights, progress)
+        take.withdraw("report")  # which writes that file, too
+        write_gaussians(take, body.gaussians, write_ply)
+    upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
+    loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
+    recovery, field, solve_seconds = recover_stage(
+        take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
+    )
+    if field is None:
+        return diverged(recovery)
+
+    def draw() -> dict[str, Any]:
+        from ..look.report import write_report
+
+        return write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress, level=arguments.report)
+
+    return reported(take, recovery, arguments.report, observation.clip, draw, progress)
+
+
+def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
+    """`recover-trajectories TRUTH.npz --take DIR`."""
+    from .trajectories import read_trajectories
+
+    take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
+    gravity = None if arguments.gravity is None else tuple(arguments.gravity)
+    source = read_trajectories(arguments.truth, preset, gravity, **properties_of(arguments))
+    particles, material = source.particles, source.material
+    settings = settings_of(RecoverSettings, arguments, gravity=source.gravity, clamp_depth=source.clamp_depth)
+    check_solve(settings, clip=False)
+    with held(take, arguments.verb, progress):
+        for note in source.notes:
+            progress.warn(note)
+        upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)
+        recovery, field, seconds = recover_stage(take, particles, material, source.targets, source.fps, upstream, settings, progress)
+        recovery = dataclasses.replace(recovery, notes=[*source.notes, *recovery.notes])
+        if field is None:
+            return diverged(recovery)
+
+        def draw() -> dict[str, Any]:
+            from ..look.report import write_trajectory_report
+
+            return write_trajectory_report(take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report)
+
+        return reported(take, recovery, arguments.report, "", draw, progress)
+
+
+def asked_model(arguments: argparse.Namespace) -> Endpoint | None:
+    """The vision-language model that --material-endpoint names, None without one."""
+    if arguments.material_endpoint is None and arguments.material_model is None:
+        return None
+    if arguments.material_endpoint is None or arguments.material_model is None:
+        raise UsageError("--material-endpoint and --material-model belong together.", "Give the address and the model's name there.")
+    from ..observe.models.endpoint import endpoint_of
+
+    return endpoint_of(arguments.material_endpoint, arguments.material_model)
+
+
+def _timed(seconds: dict[str, float], stage: str, work: Callable[[], Any]) -> Any:
+    started = time.perf_counter()
+    result = work()
+    seconds[stage] = time.perf_counter() - started
+    return result

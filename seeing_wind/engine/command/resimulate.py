@@ -1,0 +1,50 @@
+"""The verb *resimulate*: an edit simulated in the recovered field."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import TakeError
+from ..progress import Progress
+from ..settings.tables import read_edit
+from ..stages import read_body, read_recovery, require_take
+from ..take import Take, json_text, npz, stamp_of
+from .lock import held
+
+
+def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """`resimulate DIR --edit EDIT.toml --take OUT` -> OUT/bodies/NAME.npz."""
+    from ..field import load_field
+    from ..recovery.journal import TakeJournal
+    from ..recovery.resimulate import simulate_bodies
+
+    source, out = require_take(arguments.source), Take(arguments.take)
+    edit, field = read_edit(arguments.edit), load_field(source.file("field.safetensors"))
+    recovered = None
+    if any(body.mesh == "recovered" for body in edit.body):
+        if not source.file("particles.npz").is_file():
+            raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
+        recovered = (read_body(source), read_recovery(source))
+    stamp = stamp_of(Path(arguments.edit), source.file("field.safetensors"))
+    with held(out, arguments.verb, progress), TakeJournal(out, stamp, progress) as journal:
+        progress.begin("resimulate", "simulating")
+        folder = Path(arguments.edit).resolve().parent
+        bodies = simulate_bodies(edit, field, recovered, folder, progress, device=arguments.device, journal=journal)
+        figures = {
+            name: {"vertices": int(body.vertices.shape[1]), "particles": body.particles, "notes": body.notes}
+            for name, body in bodies.items()
+        }
+        summary = {"source": str(source.path), "fps": field.fps, "frames": field.frames, "bodies": figures}
+        with contextlib.ExitStack() as together:  # all are there before any takes its place, the stamp last
+            together.enter_context(out.finishing("resimulate", stamp, {"source": str(source.path), "edit": str(arguments.edit)}))
+            for name, body in bodies.items():
+                arrays = {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps)}
+                together.enter_context(out.writing(f"bodies/{name}.npz")).write_bytes(npz(name, arrays))
+            together.enter_context(out.writing("resimulation.json")).write_text(json_text(summary), encoding="utf-8")
+    progress.update(1.0, "done")
+    return {"outcome": "converged", "take": str(out.path), "bodies": figures}

@@ -1,0 +1,96 @@
+"""Settings of the stage *resimulate*: bodies, colliders, and the field they move in. The keys of edit.toml."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..conventions import GRAVITY
+from ..materials import MOST_LOSS
+from .build import material_options
+from .option import option
+
+OF_A_BODY = material_options("")
+
+
+@dataclass(frozen=True)
+class BodyEdit:
+    """One body of an edit; see `engine/stages.py` resimulate."""
+
+    name: str = option(help="of the body, and of its file in the take", panel="")
+    mesh: str = option(
+        help='OBJ, PLY, or NPZ with vertices (V,3) m and triangles (M,3); or "recovered": the object of the clip', file=True, panel=""
+    )
+    material: str | None = option(None, help="a preset of the material library", otherwise="the recovered one", panel="main")
+    density: float | None = OF_A_BODY["density"]
+    youngs_modulus: float | None = OF_A_BODY["youngs_modulus"]
+    poisson_ratio: float | None = OF_A_BODY["poisson_ratio"]
+    law: str | None = OF_A_BODY["law"]
+    yield_stress: float | None = OF_A_BODY["yield_stress"]
+    viscosity: float | None = OF_A_BODY["viscosity"]
+    loss_factor: float | None = option(
+        None, help="damping: energy lost in a radian of an oscillation over the energy stored; elastic laws only", minimum=0.0,
+        maximum=MOST_LOSS, otherwise="the material's", panel="", digits=3,
+    )  # fmt: skip
+    mass: float | None = option(
+        None, help="mass of the whole body, instead of a density", unit="kg", above=0.0, otherwise="from the density", panel="main",
+        start=0.1, typical=(None, 1000.0), digits=6,
+    )  # fmt: skip
+    mass_scale: float = option(
+        1.0, label="Mass Factor", help="factor on the mass: 2 doubles it, half the acceleration in the same wind", above=0.0, panel="main",
+        typical=(None, 100.0), digits=3,
+    )  # fmt: skip
+    youngs_modulus_scale: float = option(
+        1.0, label="Stiffness Factor", identifier="stiffness_scale", help="factor on Young's modulus: 2 is twice as stiff", above=0.0,
+        panel="main", typical=(None, 100.0), digits=3,
+    )  # fmt: skip
+    pin: str | None = option(
+        None, help="NPY of the indices of vertices that are held; of particles for the recovered object", file=True, panel=""
+    )
+    pin_weights: str | None = option(
+        None, otherwise="all hold firmly", file=True, panel="",
+        help="NPY of one weight in 0..1 per index of `pin`: 1 holds firmly, less draws back like a spring (0.5: about 4 swings a second)",
+    )  # fmt: skip
+    free: str | None = option(
+        None, help="NPY of particle indices of the recovered object that are held in the clip and let go here", file=True, panel=""
+    )
+    velocity: tuple[float, float, float] | None = option(
+        None, help="velocity at the start", unit="m/s", otherwise="rest for a mesh, the recovered one for the recovered object",
+        panel="main", start=(0.0, 0.0, 0.0), typical=(-20.0, 20.0),
+    )  # fmt: skip
+    start_frame: int = option(
+        0, label="Start Picture", help="the body stands still before this picture of the clip", minimum=0, panel="main"
+    )
+
+
+@dataclass(frozen=True)
+class ColliderEdit:
+    """Something in the way of the bodies that they do not move: a mesh or a plane."""
+
+    name: str = option(help="of the collider, in messages", panel="")
+    mesh: str | None = option(None, help="a closed OBJ, PLY or NPZ; bodies stay outside", file=True, panel="")
+    plane: tuple[float, float, float, float, float, float] | None = option(
+        None, help="a point (m) and the normal of an infinite plane; bodies stay on the side that the normal points to", panel=""
+    )
+    kind: str = option(
+        "separate", label="Contact", help="what happens at its surface", panel="main",
+        choices={
+            "separate": "bodies slide on it with friction and may lift off", "slip": "bodies slide on it with friction and never lift off",
+            "sticky": "what touches it stays",
+        },
+    )  # fmt: skip
+    friction: float = option(
+        0.3, help="Coulomb's coefficient: 0 is ice, 1 is rubber; for separate and slip", minimum=0.0, panel="main", typical=(None, 1.0)
+    )
+
+
+@dataclass(frozen=True)
+class Edit:
+    """What to simulate in a recovered field."""
+
+    body: tuple[BodyEdit, ...]
+    collider: tuple[ColliderEdit, ...] = ()
+    gravity: tuple[float, float, float] = option(
+        GRAVITY, help="acceleration along world X, Y, Z", unit="m/s²", panel="main", typical=(-20.0, 20.0)
+    )
+    field_strength: float | tuple[float, ...] = option(1.0, help="factor on the recovered field, or one factor per frame", panel="main")
+    contact: bool = option(False, help="all bodies share one grid and push each other; otherwise each moves alone", panel="main")

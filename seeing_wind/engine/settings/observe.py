@@ -1,0 +1,78 @@
+"""Settings of the stage *observe*: from a clip to masks, depth and tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..conventions import DEFAULT_FOV_DEGREES
+from .option import PIXELS, RANGE, option
+from .recover import seed_option
+
+SEEN = "what is seen"
+NETWORKS = "networks instead of the defaults"
+VIEW = "a further synchronised view of the same object: its clip, camera and mask"
+"""Of an option that is no setting but may be given several times."""
+
+
+def _network(help: str, metavar: str = "MODEL") -> str | None:
+    return option(None, help=help, metavar=metavar, group=NETWORKS, panel="")
+
+
+@dataclass(frozen=True)
+class ObserveSettings:
+    """From a clip to masks, depth and tracks."""
+
+    fps: float | None = option(
+        None, label="FPS", help="frames per second, if the file's number is wrong", unit="1/s", above=0.0, metavar="F", group=SEEN,
+        otherwise="the file's", panel="main", unset=0.0, typical=(0.0, 240.0),
+    )  # fmt: skip
+    frames: tuple[int, int] | None = option(
+        None, label="Pictures", help="first and last picture, both inclusive, counted from 0", minimum=0, metavar="A:B", form=RANGE,
+        group=SEEN, otherwise="all", panel="main", start=(0, 40),
+    )  # fmt: skip
+    mask: str | None = option(
+        None, help="PNG of the first picture, non-zero where the object is", metavar="PNG", group=SEEN, one_of="object", file=True,
+        panel="main",
+    )  # fmt: skip
+    box: tuple[float, float, float, float] | None = option(
+        None, help="left, top, right and bottom of a box round the object in the first picture, the origin at its top left", unit="px",
+        metavar=("X0", "Y0", "X1", "Y1"), group=SEEN, one_of="object", panel="main", start=(0.0, 0.0, 0.0, 0.0), typical=(0.0, None),
+        digits=0,
+    )  # fmt: skip
+    points: tuple[float, ...] | None = option(
+        None, help="points on the object in the first picture", unit="px", metavar="X,Y", form=PIXELS, group=SEEN, one_of="object", panel=""
+    )
+    tracks: str | None = option(
+        None, help="NPZ with xy (T+1,K,2) px and visible (T+1,K), instead of tracking", metavar="NPZ", group=SEEN, file=True, panel=""
+    )
+    depth: str | None = option(
+        None, help="NPY (H,W) of the first picture: metres along the view axis, infinite off the object", metavar="NPY", group=SEEN,
+        one_of="scale", file=True, panel="",
+    )  # fmt: skip
+    distance: float | None = option(
+        None, help="from the camera to the object in the first picture", unit="m", above=0.0, metavar="M", group=SEEN, one_of="scale",
+        otherwise="2, which is told", panel="main", start=2.0, typical=(None, 100.0), digits=3,
+    )  # fmt: skip
+    pixels_per_metre: float | None = option(
+        None, label="Scale", help="image scale in the object's plane", unit="px/m", above=0.0, metavar="P", group=SEEN, one_of="scale",
+        panel="main", start=400.0, typical=(None, 10000.0),
+    )  # fmt: skip
+    camera: str | None = option(
+        None, label="Camera File", metavar="JSON", group=SEEN, one_of="camera", file=True, panel="main",
+        help="JSON with width height fx fy cx cy camera_to_world (OpenCV axes, one 4x4 or one per picture), of the lens k1 k2 p1 p2 k3; "
+        "or a nerfstudio transforms.json",
+    )  # fmt: skip
+    fov: float = option(
+        DEFAULT_FOV_DEGREES, label="FOV", help="horizontal field of view", unit="°", above=0.0, below=180.0, metavar="DEG", group=SEEN,
+        one_of="camera", panel="main", typical=(1.0, 170.0),
+    )  # fmt: skip
+    pin: str | None = option(
+        None, label="Held Places", help="PNG of the first picture, non-zero where the object is held in place", metavar="PNG", group=SEEN,
+        file=True, panel="main",
+    )  # fmt: skip
+    depth_model: str | None = _network("metric depth: Depth Anything V2, Depth Pro, UniDepth V2; a distance given too scales it")
+    prompt: str | None = _network("what the object is, in words, for --detector-model", "TEXT")
+    detector_model: str | None = _network("a box from words: Grounding DINO")
+    mask_model: str | None = _network("the object's outline, followed through the clip: SAM 2")
+    track_model: str | None = _network("point tracks: CoTracker 3")
+    seed: int = seed_option()

@@ -1,0 +1,222 @@
+"""An option: the one place that says what a setting is called, what it means, and which values it may have.
+
+A field of a settings dataclass becomes an option by `name: type = option(default, help=..., ...)`. From that come the flag of the command
+line (`command.arguments`), the property of the panel (`ui.option_properties`), the words that the panel gives the worker (`words_of`), the
+reference (`scripts/cli_reference.py`), and the texts of errors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, get_args, get_origin, get_type_hints
+
+from ..errors import UsageError
+
+KEY = "option"
+"""Of a dataclass field's metadata."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a value is written as words, where it is not simply one word for each number."""
+
+    read: Callable[[str], Any]
+    """One word -> its part of the value. Raises ValueError for a word that is none."""
+    write: Callable[[Any], list[str]]
+    """A value -> its words."""
+    must: str
+    """What follows "must" in the error."""
+    many: bool = False
+    """The value is the parts of all words in a row; otherwise there is one word."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """A field's definition. What it says of the field itself (name, default, kind, count, optional) is filled in by `options_of`."""
+
+    help: str
+    """What it is, as the rest of a sentence: the command line's help, and with a capital the panel's tooltip."""
+    label: str = ""
+    """In the panel; by default from the name."""
+    flag: str = ""
+    """On the command line; by default from the name."""
+    unit: str = ""
+    minimum: float | None = None
+    maximum: float | None = None
+    above: float | None = None
+    """Excluded lower bound."""
+    below: float | None = None
+    """Excluded upper bound."""
+    choices: Mapping[str, str] = field(default_factory=dict)
+    """Value -> what it means."""
+    refused: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    """Choice that is known and cannot be had -> message and hint."""
+    metavar: str | tuple[str, ...] | None = None
+    form: Form | None = None
+    group: str = ""
+    """Title of the command line's group."""
+    one_of: str = ""
+    """Of the options that share this word at most one may be given. The panel has a mode to choose among them."""
+    file: bool = False
+    """The path of a file."""
+    otherwise: str = ""
+    """What holds where it is None."""
+    panel: str = "more"
+    """Where the panel has its property: "more", the closed part that is drawn from the options; "main", drawn by hand; "" for none."""
+    identifier: str = ""
+    """Of that property; by default the name."""
+    start: Any = None
+    """The property's first value, where the default is None."""
+    unset: float | None = None
+    """The property's value that stands for None; without it an optional number has a tick before it."""
+    typical: tuple[float | None, float | None] = (None, None)
+    """What dragging the property stays within."""
+    digits: int = 2
+    """Decimals that the property shows."""
+    name: str = ""
+    default: Any = None
+    kind: type = str
+    count: int | None = None
+    """Numbers of a tuple, 0 for any; None for a single value."""
+    optional: bool = False
+
+    def check(self, value: Any, called: str) -> None:
+        """Refuse a value, or one item of a tuple, that is out of range or none of the choices; `called` is its name in the message.
+
+        Raises:
+            UsageError: with what it must be.
+        """
+        if value in self.refused:
+            raise UsageError(*self.refused[value])
+        if (self.choices and value not in self.choices) or (isinstance(value, (int, float)) and not self._within(value)):
+            raise self._wrong(called, self.must(), value)
+
+    def read(self, text: str) -> Any:
+        """The value, or part of one, that a word of the command line says.
+
+        Raises:
+            UsageError: for a word that is none.
+        """
+        called = f"`{self.flag}`"
+        try:
+            value = self.form.read(text) if self.form else self.kind(text)
+        except ValueError:
+            raise self._wrong(called, self.form.must if self.form else f"be {KINDS[self.kind]}", text) from None
+        if self.file and not text.strip():
+            raise UsageError(f"{called}: '{text}' is no path.", self.sentence())
+        if self.form is None:
+            self.check(value, called)
+        return value
+
+    def words(self, value: Any) -> list[str]:
+        """The words that `read` makes this value of."""
+        if self.form is not None:
+            return self.form.write(value)
+        return [number_text(each) if self.kind is float else str(each) for each in (value if self.count is not None else [value])]
+
+    def must(self) -> str:
+        """What follows "must" in an error: the choices, or the range with its unit."""
+        if self.choices:
+            return f"be {' or '.join(name for name in self.choices if name not in self.refused)}"
+        parts = [("above", self.above), ("at least", self.minimum), ("below", self.below), ("at most", self.maximum)]
+        bounds = [f"{word} {number_text(value)}" for word, value in parts if value is not None]
+        return f"be {' and '.join(bounds) or 'finite'}{f' {self.unit}' if bounds and self.unit else ''}"
+
+    def sentence(self) -> str:
+        """The help as a sentence."""
+        return f"{self.help[:1].upper()}{self.help[1:]}."
+
+    def _within(self, value: float) -> bool:
+        low = (self.above is None or value > self.above) and (self.minimum is None or value >= self.minimum)
+        high = (self.below is None or value < self.below) and (self.maximum is None or value <= self.maximum)
+        return math.isfinite(value) and low and high
+
+    def _wrong(self, called: str, must: str, value: Any) -> UsageError:
+        shown = number_text(value) if isinstance(value, (int, float)) else repr(value)
+        return UsageError(f"{called} must {must}; this is {shown}.", self.sentence())
+
+
+KINDS = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
+"""What a value must be, in words."""
+
+
+def option(default: Any = dataclasses.MISSING, **definition: Any) -> Any:
+    """A dataclass field with an `Option`; `definition` is the latter's fields, `help` among them. Without a default it is required."""
+    return dataclasses.field(default=default, metadata={KEY: definition})
+
+
+_known: dict[type, dict[str, Option]] = {}
+
+
+def options_of(cls: type) -> dict[str, Option]:
+    """The options of a settings dataclass by name, in its order. Fields without one are set by the engine itself."""
+    if cls not in _known:
+        _known[cls] = _read(cls)
+    return _known[cls]
+
+
+def _read(cls: type) -> dict[str, Option]:
+    hints, found = get_type_hints(cls), {}
+    for each in dataclasses.fields(cls):
+        if KEY in each.metadata:
+            definition, (kind, count, optional) = each.metadata[KEY], _shape(hints[each.name])
+            plain = each.name.replace("_", " ")
+            found[each.name] = Option(**{
+                "label": plain.title(), "flag": f"--{plain.replace(' ', '-')}", "identifier": each.name, "name": each.name,
+                "default": None if each.default is dataclasses.MISSING else each.default,
+                "kind": kind, "count": count, "optional": optional, **definition,
+            })  # fmt: skip
+    return found
+
+
+def _shape(hint: Any) -> tuple[type, int | None, bool]:
+    """Kind, count and optional of `Option`, from a field's type."""
+    kinds = [kind for kind in get_args(hint) if kind is not type(None)]
+    if get_origin(hint) is tuple:
+        return kinds[0], (0 if kinds[-1] is Ellipsis else len(kinds)), False
+    if not kinds:
+        return hint, None, False
+    kind, count, _ = _shape(kinds[0])
+    return kind, count, type(None) in get_args(hint)
+
+
+def words_of(*settings: Any) -> list[str]:
+    """The words of a command line that make these settings: of what is not at its default, flags that several share once."""
+    words: dict[str, list[str]] = {}
+    for each in settings:
+        for name, one in options_of(type(each)).items():
+            if getattr(each, name) != one.default:
+                words.setdefault(one.flag, one.words(getattr(each, name)))
+    return [word for flag, values in words.items() for word in (flag, *values)]
+
+
+def number_text(value: float) -> str:
+    """A number as a person would type it: 20, not 20.0, and every digit of others."""
+    return repr(value).removesuffix(".0")
+
+
+def frame_range(text: str) -> tuple[int, int]:
+    """'A:B' -> (A, B), both inclusive. Raises ValueError where that is no two pictures in order."""
+    first, last = (int(part) for part in text.split(":"))
+    if first < 0 or last <= first:
+        raise ValueError(text)
+    return first, last
+
+
+def pixel(text: str) -> tuple[float, float]:
+    """'X,Y' -> (X, Y) [px]. Raises ValueError."""
+    x, y = (float(part) for part in text.split(","))
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(text)
+    return x, y
+
+
+def _pairs(values: Sequence[float]) -> list[str]:
+    return [f"{number_text(x)},{number_text(y)}" for x, y in zip(values[::2], values[1::2])]
+
+
+RANGE = Form(frame_range, lambda value: [f"{value[0]}:{value[1]}"], "be two pictures in order, such as 12:27")
+PIXELS = Form(pixel, _pairs, "be points such as 120,80", many=True)

@@ -1,0 +1,84 @@
+"""Settings of the stages *recover* and *report*: from targets to a force field, and what is drawn of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from ..conventions import GRAVITY
+from .option import option
+
+SOLVE = "the solve"
+COMPARED = "other ways of solving, to compare with"
+
+
+def seed_option() -> Any:
+    """The seed, which all stages share."""
+    return option(0, help="of every random choice", minimum=0, maximum=2**31 - 1, metavar="N", group=SOLVE)
+
+
+def device_option() -> Any:
+    """Where the solver runs. cuda stays a word of the command line, so that scripts that ask for it are told."""
+    refusal = ("The solver runs on the CPU and has no kernels for CUDA.", "Leave --device out, or choose auto or cpu.")
+    choices = {"auto": "the CPU", "cpu": "the CPU", "cuda": "refused, as the solver has no kernels for it"}
+    return option("auto", help="where the solver runs", choices=choices, refused={"cuda": refusal}, group=SOLVE, panel="")
+
+
+@dataclass(frozen=True)
+class RecoverSettings:
+    """From targets to a force field."""
+
+    gravity: tuple[float, float, float] = option(
+        GRAVITY, help="known acceleration along world X, Y, Z that is not part of the field", unit="m/s²", metavar=("GX", "GY", "GZ"),
+        group=SOLVE, one_of="gravity", panel="main", typical=(-20.0, 20.0),
+    )  # fmt: skip
+    clamp_depth: float = 0.0
+    """Where a held part begins to be held: so many grid cells (1.6 particle spacings each) below the border of what is marked as held."""
+    stiffness: str = option(
+        "free", label="Stiffness Found", help="whether the stiffness of a held elastic body is known", group=SOLVE,
+        choices={"free": "it is found with the force, where the motion tells it", "given": "it is the material's"},
+    )  # fmt: skip
+    representation: str = option(
+        "causal_triplane", help="how the field is kept", group=COMPARED, panel="",
+        choices={
+            "causal_triplane": "the paper's planes, which know no future", "kplanes": "planes of space and time",
+            "point": "a value per particle and interval",
+        },
+    )  # fmt: skip
+    device: str = device_option()
+    iterations: int = option(
+        12, help="Gauss-Newton iterations at most; 1 gives a draft, with a knot every four frames", minimum=1, maximum=1000, metavar="N",
+        group=SOLVE, typical=(None, 50),
+    )  # fmt: skip
+    schedule: str = option(
+        "default", help="in which order forces are solved for", group=COMPARED, panel="",
+        choices={"default": "all frames of a block together", "paper": "gradient descent frame by frame"},
+    )  # fmt: skip
+    objective: str = option(
+        "tracking", help="what the force must explain", group=COMPARED, panel="",
+        choices={
+            "tracking": "tracks", "image": "pictures, with --schedule paper", "flow_depth": "optical flow and depth, with --schedule paper",
+        },
+    )  # fmt: skip
+    frame_iterations: int = option(
+        60, help="iterations per frame at most, with --schedule paper", minimum=1, maximum=10_000, metavar="N", group=COMPARED, panel=""
+    )
+    refine: int = option(
+        0, minimum=0, maximum=10_000, metavar="N", group=SOLVE, typical=(None, 50),
+        help="steps at most by which the stored field is refined through the simulator, so that its own simulation strays less; 0 is off, "
+        "as it takes longer than the solve",
+    )  # fmt: skip
+    seed: int = seed_option()
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """What is drawn of a recovery."""
+
+    report: str = option(
+        "quick", help="what is drawn of a recovery", group="the report", panel="",
+        choices={
+            "none": "nothing", "quick": "report.json, report.png and overlay.mp4",
+            "full": "resimulated.mp4 and, in gaussians.ply, the look that fits the whole clip, too",
+        },
+    )  # fmt: skip

@@ -1,0 +1,78 @@
+"""The TOML files that a user writes: tables in lists, such as the bodies of an edit and the jobs of a batch."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from ..errors import UsageError
+from ..reading import read_toml
+from .edit import BodyEdit, ColliderEdit, Edit
+from .mapping import from_mapping
+from .option import options_of
+
+LONGEST_NAME = 200
+"""Bytes of a body's name: most file systems end at 255, and the file has an ending and a neighbour while it is written."""
+
+RESERVED = frozenset(["CON", "PRN", "AUX", "NUL", *(f"{port}{number}" for port in ("COM", "LPT") for number in range(10))])
+"""Names that Windows keeps for devices."""
+
+
+def read_users_toml(path: str | os.PathLike[str], what: str) -> dict[str, Any]:
+    """The values of a TOML file; `what` says in messages what it is.
+
+    Raises:
+        UsageError: no such file, or no TOML.
+    """
+    try:
+        return read_toml(path)
+    except OSError as error:
+        raise UsageError(f"{what} {path} cannot be read: {error.strerror or error}.", "Give the path of a TOML file.") from error
+    except ValueError as error:
+        raise UsageError(f"{what} {path} is no TOML: {error}.", "Mend that line.") from error
+
+
+def tables_of(values: dict[str, Any], key: str, where: str, hint: str, least: int = 1) -> list[dict[str, Any]]:
+    """The list of tables `[[key]]`, taken out of the values of a file. Raises UsageError where there is none, or something else."""
+    tables = values.pop(key, [])
+    if not isinstance(tables, list) or len(tables) < least or not all(isinstance(table, dict) for table in tables):
+        raise UsageError(f"{where} has no [[{key}]], or something else in its place.", hint)
+    return tables
+
+
+def read_edit(path: str | os.PathLike[str]) -> Edit:
+    """Read EDIT.toml.
+
+    Raises:
+        UsageError: no such file, no TOML, an unknown or missing key, a value out of its range, two bodies of one name, or none at all.
+    """
+    values, where = read_users_toml(path, "The edit"), f"The edit {path}"
+    tables = tables_of(values, "body", where, "Add [[body]] with a name and a mesh.")
+    bodies = tuple(from_mapping(BodyEdit, table, f"{path}, body {i + 1}") for i, table in enumerate(tables))
+    _check_names([body.name for body in bodies])
+    walls = tables_of(values, "collider", where, "Write [[collider]] with a name and a mesh or plane.", least=0)
+    colliders = tuple(from_mapping(ColliderEdit, table, f"{path}, collider {i + 1}") for i, table in enumerate(walls))
+    return from_mapping(Edit, {**values, "body": bodies, "collider": colliders}, str(path))
+
+
+def names_in(edit: Path | None) -> list[str]:
+    """The files that an edit names, as it names them; none of an edit that cannot be read: the engine speaks of it when its turn comes."""
+    try:
+        tables = read_toml(edit) if edit is not None else {}
+    except (OSError, ValueError):
+        return []
+    files = {one.name for cls in (BodyEdit, ColliderEdit) for one in options_of(cls).values() if one.file}
+    rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]
+    return [value for row in rows for key, value in row.items() if key in files and isinstance(value, str)]
+
+
+def _check_names(names: list[str]) -> None:
+    """UsageError unless each body can have a file of its own, on every system, before any of them is simulated."""
+    for name in names:
+        if not name.isprintable() or any(c in name for c in '/\\:*?"<>|') or name[:1] in ("", ".") or name[-1] in " .":
+            raise UsageError(f"{name!r} cannot be a file's name.", "Use letters, digits, spaces, '-' and '_'.")
+        if len(name.encode()) > LONGEST_NAME or name.split(".")[0].upper() in RESERVED:
+            raise UsageError(f"{name[:40]!r} is too long for a file's name, or reserved.", "Choose another name for the body.")
+        if [one.casefold() for one in names].count(name.casefold()) > 1:
+            raise UsageError(f"Two bodies are named {name}.", "Give each a name of its own; capitals do not count.")
