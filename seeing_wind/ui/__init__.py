@@ -11,7 +11,8 @@ composite  the edit over the clip
 A feature has the same doors: `properties` (its settings), `operators` (thin: gather, call one function, report), `panel`; the rest is its
 core. What needs NumPy is imported where it is used, so that switching on stays quick. Beside the features:
 
-scene_properties         all settings of a scene; property_kinds: what they are made of
+scene_properties         all settings of a scene
+option_properties        properties made of the engine's options; property_kinds: of what else they are made
 direct_operator          what operators without a job share
 freshness                which step is done, which is stale
 commands, batch          `blender --command seeing_wind`
@@ -29,6 +30,8 @@ from .bake import operators as bake_operators
 from .bake import panel as bake_panel
 from .clip import operators as clip_operators
 from .clip import panel as clip_panel
+from .clip import properties as clip_properties
+from .clip import views as clip_views
 from .clip.object import operators as object_operators
 from .clip.object import panel as object_panel
 from .clip.object import properties as object_properties
@@ -52,7 +55,7 @@ from .recover import panel as recover_panel
 
 FEATURES = (
     install_preferences, install_operators,
-    clip_operators, clip_panel,
+    clip_properties, clip_operators, clip_views, clip_panel,
     object_properties, object_operators, object_panel,
     recover_operators, recover_panel,
     field_properties, field_operators, field_panel,

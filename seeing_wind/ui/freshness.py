@@ -25,7 +25,7 @@ def refresh(scene: bpy.types.Scene) -> None:
     clip = _attempt(now, "clip", lambda: clip_options(settings), bool(settings.clip))
     begun = any(settings.box) or settings.object_mode != "BOX"
     marked = _attempt(now, "object", lambda: object_options(settings, inputs_folder(settings)), begun)
-    recover = RecoverRequest.from_parts(scene, clip, marked).digest if clip and marked else "incomplete"
+    recover = RecoverRequest.from_parts(scene, clip, marked).digest() if clip and marked else "incomplete"
     edit = edit_digest(scene)
     status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))

@@ -6,7 +6,7 @@ No postponed annotations here, as in the files that use it.
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
 
-from ..engine.materials import LAWS, MATERIALS
+from ..engine.materials import MATERIALS
 from .job import status
 
 KEPT = {"SKIP_SAVE"}
@@ -23,26 +23,12 @@ MATERIAL_ITEMS = [
     for name, m in MATERIALS.items()
 ]
 
-LAW_ITEMS = [
-    ("PRESET", "As the Material", "The law of the chosen material"),
-    *((law.upper(), law.replace("_", " ").title(), text) for law, text in zip(LAWS, (
-        "Springs back, also from large strains", "Springs back from small strains: stiff things",
-        "Keeps dents whatever the speed", "Flows slowly under load",
-    ), strict=True)),
-]  # fmt: skip
-
 WAYS = [
     ("AUTO", "Automatic", "Location and rotation for bodies that stay rigid, a point cache for very large ones, else shape keys"),
     ("SHAPE_KEYS", "Shape Keys", "One absolute shape key per picture, and keys of the evaluation time"),
     ("TRANSFORM", "Location and Rotation", "Keys of the object's place; only for bodies that stay rigid"),
     ("POINT_CACHE", "Point Cache (PC2)", "A file beside the take that the Mesh Cache modifier plays; for large meshes"),
     ("ALEMBIC", "Alembic", "A file that other programs read too, where this Blender has Alembic"),
-]
-
-KINDS = [
-    ("SEPARATE", "Slide and Part", "Bodies slide on it with friction and may lift off"),
-    ("SLIP", "Slide", "Bodies slide on it with friction and never lift off"),
-    ("STICKY", "Stick", "What touches it stays"),
 ]
 
 

@@ -37,7 +37,7 @@ def material_options(panel: str) -> dict[str, Any]:
         ),
         "youngs_modulus": option(
             None, label="Stiffness", help="Young's modulus", unit="Pa", above=0.0, metavar="E", panel="main", start=1e5,
-            typical=(1.0, 1e10), digits=0, **shared,
+            typical=(None, 1e10), digits=0, **shared,
         ),
         "poisson_ratio": option(
             None, label="Poisson's Ratio", help="how much it narrows when stretched: 0 cork, 0.3 most things, 0.49 rubber", above=-1.0,
@@ -45,7 +45,7 @@ def material_options(panel: str) -> dict[str, Any]:
         ),
         "yield_stress": option(
             None, help="stress from which it keeps its new shape", unit="Pa", minimum=0.0, metavar="Y", panel=panel, start=1e4,
-            typical=(1.0, 1e9), digits=0, **shared,
+            typical=(None, 1e9), digits=0, **shared,
         ),
         "viscosity": option(
             None, help="how slowly it flows under load", unit="Pa s", minimum=0.0, metavar="ETA", panel=panel, start=100.0,

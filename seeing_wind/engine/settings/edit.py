@@ -16,7 +16,7 @@ OF_A_BODY = material_options("")
 class BodyEdit:
     """One body of an edit; see `engine/stages.py` resimulate."""
 
-    name: str = option(help="of the body, and of its file in the take", panel="")
+    name: str = option(help="name of the body, and of its file in the take", panel="")
     mesh: str = option(
         help='OBJ, PLY, or NPZ with vertices (V,3) m and triangles (M,3); or "recovered": the object of the clip', file=True, panel=""
     )
@@ -66,7 +66,7 @@ class BodyEdit:
 class ColliderEdit:
     """Something in the way of the bodies that they do not move: a mesh or a plane."""
 
-    name: str = option(help="of the collider, in messages", panel="")
+    name: str = option(help="name of the collider, in messages", panel="")
     mesh: str | None = option(None, help="a closed OBJ, PLY or NPZ; bodies stay outside", file=True, panel="")
     plane: tuple[float, float, float, float, float, float] | None = option(
         None, help="a point (m) and the normal of an infinite plane; bodies stay on the side that the normal points to", panel=""
@@ -90,7 +90,10 @@ class Edit:
     body: tuple[BodyEdit, ...]
     collider: tuple[ColliderEdit, ...] = ()
     gravity: tuple[float, float, float] = option(
-        GRAVITY, help="acceleration along world X, Y, Z", unit="m/s²", panel="main", typical=(-20.0, 20.0)
+        GRAVITY, identifier="edit_gravity", help="acceleration along world X, Y, Z in the re-simulation", unit="m/s²", one_of="gravity",
+        panel="main", typical=(-20.0, 20.0),
+    )  # fmt: skip
+    field_strength: float | tuple[float, ...] = option(
+        1.0, help="factor on the recovered field, or one factor per frame", panel="", typical=(-5.0, 5.0)
     )
-    field_strength: float | tuple[float, ...] = option(1.0, help="factor on the recovered field, or one factor per frame", panel="main")
     contact: bool = option(False, help="all bodies share one grid and push each other; otherwise each moves alone", panel="main")

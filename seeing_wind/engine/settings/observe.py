@@ -50,8 +50,8 @@ class ObserveSettings:
         one_of="scale", file=True, panel="",
     )  # fmt: skip
     distance: float | None = option(
-        None, help="from the camera to the object in the first picture", unit="m", above=0.0, metavar="M", group=SEEN, one_of="scale",
-        otherwise="2, which is told", panel="main", start=2.0, typical=(None, 100.0), digits=3,
+        None, help="distance from the camera to the object in the first picture", unit="m", above=0.0, metavar="M", group=SEEN,
+        one_of="scale", otherwise="2, which is told", panel="main", start=2.0, typical=(None, 100.0), digits=3,
     )  # fmt: skip
     pixels_per_metre: float | None = option(
         None, label="Scale", help="image scale in the object's plane", unit="px/m", above=0.0, metavar="P", group=SEEN, one_of="scale",

@@ -14,7 +14,7 @@ COMPARED = "other ways of solving, to compare with"
 
 def seed_option() -> Any:
     """The seed, which all stages share."""
-    return option(0, help="of every random choice", minimum=0, maximum=2**31 - 1, metavar="N", group=SOLVE)
+    return option(0, help="seed of every random choice", minimum=0, maximum=2**31 - 1, metavar="N", group=SOLVE)
 
 
 def device_option() -> Any:

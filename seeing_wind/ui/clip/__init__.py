@@ -2,8 +2,9 @@
 
 properties       its settings
 operators        Choose Clip (also by drag and drop), Match Scene, Draw Box
+views            further views: add, remove
 panel            the panel *Clip*
-options          the settings as options of the worker
+options          the settings as options of the engine
 match            what of the scene follows the clip, and what is left alone
 clip_scene       the clip's camera with its pictures behind; the recovered object's mesh
 frame_on_screen  where the clip's frame lies on the screen

@@ -1,49 +1,46 @@
-"""The clip's part of the worker's options: the same words that a user would type."""
+"""The clip's part of what the engine is asked."""
 
 from __future__ import annotations
 
 import os
+from typing import Any
 
 import bpy
 
 from ...engine.errors import ClipError, UsageError
+from ...engine.settings import ObserveSettings, options_of
+from ..option_properties import existing_file, single, value_of
 from ..user_paths import absolute
 from .inputs.clips import as_pattern
 
+View = tuple[str, str, str]
+"""Paths of its clip, camera and mask."""
 
-def clip_options(settings: bpy.types.PropertyGroup) -> list[str]:
-    """The clip and which part of it.
+
+def clip_options(settings: bpy.types.PropertyGroup) -> tuple[str, dict[str, Any], tuple[View, ...]]:
+    """The clip's path or pattern, which part of it as values of `ObserveSettings`, and further views.
 
     Raises:
         ClipError: when there is no such file.
+        UsageError: when a file of a further view is not there.
     """
     if not settings.clip:
         raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
     path = absolute(settings.clip)
     if not os.path.isfile(path):
         raise ClipError(f"There is no file {path}.", "Choose the clip again; it may have been moved.")
-    options = [as_pattern(path)]
-    if settings.fps > 0.0:
-        options += ["--fps", number_text(settings.fps)]
-    elif options[0] != path:  # pictures carry no rate: they play at the scene's
+    clip, options = as_pattern(path), options_of(ObserveSettings)
+    values = {name: value_of(settings, options[name]) for name in ("fps", "frames")}
+    if values["fps"] is None and clip != path:  # pictures carry no rate: they play at the scene's
         render = settings.id_data.render
-        options += ["--fps", number_text(render.fps / render.fps_base)]
-    if settings.use_frames:
-        first, last = settings.frames
-        if last <= first:
-            raise ClipError(f"Pictures {first} to {last} are none.", "The last picture must come after the first.")
-        options += ["--frames", f"{first}:{last}"]
-    return options
+        values["fps"] = single(render.fps / render.fps_base)
+    if values["frames"] is not None and values["frames"][1] <= values["frames"][0]:
+        first, last = values["frames"]
+        raise ClipError(f"The range of pictures {first} to {last} is empty.", "The last picture must come after the first.")
+    return clip, values, tuple(_view(view, number) for number, view in enumerate(settings.views, start=2))
 
 
-def existing_file(path: str, what: str) -> str:
-    """The absolute path of a file that the user has named. Raises UsageError when it is not there; `what` says what it should be."""
-    found = absolute(path)
-    if not os.path.isfile(found):
-        raise UsageError(f"There is no {what} {found}.", "Choose it again; it may have been moved.")
-    return found
-
-
-def number_text(value: float) -> str:
-    """Blender keeps single precision: seven digits say all of it, and 30.19 stays 30.19. Never an exponent's minus sign alone."""
-    return f"{value:.7g}"
+def _view(view: bpy.types.PropertyGroup, number: int) -> View:
+    if not (view.clip and view.camera and view.mask):
+        raise UsageError(f"View {number} lacks its clip, camera or mask.", "Choose all three, or remove the view.")
+    return existing_file(view.clip, "clip"), existing_file(view.camera, "camera file"), existing_file(view.mask, "mask")

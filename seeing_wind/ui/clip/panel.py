@@ -1,5 +1,9 @@
 """The panel *Clip*."""
 
+import os
+
+import bpy
+
 from ..job import status
 from ..job.panel_pieces import Tab, draw_engine, draw_failure, panels
 from ..job.status import State
@@ -32,9 +36,35 @@ class ClipTab(Tab):
             column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
         column.prop(settings, "frame_start")
         column.operator("seeing_wind.match_scene", icon="SCENE_DATA")
+        _draw_views(self.layout, settings, self.bl_space_type)
         step = status.of(context.scene.session_uid).steps["clip"]
         if step.state == State.FAILED:
             draw_failure(self.layout, context, step)
 
 
-CLASSES = panels(ClipTab, 0)
+def _draw_views(layout, settings, space: str) -> None:
+    """Other cameras that saw the same."""
+    header, body = layout.panel("SEEING_WIND_views", default_closed=not len(settings.views))
+    header.label(text="Further Views")
+    if body is None:
+        return
+    row = body.row()
+    row.template_list("SEEING_WIND_UL_views", space, settings, "views", settings, "active_view", rows=2)
+    buttons = row.column(align=True)
+    buttons.operator("seeing_wind.add_view", text="", icon="ADD")
+    buttons.operator("seeing_wind.remove_view", text="", icon="REMOVE")
+    if settings.active_view < len(settings.views):
+        column = body.column()
+        for name in ("clip", "camera", "mask"):
+            column.prop(settings.views[settings.active_view], name)
+
+
+class SEEING_WIND_UL_views(bpy.types.UIList):
+    """Further views of the object."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index):
+        """Its clip."""
+        layout.label(text=os.path.basename(item.clip) or "No clip", icon="CAMERA_DATA")
+
+
+CLASSES = (SEEING_WIND_UL_views, *panels(ClipTab, 0))

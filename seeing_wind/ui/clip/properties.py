@@ -3,28 +3,23 @@
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
 
-from bpy.props import BoolProperty, EnumProperty, IntProperty, IntVectorProperty
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty
 
-from ...engine.conventions import DEFAULT_FOV_DEGREES
-from ..property_kinds import KEPT, changed, choice, file_path, number, toggle
+from ...engine.settings import ObserveSettings
+from ..option_properties import with_options
+from ..property_kinds import choice, file_path
 from .match import PARTS
 
+OF_THE_CLIP = ("fps", "frames", "camera", "fov")
+"""Options of `ObserveSettings` that belong to the clip; the others to the object in it."""
 
+
+@with_options(ObserveSettings, only=OF_THE_CLIP)
 class ClipOptions:
     """Which clip, which part of it, through which camera: settings of a scene, and keyword arguments of Recover."""
 
     clip: file_path("Clip", "The video in which something is moved by forces that nobody sees")
-    fps: number("FPS (1/s)", 0.0, "Frames per second of the clip; 0 takes what the file says", min=0.0, soft_max=240.0, step=100)
-    use_frames: toggle("Part of the Clip", "Use only some of the clip's pictures")
-    frames: IntVectorProperty(
-        name="Pictures",
-        size=2,
-        default=(0, 40),
-        min=0,
-        description="First and last picture, both inclusive, counted from 0",
-        options=KEPT,
-        update=changed,
-    )
     camera_mode: choice("Camera", "What is known of the camera", [
         ("AUTO", "Automatic", "The clip's camera solve if it has one, else the field of view"),
         ("SOLVE", "Camera Solve", "The solve of the Movie Clip Editor, placed as the camera with the Camera Solver constraint is"),
@@ -32,13 +27,21 @@ class ClipOptions:
         ("FOV", "Field of View", "A level camera that stands still and looks along +Y"),
         ("JSON", "File", "JSON with width height fx fy cx cy and camera_to_world"),
     ])  # fmt: skip
-    fov: number("FOV (°)", DEFAULT_FOV_DEGREES, "Horizontal field of view in degrees", min=1.0, max=170.0, step=100, precision=1)
-    camera: file_path("Camera File", "JSON: width height fx fy cx cy, camera_to_world (4x4, OpenCV axes, one or one per picture)")
+
+
+class SEEING_WIND_PG_view(bpy.types.PropertyGroup):
+    """A further synchronised view of the same object."""
+
+    clip: file_path("Clip", "The other camera's video, in step with the first")
+    camera: file_path("Camera File", "JSON of that camera: width height fx fy cx cy camera_to_world")
+    mask: file_path("Mask", "PNG of that view's first picture, non-zero where the object is")
 
 
 class ClipSettings:
     """What only the scene has."""
 
+    views: CollectionProperty(type=SEEING_WIND_PG_view)
+    active_view: IntProperty(name="Active View", default=0, min=0)
     frame_start: IntProperty(
         name="First Frame", default=1,
         description="Scene frame of the first picture used; takes effect at the next Recover or Reload. A clip that was in the file before "
@@ -48,3 +51,6 @@ class ClipSettings:
         name="Follows the Clip", items=PARTS, options={"ENUM_FLAG", "HIDDEN"}, description="What of the scene is as the clip's"
     )
     follows_decided: BoolProperty(options={"HIDDEN"})
+
+
+CLASSES = (SEEING_WIND_PG_view,)

@@ -9,12 +9,9 @@ import bpy
 
 from ...engine.errors import TakeError
 from ...engine.reading import read_toml
+from ...engine.settings import BodyEdit
 from ...engine.take import Take
-
-AS_THEY_ARE = ("mass_scale", "start_frame", "material", "velocity", "density", "mass", "youngs_modulus")
-"""Keys of a body that the panel has under the same name."""
-TICKED = ("density", "mass", "youngs_modulus", "velocity")
-"""Of these, the ones with a tick before them."""
+from ..option_properties import give, panel_options
 
 
 def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.Object]) -> None:
@@ -54,9 +51,6 @@ def _add(settings: bpy.types.PropertyGroup, entry: dict[str, Any], obj: bpy.type
         body.is_recovered, body.baked_copy = True, obj
     else:
         body.object = obj
-    for key in AS_THEY_ARE:
-        if key in entry:
-            setattr(body, key, entry[key])
-            if key in TICKED:
-                setattr(body, f"use_{key}", True)
-    body.stiffness_scale = entry.get("youngs_modulus_scale", 1.0)
+    for one in panel_options(BodyEdit):
+        if one.name in entry:
+            give(body, one, entry[one.name])

@@ -3,20 +3,27 @@
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ...engine.errors import UsageError
+from ...engine.settings import BodyEdit, ColliderEdit, options_of
 from ..direct_operator import DirectOperator
 from ..job.worker import said_by
-from ..property_kinds import KINDS, MATERIAL_ITEMS, PATH
+from ..option_properties import give, panel_options, property_of, with_options
+from ..property_kinds import MATERIAL_ITEMS, PATH
 from ..recover.shown import shows_field
 from ..user_paths import absolute
 
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
+HERE = {"options": {"SKIP_SAVE"}, "update": None}
+"""Of the properties of operators that are not the scene's."""
+BODY = options_of(BodyEdit)
+
 SAME = [("SAME", "As Recovered", "The material of the object in the clip"), *MATERIAL_ITEMS]
 
 
+@with_options(BodyEdit, ticks=False, **HERE)
 class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
     """Let the selected meshes, a file's mesh or the clip's own object move in the recovered field"""
 
@@ -27,19 +34,7 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
     filepath: StringProperty(name="File", subtype="FILE_PATH", options=PATH, description="OBJ, PLY or STL to import and insert")
     recovered: BoolProperty(name="Recovered Object", options={"SKIP_SAVE"}, description="Insert the clip's own object")
     material: EnumProperty(name="Material", items=SAME, options={"SKIP_SAVE"}, description="What it is made of")
-    mass_scale: FloatProperty(
-        name="Mass Factor", default=1.0, min=0.001, soft_max=100.0, step=10, options={"SKIP_SAVE"}, description="2 doubles the mass"
-    )
     pin_group: StringProperty(name="Pinned", options={"SKIP_SAVE"}, description="Vertex group whose vertices are held in place")
-    start_frame: IntProperty(name="Start Picture", default=0, min=0, options={"SKIP_SAVE"}, description="The body stands still before it")
-    density: FloatProperty(name="Density (kg/m³)", default=1000.0, min=0.01, options={"SKIP_SAVE"}, description="Instead of the material's")
-    mass: FloatProperty(
-        name="Mass (kg)", default=0.1, min=1e-6, options={"SKIP_SAVE"}, description="Of the whole body, instead of a density"
-    )
-    youngs_modulus: FloatProperty(
-        name="Stiffness (Pa)", default=1e5, min=1.0, options={"SKIP_SAVE"}, description="Young's modulus, instead of the material's"
-    )
-    velocity: FloatVectorProperty(name="Velocity (m/s)", size=3, options={"SKIP_SAVE"}, description="At the start")
 
     def act(self, context):
         """Add one body per mesh."""
@@ -57,11 +52,10 @@ class SEEING_WIND_OT_insert_mesh(DirectOperator, bpy.types.Operator):
             body = settings.bodies.add()
             body.name, body.is_recovered, body.object = (obj.name if obj else "Recovered Object"), obj is None, obj
             body.material = settings.material if self.material == "SAME" else self.material
-            body.mass_scale, body.pin_group, body.start_frame = self.mass_scale, self.pin_group, self.start_frame
-            for name in ("density", "mass", "youngs_modulus", "velocity"):
-                if self.properties.is_property_set(name):
-                    setattr(body, f"use_{name}", True)
-                    setattr(body, name, getattr(self, name))
+            body.pin_group = self.pin_group
+            for one in panel_options(BodyEdit):
+                if one.name != "material" and self.properties.is_property_set(one.identifier):
+                    give(body, one, getattr(self, one.identifier))
         settings.active_body = len(settings.bodies) - 1
         return f"Inserted {', '.join(body.name for body in settings.bodies[-len(new) :])}"
 
@@ -127,42 +121,40 @@ class SEEING_WIND_OT_pin_vertices(DirectOperator, bpy.types.Operator):
         return f"{len(weights)} vertices of {body.name} are held" + (f", {soft} of them softly" if soft else "")
 
 
-class SEEING_WIND_OT_scale_mass(DirectOperator, bpy.types.Operator):
+class ScaleOperator(DirectOperator):
+    """Mix-in of the operators that set a factor of one body."""
+
+    sets = ""
+    """Name of the body's setting."""
+    says = ""
+    """What is said of body and factor."""
+
+    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
+
+    def act(self, context):
+        """Noted for the next re-simulation."""
+        settings = context.scene.seeing_wind
+        body = settings.bodies[_active(settings, self.object)]
+        setattr(body, self.sets, self.factor)
+        return self.says.format(body=body.name, factor=self.factor)
+
+
+class SEEING_WIND_OT_scale_mass(ScaleOperator, bpy.types.Operator):
     """Set the mass of a body relative to its material: twice the mass accelerates half as much in the same wind"""
 
     bl_idname = "seeing_wind.scale_mass"
     bl_label = "Scale Mass"
-
-    factor: FloatProperty(
-        name="Mass Factor", default=2.0, min=0.001, soft_max=100.0, step=10, description="2 doubles the mass: half the acceleration"
-    )
-    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
-
-    def act(self, context):
-        """Noted for the next re-simulation."""
-        settings = context.scene.seeing_wind
-        body = settings.bodies[_active(settings, self.object)]
-        body.mass_scale = self.factor
-        return f"{body.name} has {self.factor:g} times its mass"
+    sets, says = "mass_scale", "{body} has {factor:g} times its mass"
+    factor: property_of(BODY["mass_scale"], **HERE, default=2.0)
 
 
-class SEEING_WIND_OT_scale_stiffness(DirectOperator, bpy.types.Operator):
+class SEEING_WIND_OT_scale_stiffness(ScaleOperator, bpy.types.Operator):
     """Set the stiffness of a body relative to its material's Young's modulus"""
 
     bl_idname = "seeing_wind.scale_stiffness"
     bl_label = "Scale Stiffness"
-
-    factor: FloatProperty(
-        name="Stiffness Factor", default=2.0, min=0.001, soft_max=100.0, step=10, description="Of Young's modulus: 2 is twice as stiff"
-    )
-    object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of an inserted object; empty: the active body")
-
-    def act(self, context):
-        """Noted for the next re-simulation."""
-        settings = context.scene.seeing_wind
-        body = settings.bodies[_active(settings, self.object)]
-        body.stiffness_scale = self.factor
-        return f"{body.name} is {self.factor:g} times as stiff as its material"
+    sets, says = "stiffness_scale", "{body} is {factor:g} times as stiff as its material"
+    factor: property_of(BODY["youngs_modulus_scale"], **HERE, default=2.0)
 
 
 class SEEING_WIND_OT_free_recovered(DirectOperator, bpy.types.Operator):
@@ -190,6 +182,7 @@ class SEEING_WIND_OT_free_recovered(DirectOperator, bpy.types.Operator):
         return f"{self.vertex_group or 'The whole object'} is let go"
 
 
+@with_options(ColliderEdit, **HERE)
 class SEEING_WIND_OT_insert_collider(DirectOperator, bpy.types.Operator):
     """Let the bodies collide with the selected meshes, which they do not move"""
 
@@ -197,10 +190,6 @@ class SEEING_WIND_OT_insert_collider(DirectOperator, bpy.types.Operator):
     bl_label = "Add Collider"
 
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of a mesh object; empty: all selected ones")
-    kind: EnumProperty(name="Contact", items=KINDS, options={"SKIP_SAVE"}, description="What happens at its surface")
-    friction: FloatProperty(
-        name="Friction", default=0.3, min=0.0, soft_max=1.0, options={"SKIP_SAVE"}, description="Coulomb's coefficient: 0 is ice, 1 rubber"
-    )
 
     def act(self, context):
         """One collider per mesh; what is a body of this edit cannot be one."""
@@ -213,7 +202,9 @@ class SEEING_WIND_OT_insert_collider(DirectOperator, bpy.types.Operator):
             raise UsageError("There is no mesh to collide with.", "Select meshes that are neither bodies nor colliders of this edit.")
         for obj in new:
             collider = settings.colliders.add()
-            collider.name, collider.object, collider.kind, collider.friction = obj.name, obj, self.kind, self.friction
+            collider.name, collider.object = obj.name, obj
+            for one in panel_options(ColliderEdit):
+                give(collider, one, getattr(self, one.identifier))
         settings.active_collider = len(settings.colliders) - 1
         return f"Bodies collide with {', '.join(obj.name for obj in new)}"
 

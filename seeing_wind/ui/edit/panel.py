@@ -2,7 +2,9 @@
 
 import bpy
 
+from ...engine.settings import BodyEdit
 from ..job.panel_pieces import Tab, draw_override, panels
+from ..option_properties import panel_options
 
 
 class EditTab(Tab):
@@ -69,6 +71,8 @@ def _draw_body(column, body, settings) -> None:
     if body.use_velocity:
         column.prop(body, "velocity")
     column.prop(body, "start_frame")
+    for one in panel_options(BodyEdit, part="more"):
+        draw_override(column, body, one.identifier)
 
 
 def _draw_surroundings(column, settings, space: str) -> None:

@@ -158,7 +158,10 @@ def draw_engine(layout, context, button: bool = True) -> None:
 
 
 def draw_override(column, settings, name: str) -> None:
-    """A tick and a number that replaces the preset's."""
+    """A property; where it has a tick before it, both in one row."""
+    if f"use_{name}" not in settings.bl_rna.properties:
+        column.prop(settings, name)
+        return
     row = column.row(heading=settings.bl_rna.properties[name].name)
     row.prop(settings, f"use_{name}", text="")
     sub = row.row()

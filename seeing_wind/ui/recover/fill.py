@@ -8,15 +8,18 @@ from typing import Any
 import bpy
 
 from ...engine.errors import TakeError
+from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...engine.take import Take
-from .properties import IMPLIED, OPTIONS
+from ..option_properties import give, panel_options
+from .properties import MODES
 
-PATHS = ("clip", "mask", "camera")
-"""Settings that are files: one that is not there any more is left out."""
+OPTIONS = {one.name: one for one in panel_options(ObserveSettings, BuildSettings, RecoverSettings)}
 
 
 def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
     """Fill the settings of a scene that has none of its own from a take; those of a scene that has a clip are left alone.
+
+    A file that is not there any more is left out.
 
     Args:
         clip: where the take's clip is now; "" for a field from trajectories.
@@ -27,17 +30,16 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
     given: dict[str, Any] = {}
     for stage in take.description().get("stages", {}).values():
         given |= {key: value for key, value in stage.get("settings", {}).items() if key in OPTIONS}
-    given["clip"] = clip
-    if "law" in given:
-        given["law"] = str(given["law"]).upper()
+    settings.clip = clip
     for name, value in given.items():
-        if name in PATHS and not os.path.isfile(str(value)):
+        one = OPTIONS[name]
+        if one.file and not os.path.isfile(str(value)):
             continue
         try:
-            setattr(settings, name, tuple(value) if isinstance(value, list) else value)
+            give(settings, one, value)
         except (TypeError, ValueError) as error:
             raise TakeError(f"take.toml of {take.path} says {name} = {value!r} ({error}).", "Run Recover again.") from error
-        mode, implied = IMPLIED.get(name, ("", None))
+        mode, implied = MODES.get(name, ("", None))
         if mode:
             setattr(settings, mode, implied)
     if "solve" in take.description().get("stages", {}) and "gravity" not in given:

@@ -38,15 +38,15 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
             if self.properties.is_property_set(name):
                 setattr(settings, name, _found(pool, getattr(self, name)))
         request, python = RecoverRequest.of(scene), engine_python()
-        self.digest, self.folder, self.clip = request.digest, request.take, request.clip
+        self.digest, self.folder, self.clip = request.digest(), request.take, request.clip
         takes.bring_along(settings, self.folder)
-        request.write_inputs(scene)
+        request.write_inputs()
         return self._messages(python, request)
 
     def _messages(self, python: str, request: RecoverRequest) -> "worker.Messages":
         from .results import sampling  # needs NumPy
 
-        call = command(python, "recover", *request.options, "--take", str(request.take))
+        call = command(python, "recover", *request.arguments())
         last = yield from worker.run(call, cwd=str(ROOT), env=environment())
         if last["outcome"] == "done":
             last = yield from sampling(python, request.take)

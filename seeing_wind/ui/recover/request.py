@@ -1,26 +1,26 @@
-"""What Recover is asked for, as one snapshot of a scene: the worker's options, a digest of them, and the files made from the scene."""
+"""What Recover is asked for, as one snapshot of a scene. Whatever comes after it works from the snapshot, not from the scene."""
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, options_of, words_of
 from ..clip.inputs.clips import files_of
 from ..clip.object.options import object_options
-from ..clip.options import clip_options, number_text
+from ..clip.options import View, clip_options
 from ..job.status import digest_of
 from ..job.takes import take_folder
+from ..option_properties import single, values_of
 from ..scene_units import metres_per_unit
 
 if TYPE_CHECKING:
     from ..clip.inputs.scene_inputs import SceneInput
-
-OVERRIDES = ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "thickness")
-"""Numbers that replace the material's where their tick is set."""
 
 INPUTS = "blender_inputs"
 """Folder in the take of the files that are made from the scene."""
@@ -34,12 +34,12 @@ class RecoverRequest:
     """Folder of the results."""
     clip: str
     """Path of the video, or the pattern of a sequence."""
-    options: tuple[str, ...]
-    """The words of `recover` after the verb, but for the take; `clip` first."""
-    inputs: tuple[SceneInput, ...]
-    """Files that `options` names in the take's folder `INPUTS`, to be made by `write_inputs`."""
-    digest: str
-    """Changes whenever the recovery would be another one."""
+    observe: ObserveSettings
+    build: BuildSettings
+    recover: RecoverSettings
+    views: tuple[View, ...] = ()
+    inputs: tuple[SceneInput, ...] = ()
+    """Files that `observe` names in the take's folder `INPUTS`, to be made by `write_inputs`."""
 
     @classmethod
     def of(cls, scene: bpy.types.Scene) -> RecoverRequest:
@@ -55,17 +55,47 @@ class RecoverRequest:
 
     @classmethod
     def from_parts(
-        cls, scene: bpy.types.Scene, clip: list[str], marked: tuple[list[str], tuple[SceneInput, ...]]
-    ) -> RecoverRequest:
+        cls, scene: bpy.types.Scene, clip: tuple[str, dict[str, Any], tuple[View, ...]],
+        marked: tuple[dict[str, Any], tuple[SceneInput, ...]],
+    ) -> RecoverRequest:  # fmt: skip
         """The request of a scene of which `clip_options` and `object_options` are known already."""
-        options, inputs = clip + marked[0] + _gravity(scene) + _effort(scene.seeing_wind), marked[1]
-        take = take_folder(scene.seeing_wind)
-        return cls(take, clip[0], tuple(options), inputs, _digest(options, take / INPUTS, inputs))
+        settings = scene.seeing_wind
+        solve = values_of(settings, RecoverSettings)
+        return cls(
+            take_folder(settings), clip[0], ObserveSettings(**marked[0] | clip[1] | {"seed": solve["seed"]}),
+            BuildSettings(**values_of(settings, BuildSettings)), RecoverSettings(**solve, gravity=_gravity(scene)),
+            clip[2], marked[1],
+        )  # fmt: skip
 
-    def write_inputs(self, scene: bpy.types.Scene) -> None:
+    def arguments(self) -> list[str]:
+        """The words of `recover` after the verb."""
+        views = [word for view in self.views for word in ("--view", *view)]
+        return [self.clip, *words_of(self.observe, self.build, self.recover), *views, "--take", str(self.take)]
+
+    def files(self) -> list[Path]:
+        """All that is read, but for what is made from the scene."""
+        named = [getattr(self.observe, name) for name in FILES]
+        given = [Path(path) for path in named if path is not None and Path(path).parent != self.take / INPUTS]
+        return [*files_of(self.clip), *given, *(Path(path) for view in self.views for path in view)]
+
+    def digest(self) -> str:
+        """Changes whenever the recovery would be another one. Files count by name only, so that a project can be moved."""
+        names = {name: os.path.basename(getattr(self.observe, name) or "") or None for name in FILES}
+        files = [os.stat(path) for path in self.files()]
+        views = [os.path.basename(path) for view in self.views for path in view]
+        return digest_of(
+            os.path.basename(self.clip), dataclasses.replace(self.observe, **names), self.build, self.recover, views,
+            [(entry.st_size, entry.st_mtime_ns) for entry in files],
+            tuple(each.stamp for each in self.inputs),  # what is made from the scene counts by what it is made of
+        )  # fmt: skip
+
+    def write_inputs(self) -> None:
         """Make the files that are made from the scene. Raises SeeingWindError where mask, tracks or proxy hold nothing."""
         for each in self.inputs:
-            each.write(scene, self.take / INPUTS / each.name)
+            each.write(self.take / INPUTS / each.name)
+
+
+FILES = [one.name for one in options_of(ObserveSettings).values() if one.file]
 
 
 def inputs_folder(settings: bpy.types.PropertyGroup) -> Path:
@@ -73,34 +103,10 @@ def inputs_folder(settings: bpy.types.PropertyGroup) -> Path:
     return take_folder(settings) / INPUTS
 
 
-def _gravity(scene: bpy.types.Scene) -> list[str]:
+def _gravity(scene: bpy.types.Scene) -> tuple[float, ...]:
     """The known acceleration [m/s²]; the scene's own is in its units, as Blender's solvers and its panels understand it."""
     settings = scene.seeing_wind
     if settings.gravity_mode == "NONE" or (settings.gravity_mode == "SCENE" and not scene.use_gravity):
-        return ["--no-gravity"]
+        return (0.0, 0.0, 0.0)
     gravity = scene.gravity * metres_per_unit(scene) if settings.gravity_mode == "SCENE" else settings.gravity
-    return ["--gravity", *(number_text(value) for value in gravity)]
-
-
-def _effort(settings: bpy.types.PropertyGroup) -> list[str]:
-    """The material, and how hard the recovery tries."""
-    options = ["--material", settings.material]
-    for name in OVERRIDES:
-        if getattr(settings, f"use_{name}"):
-            options += [f"--{name.replace('_', '-')}", number_text(getattr(settings, name))]
-    if settings.law != "PRESET":
-        options += ["--law", settings.law.lower()]
-    options += ["--iterations", str(settings.iterations), "--seed", str(settings.seed)]
-    for name in ("particles", "refine"):  # 0 leaves them to the engine
-        if getattr(settings, name):
-            options += [f"--{name}", str(getattr(settings, name))]
-    return options
-
-
-def _digest(options: list[str], folder: Path, inputs: tuple[SceneInput, ...]) -> str:
-    # files that are made from the scene count by what they are made of
-    given = [option for option in options[1:] if os.path.isabs(option) and Path(option).parent != folder and os.path.isfile(option)]
-    files = [os.stat(path) for path in (*files_of(options[0]), *given)]
-    # by name only, so that a project can be moved
-    named = [os.path.basename(option) if os.path.isabs(option) else option for option in options]
-    return digest_of(named, [(entry.st_size, entry.st_mtime_ns) for entry in files], tuple(each.stamp for each in inputs))
+    return tuple(single(value) for value in gravity)

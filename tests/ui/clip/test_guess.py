@@ -47,13 +47,11 @@ def test_what_is_in_the_clip_is_shown_used_and_can_be_changed(scene, workplace, 
     assert (guess.name, guess.made_of, guess.law) == ("white_card", "paper", "VON_MISES") and Path(guess.mask).is_file()
     assert settings.object_mode == "BOX" and not settings.use_density  # nothing is changed by the answer
     assert bpy.ops.seeing_wind.use_guess() == {"FINISHED"}
-    options = RecoverRequest.of(scene).options
-    pairs = dict(zip(options, options[1:]))
-    assert pairs["--mask"] == guess.mask and pairs["--law"] == "von_mises" and pairs["--density"] == "800"
-    assert pairs["--yield-stress"] == "3e+07" and "--viscosity" not in options
+    request = RecoverRequest.of(scene)
+    assert request.observe.mask == guess.mask and (request.build.law, request.build.density) == ("von_mises", 800.0)
+    assert request.build.yield_stress == 3e7 and request.build.viscosity is None
     settings.density = 900.0
-    options = RecoverRequest.of(scene).options
-    assert options[options.index("--density") + 1] == "900"
+    assert RecoverRequest.of(scene).build.density == 900.0
     # the key is neither in the file nor in the take
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"), compress=False)
     kept = [path for path in tmp_path.rglob("*") if path.is_file()]

@@ -54,7 +54,7 @@ def written(settings, folder: Path) -> dict[str, Path]:
     made = {}
     for each in scene_inputs(bpy.context.scene):
         made[each.option] = folder / each.name
-        each.write(bpy.context.scene, made[each.option])
+        each.write(made[each.option])
     assert all(path.is_file() for path in made.values())
     return made
 
@@ -71,7 +71,7 @@ def test_tracks_are_in_our_pixels_and_rows_are_the_file_s_pictures(settings, tmp
         other.markers.insert_frame(picture + 1, co=pixel(40.0, 30.0 - 0.5 * picture))
     other.markers.find_frame(4).mute = True
     settings.use_tracks = True
-    with np.load(written(settings, tmp_path)["--tracks"]) as data:
+    with np.load(written(settings, tmp_path)["tracks"]) as data:
         xy, visible = data["xy"], data["visible"]
     assert len(xy) > PICTURES, "more rows than pictures: the engine takes those of the range that was chosen"
     np.testing.assert_allclose(xy[:10, 0], np.stack([30.0 + np.arange(10), np.full(10, 20.25)], 1), atol=1e-4)
@@ -87,7 +87,7 @@ def test_a_clip_that_starts_later_keeps_its_tracks(settings, tmp_path) -> None:
     clip.frame_offset = 3
     clip.tracking.tracks.new(name="One", frame=1).markers.insert_frame(1, co=pixel(10.0, 11.0))
     settings.use_tracks, settings.use_frames, settings.frames = True, True, (3, 9)
-    with np.load(written(settings, tmp_path)["--tracks"]) as data:
+    with np.load(written(settings, tmp_path)["tracks"]) as data:
         assert data["visible"][:, 0].nonzero()[0].tolist() == [3]
         np.testing.assert_allclose(data["xy"][3, 0], [10.0, 11.0], atol=1e-4)
     setup_clip_scene(bpy.context.scene, settings.clip, dataclasses.asdict(camera(0.0)), 24.0, 3, 6, frame_start=7)
@@ -119,11 +119,11 @@ def test_a_plane_track_is_a_mask_and_a_grid_of_tracks(settings, tmp_path) -> Non
     plane.markers[0].corners = [pixel(*corner) for corner in CORNERS]
     settings.object_mode, settings.use_tracks = "PLANE", True
     files = written(settings, tmp_path)
-    inside = read_png(files["--mask"])
+    inside = read_png(files["mask"])
     a, b = np.array(CORNERS), np.roll(CORNERS, -1, axis=0)
     area = 0.5 * abs((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
     assert inside.sum() == pytest.approx(area, rel=0.02)
-    with np.load(files["--tracks"]) as data:
+    with np.load(files["tracks"]) as data:
         points = data["xy"][0][4:][data["visible"][0][4:]]
     assert len(points) == 36 and inside[tuple(np.round(points[:, ::-1]).astype(int).T)].all()
     # the diagonals of a quadrilateral cross in the image of the square's middle
@@ -166,7 +166,7 @@ def test_a_mask_is_drawn_at_the_clip_s_size(settings, tmp_path) -> None:
     expected = np.zeros((HEIGHT, WIDTH), dtype=bool)
     expected[11:41, 21:61] = True
     expected[21:31, 31:41] = False
-    np.testing.assert_array_equal(read_png(written(settings, tmp_path)["--mask"]), expected)
+    np.testing.assert_array_equal(read_png(written(settings, tmp_path)["mask"]), expected)
     before = stamps()
     mask.name = "Leaf of Another Name"
     assert stamps() == before
@@ -182,7 +182,7 @@ def test_a_round_mask_has_the_area_of_a_disc(settings, tmp_path) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 16, endpoint=False)
     spline(mask.layers.new(name="L"), [(48.0 + 25.0 * math.cos(a), 32.0 + 25.0 * math.sin(a)) for a in turn], "AUTO")
     settings.object_mode, settings.mask_data = "BLENDER_MASK", mask
-    assert read_png(written(settings, tmp_path)["--mask"]).sum() == pytest.approx(np.pi * 25.0**2, rel=0.01)
+    assert read_png(written(settings, tmp_path)["mask"]).sum() == pytest.approx(np.pi * 25.0**2, rel=0.01)
 
 
 def camera(turn: float) -> Camera:
@@ -203,7 +203,7 @@ def test_the_scene_s_camera_is_the_inverse_of_what_a_take_makes(settings, tmp_pa
     setup_clip_scene(scene, settings.clip, dataclasses.asdict(given), 24.0, 0, PICTURES - 1, settings.frame_start)
     scene.camera.scale = (2.0, 2.0, 2.0)  # a user's way to see it better
     settings.camera_mode = "SCENE"
-    values = json.loads(written(settings, tmp_path)["--camera"].read_text())
+    values = json.loads(written(settings, tmp_path)["camera"].read_text())
     for name in ("width", "height", "fx", "fy", "cx", "cy"):
         assert values[name] == pytest.approx(getattr(given, name), abs=1e-3)
     for picture in (0, 5, 12):
@@ -225,12 +225,12 @@ def test_sensor_fit(settings, fit) -> None:
 
 def test_a_camera_solve_is_found_by_itself_and_sees_its_own_points(settings, tmp_path) -> None:
     clip = loaded_clip(settings)
-    assert "--fov" in object_options(with_box(settings), tmp_path)[0]
+    assert "fov" in object_options(with_box(settings), tmp_path)[0]
     solve(clip)
     options = object_options(settings, tmp_path)[0]
-    assert "--camera" in options and "--fov" not in options, "automatic: a solve goes before the field of view"
-    assert "--distance" not in options, "and its scale is the scene's: the object is about where the world's origin is"
-    values = json.loads(written(settings, tmp_path)["--camera"].read_text())
+    assert "camera" in options and "fov" not in options, "automatic: a solve goes before the field of view"
+    assert "distance" not in options, "and its scale is the scene's: the object is about where the world's origin is"
+    values = json.loads(written(settings, tmp_path)["camera"].read_text())
     poses = np.array(values["camera_to_world"])
     for track in clip.tracking.tracks:
         for marker in track.markers:
@@ -239,7 +239,7 @@ def test_a_camera_solve_is_found_by_itself_and_sees_its_own_points(settings, tmp
             seen = local[:2] / local[2] * [values["fx"], values["fy"]] + [values["cx"], values["cy"]]
             assert np.abs(pixel(*seen) - np.array(marker.co)).max() < 1e-3
     settings.camera_mode = "FOV"
-    assert "--fov" in object_options(settings, tmp_path)[0]
+    assert "fov" in object_options(settings, tmp_path)[0]
 
 
 def with_box(settings):
@@ -280,8 +280,8 @@ def test_a_proxy_gives_the_depth_of_each_pixel(settings, tmp_path, unit) -> None
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.5 / unit, location=centre / unit, segments=96, ring_count=48)
     settings.proxy, settings.scale_mode, settings.object_mode = bpy.context.object, "PROXY", "PROXY"
     files = written(settings, tmp_path)
-    assert "--camera" in files and "--mask" not in files, "the depth file is the outline as well"
-    depth = np.load(files["--depth"])
+    assert "camera" in files and "mask" not in files, "the depth file is the outline as well"
+    depth = np.load(files["depth"])
     assert depth.shape == (HEIGHT, WIDTH) and depth.dtype == np.float32
     column, row = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))
     rays = np.stack([(column - seen.cx) / seen.fx, (row - seen.cy) / seen.fy, np.ones(column.shape)], axis=-1)
@@ -316,16 +316,15 @@ def test_what_is_missing_is_told(settings, tmp_path) -> None:
 def test_gravity_is_the_scene_s_in_its_units(settings) -> None:
     scene = bpy.context.scene
 
-    def gravity() -> tuple[str, ...]:
-        options = RecoverRequest.of(scene).options
-        return options[options.index("--gravity") + 1 :][:3]
+    def gravity() -> tuple[float, ...]:
+        return RecoverRequest.of(scene).recover.gravity
 
     with_box(settings)
-    assert gravity() == ("0", "0", "-9.81")
+    assert gravity() == (0.0, 0.0, -9.81)
     scene.unit_settings.scale_length = 0.1
-    assert float(gravity()[2]) == pytest.approx(-0.981, rel=1e-6), "what Blender's own panel shows then"
+    assert gravity()[2] == pytest.approx(-0.981, rel=1e-6), "what Blender's own panel shows then"
     scene.unit_settings.system = "NONE"
-    assert gravity() == ("0", "0", "-9.81")
+    assert gravity() == (0.0, 0.0, -9.81)
 
 
 def test_one_request_gives_options_digest_and_files(settings, tmp_path) -> None:
@@ -334,15 +333,16 @@ def test_one_request_gives_options_digest_and_files(settings, tmp_path) -> None:
     settings.take, settings.object_mode, settings.mask_data = str(tmp_path / "one.take"), "BLENDER_MASK", mask
     request = RecoverRequest.of(scene)
     file = tmp_path / "one.take" / INPUTS / "mask.png"
-    assert request.options[request.options.index("--mask") + 1] == str(file) and not file.exists()
+    words = request.arguments()
+    assert words[words.index("--mask") + 1] == str(file) and request.files() == [Path(settings.clip)] and not file.exists()
     with pytest.raises(dataclasses.FrozenInstanceError):
-        request.digest = ""
-    request.write_inputs(scene)
+        request.clip = ""
+    request.write_inputs()
     assert file.is_file() and RecoverRequest.of(scene) == request, "the file is no setting"
     settings.take = str(tmp_path / "moved.take")
-    assert RecoverRequest.of(scene).digest == request.digest, "nor is its place"
+    assert RecoverRequest.of(scene).digest() == request.digest(), "nor is its place"
     mask.layers[0].splines[0].points[0].co.x += 0.05
-    assert RecoverRequest.of(scene).digest != request.digest
+    assert RecoverRequest.of(scene).digest() != request.digest()
     settings.object_mode = "BOX"
     with pytest.raises(ObjectError, match="No box"):
         RecoverRequest.of(scene)
@@ -355,7 +355,7 @@ def test_a_sequence_of_pictures_plays_at_the_scene_s_rate(settings, tmp_path) ->
     settings.clip = str(first)
     scene = bpy.context.scene
     scene.render.fps, scene.render.fps_base = 30, 1.001
-    assert clip_options(settings) == [str(tmp_path / "wind è_%03d.png"), "--fps", "29.97003"]
+    assert clip_options(settings)[:2] == (str(tmp_path / "wind è_%03d.png"), {"fps": 29.97003, "frames": None})
 
 
 def test_boxes_on_the_screen_and_in_the_picture() -> None:

@@ -86,6 +86,8 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
     steps = [
         ("choose clip", lambda: ops.choose_clip(filepath=clip)),
         ("match", lambda: ops.match_scene(parts={"FPS", "CAMERA"})),
+        ("add view", lambda: ops.add_view(clip=clip)),
+        ("remove view", lambda: ops.remove_view()),
         ("draw box", lambda: ops.draw_box(box=(20.0, 20.0, 44.0, 44.0))),
         ("recover", lambda: ops.recover(distance=2.0, take=take)),
         ("insert", lambda: ops.insert_mesh(object="Held")),

@@ -59,14 +59,15 @@ def test_the_worker_gets_the_options_of_the_settings(workplace, scene) -> None:
     options = Take(workplace / "out.take").description()["stages"]["recover"]["settings"]["options"]
     pairs = dict(zip(options, options[1:]))
     assert pairs["--fps"] == "30.19" and pairs["--frames"] == "2:9" and pairs["--density"] == "850" and pairs["--seed"] == "3"
-    assert "--no-gravity" in options and options[options.index("--box") + 1 :][:4] == ["20", "20", "44", "44"]
+    assert options[options.index("--gravity") + 1 :][:3] == ["0", "0", "0"]
+    assert options[options.index("--box") + 1 :][:4] == ["20", "20", "44", "44"]
     assert pairs["--distance"] == "1.5" and "--pixels-per-metre" not in options
     assert "--refine" not in options
     scene.use_gravity, scene.seeing_wind.pixels_per_metre, scene.seeing_wind.refine = True, 398.7, 4
     bpy.ops.seeing_wind.recover(pixels_per_metre=398.7)
     options = Take(workplace / "out.take").description()["stages"]["recover"]["settings"]["options"]
     pairs = dict(zip(options, options[1:]))
-    assert pairs["--pixels-per-metre"] == "398.7" and "--distance" not in options and pairs["--gravity"] == "0"
+    assert pairs["--pixels-per-metre"] == "398.7" and "--distance" not in options and "--gravity" not in options
     assert pairs["--refine"] == "4"
 
 
@@ -85,7 +86,7 @@ def test_a_change_of_settings_makes_the_recovery_stale_and_changing_back_does_no
         ({"clip": ""}, "No clip is chosen"),
         ({"box": (0, 0, 0, 0)}, "No box is drawn"),
         ({"mask": "/no/mask.png"}, "There is no mask"),
-        ({"frames": (9, 9)}, "Pictures 9 to 9 are none"),
+        ({"frames": (9, 9)}, "pictures 9 to 9 is empty"),
     ],
 )
 def test_bad_settings_are_refused_before_anything_starts(workplace, scene, options, says) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -21,12 +22,12 @@ class SceneInput:
     """One file that is made from the scene."""
 
     option: str
-    """Of the worker, which takes the file's path."""
+    """Name in `ObserveSettings`, which has the file's path."""
     name: str
     """Of the file."""
     stamp: tuple
     """Of what the file would hold; cheap enough to ask for at every change."""
-    write: Callable[[bpy.types.Scene, Path], object]
+    write: Callable[[Path], object] = field(compare=False)
     """Makes the file. Raises SeeingWindError where mask, tracks or proxy hold nothing in the first picture."""
 
 
@@ -39,12 +40,12 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
     """
     settings, found = scene.seeing_wind, []
     if settings.object_mode in ("BLENDER_MASK", "PLANE", "PROXY"):
-        found += _object(settings)
+        found += _object(scene)
     if settings.use_tracks:
         clip = clip_of(settings)
         if clip is None or not (len(clip.tracking.tracks) or len(clip.tracking.plane_tracks)):
             raise ObjectError("The clip has no tracks.", "Track points on the object in the Movie Clip Editor, or switch Tracks off.")
-        found.append(SceneInput("--tracks", "tracks.npz", tracks_stamp(clip), write_tracks))
+        found.append(SceneInput("tracks", "tracks.npz", tracks_stamp(clip), partial(write_tracks, scene)))
     if settings.scale_mode == "PROXY" and settings.proxy is None:
         raise UsageError("No proxy mesh is chosen.", "Place a mesh where the object is in the first picture, as the camera sees it.")
     camera = camera_source(scene)
@@ -52,23 +53,24 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
         if not camera:
             raise UsageError("A proxy is seen through a camera, and there is none.", "Use the scene's camera or a camera solve.")
         place = tuple(tuple(row) for row in settings.proxy.matrix_world)
-        found.append(SceneInput("--depth", "depth.npy", place, write_depth))
+        found.append(SceneInput("depth", "depth.npy", place, partial(write_depth, scene)))
     if camera:
-        found.append(SceneInput("--camera", "camera.json", camera, write_camera))
+        found.append(SceneInput("camera", "camera.json", camera, partial(write_camera, scene)))
     return tuple(found)
 
 
-def _object(settings: bpy.types.PropertyGroup) -> list[SceneInput]:
+def _object(scene: bpy.types.Scene) -> list[SceneInput]:
     """The object's outline, where a datablock of the scene gives it; a proxy gives it by its depth."""
+    settings = scene.seeing_wind
     if settings.object_mode == "BLENDER_MASK":
         if settings.mask_data is None:
             raise ObjectError("No mask is chosen.", "Draw one in the Image or Movie Clip Editor (Mask mode) and choose it here.")
-        return [SceneInput("--mask", "mask.png", mask_stamp(settings.mask_data), write_mask)]
+        return [SceneInput("mask", "mask.png", mask_stamp(settings.mask_data), partial(write_mask, scene))]
     if settings.object_mode == "PLANE":
         clip = clip_of(settings)
         if clip is None or not len(clip.tracking.plane_tracks):
             raise ObjectError("The clip has no plane track.", "Make one in the Movie Clip Editor (Create Plane Track), or draw a box.")
-        return [SceneInput("--mask", "mask.png", tracks_stamp(clip), write_plane_mask)]
+        return [SceneInput("mask", "mask.png", tracks_stamp(clip), partial(write_plane_mask, scene))]
     if settings.scale_mode != "PROXY":
         raise ObjectError("The proxy mesh marks the object but does not give its depth.", "Choose Proxy Mesh for the scale too.")
     return []

@@ -7,6 +7,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ....engine.errors import UsageError
+from ....engine.settings import ObserveSettings, words_of
 from ...direct_operator import DirectOperator
 from ...job import takes, worker
 from ...job.install.choices import asked_model
@@ -14,8 +15,7 @@ from ...job.install.environment import NoOnlineAccess, engine_python
 from ...job.operator import JobOperator
 from ...job.worker_command import ROOT, command, environment
 from ..options import clip_options
-
-NUMBERS = ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity")
+from .properties import NUMBERS
 
 
 class NoModel(UsageError):
@@ -48,12 +48,10 @@ class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
                 f"{address} is on the network, and Blender may not use it.", "Allow Online Access in Preferences > System > Network."
             )
         settings = scene.seeing_wind
-        options = [word for word in clip_options(settings) if word]
-        clip, rest = options[0], options[1:]
-        frames = rest[rest.index("--frames") : rest.index("--frames") + 2] if "--frames" in rest else []
+        clip, seen, _ = clip_options(settings)
         call = command(
-            engine_python(), "identify", clip, *frames, "--take", str(takes.take_folder(settings)),
-            "--material-endpoint", address, "--material-model", model,
+            engine_python(), "identify", clip, *words_of(ObserveSettings(frames=seen["frames"])),
+            "--take", str(takes.take_folder(settings)), "--material-endpoint", address, "--material-model", model,
         )  # fmt: skip
         return worker.run(call, cwd=str(ROOT), env=environment(key))
 

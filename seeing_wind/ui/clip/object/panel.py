@@ -3,9 +3,11 @@
 import bpy
 
 from ....engine.materials import MATERIALS
+from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
 from ...job.panel_pieces import Tab, draw_failure, draw_override, draw_progress, draw_text, panels
 from ...job.status import State
+from ...option_properties import panel_options
 
 
 class ObjectTab(Tab):
@@ -89,20 +91,14 @@ def _draw_guesses(layout, context, settings, space: str) -> None:
 
 
 def _draw_more(layout, settings) -> None:
-    """What few need: the law, its further numbers, and how much effort the recovery makes."""
+    """What few need: every option that has no place of its own."""
     header, body = layout.panel("SEEING_WIND_more", default_closed=True)
     header.label(text="More")
     if body is None:
         return
     column = body.column()
-    column.prop(settings, "law")
-    for name in ("poisson_ratio", "yield_stress", "viscosity"):
-        draw_override(column, settings, name)
-    column.separator()
-    column.prop(settings, "particles")
-    column.prop(settings, "iterations")
-    column.prop(settings, "refine")
-    column.prop(settings, "seed")
+    for one in panel_options(BuildSettings, RecoverSettings, ObserveSettings, part="more"):
+        draw_override(column, settings, one.identifier)
 
 
 def _draw_material(column, settings) -> None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 from array import array
+from typing import Any
 
 import bpy
 
+from ....engine.settings import BodyEdit, ColliderEdit, Edit
 from ...bake.animation import keyframes
 from ...bake.plan import mark_of
 from ...job.status import digest_of
+from ...option_properties import values_of
 from ...scene_units import metres_per_unit
 
 
@@ -19,22 +22,26 @@ def edit_digest(scene: bpy.types.Scene) -> str:
     moved = [_body(body) for body in settings.bodies if body.is_recovered or body.object is not None]
     if not moved:
         return ""
-    gravity = tuple(settings.edit_gravity) if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode
+    gravity = (settings.edit_gravity_mode, settings.edit_gravity_mode == "CUSTOM" and tuple(settings.edit_gravity))
     path = settings.path_from_id("field_strength")
     strength = [curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength
-    colliders = [(each.kind, each.friction, _geometry(each.object)) for each in settings.colliders if each.object is not None]
+    colliders = [(values_of(each, ColliderEdit), _geometry(each.object)) for each in settings.colliders if each.object is not None]
     floor = (settings.floor_height, settings.floor_friction) if settings.use_floor else None
-    scene_wide = (strength, gravity, settings.contact, colliders, floor, tuple(settings.offset), metres_per_unit(scene))
+    scene_wide = (strength, gravity, values_of(settings, Edit), colliders, floor, tuple(settings.offset), metres_per_unit(scene))
     return digest_of(settings.recovered_digest, settings.recovered_stamp or settings.recovered_take, moved, *scene_wide)
 
 
+def body_values(body: bpy.types.PropertyGroup) -> dict[str, Any]:
+    """The values of `BodyEdit` that the panel gives; a mass goes before a density, and the clip's own object keeps its material."""
+    values = values_of(body, BodyEdit)
+    instead = {"density": None} if values["mass"] is not None else {}
+    return values | instead | ({"material": None} if body.is_recovered else {})
+
+
 def _body(body: bpy.types.PropertyGroup) -> tuple:
-    overrides = [getattr(body, f"use_{name}") and getattr(body, name) for name in ("density", "mass", "youngs_modulus")]
-    numbers = (body.mass_scale, body.stiffness_scale, body.start_frame, *overrides)
-    velocity = tuple(body.velocity) if body.use_velocity else None
     held = (body.pin_group, body.is_recovered and body.free_mode, body.free_group)
     weights = _weights(body.object, body.pin_group) if body.object is not None and body.pin_group else ""
-    return (body.is_recovered, _geometry(body.object), body.material, numbers, held, weights, velocity)
+    return (body.is_recovered, _geometry(body.object), body_values(body), held, weights)
 
 
 def _geometry(obj: bpy.types.Object | None) -> tuple:

@@ -12,11 +12,14 @@ import numpy as np
 from ....engine.conventions import GRAVITY
 from ....engine.errors import TakeError, UsageError
 from ....engine.records import Attachment
+from ....engine.settings import ColliderEdit, Edit, options_of
 from ....engine.take import Take, from_arrays
 from ...bake.animation import values_over
 from ...bake.at_rest import at_rest
 from ...job.take_reading import field_summary
+from ...option_properties import value_of, values_of
 from ...scene_mesh import pinned_vertices
+from .digest import body_values
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
 
 LONGEST = 50
@@ -47,7 +50,7 @@ def export_edit(scene: bpy.types.Scene, source: Path, folder: Path) -> Path:
     finally:
         scene.frame_set(at)
     strength = field_strengths(scene, field_summary(Take(source)).frames)
-    return write_edit(folder, bodies, _gravity(settings, source), colliders, field_strength=strength, contact=settings.contact)
+    return write_edit(folder, bodies, _gravity(settings, source), colliders, field_strength=strength, **values_of(settings, Edit))
 
 
 def field_strengths(scene: bpy.types.Scene, frames: int) -> float | list[float]:
@@ -58,16 +61,7 @@ def field_strengths(scene: bpy.types.Scene, frames: int) -> float | list[float]:
 
 
 def _body(body: bpy.types.PropertyGroup, scene: bpy.types.Scene, source: Path, folder: Path) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "name": body.result,
-        "mass_scale": body.mass_scale,
-        "youngs_modulus_scale": body.stiffness_scale if body.stiffness_scale != 1.0 else None,
-        "start_frame": body.start_frame,
-        "density": body.density if body.use_density and not body.use_mass else None,
-        "mass": body.mass if body.use_mass else None,
-        "youngs_modulus": body.youngs_modulus if body.use_youngs_modulus else None,
-        "velocity": tuple(body.velocity) if body.use_velocity else None,
-    }
+    entry = body_values(body) | {"name": body.result}
     pins = folder / "pins" / f"{body.result}.npy"
     if body.is_recovered:
         return entry | {"mesh": "recovered"} | _holds_of_the_recovered(body, scene, source, folder, pins)
@@ -75,7 +69,7 @@ def _body(body: bpy.types.PropertyGroup, scene: bpy.types.Scene, source: Path, f
     with at_rest(obj, scene) as still:
         depsgraph = bpy.context.evaluated_depsgraph_get()
         exported = export_mesh(still, depsgraph, folder / "meshes" / f"{body.result}.npz", -np.array(scene.seeing_wind.offset))
-        entry["mesh"], entry["material"] = exported.path.relative_to(folder), body.material
+        entry["mesh"] = exported.path.relative_to(folder)
         if body.pin_group:
             _, weights = export_pins(still, depsgraph, body.pin_group, pins)
             entry["pin"] = pins.relative_to(folder)
@@ -136,7 +130,7 @@ def _colliders(scene: bpy.types.Scene, folder: Path) -> list[dict[str, Any]]:
         with at_rest(obj, scene, whole=True) as still:
             depsgraph = bpy.context.evaluated_depsgraph_get()
             path = export_mesh(still, depsgraph, folder / "colliders" / f"{name}.npz").path
-        found.append({"name": name, "mesh": path.relative_to(folder), "kind": collider.kind.lower(), "friction": collider.friction})
+        found.append({"name": name, "mesh": path.relative_to(folder), **values_of(collider, ColliderEdit)})
     return found
 
 
@@ -144,7 +138,7 @@ def _gravity(settings, source: Path) -> tuple[float, float, float] | None:
     if settings.edit_gravity_mode == "NONE":
         return None
     if settings.edit_gravity_mode == "CUSTOM":
-        return tuple(settings.edit_gravity)
+        return value_of(settings, options_of(Edit)["gravity"])
     recovered = Take(source).description().get("stages", {}).get("recover", {}).get("settings", {}).get("gravity", GRAVITY)
     if len(recovered) != 3:
         raise TakeError(f"The gravity in {source} is no vector.", "Run Recover again.")
