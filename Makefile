@@ -24,6 +24,7 @@ help:
 	@echo "make farm-test  a batch on two nodes of a Ray cluster, one killed, and its Open Job Description run by openjd-cli"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
 	@echo "make benchmark-compilers  Quadrants beside Taichi"
+	@echo "make cli-reference  docs/reference/cli.md from the definitions of the options"
 	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
 	@echo "make screenshots SHOOT=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
 	@echo "make clean      remove build/"
@@ -123,6 +124,9 @@ benchmark-compilers: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[quadrants]"
 	$(PY) benchmarks/compilers.py
 
+cli-reference: setup
+	$(PY) scripts/cli_reference.py
+
 # Two idle cores take about ten minutes.
 benchmark-report: setup
 	$(PY) benchmarks/report_share.py $(RUN)
@@ -134,4 +138,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup lock quick-recover quick-recover-matrix demo scenes lint test farm-test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report screenshots clean
+.PHONY: help setup lock quick-recover quick-recover-matrix demo scenes lint test farm-test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report cli-reference screenshots clean

@@ -28,6 +28,7 @@ import bpy
 from . import at_exit, batch, commands, freshness, scene_properties, user_paths
 from .bake import operators as bake_operators
 from .bake import panel as bake_panel
+from .clip import draw_box as clip_draw_box
 from .clip import operators as clip_operators
 from .clip import panel as clip_panel
 from .clip import properties as clip_properties
@@ -55,7 +56,7 @@ from .recover import panel as recover_panel
 
 FEATURES = (
     install_preferences, install_operators,
-    clip_properties, clip_operators, clip_views, clip_panel,
+    clip_properties, clip_operators, clip_draw_box, clip_views, clip_panel,
     object_properties, object_operators, object_panel,
     recover_operators, recover_panel,
     field_properties, field_operators, field_panel,

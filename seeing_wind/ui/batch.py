@@ -121,14 +121,14 @@ def run_verb(python: str, verb: str, options: list[str], show: Show) -> int:
 
 def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -> int:
     """An empty file with the results of a take, and of a re-simulation; returns the exit code."""
-    from .recover import results  # needs NumPy
+    from .recover import results, sampling  # these need NumPy
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     if not hasattr(scene, "seeing_wind"):  # factory settings switch extensions off
         switch_on()
     settings = scene.seeing_wind
-    last = worker.wait(results.sampling(python, source), show)
+    last = worker.wait(sampling.sampling(python, source), show)
     if last["outcome"] != "done":
         return worker.CANCELLED if last["outcome"] == "cancelled" else 1
     results.build(scene, source, clip)

@@ -99,7 +99,10 @@ def test_switching_on_reads_nothing_that_works_on_results() -> None:
         "print('read', *sorted(name for name in sys.modules if name.startswith('seeing_wind'))); ui.unregister()"
     )
     read = next(line for line in said.splitlines() if line.startswith("read ")).split()[1:]
-    works_on_results = {"recover.results", "bake.motion", "bake.bodies", "clip.inputs.scene_inputs", "edit.edits", "composite.composite"}
+    works_on_results = {
+        "recover.results", "recover.sampling", "bake.motion", "bake.bodies", "clip.inputs.scene_inputs", "edit.edits",
+        "composite.composite",
+    }  # fmt: skip
     for name in works_on_results:
         assert PACKAGE.joinpath("ui", *name.split(".")).with_suffix(".py").is_file()
     assert "seeing_wind.ui.job.panel_pieces" in read and not {f"seeing_wind.ui.{name}" for name in works_on_results} & set(read)

@@ -19,6 +19,7 @@ from ..settings.recover import SOLVE
 
 DESCRIPTIONS = {NETWORKS: "each a folder, or a name in the hub's cache; see `doctor`"}
 """Of the groups that need more than their title."""
+CLIP = "a video, a folder of pictures, or a pattern such as shot_%%04d.png"
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
@@ -62,7 +63,7 @@ class Parser(argparse.ArgumentParser):
             if one.name in (only or {one.name}) and one.name not in but and one.flag not in self._option_string_actions:
                 home = self.one_of(one.one_of, one.group) if one.one_of else self.titled(one.group)
                 default, said = defaults.get(one.name, (one.default, ""))
-                home.add_argument(one.flag, **_keywords(one), default=default, help=_help(one, default, said))
+                home.add_argument(one.flag, **_keywords(one), default=default, help=one.summary(default, said).replace("%", "%%"))
 
 
 def _keywords(one: Option) -> dict[str, Any]:
@@ -70,14 +71,6 @@ def _keywords(one: Option) -> dict[str, Any]:
     if one.form is not None:
         return words | ({"nargs": "+"} if one.form.many else {})
     return words | ({} if one.count is None else {"nargs": one.count or "+"})
-
-
-def _help(one: Option, default: Any, said: str) -> str:
-    """Help, unit, choices and default in one line."""
-    said = said or (one.otherwise if default is None else ("" if default == 0 and one.count is None else " ".join(one.words(default))))
-    choices = "; ".join(f"{name}: {meaning}" for name, meaning in one.choices.items())
-    parts = [one.help, f" [{one.unit}]" if one.unit else "", f"; {choices}" if choices else "", f" (default: {said})" if said else ""]
-    return "".join(parts).replace("%", "%%")
 
 
 def whole(least: int, most: int, called: str) -> Any:
@@ -100,7 +93,7 @@ def parser() -> Parser:
     _recover(verbs.add_parser("recover", help="a clip becomes a force field", allow_abbrev=False))
     _recover_trajectories(verbs.add_parser("recover-trajectories", help="3D trajectories become a force field", allow_abbrev=False))
     sample = verbs.add_parser("sample", help="the force density at given points", allow_abbrev=False)
-    sample.add_argument("take", type=path, metavar="DIR")
+    sample.add_argument("take", type=path, metavar="DIR", help="take of the recovered field")
     sample.add_argument("--points", required=True, metavar="P.npy", help="(N,3) m for one frame, or (T,N,3) m, one row per frame")
     sample.add_argument("--frame", type=int, metavar="T", help="the frame for (N,3) points")
     sample.add_argument("--out", required=True, metavar="OUT.npz", help="gets force_density [N/m³] and confidence")
@@ -110,9 +103,9 @@ def parser() -> Parser:
     resimulate.add_argument("--take", type=path, required=True, metavar="OUT", help="gets bodies/NAME.npz: vertices (T+1,V,3) m, fps")
     resimulate.add_settings(RecoverSettings, only={"device"})
     export = verbs.add_parser("export", help="the field on a lattice, for other programs", allow_abbrev=False)
-    export.add_argument("take", type=path, metavar="DIR")
-    export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"))
-    export.add_argument("--out", type=path, required=True, metavar="PATH")
+    export.add_argument("take", type=path, metavar="DIR", help="take of the recovered field")
+    export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"), help="vdb only inside Blender")
+    export.add_argument("--out", type=path, required=True, metavar="PATH", help="file that is written, or the start of several names")
     _identify(verbs.add_parser("identify", help="ask a vision-language model what is in the first picture", allow_abbrev=False))
     _batch(verbs.add_parser("batch", help="many clips and edits, here or on a farm", allow_abbrev=False))
     verbs.add_parser("doctor", help="what is installed, what works, what to do about the rest", allow_abbrev=False)
@@ -120,7 +113,7 @@ def parser() -> Parser:
 
 
 def _recover(p: Parser) -> None:
-    p.add_argument("clip", metavar="CLIP", help="a video, a folder of pictures, or a pattern such as shot_%%04d.png")
+    p.add_argument("clip", metavar="CLIP", help=CLIP)
     p.add_argument("--take", type=path, required=True, metavar="DIR", help="folder of the results; made if need be")
     p.add_settings(ObserveSettings, only={"fps", "frames", "mask", "box", "points"})
     p.one_of("object", SEEN).add_argument(
@@ -160,7 +153,7 @@ def _solve(p: Parser, **defaults: tuple[Any, str]) -> None:
 
 
 def _identify(p: Parser) -> None:
-    p.add_argument("clip", metavar="CLIP")
+    p.add_argument("clip", metavar="CLIP", help=CLIP)
     p.add_argument("--take", type=path, required=True, metavar="DIR", help="gets objects.json and a mask per object")
     p.add_argument("--material-endpoint", required=True, metavar="URL", help="OpenAI-compatible address")
     p.add_argument("--material-model", required=True, metavar="NAME", help="the endpoint's name of the model")

@@ -51,7 +51,7 @@ class ObserveSettings:
     )  # fmt: skip
     distance: float | None = option(
         None, help="distance from the camera to the object in the first picture", unit="m", above=0.0, metavar="M", group=SEEN,
-        one_of="scale", otherwise="2, which is told", panel="main", start=2.0, typical=(None, 100.0), digits=3,
+        one_of="scale", otherwise="2, and a warning says so", panel="main", start=2.0, typical=(None, 100.0), digits=3,
     )  # fmt: skip
     pixels_per_metre: float | None = option(
         None, label="Scale", help="image scale in the object's plane", unit="px/m", above=0.0, metavar="P", group=SEEN, one_of="scale",

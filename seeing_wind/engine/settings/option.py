@@ -121,13 +121,24 @@ class Option:
         """What follows "must" in an error: the choices, or the range with its unit."""
         if self.choices:
             return f"be {' or '.join(name for name in self.choices if name not in self.refused)}"
-        parts = [("above", self.above), ("at least", self.minimum), ("below", self.below), ("at most", self.maximum)]
-        bounds = [f"{word} {number_text(value)}" for word, value in parts if value is not None]
-        return f"be {' and '.join(bounds) or 'finite'}{f' {self.unit}' if bounds and self.unit else ''}"
+        bounds = self._bounds()
+        return f"be {bounds or 'finite'}{f' {self.unit}' if bounds and self.unit else ''}"
+
+    def summary(self, default: Any, said: str = "") -> str:
+        """Help, unit, choices, range and default in one line; `said` is how the default is said, if not as itself."""
+        said = said or (self.otherwise if default is None else "" if default == 0 else " ".join(self.words(default)))
+        choices = "".join(f"; {name}: {meaning}" for name, meaning in self.choices.items())
+        bounded = self.maximum is not None or self.below is not None
+        more = "; ".join(filter(None, [self._bounds() if bounded else "", f"default: {said}" if said else ""]))
+        return f"{self.help}{f' [{self.unit}]' if self.unit else ''}{choices}{f' ({more})' if more else ''}"
 
     def sentence(self) -> str:
         """The help as a sentence."""
         return f"{self.help[:1].upper()}{self.help[1:]}."
+
+    def _bounds(self) -> str:
+        parts = [("above", self.above), ("at least", self.minimum), ("below", self.below), ("at most", self.maximum)]
+        return " and ".join(f"{word} {number_text(value)}" for word, value in parts if value is not None)
 
     def _within(self, value: float) -> bool:
         low = (self.above is None or value > self.above) and (self.minimum is None or value >= self.minimum)

@@ -1,7 +1,8 @@
 """Step 1, the clip: which video, which part of it, through which camera.
 
 properties       its settings
-operators        Choose Clip (also by drag and drop), Match Scene, Draw Box
+operators        Choose Clip (also by drag and drop), Match Scene
+draw_box         Draw Box
 views            further views: add, remove
 panel            the panel *Clip*
 options          the settings as options of the engine

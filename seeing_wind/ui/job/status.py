@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from .panel_words import in_panel_words
+
 
 class State(StrEnum):
     """Of one step of the work."""
@@ -132,9 +134,10 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
         if "residual" in message:
             entry.residual = float(message["residual"])
     elif kind == "warning":
-        status.warnings.append(str(message.get("message", "")))
+        status.warnings.append(in_panel_words(str(message.get("message", ""))))
     elif kind == "error":
-        entry.message, entry.hint, entry.mend = (str(message.get(key, "")) for key in ("message", "hint", "mend"))
+        entry.message, entry.hint = (in_panel_words(str(message.get(key, ""))) for key in ("message", "hint"))
+        entry.mend = str(message.get("mend", ""))
         entry.log = str(message.get("log", ""))
         entry.state = State.FAILED
     else:

@@ -4,6 +4,7 @@ properties      its settings, and what the scene notes of its results
 operators       Recover, Reload, Open Report
 panel           the panel *Recover*
 request         one snapshot of a scene: options, digest, and the files made from the scene
+sampling        the field of a take at the places that the scene needs; asked of the engine
 results         from a take to the scene: field, arrows, legend, camera, recovered object
 fill            the panel's settings from a take that was made elsewhere
 shown           which objects of a scene show its field; no NumPy

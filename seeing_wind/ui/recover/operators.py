@@ -44,7 +44,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
         return self._messages(python, request)
 
     def _messages(self, python: str, request: RecoverRequest) -> "worker.Messages":
-        from .results import sampling  # needs NumPy
+        from .sampling import sampling  # needs NumPy
 
         call = command(python, "recover", *request.arguments())
         last = yield from worker.run(call, cwd=str(ROOT), env=environment())
@@ -92,7 +92,7 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
             self.folder = takes.shown(settings) if settings.recovered_take else takes.take_folder(settings)
         if not (self.folder / "field.safetensors").is_file():
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
-        from .results import sampling  # needs NumPy
+        from .sampling import sampling  # needs NumPy
 
         return sampling(engine_python(), self.folder)
 

@@ -31,6 +31,17 @@ def test_the_time_that_is_left_after_a_resume_counts_this_run_only() -> None:
     assert status.remaining(step, 130.0) == pytest.approx(30.0 / 0.15 * 0.6)
 
 
+def test_flags_are_called_as_the_panel_calls_them() -> None:
+    now = status.SceneStatus()
+    status.begin(now, "recover", "Recover")
+    status.receive(now, "recover", {"type": "warning", "message": "Give --distance or --pixels-per-metre for absolute values."})
+    assert now.warnings == ["Give Distance or Scale for absolute values."]
+    said = {"message": "`--distance` must be above 0 m; this is -2.", "hint": "Add --schedule paper, or leave --view out."}
+    status.receive(now, "recover", {"type": "error", **said})
+    step = now.steps["recover"]
+    assert (step.message, step.hint) == ("Distance must be above 0 m; this is -2.", "Add --schedule paper, or leave Further Views out.")
+
+
 def test_what_the_engine_says_of_a_finished_stage_is_what_the_panel_waits_for() -> None:
     from seeing_wind.engine import stages
 

@@ -1,7 +1,7 @@
 """Step 2, the object: what is followed in the clip, at what scale, made of what.
 
 properties  its settings, and what a model saw
-operators   ask a model what is in the clip, use one of its answers (the box is drawn by `clip/operators.py`)
+operators   ask a model what is in the clip, use one of its answers (the box is drawn by `clip/draw_box.py`)
 panel       the panel *Object*
 options     the settings as options of the worker, with the files that are made from the scene
 """

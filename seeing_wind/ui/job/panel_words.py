@@ -1,0 +1,18 @@
+"""What the engine says to its command line, in the panel's words: `--distance` is called Distance here."""
+
+from __future__ import annotations
+
+import re
+
+from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, options_of
+
+LABELS = {
+    **{one.flag: one.label for cls in (ObserveSettings, BuildSettings, RecoverSettings) for one in options_of(cls).values() if one.panel},
+    "--tracks": "Tracks", "--view": "Further Views", "--no-gravity": "Gravity: None",
+}  # fmt: skip
+"""Of the options that the panel has."""
+
+
+def in_panel_words(text: str) -> str:
+    """The text with each flag that the panel has a property for called by its label."""
+    return re.sub(r"`?(--[a-z][a-z-]*)`?", lambda found: LABELS.get(found[1], found[0]), text)
