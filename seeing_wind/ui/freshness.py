@@ -12,7 +12,8 @@ from ..engine.errors import SeeingWindError
 from .bake.plan import stamp_of_bakes
 from .clip.object.options import object_options
 from .clip.options import clip_options
-from .edit.resimulate.digest import edit_digest, forget_geometry
+from .edit.resimulate.geometry import forget_geometry
+from .edit.resimulate.request import EditRequest
 from .job import status
 from .recover.request import RecoverRequest, inputs_folder
 
@@ -26,7 +27,7 @@ def refresh(scene: bpy.types.Scene) -> None:
     begun = any(settings.box) or settings.object_mode != "BOX"
     marked = _attempt(now, "object", lambda: object_options(settings, inputs_folder(settings)), begun)
     recover = RecoverRequest.from_parts(scene, clip, marked).digest() if clip and marked else "incomplete"
-    edit = edit_digest(scene)
+    edit = EditRequest.of(scene).digest()
     status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))
     status.derive(now, "resimulate", edit, settings.simulated_digest)

@@ -9,7 +9,7 @@ import pytest
 
 import seeing_wind.ui as ui
 from seeing_wind.ui import freshness
-from seeing_wind.ui.edit.resimulate.digest import edit_digest
+from seeing_wind.ui.edit.resimulate.request import EditRequest
 from seeing_wind.ui.job import panel_pieces, status
 
 
@@ -96,7 +96,7 @@ def test_an_object_of_the_edit_that_moves_makes_the_simulation_stale(addon, scen
     obj = bpy.context.object
     bpy.ops.seeing_wind.insert_mesh(object=obj.name)
     settings = scene.seeing_wind
-    settings.simulated_digest = edit_digest(scene)
+    settings.simulated_digest = EditRequest.of(scene).digest()
     freshness.refresh(scene)
     assert status.of(scene.session_uid).steps["resimulate"].state == "done"
     obj.location.x = 1.0

@@ -17,7 +17,7 @@ from seeing_wind.ui.bake.animation import curves_of
 from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.bake.plan import mark_of
 from seeing_wind.ui.edit import panel as panel_edit
-from seeing_wind.ui.edit.resimulate.digest import forget_geometry
+from seeing_wind.ui.edit.resimulate.geometry import forget_geometry
 from seeing_wind.ui.job import status
 
 

@@ -2,7 +2,8 @@
 
 operators    Re-simulate
 panel        the panel *Re-simulate*
-edit_export  from the scene's edit to what is written
+request      one snapshot of the scene's edit: values, digest, names; no NumPy
+edit_export  from the snapshot to what is written
 edit_files   the files: meshes, pinned vertices, edit.toml
-digest       of all that a re-simulation depends on; no NumPy, asked for at every change
+geometry     short digests of shape, place and weights; no NumPy, asked for at every change
 """

@@ -6,7 +6,7 @@ from ...job import takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
 from ...job.worker_command import command, environment
-from .digest import edit_digest
+from .request import EditRequest
 
 
 class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
@@ -24,8 +24,11 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
         settings, python = scene.seeing_wind, engine_python()
         source = takes.recovered(settings)
         self.folder = takes.edit_folder(settings, source)
-        edit = export_edit(scene, source, self.folder)
-        self.digest = edit_digest(scene)
+        request = EditRequest.of(scene)
+        for body, asked in zip(settings.bodies, request.bodies, strict=True):
+            body.result = asked.result
+        edit = export_edit(request, scene, source, self.folder)
+        self.digest = request.digest()
         self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}
         call = command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))
         return worker.run(call, cwd=str(self.folder), env=environment())

@@ -1,50 +1,18 @@
-"""A digest of everything that a re-simulation depends on, cheap enough to be made at every change of the scene."""
+"""Shape, place and weights of objects as short digests, cheap enough to be asked for at every change of the scene."""
 
 from __future__ import annotations
 
 import hashlib
 from array import array
-from typing import Any
 
 import bpy
 
-from ....engine.settings import BodyEdit, ColliderEdit, Edit
 from ...bake.animation import keyframes
 from ...bake.plan import mark_of
 from ...job.status import digest_of
-from ...option_properties import values_of
-from ...scene_units import metres_per_unit
 
 
-def edit_digest(scene: bpy.types.Scene) -> str:
-    """Of everything that `resimulate` depends on: the field, and the bodies as they stand. "" while there are no bodies."""
-    settings = scene.seeing_wind
-    moved = [_body(body) for body in settings.bodies if body.is_recovered or body.object is not None]
-    if not moved:
-        return ""
-    gravity = (settings.edit_gravity_mode, settings.edit_gravity_mode == "CUSTOM" and tuple(settings.edit_gravity))
-    path = settings.path_from_id("field_strength")
-    strength = [curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength
-    colliders = [(values_of(each, ColliderEdit), _geometry(each.object)) for each in settings.colliders if each.object is not None]
-    floor = (settings.floor_height, settings.floor_friction) if settings.use_floor else None
-    scene_wide = (strength, gravity, values_of(settings, Edit), colliders, floor, tuple(settings.offset), metres_per_unit(scene))
-    return digest_of(settings.recovered_digest, settings.recovered_stamp or settings.recovered_take, moved, *scene_wide)
-
-
-def body_values(body: bpy.types.PropertyGroup) -> dict[str, Any]:
-    """The values of `BodyEdit` that the panel gives; a mass goes before a density, and the clip's own object keeps its material."""
-    values = values_of(body, BodyEdit)
-    instead = {"density": None} if values["mass"] is not None else {}
-    return values | instead | ({"material": None} if body.is_recovered else {})
-
-
-def _body(body: bpy.types.PropertyGroup) -> tuple:
-    held = (body.pin_group, body.is_recovered and body.free_mode, body.free_group)
-    weights = _weights(body.object, body.pin_group) if body.object is not None and body.pin_group else ""
-    return (body.is_recovered, _geometry(body.object), body_values(body), held, weights)
-
-
-def _geometry(obj: bpy.types.Object | None) -> tuple:
+def geometry(obj: bpy.types.Object | None) -> tuple:
     """Shape and place of a mesh object before any bake: neither playing a bake nor scrubbing changes it."""
     if obj is None or obj.type != "MESH":
         return ()
@@ -74,8 +42,8 @@ def _rounded(matrix) -> list[float]:
     return [round(value, 5) for row in matrix for value in row]
 
 
-def _weights(obj: bpy.types.Object, group: str) -> str:
-    """Of the weights of a vertex group."""
+def weights(obj: bpy.types.Object, group: str) -> str:
+    """Of the weights of a vertex group; "" where there is none of that name."""
     found = obj.vertex_groups.get(group)
     if found is None:
         return ""
