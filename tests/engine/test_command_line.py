@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cv2
@@ -22,16 +23,34 @@ from seeing_wind.engine.settings import ObserveSettings
 from seeing_wind.engine.settings.tables import read_edit
 from seeing_wind.engine.stages import observe_stage
 from seeing_wind.engine.take import Take, from_arrays
+from tests.faults.worker import Worker
 
 FLAT = np.full((48, 64, 3), 90, dtype=np.uint8)
 
 
-def engine(*arguments: object, expect: int) -> list[dict]:
+def in_a_process_of_its_own(*arguments: object, expect: int) -> list[dict]:
     """Run the worker, check its exit code and that stdout holds JSON lines only."""
     run = subprocess.run([sys.executable, "-m", "seeing_wind.engine", *map(str, arguments)], capture_output=True, text=True, timeout=300)
     messages = [json.loads(line) for line in run.stdout.splitlines()]
     assert run.returncode == expect, (run.returncode, messages[-2:], run.stderr[-2000:])
     return messages
+
+
+@pytest.fixture(scope="module")
+def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., list[dict]]]:
+    """The same, forked from a warm engine where there are forks: most of a short job is its imports."""
+    if not hasattr(os, "fork"):
+        yield in_a_process_of_its_own
+        return
+    home = tmp_path_factory.mktemp("home")
+    with Worker() as worker:
+
+        def run(*arguments: object, expect: int) -> list[dict]:
+            done = worker.run([str(word) for word in arguments], home, seconds=300.0)
+            assert done.code == expect, (done.code, done.messages[-2:], done.stderr[-2000:])
+            return done.messages
+
+        yield run
 
 
 def clip(path: Path, pictures: int = 8, moving: bool = True) -> Path:
@@ -67,7 +86,7 @@ def square(tmp_path: Path) -> Path:
         (["--poisson-ratio", "0.5", "--box", "12", "10", "32", "30"], "oisson"),
     ],
 )
-def test_wrong_usage_is_one_sentence_and_exit_code_two(square: Path, tmp_path: Path, options: list[str], says: str) -> None:
+def test_wrong_usage_is_one_sentence_and_exit_code_two(engine, square: Path, tmp_path: Path, options: list[str], says: str) -> None:
     messages = engine("recover", square, "--take", tmp_path / "t.take", *options, expect=2)
     error = next(m for m in messages if m["type"] == "error")
     assert says in error["message"] + error["hint"]
@@ -75,36 +94,36 @@ def test_wrong_usage_is_one_sentence_and_exit_code_two(square: Path, tmp_path: P
     assert not (tmp_path / "t.take" / "field.safetensors").exists()
 
 
-def test_no_such_clip(tmp_path: Path) -> None:
+def test_no_such_clip(engine, tmp_path: Path) -> None:
     error = engine("recover", tmp_path / "none.mp4", "--take", tmp_path / "t.take", expect=1)[-2]
     assert error["type"] == "error" and "none.mp4" in error["message"] and error["hint"]
     assert not (tmp_path / "t.take").exists()
 
 
-def test_a_file_that_is_no_video(tmp_path: Path) -> None:
+def test_a_file_that_is_no_video(engine, tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("not a video\n" * 100)
     error = engine("recover", tmp_path / "text.mp4", "--take", tmp_path / "t.take", "--box", 1, 1, 9, 9, expect=1)[-2]
     assert error["type"] == "error" and "text.mp4" in error["message"]
 
 
-def test_one_picture_is_no_clip(tmp_path: Path) -> None:
+def test_one_picture_is_no_clip(engine, tmp_path: Path) -> None:
     error = engine("recover", clip(tmp_path / "one.avi", 1), "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, expect=1)[-2]
     assert error["type"] == "error" and error["hint"]
 
 
 @pytest.mark.parametrize("box", [(100, 100, 140, 140), (-50, -50, -10, -10)])
-def test_a_box_outside_the_picture(square: Path, tmp_path: Path, box: tuple[int, ...]) -> None:
+def test_a_box_outside_the_picture(engine, square: Path, tmp_path: Path, box: tuple[int, ...]) -> None:
     messages = engine("recover", square, "--take", tmp_path / "t.take", "--box", *box, expect=2)
     assert "box" in messages[-2]["message"].lower()
 
 
-def test_a_mask_of_nothing(square: Path, tmp_path: Path) -> None:
+def test_a_mask_of_nothing(engine, square: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "mask.png"), np.zeros((48, 64), np.uint8))
     error = engine("recover", square, "--take", tmp_path / "t.take", "--mask", tmp_path / "mask.png", expect=1)[-2]
     assert "0 pixels" in error["message"] and "mask" in error["hint"].lower()
 
 
-def test_a_take_without_a_field_cannot_be_sampled(tmp_path: Path) -> None:
+def test_a_take_without_a_field_cannot_be_sampled(engine, tmp_path: Path) -> None:
     np.save(tmp_path / "p.npy", np.zeros((3, 3)))
     error = engine("sample", tmp_path, "--points", tmp_path / "p.npy", "--frame", 0, "--out", tmp_path / "o.npz", expect=2)[-2]
     assert "no recovered field" in error["message"] and not (tmp_path / "o.npz").exists()
@@ -121,7 +140,7 @@ def windy(tmp_path: Path) -> Path:
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no such pipes")
-def test_results_do_not_replace_what_is_no_file(windy: Path, tmp_path: Path) -> None:
+def test_results_do_not_replace_what_is_no_file(engine, windy: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.npz")
     for verb in (["sample", windy, "--points", tmp_path / "p.npy", "--frame", 0], ["export", windy, "--format", "npz"]):
         error = engine(*verb, "--out", tmp_path / "pipe.npz", expect=1)[-2]
@@ -171,7 +190,7 @@ def test_cuda_is_refused_before_anything_starts(words: list[str]) -> None:
 
 
 def test_doctor_says_that_the_solver_runs() -> None:
-    result = engine("doctor", expect=0)[-1]
+    result = in_a_process_of_its_own("doctor", expect=0)[-1]
     assert {"solver", "torch", "video codec"} <= {check["name"] for check in result["checks"] if check["ok"]}
 
 
@@ -223,9 +242,9 @@ def test_a_finished_stage_whose_file_is_damaged_is_done_again(square: Path, tmp_
 
 
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to another process on Windows")
-def test_a_solve_survives_a_cancel_while_the_field_is_fitted(square: Path, tmp_path: Path) -> None:
+def test_a_solve_survives_a_cancel_while_the_field_is_fitted(engine, square: Path, tmp_path: Path) -> None:
     """One iteration is enough to finish, and the same command then goes on behind the solve."""
-    options = ["--box", "12", "10", "32", "30", "--distance", "1", "--particles", "60", "--iterations", "1"]
+    options = ["--box", "12", "10", "32", "30", "--distance", "1", "--particles", "60", "--iterations", "1", "--report", "none"]
     command = [sys.executable, "-m", "seeing_wind.engine", "recover", str(square), "--take", str(tmp_path / "t.take"), *options]
     worker = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert worker.stdout is not None
