@@ -50,7 +50,7 @@ def test_the_readme_s_script_runs_as_printed(place) -> None:
 def test_the_page_on_batch_s_script_runs_as_printed(place) -> None:
     (script,) = python_blocks(ROOT / "docs" / "batch.md")
     bpy.ops.wm.save_as_mainfile(filepath=str(place / "mine.blend"))
-    bpy.context.scene.render.resolution_percentage, bpy.context.scene.frame_end = 25, 6  # the scene keeps its own range
+    bpy.context.scene.render.resolution_percentage, bpy.context.scene.frame_end = 10, 2  # the scene keeps its own range
     for name in ("Ribbon", "Curtain"):
         bpy.ops.mesh.primitive_grid_add(x_subdivisions=4, y_subdivisions=4, size=0.2)
         bpy.context.object.name = name
