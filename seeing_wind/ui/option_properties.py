@@ -24,9 +24,15 @@ PRESET = "PRESET"
 
 
 def panel_options(*classes: type, part: str = "") -> list[Option]:
-    """The options of settings dataclasses that have a property, each name once; only those of one `part` of the panel, if it is named."""
-    found = {one.name: one for cls in classes for one in options_of(cls).values() if one.panel}
-    return [one for one in found.values() if part in ("", one.panel)]
+    """The options of settings dataclasses that have a property, only those of one `part` of the panel, if it is named.
+
+    One that several share stands with the last of them.
+    """
+    found: dict[str, Option] = {}
+    for one in (one for cls in classes for one in options_of(cls).values() if one.panel and part in ("", one.panel)):
+        found.pop(one.name, None)
+        found[one.name] = one
+    return list(found.values())
 
 
 def with_options(

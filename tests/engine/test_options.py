@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import pytest
 
-from seeing_wind.engine.command.arguments import parser, settings_of
+from seeing_wind.engine.command.arguments import Parser, parser, settings_of
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.settings import (
     BodyEdit,
@@ -18,8 +20,25 @@ from seeing_wind.engine.settings import (
     options_of,
     words_of,
 )
+from seeing_wind.engine.settings.option import option
 
 STAGES = (ObserveSettings, BuildSettings, RecoverSettings, ReportSettings)
+
+
+@dataclass(frozen=True)
+class Added:
+    """An option as CONTRIBUTING.md adds one."""
+
+    smoothing: float = option(0.5, help="how much it is smoothed", unit="s", minimum=0.0, maximum=2.0, metavar="S", group="the solve")
+
+
+def test_an_option_is_added_in_one_place() -> None:
+    line = Parser(prog="p")
+    line.add_settings(Added)
+    assert "how much it is smoothed [s] (at least 0 and at most 2; default: 0.5)" in " ".join(line.format_help().split())
+    assert settings_of(Added, line.parse_args(words_of(Added(1.25)))) == Added(1.25)
+    with pytest.raises(UsageError, match="`--smoothing` must be at least 0 and at most 2 s; this is 3."):
+        line.parse_args(["--smoothing", "3"])
 
 
 def test_words_make_the_same_settings_again() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -9,7 +10,8 @@ import pytest
 
 import seeing_wind.ui as ui
 from seeing_wind.engine.settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings
-from seeing_wind.ui.option_properties import give, panel_options, value_of, values_of
+from seeing_wind.engine.settings.option import option
+from seeing_wind.ui.option_properties import give, panel_options, value_of, values_of, with_options
 
 STAGES = (ObserveSettings, BuildSettings, RecoverSettings)
 
@@ -24,6 +26,28 @@ def settings(clean_file):
 def groups(settings) -> list[tuple]:
     body, collider = settings.bodies.add(), settings.colliders.add()
     return [(settings, cls) for cls in (*STAGES, Edit)] + [(body, BodyEdit), (collider, ColliderEdit)]
+
+
+@dataclass(frozen=True)
+class Added:
+    """Options as CONTRIBUTING.md adds them."""
+
+    smoothing: float = option(0.5, help="how much it is smoothed", unit="s", minimum=0.0, maximum=2.0)
+    blur: float | None = option(None, help="how much it is blurred", above=0.0, start=3.0, otherwise="the clip's")
+
+
+def test_a_property_comes_from_the_definition_alone() -> None:
+    group = with_options(Added)(type("SEEING_WIND_PG_added", (bpy.types.PropertyGroup,), {}))
+    bpy.utils.register_class(group)
+    bpy.types.Scene.seeing_wind_added = bpy.props.PointerProperty(type=group)
+    try:
+        added = bpy.context.scene.seeing_wind_added
+        assert values_of(added, Added) == {"smoothing": 0.5, "blur": None}
+        found = added.bl_rna.properties["smoothing"]
+        assert (found.name, found.description, found.hard_min, found.hard_max) == ("Smoothing (s)", "How much it is smoothed", 0.0, 2.0)
+    finally:
+        del bpy.types.Scene.seeing_wind_added
+        bpy.utils.unregister_class(group)
 
 
 def test_untouched_properties_stand_for_the_defaults(settings) -> None:

@@ -97,7 +97,7 @@ def _draw_more(layout, settings) -> None:
     if body is None:
         return
     column = body.column()
-    for one in panel_options(BuildSettings, RecoverSettings, ObserveSettings, part="more"):
+    for one in panel_options(BuildSettings, ObserveSettings, RecoverSettings, part="more"):
         draw_override(column, settings, one.identifier)
 
 
