@@ -15,7 +15,8 @@ from .clip.options import clip_options
 from .edit.resimulate.geometry import forget_geometry
 from .edit.resimulate.request import EditRequest
 from .job import status
-from .recover.request import RecoverRequest, inputs_folder
+from .job.takes import take_folder
+from .recover.request import INPUTS, RecoverRequest, scene_values
 
 T = TypeVar("T")
 
@@ -23,10 +24,11 @@ T = TypeVar("T")
 def refresh(scene: bpy.types.Scene) -> None:
     """Bring the status of `scene` up to date with its settings."""
     settings, now = scene.seeing_wind, status.of(scene.session_uid)
-    clip = _attempt(now, "clip", lambda: clip_options(settings), bool(settings.clip))
+    values, take = scene_values(settings), take_folder(settings)
+    clip = _attempt(now, "clip", lambda: clip_options(settings, values), bool(settings.clip))
     begun = any(settings.box) or settings.object_mode != "BOX"
-    marked = _attempt(now, "object", lambda: object_options(settings, inputs_folder(settings)), begun)
-    recover = RecoverRequest.from_parts(scene, clip, marked).digest() if clip and marked else "incomplete"
+    marked = _attempt(now, "object", lambda: object_options(settings, values, take / INPUTS), begun)
+    recover = RecoverRequest.from_parts(scene, values, take, clip, marked).digest() if clip and marked else "incomplete"
     edit = EditRequest.of(scene).digest()
     status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))

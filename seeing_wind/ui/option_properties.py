@@ -103,23 +103,24 @@ def _capital(text: str) -> str:
 
 
 def values_of(group: bpy.types.bpy_struct, *classes: type) -> dict[str, Any]:
-    """The values of all options that a property group has, by name; of those that only one of can be given, none.
+    """The values of all options that a property group has, by name; files as absolute paths, whether they are there or not."""
+    return {one.name: value_of(group, one) for one in panel_options(*classes)}
 
-    Raises:
-        UsageError: when a file is named that is not there.
-    """
-    return {one.name: value_of(group, one) for one in panel_options(*classes) if not one.one_of}
+
+def part_of(values: dict[str, Any], cls: type, **instead: Any) -> dict[str, Any]:
+    """Those of `cls` among the values of several classes, without those that only one of can be given; `instead` goes before them."""
+    return {name: values[name] for name, one in options_of(cls).items() if name in values and not one.one_of} | instead
 
 
 def value_of(group: bpy.types.bpy_struct, one: Option) -> Any:
-    """The value of one option, None where the property says that there is none. Raises as `values_of`."""
+    """The value of one option, None where the property says that there is none."""
     value = getattr(group, one.identifier)
     if (_has_tick(one) and not getattr(group, f"use_{one.identifier}")) or (one.unset is not None and value == one.unset):
         return None
     if one.choices:
         return None if value == PRESET else value.lower()
     if one.file:
-        return existing_file(value, one.label.lower()) if value else None
+        return absolute(value) if value else None
     if one.kind is float:
         return single(value) if one.count is None else tuple(single(each) for each in value)
     return value if one.count is None else tuple(value)
@@ -130,6 +131,13 @@ def give(group: bpy.types.bpy_struct, one: Option, value: Any) -> None:
     setattr(group, one.identifier, tuple(value) if isinstance(value, list) else str(value).upper() if one.choices else value)
     if _has_tick(one):
         setattr(group, f"use_{one.identifier}", True)
+
+
+def check_files(values: dict[str, Any], cls: type) -> None:
+    """Raises UsageError when a file among the values of options is not there."""
+    for name, one in options_of(cls).items():
+        if one.file and values.get(name) is not None:
+            existing_file(values[name], one.label.lower())
 
 
 def existing_file(path: str, what: str) -> str:

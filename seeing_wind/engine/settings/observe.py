@@ -59,7 +59,7 @@ class ObserveSettings:
     )  # fmt: skip
     camera: str | None = option(
         None, label="Camera File", metavar="JSON", group=SEEN, one_of="camera", file=True, panel="main",
-        help="JSON with width height fx fy cx cy camera_to_world (OpenCV axes, one 4x4 or one per picture), of the lens k1 k2 p1 p2 k3; "
+        help="JSON with width height fx fy cx cy camera_to_world (OpenCV axes, one 4x4 or one per picture), if need be k1 k2 p1 p2 k3; "
         "or a nerfstudio transforms.json",
     )  # fmt: skip
     fov: float = option(

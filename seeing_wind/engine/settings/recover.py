@@ -41,8 +41,8 @@ class RecoverSettings:
     representation: str = option(
         "causal_triplane", help="how the field is kept", group=COMPARED, panel="",
         choices={
-            "causal_triplane": "the paper's planes, which know no future", "kplanes": "planes of space and time",
-            "point": "a value per particle and interval",
+            "causal_triplane": "the paper's causal tri-plane", "kplanes": "K-Planes, over space and time",
+            "point": "a vector per particle and frame, and no field between them",
         },
     )  # fmt: skip
     device: str = device_option()

@@ -8,8 +8,7 @@ from typing import Any
 import bpy
 
 from ...engine.errors import ClipError, UsageError
-from ...engine.settings import ObserveSettings, options_of
-from ..option_properties import existing_file, single, value_of
+from ..option_properties import existing_file, single
 from ..user_paths import absolute
 from .inputs.clips import as_pattern
 
@@ -17,8 +16,12 @@ View = tuple[str, str, str]
 """Paths of its clip, camera and mask."""
 
 
-def clip_options(settings: bpy.types.PropertyGroup) -> tuple[str, dict[str, Any], tuple[View, ...]]:
+def clip_options(settings: bpy.types.PropertyGroup, values: dict[str, Any]) -> tuple[str, dict[str, Any], tuple[View, ...]]:
     """The clip's path or pattern, which part of it as values of `ObserveSettings`, and further views.
+
+    Args:
+        settings: of the scene.
+        values: of its options, by `values_of`.
 
     Raises:
         ClipError: when there is no such file.
@@ -29,15 +32,14 @@ def clip_options(settings: bpy.types.PropertyGroup) -> tuple[str, dict[str, Any]
     path = absolute(settings.clip)
     if not os.path.isfile(path):
         raise ClipError(f"There is no file {path}.", "Choose the clip again; it may have been moved.")
-    clip, options = as_pattern(path), options_of(ObserveSettings)
-    values = {name: value_of(settings, options[name]) for name in ("fps", "frames")}
-    if values["fps"] is None and clip != path:  # pictures carry no rate: they play at the scene's
+    clip, fps, frames = as_pattern(path), values["fps"], values["frames"]
+    if fps is None and clip != path:  # pictures carry no rate: they play at the scene's
         render = settings.id_data.render
-        values["fps"] = single(render.fps / render.fps_base)
-    if values["frames"] is not None and values["frames"][1] <= values["frames"][0]:
-        first, last = values["frames"]
+        fps = single(render.fps / render.fps_base)
+    if frames is not None and frames[1] <= frames[0]:
+        first, last = frames
         raise ClipError(f"The range of pictures {first} to {last} is empty.", "The last picture must come after the first.")
-    return clip, values, tuple(_view(view, number) for number, view in enumerate(settings.views, start=2))
+    return clip, {"fps": fps, "frames": frames}, tuple(_view(view, number) for number, view in enumerate(settings.views, start=2))
 
 
 def _view(view: bpy.types.PropertyGroup, number: int) -> View:

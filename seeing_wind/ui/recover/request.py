@@ -16,7 +16,7 @@ from ..clip.object.options import object_options
 from ..clip.options import View, clip_options
 from ..job.status import digest_of
 from ..job.takes import take_folder
-from ..option_properties import single, values_of
+from ..option_properties import part_of, single, values_of
 from ..scene_units import metres_per_unit
 
 if TYPE_CHECKING:
@@ -50,21 +50,20 @@ class RecoverRequest:
             ObjectError: when nothing says where the object is.
             UsageError: when a file, camera or proxy is named that is not there.
         """
-        settings = scene.seeing_wind
-        return cls.from_parts(scene, clip_options(settings), object_options(settings, inputs_folder(settings)))
+        settings, take = scene.seeing_wind, take_folder(scene.seeing_wind)
+        values = scene_values(settings)
+        clip, marked = clip_options(settings, values), object_options(settings, values, take / INPUTS)
+        return cls.from_parts(scene, values, take, clip, marked)
 
     @classmethod
     def from_parts(
-        cls, scene: bpy.types.Scene, clip: tuple[str, dict[str, Any], tuple[View, ...]],
+        cls, scene: bpy.types.Scene, values: dict[str, Any], take: Path, clip: tuple[str, dict[str, Any], tuple[View, ...]],
         marked: tuple[dict[str, Any], tuple[SceneInput, ...]],
     ) -> RecoverRequest:  # fmt: skip
-        """The request of a scene of which `clip_options` and `object_options` are known already."""
-        settings = scene.seeing_wind
-        solve = values_of(settings, RecoverSettings)
+        """The request of a scene of which `scene_values`, `take_folder`, `clip_options` and `object_options` are known already."""
         return cls(
-            take_folder(settings), clip[0], ObserveSettings(**marked[0] | clip[1] | {"seed": solve["seed"]}),
-            BuildSettings(**values_of(settings, BuildSettings)), RecoverSettings(**solve, gravity=_gravity(scene)),
-            clip[2], marked[1],
+            take, clip[0], ObserveSettings(**marked[0] | clip[1]), BuildSettings(**part_of(values, BuildSettings)),
+            RecoverSettings(**part_of(values, RecoverSettings, gravity=_gravity(scene, values))), clip[2], marked[1],
         )  # fmt: skip
 
     def arguments(self) -> list[str]:
@@ -98,15 +97,16 @@ class RecoverRequest:
 FILES = [one.name for one in options_of(ObserveSettings).values() if one.file]
 
 
-def inputs_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """Where the masks, tracks, camera and depth of the scene are written for the engine."""
-    return take_folder(settings) / INPUTS
+def scene_values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
+    """The values of all options of a recovery, as the panel has them."""
+    return values_of(settings, ObserveSettings, BuildSettings, RecoverSettings)
 
 
-def _gravity(scene: bpy.types.Scene) -> tuple[float, ...]:
+def _gravity(scene: bpy.types.Scene, values: dict[str, Any]) -> tuple[float, ...]:
     """The known acceleration [m/s²]; the scene's own is in its units, as Blender's solvers and its panels understand it."""
     settings = scene.seeing_wind
     if settings.gravity_mode == "NONE" or (settings.gravity_mode == "SCENE" and not scene.use_gravity):
         return (0.0, 0.0, 0.0)
-    gravity = scene.gravity * metres_per_unit(scene) if settings.gravity_mode == "SCENE" else settings.gravity
-    return tuple(single(value) for value in gravity)
+    if settings.gravity_mode == "CUSTOM":
+        return values["gravity"]
+    return tuple(single(value) for value in scene.gravity * metres_per_unit(scene))

@@ -24,7 +24,7 @@ from seeing_wind.ui.clip.inputs.clips import as_pattern, loaded_clip
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
 from seeing_wind.ui.clip.object.options import object_options
 from seeing_wind.ui.clip.options import clip_options
-from seeing_wind.ui.recover.request import INPUTS, RecoverRequest
+from seeing_wind.ui.recover.request import INPUTS, RecoverRequest, scene_values
 
 WIDTH, HEIGHT, PICTURES = 96, 64, 13
 
@@ -225,9 +225,9 @@ def test_sensor_fit(settings, fit) -> None:
 
 def test_a_camera_solve_is_found_by_itself_and_sees_its_own_points(settings, tmp_path) -> None:
     clip = loaded_clip(settings)
-    assert "fov" in object_options(with_box(settings), tmp_path)[0]
+    assert "fov" in object_options(with_box(settings), scene_values(settings), tmp_path)[0]
     solve(clip)
-    options = object_options(settings, tmp_path)[0]
+    options = object_options(settings, scene_values(settings), tmp_path)[0]
     assert "camera" in options and "fov" not in options, "automatic: a solve goes before the field of view"
     assert "distance" not in options, "and its scale is the scene's: the object is about where the world's origin is"
     values = json.loads(written(settings, tmp_path)["camera"].read_text())
@@ -239,7 +239,7 @@ def test_a_camera_solve_is_found_by_itself_and_sees_its_own_points(settings, tmp
             seen = local[:2] / local[2] * [values["fx"], values["fy"]] + [values["cx"], values["cy"]]
             assert np.abs(pixel(*seen) - np.array(marker.co)).max() < 1e-3
     settings.camera_mode = "FOV"
-    assert "fov" in object_options(settings, tmp_path)[0]
+    assert "fov" in object_options(settings, scene_values(settings), tmp_path)[0]
 
 
 def with_box(settings):
@@ -355,7 +355,7 @@ def test_a_sequence_of_pictures_plays_at_the_scene_s_rate(settings, tmp_path) ->
     settings.clip = str(first)
     scene = bpy.context.scene
     scene.render.fps, scene.render.fps_base = 30, 1.001
-    assert clip_options(settings)[:2] == (str(tmp_path / "wind è_%03d.png"), {"fps": 29.97003, "frames": None})
+    assert clip_options(settings, scene_values(settings))[:2] == (str(tmp_path / "wind è_%03d.png"), {"fps": 29.97003, "frames": None})
 
 
 def test_boxes_on_the_screen_and_in_the_picture() -> None:

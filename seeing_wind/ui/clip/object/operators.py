@@ -14,6 +14,7 @@ from ...job.install.choices import asked_model
 from ...job.install.environment import NoOnlineAccess, engine_python
 from ...job.operator import JobOperator
 from ...job.worker_command import ROOT, command, environment
+from ...option_properties import values_of
 from ..options import clip_options
 from .properties import NUMBERS
 
@@ -48,7 +49,7 @@ class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
                 f"{address} is on the network, and Blender may not use it.", "Allow Online Access in Preferences > System > Network."
             )
         settings = scene.seeing_wind
-        clip, seen, _ = clip_options(settings)
+        clip, seen, _ = clip_options(settings, values_of(settings, ObserveSettings))
         call = command(
             engine_python(), "identify", clip, *words_of(ObserveSettings(frames=seen["frames"])),
             "--take", str(takes.take_folder(settings)), "--material-endpoint", address, "--material-model", model,

@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ....engine.errors import ObjectError, UsageError
-from ....engine.settings import ObserveSettings, options_of
-from ...option_properties import value_of, values_of
+from ....engine.settings import ObserveSettings
+from ...option_properties import check_files, part_of
 
 if TYPE_CHECKING:
     from ..inputs.scene_inputs import SceneInput
 
-OPTIONS = options_of(ObserveSettings)
 
-
-def object_options(settings: bpy.types.PropertyGroup, folder: Path) -> tuple[dict[str, Any], tuple[SceneInput, ...]]:
+def object_options(
+    settings: bpy.types.PropertyGroup, values: dict[str, Any], folder: Path
+) -> tuple[dict[str, Any], tuple[SceneInput, ...]]:
     """Which object, at what scale, through which camera.
 
     Args:
         settings: of the scene.
+        values: of its options, by `values_of`.
         folder: where the files that are made from the scene will be.
 
     Returns:
@@ -31,42 +32,33 @@ def object_options(settings: bpy.types.PropertyGroup, folder: Path) -> tuple[dic
         ObjectError: when nothing says where the object is.
         UsageError: when a file is named that is not there.
     """
-    marked = _marked(settings)  # first: while nothing is marked, nothing that needs NumPy is read
+    named = _marked(settings.object_mode, values)  # first: while nothing is marked, nothing that needs NumPy is read
     from ..inputs.scene_inputs import scene_inputs
 
     inputs = scene_inputs(settings.id_data)
     made = {each.option: str(folder / each.name) for each in inputs}
-    return values_of(settings, ObserveSettings) | _scale(settings, made) | _camera(settings, made) | marked | made, inputs
-
-
-def _scale(settings: bpy.types.PropertyGroup, made: dict[str, str]) -> dict[str, Any]:
-    """What gives the size of things. Without either the engine takes the distance of the world's origin from the camera."""
     if settings.scale_mode == "PIXELS":
-        return {"pixels_per_metre": value_of(settings, OPTIONS["pixels_per_metre"])}
-    if settings.scale_mode == "DISTANCE" or (settings.scale_mode == "AUTO" and "camera" not in made):
-        return {"distance": value_of(settings, OPTIONS["distance"])}
-    return {}
+        named.append("pixels_per_metre")
+    elif settings.scale_mode == "DISTANCE" or (settings.scale_mode == "AUTO" and "camera" not in made):
+        named.append("distance")  # without either the engine takes the distance of the world's origin from the camera
+    if "camera" not in made:
+        named.append("camera" if settings.camera_mode == "JSON" else "fov")
+        if values[named[-1]] is None:
+            raise UsageError("No camera file is chosen.", "Choose one, or use a field of view.")
+    given = part_of(values, ObserveSettings, **{name: values[name] for name in named})
+    check_files(given, ObserveSettings)
+    return given | made, inputs
 
 
-def _camera(settings: bpy.types.PropertyGroup, made: dict[str, str]) -> dict[str, Any]:
-    """The camera where the scene knows none."""
-    if "camera" in made:
-        return {}
-    name = "camera" if settings.camera_mode == "JSON" else "fov"
-    value = value_of(settings, OPTIONS[name])
-    if value is None:
-        raise UsageError("No camera file is chosen.", "Choose one, or use a field of view.")
-    return {name: value}
-
-
-def _marked(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
-    """Where the object is, as a file or numbers of the user's say it; what the scene knows itself is among its inputs."""
-    if settings.object_mode not in ("MASK", "BOX"):
-        return {}
-    name = settings.object_mode.lower()
-    value = value_of(settings, OPTIONS[name])
-    if name == "mask" and value is None:
-        raise ObjectError("No mask is chosen.", "Choose a PNG of the first picture, non-zero where the object is, or draw a box.")
-    if name == "box" and (value[2] <= value[0] or value[3] <= value[1]):
-        raise ObjectError("No box is drawn round the object.", "Use Draw Box, or give left, top, right and bottom in pixels.")
-    return {name: value}
+def _marked(mode: str, values: dict[str, Any]) -> list[str]:
+    """The option by which the user says where the object is, if any; what the scene knows itself is among its inputs."""
+    if mode == "MASK":
+        if values["mask"] is None:
+            raise ObjectError("No mask is chosen.", "Choose a PNG of the first picture, non-zero where the object is, or draw a box.")
+        return ["mask"]
+    if mode == "BOX":
+        x0, y0, x1, y1 = values["box"]
+        if x1 <= x0 or y1 <= y0:
+            raise ObjectError("No box is drawn round the object.", "Use Draw Box, or give left, top, right and bottom in pixels.")
+        return ["box"]
+    return []

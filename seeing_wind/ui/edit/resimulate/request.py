@@ -8,10 +8,10 @@ from typing import Any
 
 import bpy
 
-from ....engine.settings import BodyEdit, ColliderEdit, Edit, options_of
+from ....engine.settings import BodyEdit, ColliderEdit, Edit
 from ...bake.animation import keyframes
 from ...job.status import digest_of
-from ...option_properties import single, value_of, values_of
+from ...option_properties import part_of, single, values_of
 from ...scene_units import metres_per_unit
 from .geometry import geometry, weights
 
@@ -97,7 +97,7 @@ class EditRequest:
     def of(cls, scene: bpy.types.Scene) -> EditRequest:
         """The edit of a scene as it stands."""
         settings, bodies, walls = scene.seeing_wind, set[str](), {"floor"}
-        path, own = settings.path_from_id("field_strength"), options_of(Edit)["gravity"]
+        path, values = settings.path_from_id("field_strength"), values_of(settings, Edit)
         plane = (0.0, 0.0, single(settings.floor_height), 0.0, 0.0, 1.0)
         floor = {"plane": plane, "friction": single(settings.floor_friction)} if settings.use_floor else None
         return cls(
@@ -108,8 +108,8 @@ class EditRequest:
                       values_of(each, ColliderEdit))
                 for each in settings.colliders
             ),
-            floor=floor, values=values_of(settings, Edit),
-            gravity=value_of(settings, own) if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode,
+            floor=floor, values=part_of(values, Edit),
+            gravity=values["gravity"] if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode,
             strength=[curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength,
             offset=tuple(settings.offset), frame_start=settings.frame_start, metres=metres_per_unit(scene),
         )  # fmt: skip
