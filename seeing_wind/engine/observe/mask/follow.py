@@ -8,7 +8,7 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
-from .evidence import OUTSIDE, Colors, against_plate, against_shape, band_of, cut_out, looks_of
+from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
 from .motion import FLOW_PIXELS, ROUGH_PIXELS, Flow, FlowSolver, Window, body_shift, cut, paste, window_of
 
 SMALL = 400
@@ -47,7 +47,7 @@ class MaskFollower:
         """
         self._progress = progress
         self._plate = plate
-        self._looks = looks_of(picture, plate, mask) if plate is not None else None
+        self._looks = Looks(picture, plate, mask) if plate is not None else None
         self._solver = FlowSolver(ROUGH_PIXELS if rough else FLOW_PIXELS)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(picture, window_of(mask, 24))

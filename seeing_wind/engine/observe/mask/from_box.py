@@ -10,7 +10,7 @@ from ...progress import Progress
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out, looks_of
+from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of
 
 CUT_OFF = (0.08, 1.0)
@@ -122,7 +122,7 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
 
 def _left(picture: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
     """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
-    odds, known = against_plate(picture, plate, window, Looks(0.0, MOTION_SURE + 1.0))
+    odds, known = against_plate(picture, plate, window, Looks(), 0.0)
     return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
 
 
@@ -156,7 +156,7 @@ def refined(frames: Frames, mask: np.ndarray, plate: Plate, allowed: np.ndarray)
     crop, shape = cut(picture, window), cut(mask, window, cv2.BORDER_CONSTANT)
     near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     colors = Colors(crop[shape], crop[~near]).odds(crop)
-    odds, known = against_plate(picture, plate, window, looks_of(picture, plate, mask), STILL_PART)
+    odds, known = against_plate(picture, plate, window, Looks(picture, plate, mask), STILL_PART)
     motion = moving_odds(frames, window, plate.noise)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors + 0.5 * np.maximum(motion, 0.0), colors + motion)
