@@ -34,7 +34,7 @@ from ..stages import (
 from ..take import Take, json_text, npz, stamp_of
 from .arguments import gravity_of, properties_of, settings_of
 from .lock import held
-from .preview import preview
+from .observe import observe
 from .reporting import diverged, reported
 
 if TYPE_CHECKING:
@@ -283,7 +283,7 @@ def doctor(arguments: argparse.Namespace, progress: Progress) -> Result:
 
 
 VERBS: dict[str, Callable[[argparse.Namespace, Progress], Result]] = {
-    "preview": preview,
+    "observe": observe,
     "recover": recover,
     "recover-trajectories": recover_trajectories,
     "sample": sample,
