@@ -31,6 +31,7 @@ from .clip import operators as clip_operators
 from .clip import panel as clip_panel
 from .clip.object import operators as object_operators
 from .clip.object import panel as object_panel
+from .clip.object import preview as object_preview
 from .clip.object import properties as object_properties
 from .composite import operators as composite_operators
 from .composite import panel as composite_panel
@@ -53,7 +54,7 @@ from .recover import panel as recover_panel
 FEATURES = (
     install_preferences, install_operators,
     clip_operators, clip_panel,
-    object_properties, object_operators, object_panel,
+    object_properties, object_operators, object_preview, object_panel,
     recover_operators, recover_panel,
     field_properties, field_operators, field_panel,
     edit_properties, edit_operators, edit_panel,

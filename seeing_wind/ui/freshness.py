@@ -11,10 +11,12 @@ from bpy.app.handlers import persistent
 from ..engine.errors import SeeingWindError
 from .bake.plan import stamp_of_bakes
 from .clip.object.options import object_options
+from .clip.object.preview import preview_digest
 from .clip.options import clip_options
 from .edit.resimulate.digest import edit_digest, forget_geometry
 from .job import status
-from .recover.request import RecoverRequest, inputs_folder
+from .job.takes import inputs_folder
+from .recover.request import RecoverRequest
 
 T = TypeVar("T")
 
@@ -25,6 +27,7 @@ def refresh(scene: bpy.types.Scene) -> None:
     clip = _attempt(now, "clip", lambda: clip_options(settings), bool(settings.clip))
     begun = any(settings.box) or settings.object_mode != "BOX"
     marked = _attempt(now, "object", lambda: object_options(settings, inputs_folder(settings)), begun)
+    status.derive(now, "preview", preview_digest(clip, marked) if clip and marked else "incomplete", settings.previewed_digest)
     recover = RecoverRequest.from_parts(scene, clip, marked).digest if clip and marked else "incomplete"
     edit = edit_digest(scene)
     status.derive(now, "recover", recover, settings.recovered_digest)

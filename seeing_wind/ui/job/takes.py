@@ -25,6 +25,9 @@ from ..user_paths import absolute
 EDIT = "edit.toml"
 """An edit of the panel stands in the folder of its own re-simulation."""
 
+INPUTS = "blender_inputs"
+"""Folder in the take of the files that are made from the scene."""
+
 NO_FIELD = "There is no recovered field."
 
 
@@ -43,6 +46,11 @@ def take_folder(settings: bpy.types.PropertyGroup) -> Path:
     if f"{stem}.take" not in taken:
         return home / f"{stem}.take"
     return home / f"{stem}.{_plain(scene.name)}.take"
+
+
+def inputs_folder(settings: bpy.types.PropertyGroup) -> Path:
+    """Where the masks, tracks, camera and depth of the scene are written for the engine."""
+    return take_folder(settings) / INPUTS
 
 
 def edit_folder(settings: bpy.types.PropertyGroup, take: Path) -> Path:

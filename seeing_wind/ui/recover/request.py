@@ -13,7 +13,7 @@ from ..clip.inputs.clips import files_of
 from ..clip.object.options import object_options
 from ..clip.options import clip_options, number_text
 from ..job.status import digest_of
-from ..job.takes import take_folder
+from ..job.takes import INPUTS, inputs_folder, take_folder
 from ..scene_units import metres_per_unit
 
 if TYPE_CHECKING:
@@ -21,9 +21,6 @@ if TYPE_CHECKING:
 
 OVERRIDES = ("density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "thickness")
 """Numbers that replace the material's where their tick is set."""
-
-INPUTS = "blender_inputs"
-"""Folder in the take of the files that are made from the scene."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +63,6 @@ class RecoverRequest:
         """Make the files that are made from the scene. Raises SeeingWindError where mask, tracks or proxy hold nothing."""
         for each in self.inputs:
             each.write(scene, self.take / INPUTS / each.name)
-
-
-def inputs_folder(settings: bpy.types.PropertyGroup) -> Path:
-    """Where the masks, tracks, camera and depth of the scene are written for the engine."""
-    return take_folder(settings) / INPUTS
 
 
 def _gravity(scene: bpy.types.Scene) -> list[str]:
