@@ -168,7 +168,8 @@ def main() -> int:
         if values:
             good = np.median(values) >= MEDIAN and min(values) >= WORST
             missed += not good
-            print(f"{title:13} median {np.median(values):.3f}  worst {min(values):.3f}  {len(values)} frames  {'ok' if good else 'MISSED'}")
+            figures = f"mean {np.mean(values):.3f}  median {np.median(values):.3f}  worst {min(values):.3f}"
+            print(f"{title:13} {figures}  {len(values)} frames  {'ok' if good else 'MISSED'}")
     return 1 if missed else 0
 
 

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
+
 from . import systems
 from .errors import TakeError, UsageError
 from .progress import NoProgress, Progress
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
 R = TypeVar("R")
 
-VERSION = 12
+VERSION = 13
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 SOLVED, FITTED = "solve.npz", "fitted.safetensors"
@@ -42,17 +44,23 @@ LATE_OFFSET = 0.5
 
 
 def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Progress) -> tuple[Observation, str]:
-    """Stage *observe* -> `observation.npz`. Returns the observation and its stamp."""
-    from .observe import observe
+    """Stage *observe* -> `observation.npz`. Returns the observation and its stamp.
 
-    stamp = observation_stamp(clip, settings)
-    kept = finished(take, "observe", stamp, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
-    if kept is not None:
-        return dataclasses.replace(kept, clip=str(clip)), stamp  # it may have been moved since
-    progress.begin("observe", "reading the clip")
-    observation = observe(clip, settings, progress)
+    What is held is marked in it, and nothing that is seen depends on the mark: with another pin, only that is done again.
+    """
+    from .observe import observe, pinned
+
+    stamp, seen = observation_stamp(clip, settings), observation_stamp(clip, dataclasses.replace(settings, pin=None))
+    kept = finished(take, "observe", seen, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
+    if kept is None:
+        progress.begin("observe", "reading the clip")
+        observation = observe(clip, settings, progress)
+    else:
+        observation = pinned(dataclasses.replace(kept, clip=str(clip)), settings.pin)  # it may have been moved since
+        if np.array_equal(observation.pin, kept.pin):
+            return observation, stamp
     take.write_arrays("observation.npz", to_arrays(observation))
-    take.finish("observe", stamp, {"clip": str(clip), **to_mapping(settings)})
+    take.finish("observe", seen, {"clip": str(clip), **to_mapping(settings)})
     return observation, stamp
 
 

@@ -35,6 +35,7 @@ from .clip import properties as clip_properties
 from .clip import views as clip_views
 from .clip.object import operators as object_operators
 from .clip.object import panel as object_panel
+from .clip.object import preview as object_preview
 from .clip.object import properties as object_properties
 from .composite import operators as composite_operators
 from .composite import panel as composite_panel
@@ -57,7 +58,7 @@ from .recover import panel as recover_panel
 FEATURES = (
     install_preferences, install_operators,
     clip_properties, clip_operators, clip_draw_box, clip_views, clip_panel,
-    object_properties, object_operators, object_panel,
+    object_properties, object_operators, object_preview, object_panel,
     recover_operators, recover_panel,
     field_properties, field_operators, field_panel,
     edit_properties, edit_operators, edit_panel,

@@ -11,12 +11,13 @@ from bpy.app.handlers import persistent
 from ..engine.errors import SeeingWindError
 from .bake.plan import stamp_of_bakes
 from .clip.object.options import object_options
+from .clip.object.preview import preview_digest
 from .clip.options import clip_options
 from .edit.resimulate.geometry import forget_geometry
 from .edit.resimulate.request import EditRequest
 from .job import status
-from .job.takes import take_folder
-from .recover.request import INPUTS, RecoverRequest, scene_values
+from .job.takes import INPUTS, take_folder
+from .recover.request import RecoverRequest, scene_values
 
 T = TypeVar("T")
 
@@ -28,6 +29,7 @@ def refresh(scene: bpy.types.Scene) -> None:
     clip = _attempt(now, "clip", lambda: clip_options(settings, values), bool(settings.clip))
     begun = any(settings.box) or settings.object_mode != "BOX"
     marked = _attempt(now, "object", lambda: object_options(settings, values, take / INPUTS), begun)
+    status.derive(now, "preview", preview_digest(clip, marked) if clip and marked else "incomplete", settings.previewed_digest)
     recover = RecoverRequest.from_parts(scene, values, take, clip, marked).digest() if clip and marked else "incomplete"
     edit = EditRequest.of(scene).digest()
     status.derive(now, "recover", recover, settings.recovered_digest)

@@ -1,7 +1,7 @@
 """Stands for the engine's Python: `fake_engine.py -m seeing_wind.engine VERB ...` writes small, known results in no time.
 
-SEEING_WIND_FAKE chooses another behaviour for `recover` and `resimulate` (see fake_worker.py). Needs NumPy and the ground floor, which the
-caller puts on PYTHONPATH as it does for the real engine. The field is a swirl about world Z that grows with time.
+SEEING_WIND_FAKE chooses another behaviour for `observe`, `recover` and `resimulate` (see fake_worker.py). Needs NumPy and the ground
+floor, which the caller puts on PYTHONPATH as it does for the real engine. The field is a swirl about world Z that grows with time.
 """
 
 from __future__ import annotations
@@ -9,8 +9,10 @@ from __future__ import annotations
 import json
 import os
 import runpy
+import struct
 import sys
 import tomllib
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +59,32 @@ def recover(options: list[str]) -> None:
     take.finish("recover", stamp_of(*given), {"gravity": [0.0, 0.0, -3.0], "options": options})
 
 
+def observe(options: list[str]) -> dict[str, object]:
+    """A picture of one pixel, a place that seems to be held, and two verdicts; the result."""
+    from seeing_wind.engine.take import Take
+
+    take = Take(options[options.index("--take") + 1])
+    take.write_json("asked.json", options)
+    for name in ("preview.png", "held.png"):
+        with take.writing(name) as path:
+            path.write_bytes(PIXEL)
+    verdicts = [
+        {"item": "scale", "verdict": "doubtful", "severity": 0.9, "because": "No length is known.", "do": "Give one."},
+        {"item": "outline", "verdict": "good", "severity": 0.0, "because": "It lies within the box.", "do": ""},
+    ]
+    return {"outcome": "converged", "verdicts": verdicts, "files": ["preview.png", "preview.mp4", "held.png"]}
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+PIXEL = (
+    b"\x89PNG\r\n\x1a\n"
+    + _chunk(b"IHDR", struct.pack(">2I5B", 1, 1, 8, 2, 0, 0, 0)) + _chunk(b"IDAT", zlib.compress(b"\0\x50\xff\x50")) + _chunk(b"IEND", b"")
+)  # fmt: skip
+
+
 def sample(options: list[str]) -> None:
     """The swirl."""
     from seeing_wind.engine.take import Take
@@ -92,9 +120,13 @@ def main() -> None:
     module, name, verb, *options = sys.argv[1:]
     assert (module, name) == ("-m", "seeing_wind.engine"), sys.argv
     assert not any(key.startswith("PYTHON") and key not in KNOWN for key in os.environ), "Blender's Python settings leaked"
-    behaviour = os.environ.get("SEEING_WIND_FAKE", "done") if verb in ("recover", "resimulate") else "done"
+    behaviour = os.environ.get("SEEING_WIND_FAKE", "done") if verb in ("observe", "recover", "resimulate") else "done"
     if behaviour == "done":
         {"recover": recover, "sample": sample, "resimulate": resimulate}.get(verb, lambda options: None)(options)
+    if verb == "observe" and behaviour == "done":
+        print(json.dumps({"type": "progress", "stage": "observe", "fraction": 0.5, "message": "following the object"}))
+        print(json.dumps({"type": "result", **observe(options)}))
+        return
     if verb == "doctor":
         missing = {"name": "gsplat", "ok": False, "detail": "not installed", "advice": "pip install gsplat", "optional": True}
         checks = [{"name": "torch", "ok": True, "detail": "CPU"}, missing]

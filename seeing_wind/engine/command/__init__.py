@@ -4,7 +4,7 @@
     recover.py       from a clip or trajectories    resimulate.py  an edit in the recovered field
     trajectories.py  3D trajectories from a file    doctor.py      what is installed, and what to do about the rest
     lock.py          one writer per take            reporting.py   how a recovery ends: its report, its result
-    preview.py       what is seen, before the solve
+    observe.py       what is seen, before the solve
     cancelling.py    how a parent or a person stops a job
     batch/           many clips and edits from one file, here or on a farm
 """

@@ -89,7 +89,7 @@ def parser() -> Parser:
     """The whole command line."""
     root = Parser(prog="seeing_wind.engine", description="Recover the force field that moved something in a clip.", allow_abbrev=False)
     verbs = root.add_subparsers(dest="verb", required=True, parser_class=Parser, metavar="VERB")
-    _recover(verbs.add_parser("preview", help="what is seen in a clip, drawn and judged; `recover` goes on from it", allow_abbrev=False))
+    _recover(verbs.add_parser("observe", help="what is seen in a clip, drawn and judged; `recover` goes on from it", allow_abbrev=False))
     _recover(verbs.add_parser("recover", help="a clip becomes a force field", allow_abbrev=False))
     _recover_trajectories(verbs.add_parser("recover-trajectories", help="3D trajectories become a force field", allow_abbrev=False))
     sample = verbs.add_parser("sample", help="the force density at given points", allow_abbrev=False)

@@ -12,7 +12,7 @@ from ..progress import Progress
 from ..stages import require_take
 from ..take import Take
 from .batch.verb import batch
-from .preview import preview
+from .observe import observe
 from .recover import asked_model, recover, recover_trajectories
 from .resimulate import resimulate
 
@@ -72,7 +72,7 @@ def doctor(arguments: argparse.Namespace, progress: Progress) -> Result:
 
 
 VERBS: dict[str, Callable[[argparse.Namespace, Progress], Result]] = {
-    "preview": preview,
+    "observe": observe,
     "recover": recover,
     "recover-trajectories": recover_trajectories,
     "sample": sample,

@@ -8,6 +8,6 @@
     object/  particles, surface and key points: what the solver moves
 """
 
-from .observation import observe
+from .observation import observe, pinned
 
-__all__ = ["observe"]
+__all__ = ["observe", "pinned"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,7 +27,8 @@ from .clip.stored import Frames
 from .mask.background import Plate, clean_plate, median_plate, plate_behind, seen_first, stands_still
 from .mask.first_mask import point_list, read_mask
 from .mask.follow import MaskFollower
-from .mask.from_box import refined
+from .mask.from_box import NEARBY, moving_odds, refined
+from .mask.motion import window_of
 from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
 from .tracks.centroid import centroid_track
 from .tracks.file import read_tracks
@@ -41,6 +42,9 @@ FEW_PATCHES = 900
 SILHOUETTE = 0.02
 """A turning body's silhouette has its centroid off the body's own by about this part of its size."""
 
+
+ROUGH_PIXELS = 25_000
+"""Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
 
 ROUND_POINT = 0.25
 """About how far the object may reach from a point on it, in units of the picture's shorter side."""
@@ -78,7 +82,8 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
         return _seen(clip, settings, progress)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
     with tempfile.TemporaryDirectory(prefix="seeing_wind_") as folder:
-        return size.observation(_seen(clip, size.settings(settings, clip, Path(folder)), progress), clip)
+        seen = _seen(clip, size.settings(settings, clip, Path(folder)), progress)
+    return pinned(size.observation(seen, clip), settings.pin)
 
 
 def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observation:
@@ -101,18 +106,18 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
     elif not still and settings.camera is None:
         progress.warn("The camera moves, and without --camera its motion is taken for the object's.")
     plate = median_plate(clip.frames, progress) if still else None
+    median = None if plate is None else plate.color
     progress.update(0.08, "finding the object")
     mask = first_outline(settings, clip.frames, plate, lens, progress)
     progress.update(0.1, "following the object")
     if plate is not None:
-        plate = seen_first(plate, clip.frames, mask, around if settings.box is not None else mask)
         mask, plate = _with_background(clip.frames, mask, plate, settings, around, progress)
-    pin = _pin(settings, mask, lens)
+    pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     masks, tracks = _follow(clip, mask, plate, lens, settings, progress)
     tell_defects(clip.frames, masks, progress)
     progress.update(0.95, "background")
-    background = clean_plate(clip.frames, masks, still, progress)
+    background = clean_plate(clip.frames, masks, median, progress)
     xy = tracks.xy
     if turns is not None:
         steady_xy, masks = as_filmed(xy, masks, turns, camera)
@@ -174,11 +179,20 @@ def _marked_area(settings: ObserveSettings, height: int, width: int) -> np.ndarr
     return area > 0
 
 
-def _pin(settings: ObserveSettings, mask: np.ndarray, lens: Lens) -> np.ndarray:
+def pinned(seen: Observation, pin: str | None) -> Observation:
+    """The same observation with what the PNG `pin` holds, in the file's own pixels; nothing without one.
+
+    Raises:
+        UsageError: no such picture, or of another size. ObjectError: it does not touch the object.
+    """
+    return replace(seen, pin=_pin(pin, np.asarray(seen.masks[0]), Lens(seen.camera)))
+
+
+def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
     """(H, W) bool, the held part of the object."""
-    if settings.pin is None:
+    if path is None:
         return np.zeros_like(mask)
-    pin = lens.straight_map(read_mask(settings.pin, mask.shape[0], mask.shape[1], "pin mask")) & mask
+    pin = lens.straight_map(read_mask(path, mask.shape[0], mask.shape[1], "pin mask")) & mask
     if not pin.any():
         raise ObjectError(
             "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first picture."
@@ -204,7 +218,7 @@ def _follow(
     carried: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
         network_masks(settings.mask_model, frames, mask, progress)
         if settings.mask_model
-        else _carry(frames, mask, plate, progress, 0.3, 0.9)
+        else _carry(frames, len(frames), mask, plate, progress, 0.3, 0.9)
     )
 
     def followed() -> Iterator[np.ndarray]:
@@ -234,25 +248,48 @@ def _with_background(
     boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
     # What a box cut off of a small object was found outside it.
     allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
-    if boxed:
-        mask = refined(frames, mask, plate, allowed)
+    median = plate.color
+    motion = moving_odds(frames, window_of(allowed, NEARBY), plate.noise) if boxed else None
+    plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
+    if motion is not None:
+        mask = refined(frames[0], mask, plate, allowed, motion)
     if not settings.mask_model:
-        masks = Masks.of(itertools.chain([mask], (new for new, _ in _carry(frames, mask, plate, progress, 0.1, 0.3, rough=True))))
+        masks = _roughly(frames, mask, plate, progress)
         if areas(masks)[1:].any():
-            plate = plate_behind(frames, masks, plate, progress)
-    if boxed:
-        mask = refined(frames, mask, plate, allowed)
+            plate = plate_behind(frames, masks, plate, median, progress)
+    if motion is not None:
+        mask = refined(frames[0], mask, plate, allowed, motion)
     return mask, plate
 
 
+def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress) -> Masks:
+    """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large."""
+    x0, y0, x1, y1 = window_of(mask, 0)
+    scale = min(1.0, float(np.sqrt(ROUGH_PIXELS / ((x1 - x0) * (y1 - y0)))))
+    full = mask.shape[::-1]
+    size = (round(full[0] * scale), round(full[1] * scale))
+
+    def small(picture: np.ndarray) -> np.ndarray:
+        return picture if scale == 1.0 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+
+    def large(found: np.ndarray) -> np.ndarray:
+        return found if scale == 1.0 else cv2.resize(found.astype(np.float32), full, interpolation=cv2.INTER_LINEAR) > 0.5
+
+    behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
+    first = small(mask.astype(np.uint8) * 255) >= 128
+    carried = _carry((small(picture) for picture in frames), len(frames), first, behind, progress, 0.1, 0.3)
+    return Masks.of(itertools.chain([mask], (large(new) for new, _ in carried)))
+
+
 def _carry(
-    frames: Frames, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float, rough: bool = False
+    pictures: Iterable[np.ndarray], count: int, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
 ) -> Iterator[tuple[np.ndarray, MaskFollower]]:
-    """The masks of pictures 1 to T and the follower in its state after each; reports progress from `start` to `end`."""
-    follower = MaskFollower(frames[0], mask, plate, progress, rough)
-    for t in range(1, len(frames)):
-        progress.update(start + (end - start) * t / len(frames), f"following the object, frame {t} of {len(frames) - 1}")
-        yield follower.advance(frames[t]), follower
+    """The masks of pictures 1 to T of `count` and the follower in its state after each; reports progress from `start` to `end`."""
+    rest = iter(pictures)
+    follower = MaskFollower(next(rest), mask, plate, progress)
+    for t, picture in enumerate(rest, start=1):
+        progress.update(start + (end - start) * t / count, f"following the object, frame {t} of {count - 1}")
+        yield follower.advance(picture), follower
 
 
 def _tell_lost(seen: np.ndarray, progress: Progress) -> None:

@@ -130,7 +130,7 @@ class WorkingSize:
             background=background,
             masks=Masks.of(self._larger(one) for one in seen.masks),
             depth=np.where(mask, depth, np.float32(np.inf)),
-            pin=self._larger(seen.pin) & mask,
+            pin=np.zeros_like(mask),
             xy=self.outward(seen.xy),
             sigma=seen.sigma * self._factor.mean(),
         )

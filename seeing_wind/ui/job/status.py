@@ -29,6 +29,9 @@ class State(StrEnum):
 STEPS = ("clip", "object", "recover", "edit", "resimulate", "bake")
 """In the order of the work."""
 
+PREVIEW = "preview"
+"""A part of the step *object* with a state of its own."""
+
 LINKED = ("This scene is linked from another file and cannot be changed here.", "Work in a scene of this file.")
 
 SPANS = {
@@ -36,6 +39,9 @@ SPANS = {
     "report": (0.95, 1.0),
 }  # fmt: skip
 """Which part of the whole bar a stage of `recover` fills; other stages fill it all."""
+
+PREVIEW_SPANS = {"observe": (0.0, 0.85), "preview": (0.85, 1.0)}
+"""The same of a preview, which is over where a recovery goes on."""
 
 
 @dataclass
@@ -65,7 +71,7 @@ class Step:
 class SceneStatus:
     """All steps of one scene."""
 
-    steps: dict[str, Step] = field(default_factory=lambda: {name: Step() for name in STEPS})
+    steps: dict[str, Step] = field(default_factory=lambda: {name: Step() for name in (*STEPS, PREVIEW)})
     running: str = ""
     """The step that runs now, or ""."""
     cancelling: bool = False
@@ -125,7 +131,7 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
     entry = status.steps[step]
     kind = message["type"]
     if kind == "progress":
-        first, last = SPANS.get(message.get("stage", ""), (0.0, 1.0))
+        first, last = (PREVIEW_SPANS if step == PREVIEW else SPANS).get(message.get("stage", ""), (0.0, 1.0))
         entry.fraction = first + (last - first) * min(max(float(message.get("fraction", 0.0)), 0.0), 1.0)
         entry.message = str(message.get("message", "")) or str(message.get("stage", ""))
         if entry.message == KEPT:

@@ -25,6 +25,9 @@ from ..user_paths import absolute
 EDIT = "edit.toml"
 """An edit of the panel stands in the folder of its own re-simulation."""
 
+INPUTS = "blender_inputs"
+"""Folder in the take of the files that are made from the scene."""
+
 NO_FIELD = "There is no recovered field."
 
 

@@ -15,15 +15,13 @@ from ..clip.inputs.clips import files_of
 from ..clip.object.options import object_options
 from ..clip.options import View, clip_options
 from ..job.status import digest_of
-from ..job.takes import take_folder
+from ..job.takes import INPUTS, take_folder
 from ..option_properties import part_of, single, values_of
 from ..scene_units import metres_per_unit
 
 if TYPE_CHECKING:
     from ..clip.inputs.scene_inputs import SceneInput
 
-INPUTS = "blender_inputs"
-"""Folder in the take of the files that are made from the scene."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scenes import noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate
-from seeing_wind.engine.observe.mask.evidence import Looks, against_plate, against_shape, cut_out, looks_of
+from seeing_wind.engine.observe.mask.evidence import Looks, against_plate, against_shape, cut_out
 from seeing_wind.engine.observe.mask.from_box import moving_odds
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
@@ -82,15 +82,30 @@ def test_a_shadow_is_background_unless_the_object_looks_so() -> None:
     shaded = (color * cv2.GaussianBlur(dark, (0, 0), 3.0)[..., None]).astype(np.uint8)
     mask = np.zeros((60, 60), bool)
     mask[22:38, 22:38] = True
-    odds, known = against_plate(shaded, plate, (0, 0, 60, 60), Looks(4.0, 6.0))
+    window = (0, 0, 60, 60)
+    odds, known = against_plate(shaded, plate, window, Looks())
     assert known.all() and (odds[25:35, 25:35] < -1.0).mean() > 0.95
-    gray = looks_of(shaded, plate, mask)
-    assert gray.shaded < 1.0, "a thing that is the wall's colour, only darker, would be lost"
+    gray, _ = against_plate(shaded, plate, window, Looks(shaded, plate, mask))
+    assert np.median(gray[25:35, 25:35]) > odds[25:35, 25:35].max(), "a thing that is the wall's colour, only darker, would be lost"
     red = shaded.copy()
     red[mask] = (180, 30, 30)
-    assert looks_of(red, plate, mask).shaded > 4.0
-    odds, _ = against_plate(red, plate, (0, 0, 60, 60), looks_of(red, plate, mask))
+    # The shadow was taken for a part of the thing, and is not.
+    odds, _ = against_plate(red, plate, window, Looks(red, plate, dark < 1.0))
     assert odds[25:35, 25:35].min() > 2.0
+    assert np.median(odds[(dark < 1.0) & ~cv2.dilate(mask.astype(np.uint8), np.ones((5, 5))).astype(bool)]) < -1.0
+
+
+def test_what_a_codec_leaves_round_a_thing_is_not_the_thing() -> None:
+    plate = Plate(np.full((80, 80, 3), 90, np.uint8), np.ones((80, 80), bool), 1.0)
+    mask, trace = np.zeros((80, 80), bool), np.zeros((80, 80), bool)
+    mask[30:50, 30:50] = trace[22:58, 22:58] = True
+    picture = plate.color.copy()
+    picture[trace], picture[mask] = (98, 90, 84), (200, 40, 40)
+    usual, _ = against_plate(picture, plate, (0, 0, 80, 80), Looks())
+    learnt, _ = against_plate(picture, plate, (0, 0, 80, 80), Looks(picture, plate, mask))
+    beside = trace & ~cv2.dilate(mask.astype(np.uint8), np.ones((9, 9))).astype(bool)
+    assert np.median(usual[beside]) > 0.0 > np.median(learnt[beside]) + 1.0
+    assert learnt[33:47, 33:47].min() > 3.0
 
 
 def test_evidence_is_cut_along_the_edges_of_the_picture() -> None:

@@ -24,7 +24,8 @@ from seeing_wind.ui.clip.inputs.clips import as_pattern, loaded_clip
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
 from seeing_wind.ui.clip.object.options import object_options
 from seeing_wind.ui.clip.options import clip_options
-from seeing_wind.ui.recover.request import INPUTS, RecoverRequest, scene_values
+from seeing_wind.ui.job.takes import INPUTS
+from seeing_wind.ui.recover.request import RecoverRequest, scene_values
 
 WIDTH, HEIGHT, PICTURES = 96, 64, 13
 

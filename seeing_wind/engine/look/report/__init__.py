@@ -4,8 +4,7 @@
     figure.py       report.png                                   footage.py   the clip once more, small
     overlay.py      overlay.mp4                                  drawing.py   its arrows and instruments
     resimulated.py  resimulated.mp4                              backdrop.py  its clean plate
-    colours.py      from weak to strong                          video.py     writing MP4
-    accuracy.py     errors against a known field
+    colours.py      from weak to strong                          accuracy.py  errors against a known field
 """
 
 from .accuracy import field_errors, uniform_errors

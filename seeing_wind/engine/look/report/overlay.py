@@ -12,12 +12,12 @@ from ...errors import ClipError
 from ...field import ForceField
 from ...field.confidence import farthest_points
 from ...field.sampling import sample_points
+from ...observe.clip.video import video_writer
 from ...progress import NoProgress, Progress
 from ...records import Camera, Observation, Recovery
 from ...take import Take
 from .colours import force_colours, scale_top
 from .drawing import Dials, draw_arrow
-from .video import video_writer
 
 LONGER = 960
 """Clips whose longer side has fewer pixels are enlarged to at least these, or arrows and numbers would be coarse."""

@@ -14,6 +14,7 @@ import numpy as np
 from ...masks import Masks, areas
 from ...observe.clip.lens import Lens
 from ...observe.clip.stored import Frames
+from ...observe.clip.video import video_writer
 from ...progress import NoProgress, Progress
 from ...records import Body, Observation, Recovery
 from ...take import Take
@@ -23,7 +24,6 @@ from ..over_clip import Box
 from ..splatting import picture
 from .backdrop import behind
 from .footage import Footage, check_length
-from .video import video_writer
 
 SAMPLED = 24
 """Pictures of a clip larger than the report's videos that are compared at the file's own size; of a smaller one it is all."""

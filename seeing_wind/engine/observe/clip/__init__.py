@@ -5,5 +5,5 @@
     camera.py   intrinsics, poses, distance           transforms.py      the camera file of nerfstudio and instant-ngp
     lens.py     lens distortion                       shake.py           a hand-held camera's turns
     depth.py    depth in frame 0                      defects.py         black frames, cuts, blur, an object that leaves
-    opencv_threads.py  OpenCV on one thread
+    opencv_threads.py  OpenCV on one thread            video.py           writing MP4
 """

@@ -12,7 +12,7 @@ from ...masks import Masks
 from ...progress import Progress
 from ...records import Camera
 from ..clip.stored import Frames
-from .motion import Window, cut
+from .motion import Window, cut, window_of
 
 STILL = 1.5
 """Pixels by which corners of the surroundings may move for the camera to count as standing still; the plate bears as much."""
@@ -58,22 +58,29 @@ class Plate:
         away = cv2.absdiff(picture, self.color).astype(np.float32)
         return np.where(self.reliable, _largest(cv2.GaussianBlur(away, (0, 0), 0.8)), np.float32(0.0))
 
-    def away(self, picture: np.ndarray, window: Window) -> np.ndarray:
-        """(h, w) float32 in `window`: largest channel difference to the plate, grain averaged out first; also where it is not reliable."""
-        now, behind = (cv2.GaussianBlur(cut(whole, window).astype(np.float32), (0, 0), 1.0) for whole in (picture, self.color))
-        return _largest(cv2.absdiff(now, behind))
+    def compared(self, picture: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
+        """How `picture` (H, W, 3) differs from the background in `window`, also where that is not reliable, grain averaged out first.
 
-    def relit(self, picture: np.ndarray, window: Window) -> np.ndarray:
-        """(h, w) bool in `window`: the plate darker or brighter by one factor in all channels, a shadow that came or went."""
-        now, behind = (cv2.GaussianBlur(cut(whole, window), (0, 0), 1.0).astype(np.float32) + 4.0 for whole in (picture, self.color))
-        ratio = now / behind
+        Returns:
+            (h, w) float32: the largest difference of a channel [grey levels]; (h, w) int8: 1 where the plate is brighter by one factor in
+            all channels, a shadow that went, -1 where it is darker, one that came, else 0.
+        """
+        now, behind = (cv2.GaussianBlur(cut(whole, window), (0, 0), 1.0).astype(np.float32) for whole in (picture, self.color))
+        away = _largest(cv2.absdiff(now, behind))
+        behind += 4.0
+        ratio = (now + 4.0) / behind
         middle = cv2.transform(ratio, np.full((1, 3), 1.0 / 3.0, np.float32))
         # In the dark, a codec's rounding tints as much as a colour does.
         grain = 0.6 * self.noise / _smallest(behind)
         alike = _largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle + grain
         # A shadow is soft and lets through what is behind it; a gray thing's own pattern and edges are neither.
         alike &= np.abs(middle - cv2.GaussianBlur(middle, (0, 0), 3.0)) < SHADOW_SOFT + grain
-        return cut(self.reliable, window, cv2.BORDER_CONSTANT) & alike & (middle > SHADOW[0]) & (middle < SHADOW[1])
+        alike &= cut(self.reliable, window, cv2.BORDER_CONSTANT) & (middle > SHADOW[0]) & (middle < SHADOW[1])
+        return away, np.where(alike, np.where(middle < 1.0, np.int8(-1), np.int8(1)), np.int8(0))
+
+    def relit(self, picture: np.ndarray, window: Window) -> np.ndarray:
+        """(h, w) bool in `window`: a shadow came or went there."""
+        return self.compared(picture, window)[1] != 0
 
 
 def _largest(picture: np.ndarray) -> np.ndarray:
@@ -173,9 +180,9 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
     return Plate(color, reliable, plate.noise)
 
 
-def plate_behind(frames: Frames, masks: Masks, before: Plate, progress: Progress) -> Plate:
+def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray, progress: Progress) -> Plate:
     """A better plate once the object's `masks` (T+1, H, W) are known: trusted where the object ever leaves and what is seen then agrees."""
-    color = clean_plate(frames, masks, True, progress)
+    color = clean_plate(frames, masks, median, progress)
     grow = np.ones((9, 9), np.uint8)
     leaves = np.zeros(color.shape[:2], np.int32)
     passed = np.zeros(color.shape[:2], bool)
@@ -191,27 +198,29 @@ def plate_behind(frames: Frames, masks: Masks, before: Plate, progress: Progress
     return Plate(color, (before.reliable & ~passed) | (passed & steady), before.noise)
 
 
-def clean_plate(frames: Frames, masks: Masks, still: bool, progress: Progress) -> np.ndarray:
+def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progress: Progress) -> np.ndarray:
     """The clip without the object, (H, W, 3) uint8 RGB.
 
-    A camera that stands still: the median over the pictures in which a pixel is off the (slightly grown) object. A moving camera:
-    picture 0. Pixels that the object never leaves are inpainted (Telea 2004).
+    Where the camera stands still, `median` (H, W, 3) is that of `median_plate`, and where the object comes, the median over the pictures
+    in which a pixel is off the (slightly grown) object. A moving camera, without `median`: picture 0. Pixels that the object never leaves
+    are inpainted (Telea 2004).
     """
     grow = np.ones((9, 9), np.uint8)
-    if not still:
+    if median is None:
         hidden = cv2.dilate(masks[0].astype(np.uint8), grow)
         return cv2.inpaint(frames[0], hidden, 5, cv2.INPAINT_TELEA)
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
     covered = np.stack([cv2.dilate(masks[t].astype(np.uint8), grow) > 0 for t in chosen])
-    ever = covered.any(axis=0)
-    color = np.empty(frames.shape[1:], np.uint8)
-    for part in _row_blocks(color, len(chosen)):
+    ever, color = covered.any(axis=0), median.copy()
+    if not ever.any():
+        return color
+    x0, top, x1, bottom = window_of(ever, 0)
+    for block in _row_blocks(color[top:bottom, x0:x1], len(chosen)):
         progress.check()
-        block = np.stack([frames[t, part] for t in chosen])
-        if ever[part].any():
-            color[part] = _masked_median(block, covered[:, part])
-        else:
-            color[part] = _median(block)
+        rows = slice(top + block.start, min(top + block.stop, bottom))
+        sights = np.stack([frames[int(t), rows][:, x0:x1] for t in chosen])
+        part = np.s_[rows, x0:x1]
+        color[part] = np.where(ever[part][..., None], _masked_median(sights, covered[:, rows, x0:x1]), color[part])
     never = covered.all(axis=0).astype(np.uint8)
     progress.check()
     return cv2.inpaint(color, never, 5, cv2.INPAINT_TELEA) if never.any() else color

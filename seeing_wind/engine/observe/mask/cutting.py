@@ -52,7 +52,7 @@ def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
     if near is not None:
         touching = np.bincount(labels[near & mask], minlength=count)[1:]
         keep = touching > 0.25 * areas if (touching > 0.25 * areas).any() else touching > 0
-        keep &= areas >= SPECK * areas[keep].max()
+        keep &= areas >= SPECK * max(areas[keep], default=0)
     kept = np.concatenate([[False], keep])[labels]
     holes, labels, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] < 0.02 * kept.sum()

@@ -6,8 +6,6 @@ A sum of such evidence is smoothed along the picture's edges (guided filter, He 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -16,7 +14,7 @@ from .background import Plate
 from .motion import Window, cut, window_of
 
 DIFFERS = 3.0
-"""Times the noise by which a pixel differs from the background for both to be equally likely."""
+"""Times the noise from which a pixel differs from the background."""
 
 SURE = 4.0
 """Log odds that the background alone can give: a silhouette far away or a box still outweighs them."""
@@ -24,17 +22,32 @@ SURE = 4.0
 OUTSIDE = -50.0
 """Log odds of what is certainly not the object."""
 
-USUAL = 0.35
-"""Part of an object that looks like the background behind it, as long as little of it was seen before a known background."""
-
-SHADED = 0.35
-"""Part of the object that looks like the background in a shadow from which that is no sign of a shadow."""
-
 STAYS = 0.7
 """Log odds at its very border for a silhouette that was carried on: what says little does not wear it away."""
 
 RIM = 3.5
 """Pixels over which a lens and a codec spread the object's rim: there the object ends where half of its contrast is left."""
+
+LEVELS = (1.0, 2.0, DIFFERS, 4.5, 6.5, 9.0, 13.0, 18.0, 26.0, 40.0, 60.0)
+"""Bounds of the classes of difference from the background [times the noise]."""
+
+LEVEL = np.digitize(np.arange(256) / 4.0, LEVELS).astype(np.uint8)
+"""The class of every quarter of the noise: a table is ten times quicker than a search."""
+
+LOW = 3
+"""Classes of what does not differ."""
+
+FRONT, BEHIND = (0.25, 0.72, (0.015, 0.015)), (0.75, 0.1, (0.05, 0.1))
+"""Usual shares, of an object and of its surroundings: what does not differ, what does, and a shadow that came or went.
+
+How they spread over the classes: evenly, but what differs in the surroundings is halved from each class to the next.
+"""
+
+SAMPLES = 0.15
+"""Weight of the usual shares, in units of the samples of this clip."""
+
+OWN = 0.35
+"""Least part of an object that is no shadow, if what looks like one at its side is to be one."""
 
 COLORS = 12
 """Bins per channel of the colour histograms."""
@@ -62,47 +75,79 @@ class Colors:
         return self._odds[self._bins(picture)]
 
 
-@dataclass(frozen=True)
 class Looks:
-    """How much it speaks against a pixel that it looks like the background, which parts of the object itself may do."""
+    """How an object and its surroundings differ from the background, learnt from one picture.
 
-    same: float
-    """Log odds, positive, of what does not differ from the background."""
-    shaded: float
-    """Of what is the background in a shadow."""
+    The surroundings differ, too: by shadows, gleams, and what a codec leaves round all that moves. How much of each there is belongs to
+    the clip, so shares of classes are counted: eleven bounds of difference, each with and without a change of light.
+    """
+
+    def __init__(self, picture: np.ndarray | None = None, plate: Plate | None = None, mask: np.ndarray | None = None) -> None:
+        """`mask` (H, W) bool: the object in `picture` (H, W, 3) uint8 before `plate`; without them, what is usual."""
+        front, behind = self._usual(*FRONT, 1.0), self._usual(*BEHIND, 0.5)
+        if picture is not None and plate is not None and mask is not None:
+            window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
+            classes, known = _classes(*plate.compared(picture, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
+            shape = _unshaded(cut(mask, window, cv2.BORDER_CONSTANT), classes % 3 > 0).astype(np.uint8)
+            # The rim is both.
+            inside = (cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known
+            beside = (cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & known
+            front, behind = self._learnt(classes[inside], front), self._learnt(classes[beside], behind)
+        self._odds = np.clip(np.log(front / behind), -SURE, SURE).astype(np.float32).ravel()
+
+    def odds(self, away: np.ndarray, light: np.ndarray, noise: float) -> np.ndarray:
+        """(h, w) float32 log odds of what `Plate.compared` gives."""
+        return self._odds[_classes(away, light, noise)]
+
+    @staticmethod
+    def _usual(same: float, differs: float, relit: tuple[float, float], fall: float) -> np.ndarray:
+        """Shares (levels, 3): light unchanged, brighter, darker."""
+        high = len(LEVELS) + 1 - LOW
+        spread = fall ** np.arange(high)
+        shares = np.full((LOW + high, 3), 1e-4)
+        shares[:LOW, 0], shares[LOW:, 0], shares[LOW:, 1:] = same / LOW, differs * spread / spread.sum(), np.array(relit) / high
+        return shares
+
+    @staticmethod
+    def _learnt(classes: np.ndarray, usual: np.ndarray) -> np.ndarray:
+        counts = gaussian_filter(np.bincount(classes, minlength=usual.size).reshape(usual.shape).astype(float), (0.6, 0.0))
+        weight = SAMPLES * counts.sum() + 10.0
+        return (counts + weight * usual) / (counts.sum() + weight)
 
 
-def looks_of(picture: np.ndarray, plate: Plate, mask: np.ndarray) -> Looks:
-    """What the object `mask` (H, W) bool of `picture` (H, W, 3) says of itself, as far as the background behind it is known."""
-    window = window_of(mask, 0)
-    inside = cv2.erode(cut(mask, window).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    known = inside & cut(plate.reliable, window)
-    differs = plate.away(picture, window) > DIFFERS * plate.noise
-    few = 0.1 * inside.sum() + 1.0
+def _classes(away: np.ndarray, light: np.ndarray, noise: float) -> np.ndarray:
+    """Class (h, w) of a difference `away` (h, w) float32 and a change of `light` (h, w) int8."""
+    level = cv2.LUT(np.minimum(away * (4.0 / noise), 255.0).astype(np.uint8), LEVEL).astype(np.int32)
+    return level * 3 + np.where(level >= LOW, light % 3, 0)
 
-    def part(alike: np.ndarray, usual: float) -> float:
-        return float(((alike & known).sum() + usual * few) / (known.sum() + few))
 
-    shaded = part(plate.relit(picture, window) & differs, 0.0)
-    return Looks(float(np.clip(-np.log(part(~differs, USUAL)), 0.1, SURE)), 1.5 * SURE if shaded < SHADED else 0.1)
+def _unshaded(shape: np.ndarray, relit: np.ndarray) -> np.ndarray:
+    """The object `shape` (h, w) bool without what hangs on it and may be its shadow; all of it where little else would be left.
+
+    What is `relit` but enclosed by the rest is no shadow: a shadow lies beside the thing that casts it.
+    """
+    size = max(3, int(0.1 * np.sqrt(shape.sum()))) | 1
+    own = cv2.morphologyEx((shape & ~relit).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    own = np.pad(cv2.morphologyEx(np.pad(own, size), cv2.MORPH_CLOSE, kernel)[size:-size, size:-size], 1)
+    _, labels = cv2.connectedComponents(1 - own, connectivity=4)
+    filled = (labels != labels[0, 0])[1:-1, 1:-1] & shape
+    return filled if filled.sum() > OWN * shape.sum() else shape
 
 
 def against_plate(picture: np.ndarray, plate: Plate, window: Window, looks: Looks, least: float = -SURE) -> tuple[np.ndarray, np.ndarray]:
     """Log odds (h, w) in `window` by what differs from the background, and where that is known (h, w) bool.
 
-    A shadow that came or went is background; so is what does not differ, with odds of `least` or more.
+    What does not differ speaks against the object with `least` at most. At a rim, the object ends at half of its contrast.
     """
-    away = plate.away(picture, window)
+    away, light = plate.compared(picture, window)
     known = cut(plate.reliable, window, cv2.BORDER_CONSTANT)
-    threshold = DIFFERS * plate.noise
-    differs = (away > threshold).astype(np.uint8)
-    rim = cv2.distanceTransform(differs, cv2.DIST_L2, 3) <= RIM
+    odds = looks.odds(away, light, plate.noise)
+    odds = np.where(away < DIFFERS * plate.noise, np.maximum(odds, least), odds)
+    rim = cv2.distanceTransform((odds > 0.0).astype(np.uint8), cv2.DIST_L2, 3) <= RIM
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(RIM) + 1, 2 * int(RIM) + 1))
-    half = np.where(rim, np.maximum(0.5 * cv2.dilate(away, reach), threshold), threshold)
-    odds = np.clip((away - half) / plate.noise, -SURE, SURE)
-    odds = np.where(differs > 0, odds, np.maximum(odds, max(least, -looks.same)))
-    relit = plate.relit(picture, window) & (differs > 0)
-    return np.where(relit, np.minimum(odds, -looks.shaded), odds).astype(np.float32), known
+    half = np.clip((away - 0.5 * cv2.dilate(away, reach)) / plate.noise, -SURE, SURE)
+    return np.where(rim, np.minimum(odds, half), odds).astype(np.float32), known
 
 
 def against_shape(shape: np.ndarray, band: float) -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
-from .evidence import OUTSIDE, Colors, against_plate, against_shape, band_of, cut_out, looks_of
-from .motion import FLOW_PIXELS, ROUGH_PIXELS, Flow, FlowSolver, Window, body_shift, cut, paste, window_of
+from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
+from .motion import FOLLOWED_PIXELS, Flow, FlowSolver, Window, body_shift, cut, paste, window_of
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -40,15 +40,12 @@ class MaskFollower:
         hidden: the object was not found in the newest picture.
     """
 
-    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, rough: bool = False) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
-
-        `rough`: quicker, where the outlines only have to show what is behind the object.
-        """
+    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> None:
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture."""
         self._progress = progress
         self._plate = plate
-        self._looks = looks_of(picture, plate, mask) if plate is not None else None
-        self._solver = FlowSolver(ROUGH_PIXELS if rough else FLOW_PIXELS)
+        self._looks = Looks(picture, plate, mask) if plate is not None else None
+        self._solver = FlowSolver(FOLLOWED_PIXELS)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(picture, window_of(mask, 24))
         self._colors = Colors(picture[mask], around[~near])

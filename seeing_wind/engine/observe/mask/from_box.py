@@ -10,7 +10,7 @@ from ...progress import Progress
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out, looks_of
+from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of
 
 CUT_OFF = (0.08, 1.0)
@@ -33,6 +33,9 @@ MOTION_SURE = 2.0
 
 STILL_PART = -1.4
 """Least log odds of what does not differ from the background, in a box."""
+
+NEARBY = 16
+"""Pixels round a box that are looked at, too."""
 
 NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, --points X,Y ..., or --mask with a PNG."
 
@@ -122,7 +125,7 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
 
 def _left(picture: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
     """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
-    odds, known = against_plate(picture, plate, window, Looks(0.0, MOTION_SURE + 1.0))
+    odds, known = against_plate(picture, plate, window, Looks(), 0.0)
     return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
 
 
@@ -146,18 +149,17 @@ def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behin
     return grab_cut(crop, trimap, 5, progress)
 
 
-def refined(frames: Frames, mask: np.ndarray, plate: Plate, allowed: np.ndarray) -> np.ndarray:
-    """The object in the first of `frames` (T+1, H, W, 3), found again with the background known, within `allowed` (H, W) bool.
+def refined(picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray) -> np.ndarray:
+    """The object in `picture` (H, W, 3), picture 0, found again with the background known, within `allowed` (H, W) bool.
 
-    `mask` (H, W) bool: where it was found before.
+    `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` with NEARBY pixels round it.
     """
     band = band_of(float(mask.sum()))
-    window, picture = window_of(mask | allowed, 16), frames[0]
+    window = window_of(allowed, NEARBY)
     crop, shape = cut(picture, window), cut(mask, window, cv2.BORDER_CONSTANT)
     near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     colors = Colors(crop[shape], crop[~near]).odds(crop)
-    odds, known = against_plate(picture, plate, window, looks_of(picture, plate, mask), STILL_PART)
-    motion = moving_odds(frames, window, plate.noise)
+    odds, known = against_plate(picture, plate, window, Looks(picture, plate, mask), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors + 0.5 * np.maximum(motion, 0.0), colors + motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE

@@ -10,14 +10,14 @@ import numpy as np
 Window = tuple[int, int, int, int]
 """x0, y0, x1, y1 [px], the end exclusive; may reach outside the picture."""
 
-ROUGH_PIXELS = 60_000
-"""The same where a silhouette only has to be about right."""
-
 TEMPLATE = 40
 """Pixels along the longer side of the template that the whole-body search uses."""
 
 FLOW_PIXELS = 260_000
 """Window size beyond which flow is computed on a smaller copy, to keep a frame under half a second."""
+
+FOLLOWED_PIXELS = 100_000
+"""The same where the motion only has to be about right: a silhouette and anchored tracks find their places by themselves."""
 
 
 @dataclass(frozen=True)

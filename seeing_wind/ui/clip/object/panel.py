@@ -5,9 +5,10 @@ import bpy
 from ....engine.materials import MATERIALS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
-from ...job.panel_pieces import Tab, draw_failure, draw_override, draw_progress, draw_text, panels
+from ...job.panel_pieces import Tab, draw_failure, draw_job, draw_override, draw_progress, draw_text, panels
 from ...job.status import State
 from ...option_properties import panel_options
+from .preview import FILM, PICTURE
 
 
 class ObjectTab(Tab):
@@ -31,6 +32,7 @@ class ObjectTab(Tab):
         for name in ("density", "youngs_modulus", "thickness"):
             draw_override(column, settings, name)
         column.prop(settings, "pin")
+        _draw_preview(self.layout, context, settings)
         _draw_guesses(self.layout, context, settings, self.bl_space_type)
         _draw_more(self.layout, settings)
         step = status.of(context.scene.session_uid).steps["object"]
@@ -53,6 +55,30 @@ def _draw_object(column, settings) -> None:
     elif settings.object_mode == "BLENDER_MASK":
         column.prop(settings, "mask_data")
     column.prop(settings, "use_tracks")
+
+
+def _draw_preview(layout, context, settings) -> None:
+    """What is seen, before the solve: the picture, and what can be trusted."""
+    steps = status.of(context.scene.session_uid).steps
+    ready = steps["clip"].state == State.DONE and steps["object"].state == State.DONE
+    draw_job(layout, context, "preview", "seeing_wind.preview", "Preview", "HIDE_OFF", "" if ready else "Mark the object in a clip first")
+    if not len(settings.verdicts):
+        return
+    header, body = layout.panel("SEEING_WIND_preview", default_closed=False)
+    header.label(text="What Is Seen")
+    if body is None:
+        return
+    picture = settings.previewed_picture
+    if picture is not None and picture.preview is not None:
+        body.template_icon(icon_value=picture.preview.icon_id, scale=8.0)
+    row = body.row(align=True)
+    for name, text, icon in ((PICTURE, "Picture", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
+        row.operator("wm.path_open", text=text, icon=icon).filepath = f"{settings.previewed_take}/{name}"
+    for verdict in settings.verdicts:
+        words = f"{verdict.name.capitalize()}: {verdict.because} {verdict.advice}".strip()
+        draw_text(body, context, words, "ERROR" if verdict.doubtful else "CHECKMARK")
+    if settings.proposed_pin and settings.pin != settings.proposed_pin:
+        body.operator("seeing_wind.use_held", icon="PINNED")
 
 
 class SEEING_WIND_UL_guesses(bpy.types.UIList):

@@ -4,7 +4,7 @@ No postponed annotations here: Blender reads these annotations as property defin
 """
 
 import bpy
-from bpy.props import CollectionProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, IntProperty, PointerProperty, StringProperty
 
 from ....engine.settings import BuildSettings, ObserveSettings, options_of
 from ....engine.settings.build import MADE
@@ -48,8 +48,16 @@ class SEEING_WIND_PG_guess(bpy.types.PropertyGroup):
     mask: StringProperty(name="Mask", subtype="FILE_PATH", description="Where it is in the first picture")
 
 
+class SEEING_WIND_PG_verdict(bpy.types.PropertyGroup):
+    """What the engine says of an item of its preview; `name` is the item."""
+
+    doubtful: BoolProperty(name="Doubtful", description="Whether it makes the result worse")
+    because: StringProperty(name="Because", description="What was seen")
+    advice: StringProperty(name="What to Do", description="What would make it better")
+
+
 class ObjectSettings:
-    """What only the scene has: datablocks, which Recover takes by their names, and a model's answers."""
+    """What only the scene has: datablocks, which Recover takes by their names, a preview's verdicts, and a model's answers."""
 
     mask_data: PointerProperty(
         name="Mask Data", type=bpy.types.Mask, description="Closed splines round the object in the first picture", update=changed
@@ -59,8 +67,14 @@ class ObjectSettings:
         description="A mesh that stands where the object is in the first picture, as the camera sees it",
     )  # fmt: skip
 
+    verdicts: CollectionProperty(type=SEEING_WIND_PG_verdict)
+    previewed_take: StringProperty(name="Previewed Take", subtype="FILE_PATH", description="Folder that the preview is in")
+    previewed_picture: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
+    previewed_digest: StringProperty(description="Of the settings that the preview was made with")
+    proposed_pin: StringProperty(name="Proposed Held Place", subtype="FILE_PATH", description="Where the object seems to be held")
+
     guesses: CollectionProperty(type=SEEING_WIND_PG_guess)
     active_guess: IntProperty(name="Active Guess", default=0, min=0)
 
 
-CLASSES = (SEEING_WIND_PG_guess,)
+CLASSES = (SEEING_WIND_PG_guess, SEEING_WIND_PG_verdict)

@@ -98,7 +98,7 @@ def test_a_product_that_cannot_be_made_does_not_cost_the_others(tmp_path, pictur
     found, particles = recovery()
     field, told = UniformField(BOX, FPS, FRAMES, FORCE), []
     take = Take(tmp_path / "a.take")
-    monkeypatch.setattr("seeing_wind.engine.look.report.video.CODECS", ())
+    monkeypatch.setattr("seeing_wind.engine.observe.clip.video.CODECS", ())
     figures = write_report(take, observation(pictures), body(particles), found, field, {}, progress=Progress(told.append))
     assert set(figures["report"]["missing"]) == {"overlay.mp4", "resimulated.mp4"}
     assert "codecs" in figures["report"]["missing"]["overlay.mp4"] and json.loads(take.file("report.json").read_text()) == figures

@@ -12,7 +12,7 @@ import pytest
 from scenes import Scene
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.command.preview import preview
+from seeing_wind.engine.command.observe import observe
 from seeing_wind.engine.observe.preview.held import proposed_place
 from seeing_wind.engine.observe.preview.verdicts import Verdict, judged
 from seeing_wind.engine.progress import NoProgress
@@ -125,7 +125,7 @@ def test_a_free_thing_is_not_held(disc_seen: Observation) -> None:
 def shown(disc: Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict]:
     take = tmp_path_factory.mktemp("shown") / "a.take"
     box = [str(value) for value in np.add(disc.box, (-5, -5, 5, 5))]
-    return take, preview(parser().parse_args(["preview", str(disc.path), "--take", str(take), "--box", *box]), NoProgress())
+    return take, observe(parser().parse_args(["observe", str(disc.path), "--take", str(take), "--box", *box]), NoProgress())
 
 
 def test_the_verb_leaves_picture_film_and_verdicts(disc: Scene, shown: tuple[Path, dict]) -> None:
@@ -153,3 +153,28 @@ def test_recover_goes_on_from_it(disc: Scene, shown: tuple[Path, dict]) -> None:
     box = tuple(float(value) for value in np.add(disc.box, (-5, -5, 5, 5)))
     observe_stage(Take(take), str(disc.path), ObserveSettings(box=box), Told())
     assert words == ["observe: already done"]
+
+
+def test_another_held_place_is_marked_without_observing_again(disc: Scene, shown: tuple[Path, dict], tmp_path: Path) -> None:
+    take, _ = shown
+    box = tuple(float(value) for value in np.add(disc.box, (-5, -5, 5, 5)))
+    settings = ObserveSettings(box=box)
+    free, without = observe_stage(Take(take), str(disc.path), settings, NoProgress())
+    held = np.zeros(disc.masks[0].shape, np.uint8)
+    held[: int(np.nonzero(disc.masks[0])[0].min()) + 6] = 255
+    cv2.imwrite(str(tmp_path / "held.png"), held)
+    words: list[str] = []
+
+    class Told(NoProgress):
+        def begin(self, stage: str, message: str = "") -> None:
+            words.append(f"{stage}: {message}")
+
+    marked = dataclasses.replace(settings, pin=str(tmp_path / "held.png"))
+    pinned, stamp = observe_stage(Take(take), str(disc.path), marked, Told())
+    assert words == ["observe: already done"] and stamp != without, "what is built on it must be built again"
+    assert pinned.pin.any() and not (pinned.pin & ~(np.asarray(pinned.masks[0]) & (held > 0))).any()
+    assert np.array_equal(pinned.xy, free.xy)
+    fresh, same = observe_stage(Take(tmp_path / "fresh.take"), str(disc.path), marked, NoProgress())
+    assert same == stamp and np.array_equal(fresh.pin, pinned.pin)
+    again, _ = observe_stage(Take(take), str(disc.path), settings, Told())
+    assert not again.pin.any(), "a mark that was taken away"

@@ -1,4 +1,4 @@
-"""The verb *preview*: what is seen in a clip, drawn and judged before the solve. `recover` with the same options goes on from it."""
+"""The verb *observe*: what is seen in a clip, drawn and judged before the solve. `recover` with the same options goes on from it."""
 
 from __future__ import annotations
 
@@ -18,9 +18,12 @@ from .lock import held
 
 PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 
+FILM_SIDE = 854
+"""Pixels of the film's longer side, at most: it is there to see what is followed, and most of its time goes into writing it."""
 
-def preview(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
-    """`preview CLIP --take DIR` -> preview.png, preview.mp4 and preview.json; held.png where the object seems to be held."""
+
+def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """`observe CLIP --take DIR` -> preview.png, preview.mp4 and preview.json; held.png where the object seems to be held."""
     from ..observe.clip.frames import require_clip
     from ..observe.preview.held import proposed_place
     from ..observe.preview.verdicts import judged
@@ -48,10 +51,10 @@ def _draw(take: Take, seen: Any, proposed: np.ndarray | None, verdicts: list[Any
     """The picture of frame 0 with the verdicts, the film, and the proposed place as a mask."""
     import cv2
 
-    from ..look.report.video import video_writer
     from ..observe.clip.frames import read_clip
     from ..observe.clip.lens import Lens
     from ..observe.clip.pictures import write_png
+    from ..observe.clip.video import video_writer
     from ..observe.preview.drawing import drawn, with_verdicts
 
     with take.writing(PICTURE) as path:
@@ -61,11 +64,13 @@ def _draw(take: Take, seen: Any, proposed: np.ndarray | None, verdicts: list[Any
         with take.writing(HELD) as path:
             write_png(path, proposed.astype(np.uint8) * 255)
     frames = read_clip(seen.clip, (seen.first_frame, seen.first_frame + seen.frames), seen.fps, progress).frames
-    lens, (height, width) = Lens(seen.camera), frames.shape[1:3]
+    lens, scale = Lens(seen.camera), min(1.0, FILM_SIDE / max(frames.shape[1:3]))
+    # Codecs want even sides.
+    width, height = (2 * max(round(0.5 * scale * side - 0.25), 1) for side in frames.shape[2:0:-1])
     with contextlib.ExitStack() as together:
         path = together.enter_context(take.writing(FILM))
-        writer = together.enter_context(video_writer(path, seen.fps, (width - width % 2, height - height % 2)))
+        writer = together.enter_context(video_writer(path, seen.fps, (width, height)))
         for t in range(len(frames)):
             progress.update(t / len(frames), f"drawing, frame {t} of {len(frames) - 1}")
             picture = drawn(seen, lens.straight_one(np.array(frames[t])), t, proposed)
-            writer.write(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)[: height - height % 2, : width - width % 2])
+            writer.write(cv2.cvtColor(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2BGR))

@@ -1,0 +1,120 @@
+"""Looking first: what the engine sees of the object in the clip, drawn and judged, before anything is solved."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ....engine.errors import UsageError
+from ....engine.settings import ObserveSettings, options_of, words_of
+from ...direct_operator import DirectOperator
+from ...job import takes, worker
+from ...job.install.environment import engine_python
+from ...job.operator import JobOperator
+from ...job.status import digest_of
+from ...job.worker_command import ROOT, command, environment
+from ...option_properties import values_of
+from ..inputs.clips import files_of
+from ..options import View, clip_options
+from .options import object_options
+
+if TYPE_CHECKING:
+    from ..inputs.scene_inputs import SceneInput
+
+    Clip = tuple[str, dict[str, Any], tuple[View, ...]]
+    Marked = tuple[dict[str, Any], tuple[SceneInput, ...]]
+
+PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
+"""What the engine leaves in the take."""
+
+
+class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
+    """Show outline, tracks, held place and scale as they are seen in the clip, and what can be trusted. Recover goes on from it"""
+
+    bl_idname = "seeing_wind.preview"
+    bl_label = "Preview"
+    bl_options = {"UNDO"}
+    step = "preview"
+
+    def start(self, scene):
+        """The clip and the object, as Recover is asked for them."""
+        settings = scene.seeing_wind
+        self.folder, python = takes.take_folder(settings), engine_python()
+        values = values_of(settings, ObserveSettings)
+        clip = clip_options(settings, values)
+        marked = object_options(settings, values, self.folder / takes.INPUTS)
+        self.digest = preview_digest(clip, marked)
+        takes.bring_along(settings, self.folder)
+        for each in marked[1]:
+            each.write(self.folder / takes.INPUTS / each.name)
+        words = [*words_of(_asked(clip, marked)), *(word for view in clip[2] for word in ("--view", *view))]
+        return worker.run(
+            command(python, "observe", clip[0], *words, "--take", str(self.folder)), cwd=str(ROOT), env=environment()
+        )
+
+    def finish(self, scene, result):
+        """The verdicts, the worst first, and the picture."""
+        settings = scene.seeing_wind
+        settings.verdicts.clear()
+        for each in result.get("verdicts", []):
+            verdict = settings.verdicts.add()
+            verdict.name, verdict.because, verdict.advice = (each[key] for key in ("item", "because", "do"))
+            verdict.doubtful = each["severity"] > 0.0
+        settings.previewed_take, settings.previewed_digest = str(self.folder), self.digest
+        settings.proposed_pin = str(self.folder / HELD) if HELD in result.get("files", []) else ""
+        settings.previewed_picture = _loaded(self.folder / PICTURE)
+        doubtful = [verdict.name for verdict in settings.verdicts if verdict.doubtful]
+        return f"Doubtful: {', '.join(doubtful)}" if doubtful else "All that is seen looks good"
+
+
+class SEEING_WIND_OT_use_held(DirectOperator, bpy.types.Operator):
+    """Take the proposed place as the one at which the object is held; nothing is looked at again for it"""
+
+    bl_idname = "seeing_wind.use_held"
+    bl_label = "Use as Held Place"
+
+    def act(self, context):
+        """The proposed picture becomes the setting."""
+        settings = context.scene.seeing_wind
+        if not settings.proposed_pin or not os.path.isfile(settings.proposed_pin):
+            raise UsageError("No held place is proposed.", "Run Preview first.")
+        settings.pin = settings.proposed_pin
+        return "The object is held at the proposed place"
+
+
+def preview_digest(clip: Clip, marked: Marked) -> str:
+    """Changes whenever something else would be seen: of what `clip_options` and `object_options` say.
+
+    A held place is none of it: it is marked in what was seen.
+    """
+    asked = dataclasses.replace(_asked(clip, marked), pin=None)
+    named = {one.name: getattr(asked, one.name) for one in options_of(ObserveSettings).values() if one.file}
+    # files that are made from the scene count by what they are made of
+    made = {each.option: each.stamp for each in marked[1] if each.option != "pin"}
+    given = [path for name, path in named.items() if path is not None and name not in made]
+    files = [os.stat(path) for path in (*files_of(clip[0]), *given, *(path for view in clip[2] for path in view))]
+    names = {name: os.path.basename(path) if path is not None else None for name, path in named.items()}
+    views = [os.path.basename(path) for view in clip[2] for path in view]
+    return digest_of(
+        os.path.basename(clip[0]), dataclasses.replace(asked, **names), views,
+        [(entry.st_size, entry.st_mtime_ns) for entry in files], tuple(made.values()),
+    )  # fmt: skip
+
+
+def _asked(clip: Clip, marked: Marked) -> ObserveSettings:
+    return ObserveSettings(**marked[0] | clip[1])
+
+
+def _loaded(path: Path) -> bpy.types.Image:
+    """The picture as an image of this file, read anew where an earlier preview is there already."""
+    image = bpy.data.images.load(str(path), check_existing=True)
+    image.reload()
+    image.preview_ensure()
+    return image
+
+
+CLASSES = (SEEING_WIND_OT_preview, SEEING_WIND_OT_use_held)

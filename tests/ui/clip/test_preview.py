@@ -1,0 +1,83 @@
+"""Preview from the panel: what the engine sees is shown before the solve, and Recover is asked for the same."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+import pytest
+
+from seeing_wind.ui.job import status
+from seeing_wind.ui.job.status import State
+from seeing_wind.ui.recover.request import RecoverRequest
+
+pytestmark = pytest.mark.usefixtures("stand_in")
+
+
+@pytest.fixture
+def marked(scene, workplace, tmp_path):
+    """The settings with a box in the clip."""
+    settings = scene.seeing_wind
+    settings.clip, settings.take = str(workplace / "clip.mp4"), str(tmp_path / "seen é.take")
+    settings.box = (20, 20, 44, 44)
+    return settings
+
+
+def state(scene) -> State:
+    return status.of(scene.session_uid).steps["preview"].state
+
+
+def test_what_is_seen_is_shown_the_worst_first(scene, marked) -> None:
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    shown = [(each.name, each.doubtful, each.advice) for each in marked.verdicts]
+    assert shown == [("scale", True, "Give one."), ("outline", False, "")]
+    assert status.of(scene.session_uid).steps["preview"].message == "Doubtful: scale" and state(scene) == State.DONE
+    picture = marked.previewed_picture
+    assert Path(bpy.path.abspath(picture.filepath)) == Path(marked.take) / "preview.png" and tuple(picture.size) == (1, 1)
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    assert len(marked.verdicts) == 2 and marked.previewed_picture == picture and len(bpy.data.images) == 1
+
+
+def test_recover_is_asked_for_the_same(scene, marked) -> None:
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    asked = json.loads((Path(marked.take) / "asked.json").read_text(encoding="utf-8"))
+    request = RecoverRequest.of(scene)
+    assert asked[asked.index("--take") + 1] == str(request.take)
+    words = asked[: asked.index("--take")]
+    assert words == list(request.options[: len(words)]) and "--box" in words
+
+
+def test_a_box_drawn_anew_makes_it_stale_and_a_held_place_does_not(scene, marked) -> None:
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    assert bpy.ops.seeing_wind.use_held() == {"FINISHED"}
+    assert marked.pin == str(Path(marked.take) / "held.png") and state(scene) == State.DONE
+    options = RecoverRequest.of(scene).options
+    assert options[options.index("--pin") + 1] == marked.pin
+    marked.box = (18, 20, 44, 44)
+    assert state(scene) == State.STALE
+
+
+def test_a_mask_of_the_scene_is_written_and_leaves_the_preview_fresh(scene, marked) -> None:
+    mask = bpy.data.masks.new("outline")
+    spline = mask.layers.new(name="layer").splines.new()
+    spline.points.add(3)
+    for point, (x, y) in zip(spline.points, ((0.3, 0.3), (0.7, 0.3), (0.7, 0.7), (0.3, 0.7))):
+        point.co = point.handle_left = point.handle_right = (x, y)
+    spline.use_cyclic = True
+    marked.object_mode, marked.mask_data = "BLENDER_MASK", mask
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    asked = json.loads((Path(marked.take) / "asked.json").read_text(encoding="utf-8"))
+    assert Path(asked[asked.index("--mask") + 1]).is_file() and state(scene) == State.DONE
+
+
+def test_what_stands_in_the_way_is_said(scene, marked, monkeypatch) -> None:
+    monkeypatch.setenv("SEEING_WIND_FAKE", "error")
+    with pytest.raises(RuntimeError):
+        bpy.ops.seeing_wind.preview()
+    assert state(scene) == State.FAILED and not len(marked.verdicts)
+    marked.box = (0, 0, 0, 0)
+    with pytest.raises(RuntimeError, match="No box is drawn"):
+        bpy.ops.seeing_wind.preview()
+    with pytest.raises(RuntimeError, match="Run Preview first"):
+        bpy.ops.seeing_wind.use_held()
