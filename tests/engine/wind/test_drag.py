@@ -80,7 +80,7 @@ def test_vertices_share_the_faces_force():
 
 @pytest.mark.parametrize("areal_density", [0.02, 0.08, 0.16])
 def test_a_mesh_blown_along_follows_the_closed_form_at_any_step_and_never_passes_the_wind(areal_density):
-    """v(t) = u (1 - 1 / (1 + k u t)), k = rho C_n / (2 m''): so heavier ones lag. Steps of a frame, far beyond what is stable explicitly."""
+    """v(t) = u (1 - 1 / (1 + k u t)), k = rho C_n / (2 m''): heavier ones lag. Steps of a frame, far beyond what is stable explicitly."""
     x, triangles = grid()
     u, dt, frames = 8.0, 1.0 / 24.0, 30
     area = np.zeros(len(x))
