@@ -1,0 +1,105 @@
+"""What a body felt, and what it would feel in another wind: the observation of the inverse.
+
+The recovered force is taken as modes over the body, as the solve writes it (`recovery.prior.basis`): the first is the net force, the next
+hold the torque. So is the wind on the body,
+
+    u(X, t) = sum_k phi_k(X) c_k(t)         [m/s]
+
+and the same modes of the drag's acceleration are
+
+    g_j(t) = 1/M sum_e phi_j(X_e) f(u(X_e, t) - v_e)         [m/s²]
+
+summed over the pieces of the surface, each with its own velocity and normal in the middle of the frame: the force is a mean over it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..records import Particles, Recovery
+from ..recovery.prior.basis import SpatialBasis
+from .drag import AIR, DragLaw, face_force_derivative, face_forces
+from .surface import BodySurface
+
+
+@dataclass(frozen=True)
+class Felt:
+    """Modes of the acceleration that a recovery found, and the moving surface that has to explain them."""
+
+    measured: np.ndarray
+    """(T, P, 3) [m/s²]."""
+    deviation: np.ndarray
+    """(T,) standard deviation of one of them [m/s²]."""
+    phi: np.ndarray
+    """(E, P) modes at the pieces."""
+    share: np.ndarray
+    """(E,) part of a piece that is free to move: what is held feels air, too, but does not show it."""
+    velocity: np.ndarray
+    """(T, E, 3) [m/s]."""
+    normals: np.ndarray
+    """(T, E, 3) [m²]."""
+    mass: float
+    """M [kg], of what is free."""
+    law: DragLaw
+    closed: bool
+
+    def predicted(self, wind: np.ndarray) -> np.ndarray:
+        """Modes (T, P, 3) [m/s²] in a wind of coefficients (T, P, 3) [m/s]."""
+        force = face_forces(self._relative(wind), self.normals, self.law, self.closed)
+        return np.einsum("ej,tei->tji", self.phi * self.share[:, None], force) / self.mass
+
+    def slopes(self, wind: np.ndarray) -> np.ndarray:
+        """d predicted[t, j, a] / d wind[t, k, b], (T, P, 3, P, 3) [1/s]: a frame's wind matters to that frame only."""
+        slope = face_force_derivative(self._relative(wind), self.normals, self.law, self.closed)
+        pairs = np.einsum("ej,ek->ejk", self.phi * self.share[:, None], self.phi).reshape(len(self.phi), -1)
+        both = np.einsum("eq,teab->tqab", pairs, slope, optimize=True) / self.mass
+        modes = self.phi.shape[1]
+        return both.reshape(len(both), modes, modes, 3, 3).transpose(0, 1, 3, 2, 4)
+
+    def uniform(self) -> np.ndarray:
+        """(T, 3) a first wind [m/s]: along each frame's net force, and as strong over the surface that faces it as that force needs."""
+        net = self.measured[:, 0]
+        size = np.linalg.norm(net, axis=1, keepdims=True)
+        direction = net / np.maximum(size, 1e-12)
+        facing = np.maximum(np.einsum("tei,ti->te", self.normals, direction), 0.0).sum(axis=1)
+        if not self.closed:
+            facing = np.abs(np.einsum("tei,ti->te", self.normals, direction)).sum(axis=1)
+        area = np.maximum(facing, 0.1 * np.median(facing))[:, None]
+        return self.velocity.mean(axis=1) + direction * np.sqrt(2.0 * self.mass * size / (self.law.density * self.law.normal * area))
+
+    def _relative(self, wind: np.ndarray) -> np.ndarray:
+        return np.einsum("ek,tki->tei", self.phi, wind) - self.velocity
+
+
+def felt_by(
+    recovery: Recovery, particles: Particles, density: float, surface: BodySurface, basis: SpatialBasis, fps: float, law: DragLaw = AIR
+) -> Felt:
+    """What the recovered force did to the body.
+
+    Args:
+        density: of the body [kg/m³].
+        surface: of the body.
+        basis: the modes, orthonormal over what is free.
+        fps: frames per second.
+    """
+    mass = density * particles.volume * ~particles.pinned
+    total = float(mass.sum())
+    acceleration = recovery.force_density / density
+    measured = np.einsum("np,tni->tpi", mass[:, None] * basis.phi, acceleration) / total
+    deviation = np.sqrt(((recovery.deviation / density) ** 2 @ mass) / total / basis.phi.shape[1])
+    places = [surface.normals(x, F) for x, F in zip(recovery.x, recovery.F, strict=True)]
+    attachment = surface.attachment
+    free = (~particles.pinned).astype(float)[None, :, None]
+    return Felt(
+        measured=measured,
+        deviation=deviation,
+        phi=np.einsum("ej,ejp->ep", attachment.weight, basis.phi[attachment.index]),
+        share=attachment.follow(free)[0, :, 0],
+        velocity=fps * np.diff(attachment.follow(recovery.x), axis=0),
+        normals=0.5 * (np.stack(places[:-1]) + np.stack(places[1:])),
+        mass=total,
+        law=law,
+        closed=surface.closed,
+    )
