@@ -8,7 +8,7 @@ by a share of the force's size; that share, too, has the greatest evidence, once
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -23,9 +23,9 @@ from ..recovery.prior.kernel import Kernel, Places, Prior
 from ..recovery.solve.gauss_newton import Linearisation, Solution, solve
 from .felt import Felt
 
-MOST_KNOTS = 60
+MOST_KNOTS = 24
 """In time. A longer clip has one every few frames."""
-ROUNDS, ITERATIONS = 3, 12
+ROUNDS, ITERATIONS = 2, 12
 """How often the hyperparameters are learnt anew, and linearisations of a solve at most."""
 MEAN = 20.0
 """Standard deviation of a component of the mean wind before anything is seen [m/s]."""
@@ -35,7 +35,7 @@ SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8)
 """Errors of the drag law, relative to the root mean square acceleration, among which the evidence chooses."""
 SAMPLES = 4
 """Particles for each mode at which the covariance of the wind is evaluated."""
-FIRST_SHARE = 2
+FIRST_SHARE = 3
 """Index of the one to begin with."""
 
 
@@ -64,11 +64,13 @@ class Problem:
     """Unknowns theta (n,): coefficients of the gusts (knots, modes, 3), then the mean wind (3,). Data: the modes of the force."""
 
     predicted: Callable[[np.ndarray], np.ndarray]
-    """Coefficients of the wind (T, P, 3) -> modes of the acceleration (T, P, 3) [m/s²]."""
+    """Coefficients of the wind (T, P, 3) -> data (T, D) [m/s²], the net force first."""
     slopes: Callable[[np.ndarray], np.ndarray]
-    """Their derivatives (T, P, 3, P, 3)."""
+    """Their derivatives (T, D, P, 3)."""
     measured: np.ndarray
-    """(T, P, 3) [m/s²]."""
+    """(T, D) [m/s²]."""
+    modes: int
+    """P."""
     deviation: np.ndarray
     """(T,) [m/s²]."""
     hats: np.ndarray
@@ -77,17 +79,16 @@ class Problem:
     @property
     def size(self) -> float:
         """Root mean square acceleration [m/s²]."""
-        return float(np.sqrt((self.measured**2).sum(axis=(1, 2)).mean()))
+        return float(np.sqrt((self.measured**2).sum(axis=1).mean()))
 
     def noise(self, shares: tuple[float, float]) -> np.ndarray:
-        """(T, P, 1) standard deviation of the data [m/s²]."""
-        share = np.where(np.arange(self.measured.shape[1]) == 0, *shares)
-        return np.sqrt(self.deviation[:, None] ** 2 + (share * self.size / math.sqrt(3.0)) ** 2)[..., None]
+        """(T, D) standard deviation of the data [m/s²]."""
+        share = np.where(np.arange(self.measured.shape[1]) < 3, *shares)
+        return np.sqrt(self.deviation[:, None] ** 2 + (share * self.size / math.sqrt(3.0)) ** 2)
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
         """theta (n,) -> (T, P, 3), the mean included."""
-        modes = self.measured.shape[1]
-        per_frame = np.tensordot(self.hats, theta[:-3].reshape(self.hats.shape[1], modes, 3), 1)
+        per_frame = np.tensordot(self.hats, theta[:-3].reshape(self.hats.shape[1], self.modes, 3), 1)
         per_frame[:, 0] += theta[-3:]
         return per_frame
 
@@ -98,23 +99,24 @@ class Problem:
     def linearise(self, theta: np.ndarray, shares: tuple[float, float]) -> Linearisation:
         """At theta (n,)."""
         wind = self.coefficients(theta)
-        frames, modes = wind.shape[:2]
         slope = self.slopes(wind) / self.noise(shares)[..., None, None]
-        gusts = np.einsum("tk,tjapb->kpbtja", self.hats, slope).reshape(-1, frames * modes * 3)
-        mean = slope[:, :, :, 0].transpose(3, 0, 1, 2).reshape(3, -1)
+        gusts = np.einsum("tk,tdpb->kpbtd", self.hats, slope).reshape(-1, self.measured.size)
+        mean = slope[:, :, 0].transpose(2, 0, 1).reshape(3, -1)
         return Linearisation.at(theta, self.residual(theta, shares), np.concatenate([gusts, mean]))
 
 
 def wind_problem(felt: Felt) -> Problem:
     """The wind as what explains the force."""
-    return Problem(felt.predicted, felt.slopes, felt.measured, felt.deviation, _hats(len(felt.measured)))
+    return Problem(felt.predicted, felt.slopes, felt.measured, felt.phi.shape[1], felt.deviation, _hats(len(felt.measured)))
 
 
 def force_problem(felt: Felt) -> Problem:
     """The force as nothing but itself: what the wind has to be more probable than."""
-    frames, modes, _ = felt.measured.shape
-    unit = np.broadcast_to(np.eye(3 * modes).reshape(modes, 3, modes, 3), (frames, modes, 3, modes, 3))
-    return Problem(lambda wind: wind, lambda wind: unit, felt.measured, felt.deviation, _hats(frames))
+    return Problem(
+        lambda force: np.einsum("tdpi,tpi->td", felt.seen, force),
+        lambda force: felt.seen,
+        felt.measured, felt.phi.shape[1], felt.deviation, _hats(len(felt.measured)),
+    )  # fmt: skip
 
 
 def _hats(frames: int) -> np.ndarray:
@@ -138,34 +140,31 @@ class Found:
 
 
 def solved(
-    problem: Problem, basis: SpatialBasis, path: np.ndarray, start: np.ndarray, mean: float, progress: Progress | None = None
+    problem: Problem, basis: SpatialBasis, path: np.ndarray, starts: Sequence[np.ndarray], mean: float, progress: Progress | None = None
 ) -> Found:
     """The most probable theta, with the hyperparameters of greatest evidence.
 
     Args:
         path: (T+1, N, 3) where the body went [m].
-        start: (T, P, 3) coefficients to begin with.
+        starts: each (T, P, 3) coefficients to begin with; what becomes most probable of them is gone on with.
         mean: standard deviation of a component of the mean.
     """
     progress = progress or NoProgress()
-    frames = len(problem.measured)
-    places = _places(basis, path, _spacing(frames))
-    size = max(GUST * float(np.sqrt((start[:, 0] ** 2).sum(axis=1).mean() / 3.0)), 1e-3 * mean)
+    places = _places(basis, path, _spacing(len(problem.measured)))
+    size = max(GUST * float(np.sqrt(np.mean([(one[:, 0] ** 2).mean() for one in starts]))), 1e-3 * mean)
     prior = Prior(Kernel(size**2 * np.eye(3)), places, np.full(3, mean))
-    theta = _first(problem, start)
-    shares = (SHARES[FIRST_SHARE + 1], SHARES[FIRST_SHARE + 1])
+    shares = (SHARES[FIRST_SHARE], SHARES[FIRST_SHARE])
+    progress.update(0.0, "finding the wind")
+    theta = min((_most_probable(problem, prior, _first(problem, one), shares) for one in starts), key=lambda one: one.cost).theta
     for number in range(ROUNDS):
-        progress.update(number / ROUNDS, "finding the wind")
-        found = _most_probable(problem, prior, theta, shares)
-        theta = found.theta
+        progress.update((number + 0.5) / (ROUNDS + 1), "finding the wind")
         point = problem.linearise(theta, shares)
         pull = point.normal @ theta - point.jacobian @ point.residual
         prior = replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, progress.check))
         shares = _best_shares(problem, prior, theta, shares)
-    theta = _most_probable(problem, prior, theta, shares).theta
+        theta = _most_probable(problem, prior, theta, shares).theta
     point = problem.linearise(theta, shares)
-    precision = prior.precision()
-    return Found(theta, point.normal + precision, prior.kernel, shares, log_evidence(problem, prior, theta, shares))
+    return Found(theta, point.normal + prior.precision(), prior.kernel, shares, log_evidence(problem, prior, theta, shares))
 
 
 def _places(basis: SpatialBasis, path: np.ndarray, spacing: float) -> Places:
@@ -197,7 +196,7 @@ def log_evidence(problem: Problem, prior: Prior, theta: np.ndarray, shares: tupl
     pull = point.jacobian @ data
     total = cho_factor(point.normal + precision, lower=True)
     volume = np.log(np.diag(total[0])).sum() - 0.5 * np.linalg.slogdet(precision)[1]
-    noise = np.broadcast_to(problem.noise(shares), problem.measured.shape)
+    noise = problem.noise(shares)
     return float(
         0.5 * (pull @ cho_solve(total, pull) - data @ data) - volume - np.log(noise).sum() - 0.5 * math.log(2.0 * math.pi) * noise.size
     )
@@ -205,14 +204,14 @@ def log_evidence(problem: Problem, prior: Prior, theta: np.ndarray, shares: tupl
 
 def _best_shares(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> tuple[float, float]:
     """The errors of the law with the greatest evidence, one after the other."""
-    for which in range(2 if problem.measured.shape[1] > 1 else 1):
+    for which in range(2 if problem.measured.shape[1] > 3 else 1):
         trials = [(share, shares[1]) if which == 0 else (shares[0], share) for share in SHARES]
         shares = max(trials, key=lambda one: log_evidence(problem, prior, theta, one))
     return shares
 
 
 def wind_of(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progress | None = None) -> Estimate:
-    """The wind over the body. Of several starts the one that ends with the greatest evidence counts.
+    """The wind over the body.
 
     Args:
         felt: what the body felt, in the modes `basis`.
@@ -220,24 +219,24 @@ def wind_of(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progres
     """
     problem = wind_problem(felt)
     uniform = felt.uniform()
-    starts = [uniform, np.broadcast_to(uniform.mean(axis=0), uniform.shape)]
-    best = max((solved(problem, basis, path, _filled(one, felt), MEAN, progress) for one in starts), key=lambda one: one.evidence)
+    starts = [_filled(one, felt) for one in (uniform, np.broadcast_to(uniform.mean(axis=0), uniform.shape))]
+    best = solved(problem, basis, path, starts, MEAN, progress)
     wind = problem.coefficients(best.theta)
-    missed = felt.measured[:, 0] - felt.predicted(wind)[:, 0]
+    missed, net = (felt.measured - felt.predicted(wind))[:, :3], felt.measured[:, :3]
     return Estimate(
         velocity=np.einsum("np,tpi->tni", basis.phi, wind),
         deviation=_deviation(best, problem.hats, basis),
         mean=best.theta[-3:],
         kernel=best.kernel,
         shares=best.shares,
-        unexplained=float(np.sqrt((missed**2).sum() / max((felt.measured[:, 0] ** 2).sum(), 1e-300))),
+        unexplained=float(np.sqrt((missed**2).sum() / max((net**2).sum(), 1e-300))),
         evidence=best.evidence,
     )
 
 
 def _filled(uniform: np.ndarray, felt: Felt) -> np.ndarray:
     """A wind (T, 3) that is the same over the body as coefficients (T, P, 3)."""
-    start = np.zeros_like(felt.measured)
+    start = np.zeros((len(uniform), felt.phi.shape[1], 3))
     start[:, 0] = uniform
     return start
 

@@ -81,7 +81,8 @@ def particle_surface(particles: Particles) -> BodySurface:
         area = particles.volume ** (2.0 / 3.0)
         index = np.repeat(np.arange(len(x)), 6)[:, None].astype(np.int32)
         return BodySurface(Attachment(index, np.ones((len(index), 1))), (area[:, None, None] * sides).reshape(-1, 3), closed=True)
-    centre, face = _faces(x, spacing)
+    axes = np.linalg.eigh(np.cov(x.T))[1]  # voxels along the body's own axes treat its sides alike
+    centre, face = (found @ axes.T for found in _faces(x @ axes, spacing))
     nearest = cKDTree(x).query(x, k=NEIGHBOURS)[1]
     around = x[nearest] - x[nearest].mean(axis=1, keepdims=True)
     facing = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0]
