@@ -114,6 +114,17 @@ class RecoverSettings:
     seed: int = 0
 
 
+FIELDS = ("force", "wind", "auto")
+
+
+@dataclass(frozen=True)
+class WindSettings:
+    """How a recovered force is read."""
+
+    field: str = "force"
+    """One of FIELDS. force: a body force, as recovered; wind: a velocity of the air, by a drag law; auto: what is more probable."""
+
+
 REPORTS = ("none", "quick", "full")
 
 
@@ -182,6 +193,8 @@ class Edit:
     gravity: tuple[float, float, float] = GRAVITY
     field_strength: float | tuple[float, ...] = 1.0
     """Factor on the field, or one factor per frame."""
+    field: str | None = None
+    """force or wind: which of the take's fields moves the bodies; None is the one that it was recovered with."""
     contact: bool = False
     """True: all bodies share one grid and push each other. False: each moves alone."""
 

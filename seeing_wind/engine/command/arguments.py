@@ -11,7 +11,17 @@ from typing import Any, NoReturn
 
 from ..conventions import GRAVITY
 from ..errors import UsageError
-from ..settings import FLOWING_PARTICLES, PARTICLES, REPORTS, BuildSettings, ObserveSettings, RecoverSettings, ReportSettings
+from ..settings import (
+    FIELDS,
+    FLOWING_PARTICLES,
+    PARTICLES,
+    REPORTS,
+    BuildSettings,
+    ObserveSettings,
+    RecoverSettings,
+    ReportSettings,
+    WindSettings,
+)
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
 DEVICES = ("auto", "cpu", "cuda")
@@ -258,6 +268,13 @@ def _solve(p: Parser) -> None:
         choices=("free", "given"),
         default=RecoverSettings.stiffness,
         help="free: that of a held elastic body is found with the force, where the motion tells it; given: the material's",
+    )
+    group.add_argument(
+        "--field",
+        choices=FIELDS,
+        default=WindSettings.field,
+        help="force: a body force in N/m3; wind: a velocity of the air in m/s, by a drag law; auto: what is more probable "
+        "(default: %(default)s)",
     )
     group.add_argument("--device", type=device, choices=DEVICES, default="auto", help="auto is the CPU")
     group.add_argument(

@@ -18,7 +18,7 @@ from ..materials import adjusted, find
 from ..progress import Progress
 from ..reading import read_toml
 from ..records import Material, Outcome
-from ..settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings, from_mapping
+from ..settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings, WindSettings, from_mapping
 from ..stages import (
     build_stage,
     check_solve,
@@ -38,6 +38,7 @@ from .preview import preview
 from .reporting import diverged, reported
 
 if TYPE_CHECKING:
+    from ..field import ForceField
     from ..observe.models.endpoint import Endpoint
 
 Result = dict[str, Any]
@@ -123,6 +124,7 @@ def _recover_into(
     from ..look.multiview import with_views
     from ..observe import observe
     from ..observe.object.motion.views import lifted_together, view_targets
+    from ..wind.stage import wind_stage
 
     seconds = dict[str, float]()
     points = tuple(value for point in arguments.points for value in point) if arguments.points else None
@@ -154,17 +156,22 @@ def _recover_into(
     )
     if field is None:
         return diverged(recovery)
+    blown = settings_of(WindSettings, arguments)
+    wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
+    recovery = dataclasses.replace(recovery, notes=[*wind.notes, *recovery.notes])
 
     def draw() -> dict[str, Any]:
         from ..look.report import write_report
 
-        return write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress, level=arguments.report)
+        spent = seconds | solve_seconds
+        return write_report(take, observation, body, recovery, field, spent, settings, progress, level=arguments.report, wind=wind.told)
 
     return reported(take, recovery, arguments.report, observation.clip, draw, progress)
 
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover-trajectories TRUTH.npz --take DIR`."""
+    from ..wind.stage import wind_stage
     from .trajectories import read_trajectories
 
     take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
@@ -181,11 +188,16 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
         recovery = dataclasses.replace(recovery, notes=[*source.notes, *recovery.notes])
         if field is None:
             return diverged(recovery)
+        blown = settings_of(WindSettings, arguments)
+        wind = wind_stage(take, None, particles, material, recovery, source.fps, blown, settings, progress)
+        recovery = dataclasses.replace(recovery, notes=[*wind.notes, *recovery.notes])
 
         def draw() -> dict[str, Any]:
             from ..look.report import write_trajectory_report
 
-            return write_trajectory_report(take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report)
+            return write_trajectory_report(
+                take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report, wind.told
+            )
 
         return reported(take, recovery, arguments.report, "", draw, progress)
 
@@ -194,13 +206,18 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`sample DIR --points P.npy [--frame T] --out OUT.npz`."""
     from ..field import load_field
     from ..field.sampling import sample_file
+    from ..wind.stage import read_wind
 
     field = load_field(require_take(arguments.take).file("field.safetensors"))
     out = Path(arguments.out)
     if not out.name:
         raise UsageError(f"'{arguments.out}' is no file's name.", "Give --out a path such as forces.npz.")
     force_density, confidence = sample_file(field, arguments.points, arguments.frame, progress)
-    Take(out.parent).write_arrays(out.name, {"force_density": force_density, "confidence": confidence})
+    arrays = {"force_density": force_density, "confidence": confidence}
+    wind = read_wind(Take(arguments.take))
+    if wind is not None:
+        arrays["wind_velocity"], arrays["wind_confidence"] = sample_file(wind, arguments.points, arguments.frame, progress)
+    Take(out.parent).write_arrays(out.name, arrays)
     return {"outcome": "converged", "out": str(out), "points": confidence.size}
 
 
@@ -209,15 +226,17 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
     from ..field import load_field
     from ..recovery.journal import TakeJournal
     from ..recovery.resimulate import simulate_bodies
+    from ..wind.stage import FIELD, read_wind
 
     source, out = require_take(arguments.source), Take(arguments.take)
     edit, field = read_edit(arguments.edit), load_field(source.file("field.safetensors"))
+    field = _mover(edit, field, read_wind(source))
     recovered = None
     if any(body.mesh == "recovered" for body in edit.body):
         if not source.file("particles.npz").is_file():
             raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
-    stamp = stamp_of(Path(arguments.edit), source.file("field.safetensors"))
+    stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"))
     with held(out, arguments.verb, progress), TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")
         folder = Path(arguments.edit).resolve().parent
@@ -237,14 +256,30 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
     return {"outcome": "converged", "take": str(out.path), "bodies": figures}
 
 
+def _mover(edit: Edit, force: ForceField, wind: ForceField | None) -> ForceField:
+    """The field that moves the bodies of an edit.
+
+    Raises:
+        UsageError: for another word than force and wind, and a wind that the take does not have.
+    """
+    if edit.field not in (None, "force", "wind"):
+        raise UsageError(f"field is {edit.field!r}.", "Write force or wind, or leave it out for what the take was recovered with.")
+    if edit.field == "wind" and wind is None:
+        raise UsageError("The take has no wind.", "Recover it with --field wind, or leave field out of the edit.")
+    return force if wind is None or edit.field == "force" else wind
+
+
 def export(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`export DIR --format npz|ply|fga|vdb --out PATH`."""
     from ..field import load_field
     from ..field.sampling import export_field
+    from ..wind.stage import read_wind
 
-    field = load_field(require_take(arguments.take).file("field.safetensors"))
+    take = require_take(arguments.take)
+    field, wind = load_field(take.file("field.safetensors")), read_wind(take)
     progress.begin("export", arguments.format)
-    return {"outcome": "converged", "files": [str(path) for path in export_field(field, arguments.format, Path(arguments.out), progress)]}
+    files = export_field(field, arguments.format, Path(arguments.out), progress, wind=wind)
+    return {"outcome": "converged", "files": [str(path) for path in files]}
 
 
 def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
