@@ -197,7 +197,7 @@ def box_mesh(R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def transfer(take: Path, scene: Scene, kind: str) -> float:
     """How far off [%] a plate of twice the areal density ends that the take's field of this kind moves."""
-    heavy = replace(scene, areal_density=2.0 * scene.areal_density)
+    heavy = replace(scene, areal_density=2.0 * scene.areal_density, spin=(0.0, 0.0, 0.0))  # an inserted mesh does not spin
     R = rotation(np.array(scene.tilt))
     vertices, triangles = box_mesh(R)
     np.savez(take / "plate.npz", vertices=vertices, triangles=triangles)

@@ -2,8 +2,8 @@
 
 A light body reaches the wind's speed within a frame, and one that flutters turns in it, so a force held over a whole frame would carry it
 past the wind. A frame is cut into parts, in each of which a piece of surface loses only a little of its velocity relative to the air.
-What it loses in a part is that of the implicit step of `drag`: D w becomes (1 + dt D / m)^-1 D w with m the mass behind the piece, so that
-a body of any weight ends the part slower than the air.
+What it loses in a part is that of the implicit step of `drag`: D w becomes D w' with w' = (1 + dt D / m)^-1 (w - dt g), m the mass behind
+the piece and g gravity, so that a body of any weight ends the part slower than the air, and one that sinks steadily goes on to.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ class Sail:
         damping = face_damping(relative, normals, law, self.surface.closed)
         behind = self._mass_per_area(model, normals) * np.linalg.norm(normals, axis=1) + TINY
         felt = np.eye(3) + dt * damping / behind[:, None, None]
-        return self.surface.spread(np.linalg.solve(felt, damping @ relative[..., None])[..., 0], len(x))
+        after = np.linalg.solve(felt, (relative - dt * model.gravity)[..., None])
+        return self.surface.spread((damping @ after)[..., 0], len(x))
 
     def haste(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray], law: DragLaw) -> float:
         """How fast its velocity relative to the air changes, relative to that velocity, or its attitude does [1/s]."""

@@ -1,9 +1,10 @@
 """The surface of a simulated body as pieces with an area and a normal: where the air has hold of it.
 
 A body that has a triangle mesh gives its triangles. One that is particles only gets its surface from them: the space within reach of a
-particle is marked on fine voxels, and the faces between marked and unmarked ones are summed for the particle and the side of it where
-they lie. Such sums have no stairs: by Gauss's theorem the vectors of a stair add up to that of the slope. Both sides of a sheet that is a
-single particle thick are kept apart.
+particle is marked on fine voxels, less as many of its outer layers as bring its volume nearest to the body's. The faces between marked and
+unmarked ones are summed for each particle and each way that the surface faces there. Such sums have no stairs: by Gauss's theorem the
+vectors of a stair add up to that of the slope. Both sides of a sheet that is a single particle thick, and the sides that meet at an edge,
+are kept apart.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_cdt, gaussian_filter
+from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
 from ..records import Attachment, Particles
@@ -19,13 +21,15 @@ from .drag import TINY, area_normals
 
 REACH = 1.1
 """Particle spacings round a particle that are marked at first, so that no gap stays between neighbours."""
-SKIN = 0.5
-"""Particle spacings from the outer particles to the surface: of what is marked, all beyond is taken off again."""
 VOXELS = 4
 """Per spacing; fewer, see `MOST_VOXELS`, for a large body."""
 MOST_VOXELS = 20_000_000
-NEIGHBOURS = 12
-"""Of a particle, that tell which way the surface faces there."""
+SMOOTH = 0.5
+"""Particle spacings over which the surface is smoothed to see which way it faces."""
+TERRACE = 2.5
+"""Particle spacings over which areas are shared out."""
+FEW = 12
+"""Particles up to which each is a lump of its own."""
 SMALLEST = 0.02
 """Of the square of the spacing: a piece with less area is left out."""
 
@@ -76,42 +80,64 @@ def mesh_surface(vertices: np.ndarray, triangles: np.ndarray, attachment: Attach
 def particle_surface(particles: Particles) -> BodySurface:
     """The surface of particles at rest. A single particle gets that of a cube of its volume."""
     x, spacing = particles.x, particles.spacing
-    if len(x) <= NEIGHBOURS:  # each a lump of its own, as in the simulation
+    if len(x) <= FEW:
         sides = np.concatenate([np.eye(3), -np.eye(3)])
         area = particles.volume ** (2.0 / 3.0)
         index = np.repeat(np.arange(len(x)), 6)[:, None].astype(np.int32)
         return BodySurface(Attachment(index, np.ones((len(index), 1))), (area[:, None, None] * sides).reshape(-1, 3), closed=True)
     axes = np.linalg.eigh(np.cov(x.T))[1]  # voxels along the body's own axes treat its sides alike
-    centre, face = (found @ axes.T for found in _faces(x @ axes, spacing))
-    nearest = cKDTree(x).query(x, k=NEIGHBOURS)[1]
-    around = x[nearest] - x[nearest].mean(axis=1, keepdims=True)
-    facing = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0]
-    owner = cKDTree(x).query(centre)[1]
-    side = ((centre - x[owner]) * facing[owner]).sum(axis=1) > 0.0
-    total = np.zeros((2 * len(x), 3))
-    np.add.at(total, 2 * owner + side, face)
+    centre, face, way = _faces(x @ axes, spacing, float(particles.volume.sum()))
+    owner = cKDTree(x @ axes).query(centre)[1]
+    total = np.zeros((6 * len(x), 3))
+    np.add.at(total, 6 * owner + way, face @ axes.T)
     kept = np.flatnonzero(np.linalg.norm(total, axis=1) > SMALLEST * spacing**2)
-    index = (kept // 2)[:, None].astype(np.int32)
-    return BodySurface(Attachment(index, np.ones((len(kept), 1))), total[kept], closed=True)
+    index = (kept // 6)[:, None].astype(np.int32)
+    pieces = _levelled(x[index[:, 0]] / spacing, kept % 6, total[kept])
+    return BodySurface(Attachment(index, np.ones((len(kept), 1))), pieces, closed=True)
 
 
-def _faces(x: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (M, 3) [m] of the voxels' outer faces and their area normals (M, 3) [m²]."""
-    low, high = x.min(axis=0) - (REACH + 1.0) * spacing, x.max(axis=0) + (REACH + 1.0) * spacing
+def _levelled(at: np.ndarray, way: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Area normals (E, 3), each shared out among the pieces near it, `at` (E, 3) [spacings], that face the same way.
+
+    A slope of a lattice has terraces a particle high, which would feel the wind each by itself.
+    """
+    apart = 10.0 * TERRACE * way[:, None]
+    tree = cKDTree(np.concatenate([at, apart], axis=1))
+    near = tree.sparse_distance_matrix(tree, TERRACE, output_type="coo_matrix")
+    weight = csr_matrix((1.0 - (near.data / TERRACE) ** 2 + TINY, (near.row, near.col)), shape=near.shape)
+    return weight @ (area / np.asarray(weight.sum(axis=0)).reshape(-1, 1))
+
+
+def _faces(x: np.ndarray, spacing: float, volume: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The voxels' outer faces: centres (M, 3) [m], area normals (M, 3) [m²], and which way (M,) the surface faces there, 0 to 5.
+
+    That is the axis, and the direction along it, that is nearest to the normal of the smoothed surface.
+    """
+    reach = REACH * spacing
+    low, high = x.min(axis=0) - reach - spacing, x.max(axis=0) + reach + spacing
     size = max(spacing / VOXELS, float(np.prod(high - low) / MOST_VOXELS) ** (1.0 / 3.0))
+    low = x.min(axis=0) - size * (0.5 + np.ceil((x.min(axis=0) - low) / size))  # particles of a lattice lie between voxels
     shape = np.ceil((high - low) / size).astype(int) + 1
     axes = [low[axis] + size * np.arange(count) for axis, count in enumerate(shape)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    near = cKDTree(x).query(grid.reshape(-1, 3), distance_upper_bound=REACH * spacing)[0].reshape(shape) <= REACH * spacing
-    inside = np.pad(distance_transform_edt(near) * size > (REACH - SKIN) * spacing, 1).astype(np.int8)
-    centres, faces = [], []
+    # Cubes round the particles, not balls: a plate keeps its edges.
+    near = cKDTree(x).query(grid.reshape(-1, 3), p=np.inf, distance_upper_bound=reach)[0].reshape(shape) <= reach
+    depth = distance_transform_cdt(near, "chessboard")
+    layers = np.arange(1, max(2, int(reach / size)))
+    off = layers[np.argmin(np.abs([np.count_nonzero(depth > layer) * size**3 - volume for layer in layers]))]
+    inside = np.pad(depth > off, 1)
+    outwards = -np.stack(np.gradient(gaussian_filter(inside.astype(np.float32), SMOOTH * spacing / size)), axis=-1)
+    centres, faces, ways = [], [], []
     for axis in range(3):
-        step = -np.diff(inside, axis=axis)  # 1 where the body ends along the axis
+        step = -np.diff(inside.astype(np.int8), axis=axis)  # 1 where the body ends along the axis
         found = np.argwhere(step)
-        unit = np.eye(3)[axis]
+        unit = np.eye(3, dtype=int)[axis]
+        normal = outwards[tuple(found.T)] + outwards[tuple((found + unit).T)]
+        nearest = np.abs(normal).argmax(axis=1)
         centres.append(low + size * (found - 1 + 0.5 * unit))
         faces.append(size**2 * step[tuple(found.T)][:, None] * unit)
-    return np.concatenate(centres), np.concatenate(faces)
+        ways.append(2 * nearest + (normal[np.arange(len(found)), nearest] > 0.0))
+    return np.concatenate(centres), np.concatenate(faces), np.concatenate(ways)
 
 
 def facing_area(normals: np.ndarray, direction: np.ndarray) -> float:
