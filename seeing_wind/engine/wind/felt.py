@@ -108,7 +108,7 @@ def felt_by(
         deviation=deviation,
         phi=np.einsum("ej,ejp->ep", attachment.weight, basis.phi[attachment.index]),
         share=attachment.follow(free)[0, :, 0],
-        velocity=fps * np.diff(attachment.follow(recovery.x), axis=0),
+        velocity=fps * np.diff(np.stack([attachment.follow(x) for x in recovery.x]), axis=0),  # all at once takes too much memory
         normals=0.5 * (np.stack(places[:-1]) + np.stack(places[1:])),
         mass=total,
         law=law,
