@@ -124,7 +124,7 @@ def _recover_into(
     from ..look.multiview import with_views
     from ..observe import observe
     from ..observe.object.motion.views import lifted_together, view_targets
-    from ..wind.stage import wind_stage
+    from ..recovery.wind.stage import wind_stage
 
     seconds = dict[str, float]()
     points = tuple(value for point in arguments.points for value in point) if arguments.points else None
@@ -171,7 +171,7 @@ def _recover_into(
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover-trajectories TRUTH.npz --take DIR`."""
-    from ..wind.stage import wind_stage
+    from ..recovery.wind.stage import wind_stage
     from .trajectories import read_trajectories
 
     take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
@@ -206,7 +206,7 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`sample DIR --points P.npy [--frame T] --out OUT.npz`."""
     from ..field import load_field
     from ..field.sampling import sample_file
-    from ..wind.stage import read_wind
+    from ..recovery.wind.stage import read_wind
 
     field = load_field(require_take(arguments.take).file("field.safetensors"))
     out = Path(arguments.out)
@@ -226,7 +226,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> Result:
     from ..field import load_field
     from ..recovery.journal import TakeJournal
     from ..recovery.resimulate import simulate_bodies
-    from ..wind.stage import FIELD, read_wind
+    from ..recovery.wind.stage import FIELD, read_wind
 
     source, out = require_take(arguments.source), Take(arguments.take)
     edit, field = read_edit(arguments.edit), load_field(source.file("field.safetensors"))
@@ -273,7 +273,7 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`export DIR --format npz|ply|fga|vdb --out PATH`."""
     from ..field import load_field
     from ..field.sampling import export_field
-    from ..wind.stage import read_wind
+    from ..recovery.wind.stage import read_wind
 
     take = require_take(arguments.take)
     field, wind = load_field(take.file("field.safetensors")), read_wind(take)

@@ -4,7 +4,7 @@
                                                              diagnostics/  what the user should know about a solution
     solve/          Gauss-Newton through the simulator       resimulate/   a recovered field on other bodies
     prior/          what is believed of a force beforehand
-    targets/        what was observed, as residuals
+    targets/        what was observed, as residuals          wind/         the force as a wind, and bodies in it
 
 The paper's own schedule for the same problem is `engine/paper/`.
 """

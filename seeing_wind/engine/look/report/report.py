@@ -44,7 +44,7 @@ def write_report(
         seconds: wall-clock seconds per stage.
         settings: of the recovery, repeated in the report.
         truth: the known field of a synthetic clip; adds the paper's two errors. Never part of the recovery.
-        wind: what `wind.stage` says of it; None or empty where none was asked for.
+        wind: what `recovery.wind.stage` says of it; None or empty where none was asked for.
 
     Returns:
         What report.json holds. Its `report` tells of this report: `level`, `seconds` per product, and `missing`, the products that could

@@ -22,9 +22,9 @@ from ...mpm.state import State
 from ...progress import Journal, NoProgress, Progress
 from ...records import Body, Material, Particles, Recovery, as_found
 from ...settings import BodyEdit, Edit
-from ...wind.motion import Sail, advance_in_wind
-from ...wind.surface import BodySurface, mesh_surface
 from ..journal import Arrays
+from ..wind.motion import Sail, advance_in_wind
+from ..wind.surface import BodySurface, mesh_surface
 from .fill import fill
 from .mesh import load_mesh
 from .obstacles import colliders_of

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from seeing_wind.engine.wind import AIR, DragLaw, area_normals, face_forces, vertex_drag
-from seeing_wind.engine.wind.drag import face_damping, face_force_derivative
+from seeing_wind.engine.recovery.wind import AIR, DragLaw, area_normals, face_forces, vertex_drag
+from seeing_wind.engine.recovery.wind.drag import face_damping, face_force_derivative
 
 
 @pytest.fixture

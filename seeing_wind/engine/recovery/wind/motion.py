@@ -14,10 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..field.force_field import ForceField
-from ..mpm.model import Model
-from ..mpm.rollout import advance
-from ..mpm.state import State
+from ...field.force_field import ForceField
+from ...mpm.model import Model
+from ...mpm.rollout import advance
+from ...mpm.state import State
 from .drag import AIR, TINY, DragLaw, face_damping
 from .surface import BodySurface
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.recovery.prior.kernel import Kernel
-from seeing_wind.engine.wind.drag import AIR
-from seeing_wind.engine.wind.estimate import Estimate
-from seeing_wind.engine.wind.verdict import beaufort, figures, objection, sentence
-from tests.engine.wind.blown_plate import DENSITY, FPS
+from seeing_wind.engine.recovery.wind.drag import AIR
+from seeing_wind.engine.recovery.wind.estimate import Estimate
+from seeing_wind.engine.recovery.wind.verdict import beaufort, figures, objection, sentence
+from tests.engine.recovery.wind.blown_plate import DENSITY, FPS
 
 NOTHING = (0.0, 0.0, 0.0)
 DOWN = (0.0, 0.0, -9.81)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.records import Attachment, Particles
-from seeing_wind.engine.wind.drag import AIR, face_forces
-from seeing_wind.engine.wind.surface import facing_area, mesh_surface, particle_surface
+from seeing_wind.engine.recovery.wind.drag import AIR, face_forces
+from seeing_wind.engine.recovery.wind.surface import facing_area, mesh_surface, particle_surface
 
 SPACING = 0.01
 REST = np.tile(np.eye(3), (1, 1, 1))

@@ -15,12 +15,12 @@ from functools import partial
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from ..field.confidence import farthest_points
-from ..progress import NoProgress, Progress
-from ..recovery.prior.basis import SpatialBasis, hats
-from ..recovery.prior.evidence import maximise_evidence
-from ..recovery.prior.kernel import Kernel, Places, Prior
-from ..recovery.solve.gauss_newton import Linearisation, Solution, solve
+from ...field.confidence import farthest_points
+from ...progress import NoProgress, Progress
+from ..prior.basis import SpatialBasis, hats
+from ..prior.evidence import maximise_evidence
+from ..prior.kernel import Kernel, Places, Prior
+from ..solve.gauss_newton import Linearisation, Solution, solve
 from .felt import Felt
 
 MOST_KNOTS = 24

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from seeing_wind.engine.records import Material, Particles, Recovery
-from tests.engine.wind.blown_plate import blown_plate
+from tests.engine.recovery.wind.blown_plate import blown_plate
 
 
 @pytest.fixture(scope="session")

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..records import Particles, Recovery
-from ..recovery.prior.basis import SpatialBasis
-from ..recovery.prior.stretch import stretch_rows
+from ...records import Particles, Recovery
+from ..prior.basis import SpatialBasis
+from ..prior.stretch import stretch_rows
 from .drag import AIR, DragLaw, face_force_derivative, face_forces
 from .surface import BodySurface
 

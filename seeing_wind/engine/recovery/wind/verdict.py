@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..records import Particles, Recovery
-from ..recovery.diagnostics.remarks import force_remarks, reaction_remarks
+from ...records import Particles, Recovery
+from ..diagnostics.remarks import force_remarks, reaction_remarks
 from .drag import DragLaw
 from .estimate import Estimate
 

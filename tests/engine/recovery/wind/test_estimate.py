@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.recovery.prior.basis import spatial_basis
-from seeing_wind.engine.wind.drag import AIR
-from seeing_wind.engine.wind.estimate import force_problem, solved, wind_of
-from seeing_wind.engine.wind.felt import felt_by
-from seeing_wind.engine.wind.surface import particle_surface
-from tests.engine.wind.blown_plate import DENSITY, FPS, SPEED
+from seeing_wind.engine.recovery.wind.drag import AIR
+from seeing_wind.engine.recovery.wind.estimate import force_problem, solved, wind_of
+from seeing_wind.engine.recovery.wind.felt import felt_by
+from seeing_wind.engine.recovery.wind.surface import particle_surface
+from tests.engine.recovery.wind.blown_plate import DENSITY, FPS, SPEED
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_cdt, gaussian_filter
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 
-from ..records import Attachment, Particles
+from ...records import Attachment, Particles
 from .drag import TINY, area_normals
 
 REACH = 1.1

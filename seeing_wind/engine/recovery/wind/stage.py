@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ObjectError
-from ..field import ForceField, distill, load_field
-from ..progress import Journal, Progress
-from ..records import Body, Material, Particles, Recovery
-from ..recovery.journal import TakeJournal
-from ..recovery.prior.basis import spatial_basis
-from ..settings import RecoverSettings, WindSettings
-from ..take import Take, stamp_of
+from ...errors import ObjectError
+from ...field import ForceField, distill, load_field
+from ...progress import Journal, Progress
+from ...records import Body, Material, Particles, Recovery
+from ...settings import RecoverSettings, WindSettings
+from ...take import Take, stamp_of
+from ..journal import TakeJournal
+from ..prior.basis import spatial_basis
 from .drag import AIR
 from .estimate import Estimate, force_problem, solved, wind_of
 from .felt import Felt, felt_by
