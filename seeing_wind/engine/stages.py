@@ -180,6 +180,7 @@ def recover_stage(
             field.save(path)
         # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
         take.withdraw("recover")
+        take.file("wind.safetensors").unlink(missing_ok=True)  # it belongs to the field that goes
         if take.file(SOLVED).is_file():
             systems.replace(take.file(SOLVED), take.file("trajectory.npz"))
         systems.replace(take.file(FITTED), take.file("field.safetensors"))

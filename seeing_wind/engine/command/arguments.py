@@ -12,7 +12,7 @@ from collections.abc import Collection
 from typing import Any, NoReturn
 
 from ..errors import UsageError
-from ..settings import BuildSettings, ObserveSettings, Option, RecoverSettings, ReportSettings, options_of
+from ..settings import BuildSettings, ObserveSettings, Option, RecoverSettings, ReportSettings, WindSettings, options_of
 from ..settings.build import MADE
 from ..settings.observe import NETWORKS, SEEN, VIEW
 from ..settings.recover import SOLVE
@@ -149,6 +149,7 @@ def _solve(p: Parser, **defaults: tuple[Any, str]) -> None:
         "--no-gravity", dest="gravity", action="store_const", const=NO_GRAVITY, help="gravity counts as part of the field"
     )
     p.add_settings(RecoverSettings)
+    p.add_settings(WindSettings)
     p.add_settings(ReportSettings)
 
 

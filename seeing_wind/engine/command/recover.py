@@ -13,7 +13,7 @@ from ..errors import UsageError
 from ..materials import adjusted, find
 from ..progress import Progress
 from ..records import Outcome
-from ..settings import BuildSettings, ObserveSettings, RecoverSettings
+from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
 from ..stages import build_stage, check_solve, observe_stage, picture_loss, recover_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import properties_of, settings_of
@@ -100,6 +100,7 @@ def _recover_into(
     from ..look.multiview import with_views
     from ..observe import observe
     from ..observe.object.motion.views import lifted_together, view_targets
+    from ..recovery.wind.stage import wind_stage
 
     seconds = dict[str, float]()
     observing = settings_of(ObserveSettings, arguments)
@@ -130,17 +131,22 @@ def _recover_into(
     )
     if field is None:
         return diverged(recovery)
+    blown = settings_of(WindSettings, arguments)
+    wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
+    recovery = dataclasses.replace(recovery, notes=[*wind.notes, *recovery.notes])
 
     def draw() -> dict[str, Any]:
         from ..look.report import write_report
 
-        return write_report(take, observation, body, recovery, field, seconds | solve_seconds, settings, progress, level=arguments.report)
+        spent = seconds | solve_seconds
+        return write_report(take, observation, body, recovery, field, spent, settings, progress, level=arguments.report, wind=wind.told)
 
     return reported(take, recovery, arguments.report, observation.clip, draw, progress)
 
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover-trajectories TRUTH.npz --take DIR`."""
+    from ..recovery.wind.stage import wind_stage
     from .trajectories import read_trajectories
 
     take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
@@ -157,11 +163,16 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
         recovery = dataclasses.replace(recovery, notes=[*source.notes, *recovery.notes])
         if field is None:
             return diverged(recovery)
+        blown = settings_of(WindSettings, arguments)
+        wind = wind_stage(take, None, particles, material, recovery, source.fps, blown, settings, progress)
+        recovery = dataclasses.replace(recovery, notes=[*wind.notes, *recovery.notes])
 
         def draw() -> dict[str, Any]:
             from ..look.report import write_trajectory_report
 
-            return write_trajectory_report(take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report)
+            return write_trajectory_report(
+                take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report, wind.told
+            )
 
         return reported(take, recovery, arguments.report, "", draw, progress)
 

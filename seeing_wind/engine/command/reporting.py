@@ -42,7 +42,7 @@ def reported(take: Take, recovery: Recovery, level: str, clip: str, draw: Callab
 
 
 def _summary(report: dict[str, Any], take: Take) -> Result:
-    keys = ("outcome", "iterations", "residual", "residual_unit", "seconds", "notes")
+    keys = ("outcome", "iterations", "residual", "residual_unit", "seconds", "notes", "wind")
     return {"take": str(take.path), **{("stage_seconds" if key == "seconds" else key): report[key] for key in keys if key in report}}
 
 
@@ -56,8 +56,9 @@ def _report_stage(take: Take, level: str, clip: str, draw: Callable[[], dict[str
 
     A report that lacks a product gets no stamp, so that it is drawn again when the job is.
     """
-    recovered = take.description().get("stages", {}).get("recover", {}).get("stamp", "")
-    stamp = stamp_of("report", VERSION, recovered, level, clip)
+    stages = take.description().get("stages", {})
+    recovered, wind = (stages.get(stage, {}).get("stamp", "") for stage in ("recover", "wind"))
+    stamp = stamp_of("report", VERSION, recovered, level, clip, *([wind] if wind else []))
     if all(take.file(name).is_file() for name in _products(level, clip)):
         kept = finished(take, "report", stamp, lambda: take.read_json("report.json"), progress)
         if kept is not None:

@@ -5,16 +5,20 @@ from __future__ import annotations
 import argparse
 import contextlib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import TakeError
+from ..errors import TakeError, UsageError
 from ..progress import Progress
 from ..settings.tables import read_edit
 from ..stages import read_body, read_recovery, require_take
 from ..take import Take, json_text, npz, stamp_of
 from .lock import held
+
+if TYPE_CHECKING:
+    from ..field import ForceField
+    from ..settings import Edit
 
 
 def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -22,15 +26,17 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
     from ..field import load_field
     from ..recovery.journal import TakeJournal
     from ..recovery.resimulate import simulate_bodies
+    from ..recovery.wind.stage import FIELD, read_wind
 
     source, out = require_take(arguments.source), Take(arguments.take)
     edit, field = read_edit(arguments.edit), load_field(source.file("field.safetensors"))
+    field = _mover(edit, field, read_wind(source))
     recovered = None
     if any(body.mesh == "recovered" for body in edit.body):
         if not source.file("particles.npz").is_file():
             raise TakeError(f"{source.path} has no recovered object.", 'It came from trajectories: insert a mesh instead of "recovered".')
         recovered = (read_body(source), read_recovery(source))
-    stamp = stamp_of(Path(arguments.edit), source.file("field.safetensors"))
+    stamp = stamp_of(Path(arguments.edit), source.file(FIELD if field.kind == "wind" else "field.safetensors"))
     with held(out, arguments.verb, progress), TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")
         folder = Path(arguments.edit).resolve().parent
@@ -48,3 +54,10 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             together.enter_context(out.writing("resimulation.json")).write_text(json_text(summary), encoding="utf-8")
     progress.update(1.0, "done")
     return {"outcome": "converged", "take": str(out.path), "bodies": figures}
+
+
+def _mover(edit: Edit, force: ForceField, wind: ForceField | None) -> ForceField:
+    """The field that moves the bodies of an edit. Raises UsageError where that is a wind that the take does not have."""
+    if edit.field == "wind" and wind is None:
+        raise UsageError("The take has no wind.", "Recover it with --field wind, or leave field out of the edit.")
+    return force if wind is None or edit.field == "force" else wind

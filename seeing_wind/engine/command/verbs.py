@@ -23,13 +23,18 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`sample DIR --points P.npy [--frame T] --out OUT.npz`."""
     from ..field import load_field
     from ..field.sampling import sample_file
+    from ..recovery.wind.stage import read_wind
 
     field = load_field(require_take(arguments.take).file("field.safetensors"))
     out = Path(arguments.out)
     if not out.name:
         raise UsageError(f"'{arguments.out}' is no file's name.", "Give --out a path such as forces.npz.")
     force_density, confidence = sample_file(field, arguments.points, arguments.frame, progress)
-    Take(out.parent).write_arrays(out.name, {"force_density": force_density, "confidence": confidence})
+    arrays = {"force_density": force_density, "confidence": confidence}
+    wind = read_wind(Take(arguments.take))
+    if wind is not None:
+        arrays["wind_velocity"], arrays["wind_confidence"] = sample_file(wind, arguments.points, arguments.frame, progress)
+    Take(out.parent).write_arrays(out.name, arrays)
     return {"outcome": "converged", "out": str(out), "points": confidence.size}
 
 
@@ -37,10 +42,13 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`export DIR --format npz|ply|fga|vdb --out PATH`."""
     from ..field import load_field
     from ..field.sampling import export_field
+    from ..recovery.wind.stage import read_wind
 
-    field = load_field(require_take(arguments.take).file("field.safetensors"))
+    take = require_take(arguments.take)
+    field, wind = load_field(take.file("field.safetensors")), read_wind(take)
     progress.begin("export", arguments.format)
-    return {"outcome": "converged", "files": [str(path) for path in export_field(field, arguments.format, Path(arguments.out), progress)]}
+    files = export_field(field, arguments.format, Path(arguments.out), progress, wind=wind)
+    return {"outcome": "converged", "files": [str(path) for path in files]}
 
 
 def identify(arguments: argparse.Namespace, progress: Progress) -> Result:

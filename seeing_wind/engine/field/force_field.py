@@ -17,7 +17,8 @@ from ..errors import TakeError, UsageError
 VERSION = 2
 """Version of the field file. 2: the confidence's points count from an origin; files of version 1 are read, too."""
 
-UNITS = "N/m3"
+UNITS = {"force": "N/m3", "wind": "m/s"}
+"""Of each kind of field."""
 
 
 class ForceField(ABC):
@@ -34,6 +35,9 @@ class ForceField(ABC):
 
     representation: ClassVar[str] = ""
     """The name in the file that leads back to the class."""
+
+    kind = "force"
+    """force: the values are force densities [N/m³]. wind: they are velocities of the air [m/s], and so where this class says force."""
 
     def __init__(self, box: np.ndarray, fps: float, frames: int) -> None:
         self.box = np.array(box, dtype=np.float64)
@@ -71,10 +75,11 @@ class ForceField(ABC):
         metadata = {
             "representation": self.representation,
             "version": str(VERSION),
-            "units": UNITS,
+            "units": UNITS[self.kind],
             "box": json.dumps(self.box.tolist()),
             "fps": repr(self.fps),
             "frames": str(self.frames),
+            **({} if self.kind == "force" else {"kind": self.kind}),
             **self._metadata(),
         }
         content = save({key: np.ascontiguousarray(value) for key, value in self._tensors().items()}, metadata)

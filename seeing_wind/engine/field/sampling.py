@@ -78,7 +78,12 @@ def lattice(box: np.ndarray, nodes: int = NODES) -> tuple[np.ndarray, tuple[int,
 
 
 def export_field(
-    field: ForceField, kind: str, out: str | PathLike[str], progress: Progress | None = None, nodes: int = NODES
+    field: ForceField,
+    kind: str,
+    out: str | PathLike[str],
+    progress: Progress | None = None,
+    nodes: int = NODES,
+    wind: ForceField | None = None,
 ) -> list[Path]:
     """Sample the field on a lattice over its box and write it.
 
@@ -88,6 +93,8 @@ def export_field(
             fga: a folder with one vector field per frame for Unreal and its kin, in their centimetres and with Y turned (left-handed).
         out: the file (npz) or the folder (ply, fga), which is made.
         nodes: lattice nodes along the longest side.
+        wind: the same take's wind on the same lattice: in npz as wind_velocity and wind_confidence, in ply as ux uy uz and
+            wind_confidence, in fga as wind_0000.fga and so on, each vector in m/s.
 
     Returns:
         The files written.
@@ -111,23 +118,35 @@ def export_field(
         values = sample_points(field, np.broadcast_to(points, (field.frames, *points.shape)), None, progress)
         name = out.name if out.suffix == ".npz" else out.name + ".npz"
         arrays = {"points": points, "shape": np.array(shape), "force_density": values[0], "confidence": values[1]}
+        if wind is not None:
+            at = np.broadcast_to(points, (wind.frames, *points.shape))
+            arrays["wind_velocity"], arrays["wind_confidence"] = sample_points(wind, at, None, progress)
         Take(out.parent).write_arrays(name, {**arrays, "fps": np.array(field.fps), "box": field.box})
         return [out.with_name(name)]
-    folder, content = Take(out), _ply if kind == "ply" else _fga
-    files = [f"frame_{frame:04d}.{kind}" for frame in range(field.frames)]
-    for frame, name in enumerate(files):
-        with folder.writing(name) as path:
-            path.write_bytes(content(field, points, shape, frame))
-        progress.update((frame + 1) / field.frames, name)
-    return [folder.file(name) for name in files]
+    folder, files = Take(out), []
+    for frame in range(field.frames):
+        contents = {f"frame_{frame:04d}.{kind}": _ply(field, points, frame, wind) if kind == "ply" else _fga(field, points, shape, frame)}
+        if wind is not None and kind == "fga":
+            contents[f"wind_{frame:04d}.{kind}"] = _fga(wind, points, shape, frame)
+        for name, content in contents.items():
+            with folder.writing(name) as path:
+                path.write_bytes(content)
+            files.append(folder.file(name))
+        progress.update((frame + 1) / field.frames, files[-1].name)
+    return files
 
 
-def _ply(field: ForceField, points: np.ndarray, shape: tuple[int, int, int], frame: int) -> bytes:
+def _ply(field: ForceField, points: np.ndarray, frame: int, wind: ForceField | None) -> bytes:
     force, confidence = field.sample(points, frame)
-    names = ("x", "y", "z", "fx", "fy", "fz", "confidence")
+    names, columns = ["x", "y", "z", "fx", "fy", "fz", "confidence"], [points, force, confidence[:, None]]
     header = ["ply", "format binary_little_endian 1.0", f"comment force density in N/m3, frame {frame} at {field.fps:g} per second"]
+    if wind is not None:
+        velocity, sure = wind.sample(points, frame)
+        names += ["ux", "uy", "uz", "wind_confidence"]
+        columns += [velocity, sure[:, None]]
+        header.append("comment ux uy uz: velocity of the air in m/s")
     header += [f"element vertex {len(points)}", *(f"property float {name}" for name in names), "end_header"]
-    table = np.concatenate([points, force, confidence[:, None]], axis=1).astype("<f4")
+    table = np.concatenate(columns, axis=1).astype("<f4")
     return ("\n".join(header) + "\n").encode("ascii") + table.tobytes()
 
 

@@ -41,13 +41,15 @@ def load_field(path: str | PathLike[str]) -> ForceField:
     except (OSError, SafetensorError, ValueError, TypeError, AttributeError, MemoryError) as error:  # the last but one: types NumPy lacks
         raise TakeError(f"{path} is no readable field: {error}.", again) from error
     try:
-        name, version, units = metadata["representation"], int(metadata["version"]), metadata["units"]
-        if version > VERSION or units != UNITS or name not in REPRESENTATIONS:
-            raise ValueError(f"representation {name}, version {version}, units {units}")
+        name, version, units, kind = metadata["representation"], int(metadata["version"]), metadata["units"], metadata.get("kind", "force")
+        if version > VERSION or units != UNITS.get(kind) or name not in REPRESENTATIONS:
+            raise ValueError(f"representation {name}, version {version}, kind {kind}, units {units}")
         for key, tensor in tensors.items():
             if not np.isfinite(tensor).all():
                 raise ValueError(f"{key} holds numbers that are not finite")
         box, fps, frames = parse_json(metadata["box"]), float(metadata["fps"]), int(metadata["frames"])
-        return REPRESENTATIONS[name].from_file(tensors, metadata, box, fps, frames)
+        field = REPRESENTATIONS[name].from_file(tensors, metadata, box, fps, frames)
+        field.kind = kind
+        return field
     except (KeyError, ValueError, TypeError, RuntimeError, OverflowError, UsageError) as error:
         raise TakeError(f"{path} is no field that this version knows: {error}.", again) from error

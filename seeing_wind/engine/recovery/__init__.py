@@ -4,7 +4,8 @@
                                                              diagnostics/  what the user should know about a solution
     solve/          Gauss-Newton through the simulator       resimulate/   a recovered field on other bodies
     prior/          what is believed of a force beforehand
-    targets/        what was observed, as residuals          paper/        the paper's own schedule for the same problem
+    targets/        what was observed, as residuals          wind/         the force as a wind, and bodies in it
+                                                             paper/        the paper's own schedule for the same problem
 """
 
 from .recover import recover

@@ -1,6 +1,7 @@
 """One frozen dataclass of settings per stage, and for each of their options one definition.
 
     observe.py, build.py, recover.py   the stages, the reports of the last among them
+    wind.py      a recovered force, or the wind that makes it
     edit.py      what is re-simulated: bodies, colliders
     option.py    what an option is: help, unit, range, choices, flag; how it is checked, read from a word and written as one
     mapping.py   settings from plain mappings, and as such
@@ -18,8 +19,9 @@ from .observe import ObserveSettings
 from .option import Option, options_of, words_of
 from .recover import RecoverSettings, ReportSettings
 from .toml import toml_text
+from .wind import WindSettings
 
 __all__ = [
     "FLOWING_PARTICLES", "PARTICLES", "BodyEdit", "BuildSettings", "ColliderEdit", "Edit", "ObserveSettings", "Option", "RecoverSettings",
-    "ReportSettings", "from_mapping", "options_of", "to_mapping", "toml_text", "words_of",
+    "ReportSettings", "WindSettings", "from_mapping", "options_of", "to_mapping", "toml_text", "words_of",
 ]  # fmt: skip

@@ -33,6 +33,7 @@ def write_report(
     progress: Progress | None = None,
     truth: ForceField | None = None,
     level: Level = "full",
+    wind: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write what `level` asks for of a recovery from a clip.
 
@@ -43,6 +44,7 @@ def write_report(
         seconds: wall-clock seconds per stage.
         settings: of the recovery, repeated in the report.
         truth: the known field of a synthetic clip; adds the paper's two errors. Never part of the recovery.
+        wind: what `recovery.wind.stage` says of it; None or empty where none was asked for.
 
     Returns:
         What report.json holds. Its `report` tells of this report: `level`, `seconds` per product, and `missing`, the products that could
@@ -55,6 +57,7 @@ def write_report(
     sampled = sample_points(field, recovery.x[:-1])
     confidence = sampled[1]
     figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, settings, truth)
+    _add_wind(figures, wind)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
     products = Products(level, progress)
     figures["report"] = products.record
@@ -91,10 +94,12 @@ def write_trajectory_report(
     truth: ForceField | None = None,
     progress: Progress | None = None,
     level: Level = "full",
+    wind: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Write report.json and report.png of a recovery from 3D trajectories: there is no clip to draw on. As `write_report`."""
     confidence = sample_points(field, recovery.x[:-1])[1]
     figures = _figures(particles, material, recovery, field, confidence, seconds, settings, truth)
+    _add_wind(figures, wind)
     products = Products(level, progress or NoProgress())
     figures["report"] = products.record
     if level != "none":
@@ -176,6 +181,12 @@ def _figures(
     if truth is not None:
         figures["truth"] = _against(truth, recovery, particles, field)
     return figures
+
+
+def _add_wind(figures: dict[str, Any], wind: dict[str, Any] | None) -> None:
+    """The wind [m/s], without its notes, which are among the recovery's."""
+    if wind:
+        figures["wind"] = {key: value for key, value in wind.items() if key != "notes"}
 
 
 def _residual(residual: np.ndarray) -> dict[str, float]:

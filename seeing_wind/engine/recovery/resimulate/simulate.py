@@ -13,6 +13,7 @@ import numpy as np
 from ...errors import SimulationError, UsageError
 from ...field.force_field import ForceField
 from ...materials import DEFAULT, adjusted, find
+from ...mpm.lattice.closed_mesh import is_closed, weld
 from ...mpm.lattice.colliders import Collider
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
@@ -22,6 +23,8 @@ from ...progress import Journal, NoProgress, Progress
 from ...records import Body, Material, Particles, Recovery, as_found
 from ...settings import BodyEdit, Edit
 from ..journal import Arrays
+from ..wind.motion import Sail, advance_in_wind
+from ..wind.surface import BodySurface, mesh_surface
 from .fill import fill
 from .mesh import load_mesh
 from .obstacles import colliders_of
@@ -87,8 +90,9 @@ def simulate_bodies(
 ) -> dict[str, Simulated]:
     """Move every body of `edit` through `field` for all the frames that it knows.
 
-    A particle feels strength f(x, t) / (rho mass_scale), asked at the frame's start and held over the frame, its gradient within the
-    particle's cell, the edit's gravity, and the pull of soft pins. Outside its box the field goes on as at the nearest place of the box.
+    In a force a particle feels strength f(x, t) / (rho mass_scale), asked at the frame's start and held over the frame, its gradient within
+    the particle's cell, the edit's gravity, and the pull of soft pins. In a wind (`field.kind`) it is the mesh that feels the air, see
+    `wind.motion`. Outside its box the field goes on as at the nearest place of the box.
 
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
@@ -252,6 +256,11 @@ def _move(
     state = State.at_rest(np.concatenate([actor.particles.x for actor in actors]))
     places, soft = state.x, np.concatenate([actor.soft for actor in actors])
     model, notes = _model(actors, 0, field.fps, gravity, colliders, device)
+    sails = [Sail(_surface(actor), part) for actor, part in zip(actors, slices)]
+
+    def with_pull(state: State, acceleration: np.ndarray, duration: float) -> np.ndarray:
+        return acceleration + pull_back(state.x - places, state.v, acceleration + gravity, soft, duration)
+
     history = [state.x]
     told = [one for a in actors for one in (a.edit, a.particles, a.material, a.velocity, a.soft, a.clamp_depth, a.substeps)]
     loop = journal.loop("frames", list(gravity), strength, *colliders, *told)
@@ -265,16 +274,24 @@ def _move(
         if t in starts:
             model = _model(actors, t, field.fps, gravity, colliders, device)[0]
             state = _released(state, actors, slices, t)
-        if t >= min(starts):
+        if t >= min(starts) and field.kind == "wind":
+            state = advance_in_wind(model, state, field, strength[t], sails, t, with_pull)
+        elif t >= min(starts):
             force, gradient = continued(field, state.x, t)
             scale = strength[t] / density
-            acceleration = force * scale[:, None]
-            acceleration = acceleration + pull_back(state.x - places, state.v, acceleration + gravity, soft, 1.0 / field.fps)
+            acceleration = with_pull(state, force * scale[:, None], 1.0 / field.fps)
             state = advance(model, state, acceleration, gradient * scale[:, None, None], frame=t)
         history.append(state.x)
         loop.reached(t + 1, partial(_so_far, history, state))
     path = np.stack(history)
     return [path[:, part] for part in slices], notes
+
+
+def _surface(actor: _Actor) -> BodySurface:
+    """The actor's mesh, as the air sees it: a sheet where it is open."""
+    rider = actor.rider
+    closed = is_closed(weld(rider.rest, actor.triangles))
+    return mesh_surface(rider.rest, actor.triangles, rider.attachment, rider.particles_rest, closed)
 
 
 def _so_far(history: list[np.ndarray], state: State) -> Arrays:
@@ -330,4 +347,5 @@ def _outside_note(x: np.ndarray, field: ForceField) -> list[str]:
         return []
     first = int(np.argmax(outside > 0.1))
     share = 100 * outside.max()
-    return [f"up to {share:.0f} % of it lies outside the field's box, first in frame {first}; the force there is that of the box's edge"]
+    where = f"up to {share:.0f} % of it lies outside the field's box, first in frame {first}"
+    return [f"{where}; the {field.kind} there is that of the box's edge"]

@@ -1,0 +1,11 @@
+"""Wind: what air that moves at u(x, t) [m/s] does to a surface that moves at v, and which u made a body move as it did.
+
+    drag.py      the force of air on faces and on vertices      felt.py      a recovered force as an observation of the air
+    surface.py   where the air has hold of a body               estimate.py  the most probable wind
+    motion.py    bodies in a wind, part of a frame at a time    verdict.py   whether it is one, and how strong
+                                                                stage.py     the wind of a take
+"""
+
+from .drag import AIR, DragLaw, area_normals, face_forces, vertex_drag
+
+__all__ = ["AIR", "DragLaw", "area_normals", "face_forces", "vertex_drag"]

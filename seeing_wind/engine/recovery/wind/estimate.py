@@ -1,0 +1,256 @@
+"""From what a body felt to the wind that it was in: the most probable u(x, t) under the drag law, and how well it is known.
+
+The wind is a mean plus gusts, the latter the Gaussian process of `recovery.prior.kernel`, smooth over places and times of the world, in
+m/s instead of m/s². Sizes, lengths and times are those of greatest evidence. The drag law is not exact, so what it predicts may be wrong
+by a share of the force's size; that share, too, has the greatest evidence, once for the net force and once for its variation over the body.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from ...field.confidence import farthest_points
+from ...progress import NoProgress, Progress
+from ..prior.basis import SpatialBasis, hats
+from ..prior.evidence import maximise_evidence
+from ..prior.kernel import Kernel, Places, Prior
+from ..solve.gauss_newton import Linearisation, Solution, solve
+from .felt import Felt
+
+MOST_KNOTS = 24
+"""In time. A longer clip has one every few frames."""
+ROUNDS, ITERATIONS = 2, 12
+"""How often the hyperparameters are learnt anew, and linearisations of a solve at most."""
+MEAN = 20.0
+"""Standard deviation of a component of the mean wind before anything is seen [m/s]."""
+GUST = 0.5
+"""First guess of a gust, relative to the wind."""
+SHARES = (0.05, 0.1, 0.2, 0.4, 0.8)
+"""Errors of the drag law, relative to the root mean square acceleration, among which the evidence chooses. No such law is better than the
+first: with a smaller one, friction along a plate, whose coefficient is not known to a factor of two, would tell of the wind along it."""
+SAMPLES = 4
+"""Particles for each mode at which the covariance of the wind is evaluated."""
+FIRST_SHARE = 1
+"""Index of the one to begin with."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The wind on the body."""
+
+    velocity: np.ndarray
+    """(T, N, 3) u at the particles [m/s]."""
+    deviation: np.ndarray
+    """(T, N) posterior standard deviation of one of its components [m/s]."""
+    mean: np.ndarray
+    """(3,) [m/s]."""
+    kernel: Kernel
+    """Of the gusts."""
+    shares: tuple[float, float]
+    """Errors of the drag law that the evidence chose: of the net force, and of its variation."""
+    unexplained: float
+    """Root mean square of the net force that no wind explains, relative to that of the net force."""
+    evidence: float
+    """Natural logarithm, of the modes of the force, in units of 1 m/s²."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Unknowns theta (n,): coefficients of the gusts (knots, modes, 3), then the mean wind (3,). Data: the modes of the force."""
+
+    predicted: Callable[[np.ndarray], np.ndarray]
+    """Coefficients of the wind (T, P, 3) -> data (T, D) [m/s²], the net force first."""
+    slopes: Callable[[np.ndarray], np.ndarray]
+    """Their derivatives (T, D, P, 3)."""
+    measured: np.ndarray
+    """(T, D) [m/s²]."""
+    modes: int
+    """P."""
+    deviation: np.ndarray
+    """(T,) [m/s²]."""
+    hats: np.ndarray
+    """(T, knots)."""
+
+    @property
+    def size(self) -> float:
+        """Root mean square acceleration [m/s²]."""
+        return float(np.sqrt((self.measured**2).sum(axis=1).mean()))
+
+    def noise(self, shares: tuple[float, float]) -> np.ndarray:
+        """(T, D) standard deviation of the data [m/s²]."""
+        share = np.where(np.arange(self.measured.shape[1]) < 3, *shares)
+        return np.sqrt(self.deviation[:, None] ** 2 + (share * self.size / math.sqrt(3.0)) ** 2)
+
+    def coefficients(self, theta: np.ndarray) -> np.ndarray:
+        """theta (n,) -> (T, P, 3), the mean included."""
+        per_frame = np.tensordot(self.hats, theta[:-3].reshape(self.hats.shape[1], self.modes, 3), 1)
+        per_frame[:, 0] += theta[-3:]
+        return per_frame
+
+    def residual(self, theta: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
+        """Whitened (m,)."""
+        return ((self.predicted(self.coefficients(theta)) - self.measured) / self.noise(shares)).ravel()
+
+    def linearise(self, theta: np.ndarray, shares: tuple[float, float]) -> Linearisation:
+        """At theta (n,)."""
+        wind = self.coefficients(theta)
+        slope = self.slopes(wind) / self.noise(shares)[..., None, None]
+        gusts = np.einsum("tk,tdpb->kpbtd", self.hats, slope).reshape(-1, self.measured.size)
+        mean = slope[:, :, 0].transpose(2, 0, 1).reshape(3, -1)
+        return Linearisation.at(theta, self.residual(theta, shares), np.concatenate([gusts, mean]))
+
+
+def wind_problem(felt: Felt) -> Problem:
+    """The wind as what explains the force."""
+    return Problem(felt.predicted, felt.slopes, felt.measured, felt.phi.shape[1], felt.deviation, _hats(len(felt.measured)))
+
+
+def force_problem(felt: Felt) -> Problem:
+    """The force as nothing but itself: what the wind has to be more probable than."""
+    return Problem(
+        lambda force: np.einsum("tdpi,tpi->td", felt.seen, force),
+        lambda force: felt.seen,
+        felt.measured, felt.phi.shape[1], felt.deviation, _hats(len(felt.measured)),
+    )  # fmt: skip
+
+
+def _hats(frames: int) -> np.ndarray:
+    return hats(frames, _spacing(frames))
+
+
+def _spacing(frames: int) -> float:
+    return float(max(1, math.ceil(frames / MOST_KNOTS)))
+
+
+@dataclass(frozen=True)
+class Found:
+    """A solved problem."""
+
+    theta: np.ndarray
+    precision: np.ndarray
+    """(n, n) of the posterior."""
+    kernel: Kernel
+    shares: tuple[float, float]
+    evidence: float
+
+
+def solved(
+    problem: Problem, basis: SpatialBasis, path: np.ndarray, starts: Sequence[np.ndarray], mean: float, progress: Progress | None = None
+) -> Found:
+    """The most probable theta, with the hyperparameters of greatest evidence.
+
+    Args:
+        path: (T+1, N, 3) where the body went [m].
+        starts: each (T, P, 3) coefficients to begin with; what becomes most probable of them is gone on with.
+        mean: standard deviation of a component of the mean.
+    """
+    progress = progress or NoProgress()
+    places = _places(basis, path, _spacing(len(problem.measured)))
+    size = max(GUST * float(np.sqrt(np.mean([(one[:, 0] ** 2).mean() for one in starts]))), 1e-3 * mean)
+    prior = Prior(Kernel(size**2 * np.eye(3)), places, np.full(3, mean))
+    shares = (SHARES[FIRST_SHARE], SHARES[FIRST_SHARE])
+    progress.update(0.0, "finding the wind")
+    theta = min((_most_probable(problem, prior, _first(problem, one), shares) for one in starts), key=lambda one: one.cost).theta
+    for number in range(ROUNDS):
+        progress.update((number + 0.5) / (ROUNDS + 1), "finding the wind")
+        point = problem.linearise(theta, shares)
+        pull = point.normal @ theta - point.jacobian @ point.residual
+        prior = replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, progress.check))
+        shares = _best_shares(problem, prior, theta, shares)
+        theta = _most_probable(problem, prior, theta, shares).theta
+    point = problem.linearise(theta, shares)
+    return Found(theta, point.normal + prior.precision(), prior.kernel, shares, log_evidence(problem, prior, theta, shares))
+
+
+def _places(basis: SpatialBasis, path: np.ndarray, spacing: float) -> Places:
+    """`Places.along` with a few particles for all: so few modes need no more."""
+    some = farthest_points(path[0], min(len(basis.phi), SAMPLES * basis.phi.shape[1]))
+    few = replace(basis, phi=basis.phi[some], gradient=basis.gradient[some])
+    return Places.along(few, path[:, some], spacing)
+
+
+def _first(problem: Problem, start: np.ndarray) -> np.ndarray:
+    """theta (n,) nearest to coefficients (T, P, 3)."""
+    mean = start[:, 0].mean(axis=0)
+    gusts = np.tensordot(np.linalg.pinv(problem.hats), start, 1)
+    gusts[:, 0] -= mean
+    return np.concatenate([gusts.ravel(), mean])
+
+
+def _most_probable(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> Solution:
+    def residuals(trials: np.ndarray) -> np.ndarray:
+        return np.stack([problem.residual(one, shares) for one in trials])
+
+    return solve(theta, np.zeros(len(theta)), prior.precision(), residuals, partial(problem.linearise, shares=shares), ITERATIONS)
+
+
+def log_evidence(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> float:
+    """Of the data, linearised at theta (Laplace's approximation)."""
+    point, precision = problem.linearise(theta, shares), prior.precision()
+    data = point.jacobian.T @ theta - point.residual
+    pull = point.jacobian @ data
+    total = cho_factor(point.normal + precision, lower=True)
+    volume = np.log(np.diag(total[0])).sum() - 0.5 * np.linalg.slogdet(precision)[1]
+    noise = problem.noise(shares)
+    return float(
+        0.5 * (pull @ cho_solve(total, pull) - data @ data) - volume - np.log(noise).sum() - 0.5 * math.log(2.0 * math.pi) * noise.size
+    )
+
+
+def _best_shares(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> tuple[float, float]:
+    """The errors of the law with the greatest evidence, one after the other."""
+    for which in range(2 if problem.measured.shape[1] > 3 else 1):
+        trials = [(share, shares[1]) if which == 0 else (shares[0], share) for share in SHARES]
+        shares = max(trials, key=lambda one: log_evidence(problem, prior, theta, one))
+    return shares
+
+
+def wind_of(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progress | None = None) -> Estimate:
+    """The wind over the body.
+
+    Args:
+        felt: what the body felt, in the modes `basis`.
+        path: (T+1, N, 3) where its particles went [m].
+    """
+    problem = wind_problem(felt)
+    uniform = felt.uniform()
+    starts = [_filled(one, felt) for one in (uniform, np.broadcast_to(uniform.mean(axis=0), uniform.shape))]
+    best = solved(problem, basis, path, starts, MEAN, progress)
+    wind = problem.coefficients(best.theta)
+    missed, net = (felt.measured - felt.predicted(wind))[:, :3], felt.measured[:, :3]
+    return Estimate(
+        velocity=np.einsum("np,tpi->tni", basis.phi, wind),
+        deviation=_deviation(best, problem.hats, basis),
+        mean=best.theta[-3:],
+        kernel=best.kernel,
+        shares=best.shares,
+        unexplained=float(np.sqrt((missed**2).sum() / max((net**2).sum(), 1e-300))),
+        evidence=best.evidence,
+    )
+
+
+def _filled(uniform: np.ndarray, felt: Felt) -> np.ndarray:
+    """A wind (T, 3) that is the same over the body as coefficients (T, P, 3)."""
+    start = np.zeros((len(uniform), felt.phi.shape[1], 3))
+    start[:, 0] = uniform
+    return start
+
+
+def _deviation(found: Found, hats: np.ndarray, basis: SpatialBasis) -> np.ndarray:
+    """(T, N) [m/s]."""
+    covariance = np.linalg.inv(found.precision)
+    knots, modes = hats.shape[1], basis.phi.shape[1]
+    # the mean counts in every frame, as a further knot of the uniform mode
+    rows = np.zeros((len(hats), modes, 3, len(covariance)))
+    for component in range(3):
+        for mode in range(modes):
+            rows[:, mode, component, np.arange(knots) * 3 * modes + 3 * mode + component] = hats
+        rows[:, 0, component, -3 + component] = 1.0
+    block = np.einsum("tpai,ij,tqaj->tpq", rows, covariance, rows, optimize=True) / 3.0
+    return np.sqrt(np.maximum(np.einsum("np,tpq,nq->tn", basis.phi, block, basis.phi, optimize=True), 0.0))

@@ -1,0 +1,75 @@
+"""What can be said of a recovered wind: whether it may be one at all, and how strong it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...records import Particles, Recovery
+from ..diagnostics.remarks import force_remarks, reaction_remarks
+from .drag import DragLaw
+from .estimate import Estimate
+
+BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)
+"""Least speed [m/s] of the numbers 1 to 12 (WMO-No. 8, Guide to Instruments, annex 5.A)."""
+UNEXPLAINED = 0.5
+"""Share of the net force that no wind explains, from which there is none."""
+SPEEDS = (("mean_speed", "mean"), ("strongest_gust", "strongest_gust"))
+"""Keys of `figures` and of its Beaufort numbers."""
+STRONGEST = 60.0
+"""Median speed [m/s] that no wind near the ground has but in the worst hurricanes."""
+
+
+def beaufort(speed: float) -> int:
+    """The number of a speed [m/s] on the Beaufort scale, 0 to 12."""
+    return int(np.searchsorted(BEAUFORT, speed, side="right"))
+
+
+def objection(
+    estimate: Estimate, recovery: Recovery, particles: Particles, density: float, fps: float, gravity: tuple[float, float, float]
+) -> str:
+    """Why the force is none of a wind; "" where it may be one.
+
+    Args:
+        density: of the body [kg/m³].
+        gravity: known acceleration [m/s²].
+    """
+    acceleration = recovery.force_density / density
+    if reaction_remarks(particles, acceleration, recovery.x, gravity):
+        return "The force is the reaction that holds the body up against gravity."
+    if not particles.pinned.any() and force_remarks(acceleration, density, recovery.x, fps, gravity):
+        return "The body moves as if no air were there: the force is too small to tell of a wind."
+    speed = float(np.median(np.linalg.norm(estimate.velocity, axis=-1)))
+    if speed > STRONGEST:
+        return f"It would take a wind of {speed:.0f} m/s to push a body of this weight and surface so hard: something else moves it."
+    if estimate.unexplained > UNEXPLAINED:
+        return f"No wind pushes this surface in such directions: {100 * estimate.unexplained:.0f} % of the net force stays unexplained."
+    return ""
+
+
+def figures(estimate: Estimate, law: DragLaw) -> dict[str, Any]:
+    """What the report says of a wind, in plain values."""
+    over_time = estimate.velocity.mean(axis=1)
+    mean = over_time.mean(axis=0)
+    speed = np.linalg.norm(over_time, axis=-1)
+    return {
+        "unit": "m/s",
+        "mean_velocity": mean.tolist(),
+        "mean_speed": float(np.linalg.norm(mean)),
+        "strongest_gust": float(speed.max()),
+        "gusts_rms": float(np.sqrt(((over_time - mean) ** 2).sum(axis=-1).mean())),
+        "beaufort": {"mean": beaufort(float(np.linalg.norm(mean))), "strongest_gust": beaufort(float(speed.max()))},
+        "deviation": float(np.median(estimate.deviation)),
+        "unexplained_share": estimate.unexplained,
+        "drag_law": {"normal": law.normal, "tangential": law.tangential, "air_density": law.density},
+    }
+
+
+def sentence(told: dict[str, Any]) -> str:
+    """`figures` in words."""
+    mean, gust = (f"{told[key]:.2g} m/s (Beaufort {told['beaufort'][number]})" for key, number in SPEEDS)
+    return (
+        f"Effective wind: {mean} in the mean, gusts up to {gust}. It follows from a drag law at the body, no anemometer measured it; "
+        f"{100 * told['unexplained_share']:.0f} % of the net force stays unexplained."
+    )

@@ -1,0 +1,14 @@
+"""The plate of `blown_plate`."""
+
+from __future__ import annotations
+
+import pytest
+
+from seeing_wind.engine.records import Material, Particles, Recovery
+from tests.engine.recovery.wind.blown_plate import blown_plate
+
+
+@pytest.fixture(scope="session")
+def blown() -> tuple[Recovery, Particles, Material]:
+    """Its recovery, particles and material."""
+    return blown_plate()
