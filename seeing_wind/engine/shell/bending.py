@@ -148,3 +148,11 @@ def normal_pull(x: np.ndarray, faces: np.ndarray, n: np.ndarray, pull: np.ndarra
     twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     hat = np.cross(n[:, None], ends) / twice[:, None, None]  # gradient of each corner's hat function on the surface
     return (hat * pull[:, None]).sum(axis=2)[..., None] * n[:, None]
+
+
+def pull_of(b: Bending, x: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """(V, 3) minus the forces of moments that follow the change of the curvature since `before` (3, F), as the energy's follow it [N]."""
+    n = normals(x, b.faces)
+    change = np.einsum("ifc,fc->if", (b.curvature @ x).reshape(3, -1, 3), n) - before
+    moment = b.law @ change * b.area
+    return b.curvature.T @ (moment[..., None] * n).reshape(-1, 3)

@@ -1,0 +1,99 @@
+"""What stays the same while a shell moves, and what changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import UsageError
+from .bending import Bending, bending
+from .membrane import Membrane, membrane
+from .surface import Surface, surface_of
+from .system import System
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """The properties of a thin sheet, the same all over and in all directions."""
+
+    areal_density: float
+    """kg/m²."""
+    thickness: float
+    """m."""
+    tensile_stiffness: float
+    """N/m: force per width over strain of a strip, Young's modulus times thickness."""
+    bending_stiffness: float
+    """N m: moment per width over curvature of a strip."""
+    poisson_ratio: float = 0.3
+    retardation: float = 0.0
+    """s by which strain lags behind stress, stretching and bending, as of `materials.Material`."""
+
+    def __post_init__(self) -> None:
+        for name in ("areal_density", "thickness", "tensile_stiffness", "bending_stiffness"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise UsageError(f"{name} of a sheet is {getattr(self, name)}.", "Give a number above zero, in SI units.")
+        if not 0.0 <= self.poisson_ratio < 1.0:
+            raise UsageError(f"Poisson's ratio of a sheet is {self.poisson_ratio:g}.", "Give one from 0 to below 1.")
+        if not (np.isfinite(self.retardation) and self.retardation >= 0.0):
+            raise UsageError(f"The retardation time of a sheet is {self.retardation} s.", "Give zero or more.")
+
+
+@dataclass(frozen=True)
+class Shell:
+    """A sheet of some shape at rest, held at some vertices. `shell_of` makes it."""
+
+    surface: Surface
+    sheet: Sheet
+    mass: np.ndarray
+    """(V,) a third of that of the faces around each vertex [kg]."""
+    membrane: Membrane
+    bending: Bending
+    pinned: np.ndarray
+    """(V,) bool: their motion is given."""
+    spring: np.ndarray
+    """(V,) squared angular frequency of the spring that draws a vertex to its place at rest [1/s²]; 0 for none."""
+    system: System
+
+
+@dataclass(frozen=True)
+class State:
+    """A shell at one time and one substep before: what the second-order rule in time goes on from."""
+
+    x: np.ndarray
+    """(V, 3) [m]."""
+    v: np.ndarray
+    """(V, 3) [m/s]."""
+    x_before: np.ndarray
+    """(V, 3) a substep ago [m]."""
+    v_before: np.ndarray
+    """(V, 3) a substep ago [m/s]."""
+
+
+def shell_of(vertices: np.ndarray, faces: np.ndarray, sheet: Sheet, *, pinned: np.ndarray | None = None, spring: np.ndarray | None = None) -> Shell:
+    """A sheet whose shape at rest is a mesh.
+
+    Args:
+        vertices: (V, 3) [m]; faces: (F, 3).
+        pinned: (V,) bool; None holds nothing. spring: as of `Shell`.
+
+    Raises:
+        UsageError: for a mesh that is no sheet, see `surface_of`.
+    """
+    surface = surface_of(vertices, faces)
+    mass = np.bincount(surface.faces.ravel(), np.repeat(surface.area, 3) / 3.0) * sheet.areal_density
+    plate = sheet.bending_stiffness / (1.0 - sheet.poisson_ratio**2)
+    m = membrane(surface, sheet.tensile_stiffness, sheet.poisson_ratio, plate)
+    b = bending(surface, m, plate)
+    count = len(mass)
+    held = np.zeros(count, dtype=bool) if pinned is None else np.asarray(pinned, dtype=bool)
+    springs = np.zeros(count) if spring is None else np.asarray(spring, dtype=np.float64)
+    return Shell(surface, sheet, mass, m, b, held, springs, System(surface, b, plate, held))
+
+
+def at_rest(shell: Shell, velocity: np.ndarray | None = None, acceleration: np.ndarray | None = None, *, dt: float = 0.0) -> State:
+    """The shell at its place, moving at velocity (V, 3) [m/s] under a constant acceleration (V, 3) [m/s²] since a substep dt [s] ago."""
+    x = shell.surface.x
+    v = np.zeros_like(x) if velocity is None else np.where(shell.pinned[:, None], 0.0, velocity)
+    a = np.zeros_like(x) if acceleration is None else np.where(shell.pinned[:, None], 0.0, acceleration)
+    return State(x, v, x - dt * v + 0.5 * dt**2 * a, v - dt * a)
