@@ -35,8 +35,8 @@ class _Front:
     """and column, in vertices."""
     children: tuple[int, ...]
     """Fronts whose remainders are added here."""
-    into_parent: np.ndarray
-    """(3 u,) where its own remainder goes in its parent's front."""
+    into_parent: list[tuple[int, int, int]]
+    """Where its own remainder goes in its parent's front: rows start..end from row `to` on."""
 
 
 class BlockCholesky:
@@ -87,11 +87,11 @@ class BlockCholesky:
         for node, end in enumerate(ends):
             start = end - len(groups[node])
             members = np.concatenate([np.arange(start, end), updates[node]])
-            into = np.zeros(0, dtype=np.int64)
-            if node in parent:
+            into = []
+            if node in parent and len(updates[node]):
                 above = parent[node]
                 of_parent = np.concatenate([np.arange(ends[above] - len(groups[above]), ends[above]), updates[above]])
-                into = (3 * np.searchsorted(of_parent, updates[node])[:, None] + np.arange(3)).ravel()
+                into = _runs(np.searchsorted(of_parent, updates[node]))
             inside = slice(begin[node], stop[node])
             fronts.append(_Front(
                 start, int(end), updates[node], np.arange(begin[node], stop[node]), np.searchsorted(members, rows[inside]),
@@ -113,9 +113,7 @@ class BlockCholesky:
             dense[front.rows, :, front.columns, :] = blocks[front.slots]
             dense = dense.reshape(3 * size, 3 * size)
             for child in front.children:
-                into = self._fronts[child].into_parent
-                if len(into):
-                    dense[into[:, None], into] += remainders.pop(child)
+                _add(dense, remainders.pop(child, None), self._fronts[child].into_parent)
             # LAPACK counts by columns: the lower half of a C array is the upper half of its transpose.
             upper, failed = dpotrf(dense[: 3 * own, : 3 * own].T, lower=0, clean=1)
             if not failed:
@@ -127,6 +125,20 @@ class BlockCholesky:
                 remainders[number] = dense[3 * own :, 3 * own :] - below @ below.T
             parts.append((inverse, below))
         return Factors(self, parts)
+
+
+def _runs(places: np.ndarray) -> list[tuple[int, int, int]]:
+    """Increasing places of vertices as runs of rows, three for each vertex: start..end go to..."""
+    cuts = np.flatnonzero(np.diff(places) != 1) + 1
+    starts, ends = np.concatenate([[0], cuts]), np.concatenate([cuts, [len(places)]])
+    return [(3 * int(a), 3 * int(b), 3 * int(places[a])) for a, b in zip(starts, ends)]
+
+
+def _add(dense: np.ndarray, remainder: np.ndarray | None, into: list[tuple[int, int, int]]) -> None:
+    """Add a remainder to a front: its lower half, which is all that counts."""
+    for number, (a, b, to) in enumerate(into):
+        for c, d, at in into[: number + 1]:
+            dense[to : to + b - a, at : at + d - c] += remainder[a:b, c:d]
 
 
 class Factors:
@@ -169,15 +181,16 @@ def _dissect(vertices: np.ndarray, pattern: csr_array, places: np.ndarray, group
 def _halves(vertices: np.ndarray, pattern: csr_array, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Two halves that do not touch, and what lies between them."""
     here = places[vertices] - places[vertices].mean(axis=0)
-    axis = np.linalg.eigh(here.T @ here)[1][:, -1]
+    _, short, axis = np.linalg.eigh(here.T @ here)[1].T
     along = np.argsort(here @ axis, kind="stable")
     low, high = vertices[along[: len(along) // 2]], vertices[along[len(along) // 2 :]]
     side = np.zeros(len(places), dtype=np.int8)
     side[low], side[high] = 1, 2
     edges = [half[_touches(half, pattern, side, other)] for half, other in ((low, 2), (high, 1))]
-    if len(edges[0]) <= len(edges[1]):
-        return low[~np.isin(low, edges[0])], high, edges[0]
-    return low, high[~np.isin(high, edges[1])], edges[1]
+    between = min(edges, key=len)
+    # In the order of their places: what touches part of them then touches a few runs.
+    between = between[np.argsort(places[between] @ short, kind="stable")]
+    return low[~np.isin(low, between)], high[~np.isin(high, between)], between
 
 
 def _touches(half: np.ndarray, pattern: csr_array, side: np.ndarray, other: int) -> np.ndarray:

@@ -6,8 +6,9 @@ S = Y / (1 - nu²) ((1 - nu) E + nu tr(E) 1) [N/m], with the tensile stiffness Y
 Compression is different: real cloth buckles into folds finer than any mesh, and a mesh of stiff triangles locks, for on a curved
 surface its edges are chords, shorter than the cloth between their ends, which only matters if shortening costs something. So the
 principal stresses do not go below -N, the load under which a plate of the size of the triangle buckles, N = pi² D / l². This is tension
-field theory (Pipkin 1986, IMA J. Appl. Math. 36, 85; Steigmann 1990, Proc. R. Soc. A 429, 141) about a small prestress; the energy is convex in the strain, and with finer
-meshes N grows without bound, until buckling is the mesh's own business.
+field theory (Pipkin 1986, IMA J. Appl. Math. 36, 85; Steigmann 1990, Proc. R. Soc. A 429, 141) about a small prestress; the energy is convex
+in the strain, and with finer meshes N grows without bound, until buckling is the mesh's own business. What shortens by more than `SLACK`
+is resisted again: there the folds are large enough for the mesh to make.
 """
 
 from __future__ import annotations
@@ -17,6 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .surface import Surface
+
+SLACK = 0.02
+"""Strain of compression up to which a triangle only carries its buckling load: half a circle of eight edges shortens each by 1 %."""
+FIRM = 0.1
+"""Stiffness against what is compressed beyond, over the tensile stiffness."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +87,8 @@ class Principal:
     sin: np.ndarray
     sigma: np.ndarray
     """(F, 2) principal stresses plus N, never below zero [N/m]."""
+    excess: np.ndarray
+    """(F, 2) by how much the strain is below -SLACK, as a negative number; else zero."""
 
 
 def principal(m: Membrane, E: np.ndarray) -> Principal:
@@ -94,7 +102,8 @@ def principal(m: Membrane, E: np.ndarray) -> Principal:
     hooke = Y / (1.0 - nu**2) * (e + nu * e[:, ::-1])
     taut = hooke[:, 1] > 0.0
     folded = np.stack([Y * np.maximum(e[:, 0], 0.0), np.zeros(len(e))], axis=1)
-    return Principal(e, np.cos(angle), np.sin(angle), np.where(taut[:, None], hooke, folded))
+    excess = np.minimum(e - shift[:, None] + SLACK, 0.0)
+    return Principal(e, np.cos(angle), np.sin(angle), np.where(taut[:, None], hooke, folded), excess)
 
 
 def energy(m: Membrane, E: np.ndarray) -> np.ndarray:
@@ -103,13 +112,14 @@ def energy(m: Membrane, E: np.ndarray) -> np.ndarray:
     p, N = principal(m, E), m.buckling
     hooke = 0.5 * Y / (1.0 - nu**2) * ((1.0 - nu) * (E[:, 0] ** 2 + E[:, 1] ** 2 + 0.5 * E[:, 2] ** 2) + nu * (E[:, 0] + E[:, 1]) ** 2)
     folded = 0.5 * p.sigma[:, 0] * p.e[:, 0] - N * p.e.sum(axis=1) + N**2 * (1.0 - nu) / Y
-    return m.area * np.where(p.sigma[:, 1] > 0.0, hooke, folded)
+    firm = 0.5 * FIRM * Y * (p.excess**2).sum(axis=1)
+    return m.area * (np.where(p.sigma[:, 1] > 0.0, hooke, folded) + firm)
 
 
 def stress(m: Membrane, E: np.ndarray) -> np.ndarray:
     """Second Piola-Kirchhoff stress (F, 3): S11, S22, S12 [N/m]."""
     p = principal(m, E)
-    S = _turned_back(p, p.sigma)
+    S = _turned_back(p, p.sigma + FIRM * m.stiffness * p.excess)
     S[:, :2] -= m.buckling[:, None]
     return S
 
@@ -128,14 +138,16 @@ def stress_tangent(m: Membrane, E: np.ndarray) -> np.ndarray:
     taut, some = p.sigma[:, 1] > 0.0, p.sigma[:, 0] > 0.0
     along = np.where(taut, Y / (1.0 - nu**2), np.where(some, Y, 0.0))
     across = np.where(taut, Y / (1.0 - nu**2), 0.0)
-    gap = p.e[:, 0] - p.e[:, 1]
-    turning = np.where(taut, Y / (2.0 * (1.0 + nu)), 0.5 * (p.sigma[:, 0] - p.sigma[:, 1]) / np.maximum(gap, 1e-300))
+    firm = FIRM * Y * (p.excess < 0.0)
+    gap = np.maximum(p.e[:, 0] - p.e[:, 1], 1e-300)
+    turning = np.where(taut, Y / (2.0 * (1.0 + nu)), 0.5 * (p.sigma[:, 0] - p.sigma[:, 1]) / gap)
+    turning += 0.5 * np.where(gap > 1e-9, FIRM * Y * (p.excess[:, 0] - p.excess[:, 1]) / gap, firm[:, 0])
     c, s = p.cos, p.sin
     rotation = np.stack(  # engineering strain in the principal axes
         [np.stack([c * c, s * s, s * c], 1), np.stack([s * s, c * c, -s * c], 1), np.stack([-2 * s * c, 2 * s * c, c * c - s * s], 1)], 1
     )
     inner = np.zeros((len(E), 3, 3))
-    inner[:, 0, 0], inner[:, 1, 1], inner[:, 2, 2] = along, across, turning
+    inner[:, 0, 0], inner[:, 1, 1], inner[:, 2, 2] = along + firm[:, 0], across + firm[:, 1], turning
     inner[:, 0, 1] = inner[:, 1, 0] = np.where(taut, nu * Y / (1.0 - nu**2), 0.0)
     return rotation.transpose(0, 2, 1) @ inner @ rotation
 

@@ -27,16 +27,16 @@ Load = Callable[[np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray | No
 """(x (V, 3) [m], v (V, 3) [m/s], frame) -> force on the vertices (V, 3) [N], and its damping (V, 3, 3) [N s/m], symmetric and positive
 semidefinite, or None: at another velocity the force is taken as force - damping (v' - v). `wind.vertex_drag` is of this form."""
 
-EXACT = 1e-4
+EXACT = 2e-3
 """A Newton iteration that moves no vertex by more than this part of the median edge is the last."""
-LOOSE = 0.03
+LOOSE = 0.1
 """Precision to which the linear equations are solved."""
 MOST = 40
 """Newton iterations of a substep."""
 STRAY = 0.05
 """Part of the median edge by which the last iteration may still move a vertex; beyond, there is no solution to go on from."""
-SHORTEST = 2.0**-6
-"""of a Newton iteration's way, at least, is gone."""
+SEARCH = 12
+"""Places looked at along the way of a Newton iteration."""
 SLACK = 0.6
 """The force along an iteration's way may be this part of the former one at its end."""
 
@@ -158,20 +158,30 @@ def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
         except np.linalg.LinAlgError as error:
             raise SimulationError(f"The shell's equations cannot be solved: {error}.", "Take more substeps.", quantity="force") from error
         inner += count
-        slope, length = float((way * r).sum()), 1.0
-        while True:
-            new, at = equations.force(x + length * way)
-            along = float((way * new).sum())
-            if not np.isfinite(along):
-                raise SimulationError("A force on the shell is not finite.", "Take more substeps.", quantity="force")
-            if abs(along) <= SLACK * abs(slope) or length <= SHORTEST:
-                break
-            # the secant's zero, well inside
-            length *= min(max(slope / (slope - along), 0.1), 0.7) if along > 0.0 else 0.5
-        x, r, known = x + length * way, new, at
-        moved = length * float(np.abs(way).max())
+        moved = float(np.abs(way).max())
+        x, r, known = _along(equations, x, r, way)
         if moved <= EXACT * edge:
             return x, Effort(iteration, inner)
     if moved > STRAY * edge:
         raise SimulationError("The shell finds no equilibrium within a substep.", "Take more substeps.", quantity="position")
     return x, Effort(MOST, inner)
+
+
+def _along(equations: _Equations, x: np.ndarray, r: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """The place on the way from x where the force along it has nearly gone, with what `_Equations.force` gives there (line search)."""
+    slope, low, high, length = float((way * r).sum()), 0.0, 1.0, 1.0
+    at_low, at_high = slope, np.nan
+    for _ in range(SEARCH):
+        new, known = equations.force(x + length * way)
+        along = float((way * new).sum())
+        if not np.isfinite(along):
+            raise SimulationError("A force on the shell is not finite.", "Take more substeps.", quantity="force")
+        if abs(along) <= SLACK * abs(slope) or (along < 0.0 and length == 1.0):
+            break
+        if along > 0.0:
+            high, at_high = length, along
+        else:
+            low, at_low = length, along
+        secant = low + (high - low) * at_low / (at_low - at_high)
+        length = min(max(secant, low + 0.1 * (high - low)), high - 0.1 * (high - low))
+    return x + length * way, new, known
