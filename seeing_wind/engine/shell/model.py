@@ -6,37 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import UsageError
+from ..materials import Sheet
 from .bending import Bending, bending
 from .membrane import Membrane, membrane
 from .surface import Surface, surface_of
 from .system import System
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """The properties of a thin sheet, the same all over and in all directions."""
-
-    areal_density: float
-    """kg/m²."""
-    thickness: float
-    """m."""
-    tensile_stiffness: float
-    """N/m: force per width over strain of a strip, Young's modulus times thickness."""
-    bending_stiffness: float
-    """N m: moment per width over curvature of a strip."""
-    poisson_ratio: float = 0.3
-    retardation: float = 0.0
-    """s by which strain lags behind stress, stretching and bending, as of `materials.Material`."""
-
-    def __post_init__(self) -> None:
-        for name in ("areal_density", "thickness", "tensile_stiffness", "bending_stiffness"):
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise UsageError(f"{name} of a sheet is {getattr(self, name)}.", "Give a number above zero, in SI units.")
-        if not 0.0 <= self.poisson_ratio < 1.0:
-            raise UsageError(f"Poisson's ratio of a sheet is {self.poisson_ratio:g}.", "Give one from 0 to below 1.")
-        if not (np.isfinite(self.retardation) and self.retardation >= 0.0):
-            raise UsageError(f"The retardation time of a sheet is {self.retardation} s.", "Give zero or more.")
 
 
 @dataclass(frozen=True)
@@ -70,7 +44,9 @@ class State:
     """(V, 3) a substep ago [m/s]."""
 
 
-def shell_of(vertices: np.ndarray, faces: np.ndarray, sheet: Sheet, *, pinned: np.ndarray | None = None, spring: np.ndarray | None = None) -> Shell:
+def shell_of(
+    vertices: np.ndarray, faces: np.ndarray, sheet: Sheet, *, pinned: np.ndarray | None = None, spring: np.ndarray | None = None
+) -> Shell:
     """A sheet whose shape at rest is a mesh.
 
     Args:
