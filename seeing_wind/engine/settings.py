@@ -156,6 +156,16 @@ class BodyEdit:
     """Initial velocity [m/s]; None is rest for a mesh, the recovered one for the recovered object."""
     start_frame: int = 0
     """The body stands still before this frame."""
+    shell: bool | None = None
+    """True: a thin shell; False: a solid. None: a shell if its mesh is open and its material comes as a sheet."""
+    areal_density: float | None = None
+    """kg/m², instead of the material's, as are the next three. Of shells only."""
+    thickness: float | None = None
+    """m."""
+    tensile_stiffness: float | None = None
+    """N/m."""
+    bending_stiffness: float | None = None
+    """N m."""
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ stretching, a flat sheet has k along its normal and |k| is the curvature, so tha
     1/2 D sum A (k11² + k22² + 2 nu k11 k22 + 2 (1 - nu) k12²)
 
 is quadratic in the positions and its matrix constant, yet no rotation changes it (Bergou, Wardetzky, Harmon, Zorin and Grinspun 2006,
-Symposium on Geometry Processing 227; Wardetzky et al. 2007, CAGD 24, 499). Of a sheet that is curved at rest, k counts from what it has at rest, turned
-with the face.
+Symposium on Geometry Processing 227; Wardetzky et al. 2007, CAGD 24, 499). Of a sheet that is curved at rest, k counts from what it has
+at rest, turned with the face.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def curvatures(b: Bending, x: np.ndarray) -> np.ndarray:
-    """(3, F) k11, k22, 2 k12 along the normals, of vertices x (V, 3) [1/m]: the full one for a flat sheet, else less the rest's in plane."""
+    """(3, F) k11, k22, 2 k12 along the normals, of vertices x (V, 3) [1/m]."""
     return np.einsum("ifc,fc->if", (b.curvature @ x).reshape(3, -1, 3), normals(x, b.faces))
 
 

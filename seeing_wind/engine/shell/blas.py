@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -30,11 +30,11 @@ def one_thread() -> Iterator[None]:
 
 
 @cache
-def _controls() -> list[tuple[ctypes._CFuncPtr, ctypes._CFuncPtr]]:
+def _controls() -> list[tuple[Callable[[], int], Callable[[int], None]]]:
     """What tells and sets the number of threads, of each library."""
     found = []
     for package in (np, scipy):
-        home = Path(package.__file__).parent
+        home = Path(str(package.__file__)).parent
         folders = home.parent / f"{package.__name__}.libs", home / ".dylibs"
         for path in (path for folder in folders if folder.is_dir() for path in folder.glob("*openblas*")):
             library = ctypes.CDLL(str(path))  # already loaded: this is the same one

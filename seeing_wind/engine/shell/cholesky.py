@@ -2,9 +2,10 @@
 
 The vertices are halved along their longest side, again and again, and each time a row of vertices that separates the halves is
 eliminated after both (George 1973, SIAM J. Numer. Anal. 10, 345). Every part is a small dense matrix whose remainder is added into its
-parent's (the multifrontal method: Liu 1992, SIAM Review 34, 82), so all arithmetic is LAPACK's. What depends on the pattern only is found once.
+parent's (the multifrontal method: Liu 1992, SIAM Review 34, 82), so all arithmetic is LAPACK's. What depends on the pattern only is
+found once.
 
-SciPy's own sparse factors (SuperLU) take four to ten times as long here: `benchmarks/shell_speed.py`.
+SciPy's own sparse factors (SuperLU) take many times as long: `benchmarks/shell_speed.py`.
 """
 
 from __future__ import annotations
@@ -113,7 +114,8 @@ class BlockCholesky:
             dense[front.rows, :, front.columns, :] = blocks[front.slots]
             dense = dense.reshape(3 * size, 3 * size)
             for child in front.children:
-                _add(dense, remainders.pop(child, None), self._fronts[child].into_parent)
+                if child in remainders:
+                    _add(dense, remainders.pop(child), self._fronts[child].into_parent)
             # LAPACK counts by columns: the lower half of a C array is the upper half of its transpose.
             upper, failed = dpotrf(dense[: 3 * own, : 3 * own].T, lower=0, clean=1)
             if not failed:
@@ -134,7 +136,7 @@ def _runs(places: np.ndarray) -> list[tuple[int, int, int]]:
     return [(3 * int(a), 3 * int(b), 3 * int(places[a])) for a, b in zip(starts, ends)]
 
 
-def _add(dense: np.ndarray, remainder: np.ndarray | None, into: list[tuple[int, int, int]]) -> None:
+def _add(dense: np.ndarray, remainder: np.ndarray, into: list[tuple[int, int, int]]) -> None:
     """Add a remainder to a front: its lower half, which is all that counts."""
     for number, (a, b, to) in enumerate(into):
         for c, d, at in into[: number + 1]:

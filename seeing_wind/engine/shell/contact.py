@@ -2,7 +2,8 @@
 
 For a substep each obstacle is the plane that touches it nearest to where the vertex is about to be. The spring is a hundred times as
 stiff as the vertex's own inertia over the substep, so a vertex at rest sinks in by a hundredth of what it would fall in that time.
-Friction is Coulomb's; below `CREEP` it grows with the speed, as in Li et al. (2020, ACM Trans. Graph. 39, 49), so what rests on a slope creeps by up to that.
+Friction is Coulomb's; below `CREEP` it grows with the speed, as in Li et al. (2020, ACM Trans. Graph. 39, 49), so what rests on a slope
+creeps by up to that.
 
 Only vertices touch: a corner of an obstacle may show through a face between them.
 """

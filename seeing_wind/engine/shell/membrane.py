@@ -6,9 +6,9 @@ S = Y / (1 - nu²) ((1 - nu) E + nu tr(E) 1) [N/m], with the tensile stiffness Y
 Compression is different: real cloth buckles into folds finer than any mesh, and a mesh of stiff triangles locks, for on a curved
 surface its edges are chords, shorter than the cloth between their ends, which only matters if shortening costs something. So the
 principal stresses do not go below -N, the load under which a plate of the size of the triangle buckles, N = pi² D / l². This is tension
-field theory (Pipkin 1986, IMA J. Appl. Math. 36, 85; Steigmann 1990, Proc. R. Soc. A 429, 141) about a small prestress; the energy is convex
-in the strain, and with finer meshes N grows without bound, until buckling is the mesh's own business. What shortens by more than `SLACK`
-is resisted again: there the folds are large enough for the mesh to make.
+field theory (Pipkin 1986, IMA J. Appl. Math. 36, 85; Steigmann 1990, Proc. R. Soc. A 429, 141) about a small prestress; the energy is
+convex in the strain, and with finer meshes N grows without bound, until buckling is the mesh's own business. What shortens by more than
+`SLACK` is resisted again: there the folds are large enough for the mesh to make.
 """
 
 from __future__ import annotations

@@ -12,7 +12,8 @@ from ..mpm.lattice.colliders import Collider, MeshCollider
 from ..mpm.lattice.signed_distance import closest_on
 
 Planes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Vertices (C,), unit normals (C, 3), levels (C,) of n.x below which they may not come [m], friction (C,), whether they may not leave (C,)."""
+"""Vertices (C,), unit normals (C, 3), levels (C,) of n.x below which they may not come [m], friction (C,), and whether they may not
+leave (C,)."""
 
 
 class Obstacle(Protocol):

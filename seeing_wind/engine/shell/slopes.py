@@ -23,7 +23,7 @@ FARTHEST = 4
 
 
 def edge_slopes(surface: Surface) -> csr_array:
-    """(edges, V): derivative at the middle of each edge, out of the first face that has it and in its plane, of a function at vertices [1/m]."""
+    """(edges, V): slope at the middle of each edge, out of the first face that has it, of a function at vertices [1/m]."""
     _, first = np.unique(surface.edge.ravel(), return_index=True)
     face, k = first // 3, first % 3
     rows, columns, values = [], [], []
@@ -70,7 +70,7 @@ def _patches(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.ndar
     return nodes, at
 
 
-def _beyond(p: np.ndarray, q: np.ndarray, third: np.ndarray, to_p: np.ndarray, to_q: np.ndarray) -> np.ndarray:
+def _beyond(p: np.ndarray, q: np.ndarray, third: np.ndarray, to_p: np.ndarray | np.floating, to_q: np.ndarray | np.floating) -> np.ndarray:
     """The place (..., 2) at distances to_p and to_q from p and q, on the other side of pq than `third`."""
     span = np.linalg.norm(q - p, axis=-1)
     t = (q - p) / span[..., None]

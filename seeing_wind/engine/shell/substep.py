@@ -3,7 +3,7 @@
 With b = 2 dt / 3, the state of the two substeps before gives x* = (4 x - x_before) / 3 and v* likewise, and the new state satisfies
 x' = x* + b v', M (v' - v*) = b f(x', v') (BDF2: Gear 1971; for cloth Choi and Ko 2002, ACM Trans. Graph. 21, 604). It is stable at any
 dt, and damps slow motion little: a mode of circular frequency w loses about (w dt)^3 of its amplitude in a radian's time, where the
-implicit Euler rule loses w dt.
+implicit Euler rule loses w dt / 2.
 
 Damping is Kelvin-Voigt's: stress and bending moment that follow from the change of the elastic ones over the substep, which no rotation
 of the sheet causes.
@@ -167,7 +167,9 @@ def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
     return x, Effort(MOST, inner)
 
 
-def _along(equations: _Equations, x: np.ndarray, r: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def _along(
+    equations: _Equations, x: np.ndarray, r: np.ndarray, way: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """The place on the way from x where the force along it has nearly gone, with what `_Equations.force` gives there (line search)."""
     slope, low, high, length = float((way * r).sum()), 0.0, 1.0, 1.0
     at_low, at_high = slope, np.nan
