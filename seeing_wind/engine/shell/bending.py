@@ -52,11 +52,17 @@ class Bending:
         return not self.rest.any()
 
 
-def bending(surface: Surface, m: Membrane, bending_stiffness: float) -> Bending:
-    """The bending of a surface with the membrane m; bending_stiffness D of the plate [N m], B / (1 - nu²) for a measured strip's B."""
+def bending(surface: Surface, m: Membrane, bending_stiffness: float, pinned: np.ndarray | None = None) -> Bending:
+    """The bending of a surface with the membrane m.
+
+    Args:
+        bending_stiffness: D of the plate [N m], B / (1 - nu²) for a measured strip's B.
+        pinned: (V,) bool, which vertices are held; None for none.
+    """
     nu = m.poisson_ratio
     law = bending_stiffness * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
-    k = _curvature(surface, edge_slopes(surface))
+    clamp = np.zeros(len(surface.faces), dtype=bool) if pinned is None else pinned[surface.faces].all(axis=1)
+    k = _curvature(surface, edge_slopes(surface, clamp))
     k, rest = _from_rest(k, surface, m)
     count = len(surface.faces)
     parts = [k[i * count : (i + 1) * count] for i in range(3)]

@@ -60,9 +60,9 @@ def shell_of(
     mass = np.bincount(surface.faces.ravel(), np.repeat(surface.area, 3) / 3.0) * sheet.areal_density
     plate = sheet.bending_stiffness / (1.0 - sheet.poisson_ratio**2)
     m = membrane(surface, sheet.tensile_stiffness, sheet.poisson_ratio, plate)
-    b = bending(surface, m, plate)
     count = len(mass)
     held = np.zeros(count, dtype=bool) if pinned is None else np.asarray(pinned, dtype=bool)
+    b = bending(surface, m, plate, held)
     springs = np.zeros(count) if spring is None else np.asarray(spring, dtype=np.float64)
     return Shell(surface, sheet, mass, m, b, held, springs, System(surface, b, plate, held))
 

@@ -5,6 +5,8 @@ mean is right on regular meshes, but on others it is wrong by a part that refine
 not converge (Grinspun, Gingold, Reisman and Zorin 2006, Computer Graphics Forum 25, 547). So the weights of the mean are changed as
 little as is needed for every quadratic function to come out exactly. The vertices around are those of the two faces and of the faces next
 to them, unfolded into the plane; at a border and where these do not settle it, of more.
+
+A face that is held by all its corners is a clamp, and the slope at its edges is its own: else the sheet would begin to bend inside.
 """
 
 from __future__ import annotations
@@ -22,12 +24,24 @@ FARTHEST = 4
 """rings of faces at most."""
 
 
-def edge_slopes(surface: Surface) -> csr_array:
-    """(edges, V): slope at the middle of each edge, out of the first face that has it, of a function at vertices [1/m]."""
+def edge_slopes(surface: Surface, clamp: np.ndarray) -> csr_array:
+    """(edges, V): slope at the middle of each edge, out of the first face that has it, of a function at vertices [1/m].
+
+    clamp (F,) bool: faces that are held.
+    """
     _, first = np.unique(surface.edge.ravel(), return_index=True)
     face, k = first // 3, first % 3
     rows, columns, values = [], [], []
-    whole = _whole(surface, face, k)
+    held, beyond = clamp[face], clamp[surface.neighbour[face, k]] & (surface.neighbour[face, k] != NONE)
+    for side, sign in ((held & ~beyond, 1.0), (beyond & ~held, -1.0)):
+        number = np.flatnonzero(side)
+        own = (face[side], k[side]) if sign > 0.0 else _other_half(surface, face[side], k[side])
+        nodes, at = _one_face(surface, *own)
+        rows.append(np.repeat(number, 3))
+        columns.append(nodes.ravel())
+        values.append(sign * _mean_slope(at).ravel())
+    settled = held ^ beyond
+    whole = _whole(surface, face, k) & ~settled
     if whole.any():
         nodes, at = _patches(surface, face[whole], k[whole])
         weights, exact = _weights(at, _mean_slope(at))
@@ -36,7 +50,7 @@ def edge_slopes(surface: Surface) -> csr_array:
         columns.append(nodes[exact].ravel())
         values.append(weights[exact].ravel())
         whole[np.flatnonzero(whole)[~exact]] = False
-    for edge in np.flatnonzero(~whole):
+    for edge in np.flatnonzero(~whole & ~settled):
         some, weight = _by_rings(surface, int(face[edge]), int(k[edge]))
         rows.append(np.full(len(some), edge))
         columns.append(some)
@@ -53,20 +67,34 @@ def _whole(surface: Surface, face: np.ndarray, k: np.ndarray) -> np.ndarray:
 
 def _patches(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (E, 8) around inner edges: its ends, the two across it, and those across the other edges; their places (E, 8, 2) [m]."""
-    other = surface.neighbour[face, k]
+    other, corner = _other_half(surface, face, k)
     far = surface.opposite[face, k]
-    corner = np.argmax(surface.faces[other] == far[:, None], axis=1)
     p, q, c = (surface.faces[face, (k + shift) % 3] for shift in (1, 2, 0))
     flaps = [surface.opposite[f, (at + shift) % 3] for f, at in ((face, k), (other, corner)) for shift in (1, 2)]
     nodes = np.stack([p, q, c, far, *flaps], axis=1)
     length = lambda a, b: np.linalg.norm(surface.x[nodes[:, a]] - surface.x[nodes[:, b]], axis=1)  # noqa: E731
     at = np.zeros((*nodes.shape, 2))
-    at[:, 1, 0] = 0.5 * length(0, 1)
-    at[:, 0, 0] = -at[:, 1, 0]
-    away = np.broadcast_to([0.0, 1.0], (len(nodes), 2))
-    at[:, 2] = _beyond(at[:, 0], at[:, 1], away, length(0, 2), length(1, 2))
+    at[:, :3] = _one_face(surface, face, k)[1]
     for new, a, b, third in ((3, 0, 1, 2), (4, 1, 2, 0), (5, 2, 0, 1), (6, 0, 3, 1), (7, 3, 1, 0)):
         at[:, new] = _beyond(at[:, a], at[:, b], at[:, third], length(a, new), length(b, new))
+    return nodes, at
+
+
+def _other_half(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The faces across inner edges k of faces, and which edge of theirs it is."""
+    other = surface.neighbour[face, k]
+    return other, np.argmax(surface.faces[other] == surface.opposite[face, k][:, None], axis=1)
+
+
+def _one_face(surface: Surface, face: np.ndarray, k: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The ends (E, 3) of edges k of faces and the corners across, and their places (E, 3, 2) [m]."""
+    nodes = np.stack([surface.faces[face, (k + shift) % 3] for shift in (1, 2, 0)], axis=1)
+    p, q, c = (surface.x[nodes[:, i]] for i in range(3))
+    at = np.zeros((*nodes.shape, 2))
+    at[:, 1, 0] = 0.5 * np.linalg.norm(q - p, axis=1)
+    at[:, 0, 0] = -at[:, 1, 0]
+    up = np.broadcast_to([0.0, 1.0], (len(nodes), 2))
+    at[:, 2] = _beyond(at[:, 0], at[:, 1], up, np.linalg.norm(c - p, axis=1), np.linalg.norm(c - q, axis=1))
     return nodes, at
 
 
