@@ -91,7 +91,7 @@ class Contact:
 
 
 def touched(contact: Contact, x: np.ndarray) -> np.ndarray:
-    """(V,) bool: vertices that an obstacle holds."""
-    hit = np.zeros(len(x), dtype=bool)
-    hit[contact.vertex[contact._pressed(x)[2]]] = True
-    return hit
+    """(V, 3) unit normal of the obstacle that a vertex touches, zero where it touches none."""
+    normal, on = np.zeros_like(x), contact._pressed(x)[2]
+    normal[contact.vertex[on]] = contact.normal[on]
+    return normal

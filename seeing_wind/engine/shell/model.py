@@ -67,9 +67,14 @@ def shell_of(
     return Shell(surface, sheet, mass, m, b, held, springs, System(surface, b, plate, held))
 
 
+def with_past(x: np.ndarray, v: np.ndarray, acceleration: np.ndarray, dt: float) -> State:
+    """The state at x, moving at v under a constant acceleration (V, 3 each) since a substep dt [s] ago."""
+    return State(x, v, x - dt * v + 0.5 * dt**2 * acceleration, v - dt * acceleration)
+
+
 def at_rest(shell: Shell, velocity: np.ndarray | None = None, acceleration: np.ndarray | None = None, *, dt: float = 0.0) -> State:
     """The shell at its place, moving at velocity (V, 3) [m/s] under a constant acceleration (V, 3) [m/s²] since a substep dt [s] ago."""
     x = shell.surface.x
     v = np.zeros_like(x) if velocity is None else np.where(shell.pinned[:, None], 0.0, velocity)
     a = np.zeros_like(x) if acceleration is None else np.where(shell.pinned[:, None], 0.0, acceleration)
-    return State(x, v, x - dt * v + 0.5 * dt**2 * a, v - dt * a)
+    return with_past(x, v, a, dt)

@@ -27,8 +27,9 @@ Load = Callable[[np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray | No
 """(x (V, 3) [m], v (V, 3) [m/s], frame) -> force on the vertices (V, 3) [N], and its damping (V, 3, 3) [N s/m], symmetric and positive
 semidefinite, or None: at another velocity the force is taken as force - damping (v' - v). `wind.vertex_drag` is of this form."""
 
-EXACT = 2e-3
-"""A Newton iteration that moves no vertex by more than this part of the median edge is the last."""
+EXACT = 0.03
+"""A Newton iteration that moves no vertex by more than this part of how far gravity moves one in a substep is the last: what is left
+of the equations is a force of less than that part of the weight."""
 LOOSE = 0.1
 """Precision to which the linear equations are solved."""
 MOST = 40
@@ -125,10 +126,10 @@ def advance(
     x[shell.pinned] = state.x[shell.pinned] if pins is None else pins
     x, effort = _solved(equations, x)
     v = (x - equations.coast) / equations.b
-    hit = touched(contact, x)
-    # What was stopped by an obstacle has no smooth past: it goes on from its new velocity alone.
-    before = np.where(hit[:, None], x - dt * v, state.x), np.where(hit[:, None], v, state.v)
-    return State(x, v, *before), effort
+    # A blow leaves no smooth past behind: along the normal of what they touch, vertices go on from their new velocity alone.
+    normal = touched(contact, x)
+    blow = ((v - state.v) * normal).sum(axis=1, keepdims=True) * normal
+    return State(x, v, np.where(normal.any(axis=1)[:, None], x - dt * v + 0.5 * dt * (v - state.v - blow), state.x), state.v + blow), effort
 
 
 def _equations(
@@ -150,6 +151,7 @@ def _equations(
 def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
     """Newton's method, each iteration as long as the force along it goes down."""
     edge, inner = equations.shell.surface.edge_length, 0
+    exact = EXACT * 9.81 * equations.b**2
     r, known = equations.force(x)
     for iteration in range(1, MOST + 1):
         matrix = equations.matrix(x, known)
@@ -160,7 +162,7 @@ def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
         inner += count
         moved = float(np.abs(way).max())
         x, r, known = _along(equations, x, r, way)
-        if moved <= EXACT * edge:
+        if moved <= exact:
             return x, Effort(iteration, inner)
     if moved > STRAY * edge:
         raise SimulationError("The shell finds no equilibrium within a substep.", "Take more substeps.", quantity="position")

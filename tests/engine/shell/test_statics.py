@@ -12,12 +12,12 @@ from seeing_wind.engine.shell import advance, at_rest, shell_of
 G = np.array([0.0, 0.0, -9.81])
 
 
-def settled(shell, substeps=80, dt=0.02):
+def settled(shell, substeps=100, dt=0.02):
     """Where a shell with much damping comes to rest."""
     state = at_rest(shell)
     for _ in range(substeps):
         state, _ = advance(shell, state, dt=dt, gravity=G)
-    assert np.abs(state.v).max() < 1e-3
+    assert np.abs(state.v).max() < 5e-3
     return state.x
 
 
@@ -57,15 +57,16 @@ def elastica(length: float, stiffness: float, weight: float) -> tuple[float, flo
 def test_a_cantilever_bends_like_the_heavy_elastica(make, kind, columns):
     """Cotton over 2.6 times its bending length (B/w)^(1/3): half the strip hangs."""
     length, B, rho = 0.05, 8e-6, 0.12
-    held = columns // 8 + 1
-    step = length / columns
-    x, faces = make[kind](length + held * step, 0.02, columns + held, max(4, columns // 2))
-    clamp = held * step
-    x[:, 0] -= clamp
-    shell = shell_of(x, faces, Sheet(rho, 3.5e-4, 1.2e4, B, loss_factor=1.0, poisson_ratio=0.0), pinned=x[:, 0] < 1e-9)
+    x, faces = make[kind](length, 0.02, columns, max(4, columns // 2))
+    edge = np.flatnonzero(x[:, 0] < 1e-9)
+    edge = edge[np.argsort(x[edge, 1])]
+    # one more row of vertices behind the edge: a clamp takes faces, not only points
+    behind = len(x) + np.arange(len(edge))
+    x = np.vstack([x, x[edge] - [length / columns, 0.0, 0.0]])
+    faces = np.vstack([faces, np.stack([behind[:-1], edge[:-1], edge[1:]], 1), np.stack([behind[:-1], edge[1:], behind[1:]], 1)])
+    shell = shell_of(x, faces, Sheet(rho, 3.5e-4, 1.2e4, B, loss_factor=1.5, poisson_ratio=0.0), pinned=x[:, 0] < 1e-9)
     tip = settled(shell)[x[:, 0] > length - 1e-9].mean(axis=0)
     along, down = elastica(length, B, rho * 9.81)
-    start = x[x[:, 0] < 1e-9, 0].max()
-    print(kind, columns, -tip[2] / down, (tip[0] - start) / along)
+    print(kind, columns, -tip[2] / down, tip[0] / along)
     assert -tip[2] == pytest.approx(down, rel=0.05)
-    assert tip[0] - start == pytest.approx(along, rel=0.05)
+    assert tip[0] == pytest.approx(along, rel=0.05)
