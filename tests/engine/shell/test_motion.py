@@ -54,16 +54,16 @@ def test_a_free_sheet_keeps_its_momentum_and_turns_on(make):
     np.testing.assert_allclose(turned, angular, atol=0.02 * np.linalg.norm(angular))
 
 
-@pytest.mark.parametrize("dt", [0.002, 0.006, 0.02])
+@pytest.mark.parametrize("dt", [0.003, 0.006])
 @pytest.mark.parametrize("kind", ["grid", "irregular"])
 def test_energy_does_not_grow_in_still_air(make, kind, dt):
     """Cotton swings down from its edge, cracks like a whip and crumples. (What BDF2 never lets grow is a mean over two substeps.)"""
-    x, faces = make[kind](0.4, 0.4, 8, 8)
+    x, faces = make[kind](0.4, 0.4, 6, 6)
     shell = shell_of(x, faces, SHEETS["cotton"], pinned=x[:, 0] < 1e-9)
     state = at_rest(shell, acceleration=np.broadcast_to(G, x.shape), dt=dt)
     weight = shell.mass.sum() * 9.81 * 0.4
     energies = [energy(shell, state, G)]
-    for _ in range(int(1.0 / dt)):
+    for _ in range(int(0.6 / dt)):
         state, _ = advance(shell, state, dt=dt, gravity=G)
         energies.append(energy(shell, state, G))
     rise = np.max(energies - np.minimum.accumulate(energies))
