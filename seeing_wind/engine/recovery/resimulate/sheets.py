@@ -104,11 +104,12 @@ def sheet_of(body: BodyEdit, area: float) -> Sheet:
     Raises:
         UsageError: numbers that are missing; a plastic law. MaterialError: numbers that are not physical.
     """
-    material = adjusted(find(body.material or DEFAULT), law=body.law, poisson_ratio=body.poisson_ratio, loss_factor=body.loss_factor)
+    material = find(body.material or DEFAULT)
+    if (body.law or material.law) in PLASTIC_LAWS or body.yield_stress is not None:
+        raise UsageError(f"{body.name}: a shell springs back, it has no plastic law.", "Set shell = false, or give an elastic material.")
+    material = adjusted(material, poisson_ratio=body.poisson_ratio, loss_factor=body.loss_factor)
     own: dict[str, Any] = {name: getattr(body, name) for name in SHEET_UNITS if getattr(body, name) is not None}
     known = SHEETS.get(material.name)
-    if material.law in PLASTIC_LAWS or body.yield_stress is not None:
-        raise UsageError(f"{body.name}: a shell springs back, it has no plastic law.", "Set shell = false, or give an elastic material.")
     missing = [] if known is not None else [name for name in SHEET_UNITS if name not in own]
     if missing:
         raise UsageError(
