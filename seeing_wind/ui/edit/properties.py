@@ -4,18 +4,25 @@ No postponed annotations here: Blender reads these annotations as property defin
 """
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
 
 from ...engine.conventions import GRAVITY
 from ...engine.settings import BuildSettings
 from ..property_kinds import KEPT, KINDS, MATERIAL_ITEMS, changed, choice, is_mesh, number, toggle
+from .sheet_label import measure
+
+
+def _object_changed(self, context) -> None:
+    measure(self, context)
+    changed(self, context)
 
 
 class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
     """One body of the edit: a mesh object, or the clip's own object."""
 
     is_recovered: BoolProperty(name="Recovered Object", description="The object of the clip itself, at its recovered material")
-    object: PointerProperty(name="Object", type=bpy.types.Object, poll=is_mesh, description="The mesh to move", update=changed)
+    object: PointerProperty(name="Object", type=bpy.types.Object, poll=is_mesh, description="The mesh to move", update=_object_changed)
+    open_area: FloatProperty(options={"HIDDEN"}, description="Of an open mesh when it was chosen (m²); 0 for a closed one")
     material: choice("Material", "What the body is made of", MATERIAL_ITEMS, BuildSettings.material)
     use_density: toggle("Density", "Replace the preset's density")
     density: number("Density (kg/m³)", 1000.0, "Kilograms per cubic metre", min=0.01, soft_max=20000.0, step=1000, precision=1)

@@ -64,7 +64,8 @@ def test_a_flag_held_at_its_side_falls_together_without_tearing(folder):
 
 
 def test_a_free_sheet_accelerates_by_force_thickness_over_areal_density(folder):
-    body = run(folder, BodyEdit("sheet", "curtain.npz", material="wool"), force=(300.0, 0.0, 0.0), frames=4, gravity=(0.0, 0.0, 0.0))["sheet"]
+    edit = BodyEdit("sheet", "curtain.npz", material="wool")
+    body = run(folder, edit, force=(300.0, 0.0, 0.0), frames=4, gravity=(0.0, 0.0, 0.0))["sheet"]
     rate = 300.0 * SHEETS["wool"].thickness / SHEETS["wool"].areal_density
     t = np.arange(5) / 24.0
     np.testing.assert_allclose((body.vertices - body.vertices[0]).mean(axis=1), np.outer(0.5 * rate * t**2, [1.0, 0.0, 0.0]), atol=1e-6)
