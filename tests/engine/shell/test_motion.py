@@ -62,14 +62,15 @@ def test_energy_does_not_grow_in_still_air(make, kind, dt):
     shell = shell_of(x, faces, SHEETS["cotton"], pinned=x[:, 0] < 1e-9)
     state = at_rest(shell, acceleration=np.broadcast_to(G, x.shape), dt=dt)
     weight = shell.mass.sum() * 9.81 * 0.4
-    energies = [energy(shell, state, G)]
+    energies, lowest = [energy(shell, state, G)], 0.0
     for _ in range(int(0.6 / dt)):
         state, _ = advance(shell, state, dt=dt, gravity=G)
         energies.append(energy(shell, state, G))
+        lowest = min(lowest, float(state.x[:, 2].min()))
     rise = np.max(energies - np.minimum.accumulate(energies))
     assert rise < 0.01 * weight
     assert energies[-1] < energies[0]
-    assert state.x[:, 2].min() < -0.2
+    assert lowest < -0.3
 
 
 def strip(make, loss_factor=0.0):

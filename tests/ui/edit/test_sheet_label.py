@@ -9,6 +9,8 @@ from seeing_wind.engine.materials import SHEETS
 from seeing_wind.ui.edit.sheet_label import shell_words
 from tests.ui.jobs import cube
 
+pytestmark = pytest.mark.usefixtures("stand_in")
+
 
 def test_a_grid_of_cotton_weighs_what_cotton_weighs(scene) -> None:
     bpy.ops.mesh.primitive_grid_add(x_subdivisions=4, y_subdivisions=4, size=0.8)
