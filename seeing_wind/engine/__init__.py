@@ -4,6 +4,7 @@
     observe/    from a clip to an observation, and to a body of particles
     recovery/   from observed motion to the force that made it, and on to other bodies; `paper`: the paper's own way
     field/      force fields                    mpm/    the solver and its derivatives     look/   pictures
+    shell/      thin things: cloth, leaves, paper
 
 The ground floor, which Blender's process may import too: conventions.py (units, axes, names of clips), errors.py, progress.py,
 settings/ (one definition per option), records.py and masks.py (what stages hand on), materials.py, take.py (the folder of a clip),

@@ -65,6 +65,44 @@ class Material:
         return 0.0 if self.law in PLASTIC_LAWS else self.loss_factor / (2.0 * math.pi * LOSS_FREQUENCY)
 
 
+@dataclass(frozen=True)
+class Sheet:
+    """A thin sheet, the same all over and in all directions, and where its numbers are from."""
+
+    areal_density: float
+    """kg/m²."""
+    thickness: float
+    """m."""
+    tensile_stiffness: float
+    """N/m: force per width over strain of a strip, Young's modulus times thickness."""
+    bending_stiffness: float
+    """N m: moment per width over curvature of a strip."""
+    loss_factor: float = 0.0
+    """Stretching and bending, as of `Material`; of a fabric it is its own, as its threads rub."""
+    poisson_ratio: float = 0.3
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        """MaterialError: a number that is not physical."""
+        for key, unit in SHEET_UNITS.items():
+            value = getattr(self, key)
+            if not (math.isfinite(value) and value > 0.0):
+                raise MaterialError(f"The {key.replace('_', ' ')} of a sheet is {value:g} {unit}.", "Give a finite number above zero.")
+        if not 0.0 <= self.loss_factor <= MOST_LOSS:
+            raise MaterialError(f"The loss factor of a sheet is {self.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")
+        if not 0.0 <= self.poisson_ratio < 0.5:
+            raise MaterialError(f"Poisson's ratio of a sheet is {self.poisson_ratio:g}.", "Give one from 0 to below 0.5.")
+
+    @property
+    def retardation(self) -> float:
+        """s, as of `Material`."""
+        return self.loss_factor / (2.0 * math.pi * LOSS_FREQUENCY)
+
+
+SHEET_UNITS = {"areal_density": "kg/m²", "thickness": "m", "tensile_stiffness": "N/m", "bending_stiffness": "N m"}
+"""What a sheet needs numbers above zero for."""
+
+
 def find(name: str) -> Material:
     """The library's material `name`; case, spaces and hyphens do not matter.
 
@@ -143,11 +181,17 @@ def _check(material: Material) -> None:
         raise MaterialError(f"{material.name} has the plastic law {material.law} but no yield stress.", "Give --yield-stress in Pa.")
 
 
-def _read_library() -> dict[str, Material]:
+def _read_library() -> tuple[dict[str, Material], dict[str, Sheet]]:
     tables = tomllib.loads(Path(__file__).with_name("materials.toml").read_text(encoding="utf-8"))
     references = tables.pop("references")
-    described = {name: {**values, "source": _source(values["source"], references)} for name, values in tables.items()}
-    return {name: adjusted(Material(name=name, **values)) for name, values in described.items()}
+    materials, sheets = {}, {}
+    for name, values in tables.items():
+        sheet = values.pop("sheet", None)
+        materials[name] = adjusted(Material(name=name, **{**values, "source": _source(values["source"], references)}))
+        if sheet is not None:
+            sheet["source"] = _source(sheet["source"], references)
+            sheets[name] = Sheet(poisson_ratio=materials[name].poisson_ratio, **sheet)
+    return materials, sheets
 
 
 def _source(sources: dict[str, str], references: dict[str, str]) -> str:
@@ -158,5 +202,5 @@ def _source(sources: dict[str, str], references: dict[str, str]) -> str:
     return "; ".join(f"{' and '.join(keys)}: {source}" for source, keys in together.items())
 
 
-MATERIALS: dict[str, Material] = _read_library()
-"""All materials of the library by name."""
+MATERIALS, SHEETS = _read_library()
+"""All materials of the library by name, and those that come as thin sheets."""

@@ -5,6 +5,7 @@
     tangent.py    many changes to first order              frame_run.py   one frame of a body, and what is kept of it
     checks.py     what is refused            failure.py    what stopped a run                   damping.py  what substeps carry
     laws/  stress from deformation     lattice/  the grid and its boundary     kernels/  the substep     compiler/  Quadrants or Taichi
+    shell/ thin sheets, which have no grid: a solver of their own
 """
 
 from .model import Model

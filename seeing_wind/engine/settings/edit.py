@@ -60,6 +60,22 @@ class BodyEdit:
     start_frame: int = option(
         0, label="Start Picture", help="the body stands still before this picture of the clip", minimum=0, panel="main"
     )
+    shell: bool | None = option(
+        None, help="whether the body is a thin shell", otherwise="a shell if its mesh is open and its material comes as a sheet", panel=""
+    )
+    areal_density: float | None = option(
+        None, help="mass of a shell over its area", unit="kg/m²", above=0.0, otherwise="the material's", panel="", digits=3
+    )
+    thickness: float | None = option(
+        None, help="thickness of a shell", unit="m", above=0.0, otherwise="the material's", panel="", digits=5
+    )
+    tensile_stiffness: float | None = option(
+        None, help="force over width and strain of a shell", unit="N/m", above=0.0, otherwise="the material's", panel="", digits=1
+    )
+    bending_stiffness: float | None = option(
+        None, help="bending moment over width and curvature of a shell", unit="N m", above=0.0, otherwise="the material's", panel="",
+        digits=9,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ import bpy
 from ...engine.settings import BodyEdit
 from ..job.panel_pieces import Tab, draw_override, panels
 from ..option_properties import panel_options
+from .sheet_label import shell_words
 
 
 class EditTab(Tab):
@@ -56,6 +57,9 @@ def _draw_body(column, body, settings) -> None:
     if not body.is_recovered:
         column.prop(body, "object")
         column.prop(body, "material")
+        words = shell_words(body)
+        if words:
+            column.label(text=words, icon="MOD_CLOTH")
     obj = settings.recovered_object if body.is_recovered else body.object
     column.prop(body, "mass_scale")
     column.prop(body, "stiffness_scale")

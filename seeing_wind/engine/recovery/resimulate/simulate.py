@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import SimulationError, UsageError
 from ...field.force_field import ForceField
-from ...materials import DEFAULT, adjusted, find
+from ...materials import DEFAULT, SHEET_UNITS, adjusted, find
 from ...mpm.lattice.closed_mesh import is_closed, weld
 from ...mpm.lattice.colliders import Collider
 from ...mpm.model import Model
@@ -25,7 +25,9 @@ from ...settings import BodyEdit, Edit
 from ..journal import Arrays
 from ..wind.motion import Sail, advance_in_wind
 from ..wind.surface import BodySurface, mesh_surface
+from . import sheets
 from .fill import fill
+from .in_field import continued, outside_note
 from .mesh import load_mesh
 from .obstacles import colliders_of
 from .pins import Rider, hold_of, pull_back, read_pins, read_weights, ride
@@ -53,7 +55,7 @@ class Simulated:
     triangles: np.ndarray
     """(M, 3) int32."""
     particles: int
-    """How many particles stood for it."""
+    """How many particles stood for it; of a shell, vertices."""
     notes: list[str]
     """What the user should know."""
 
@@ -112,27 +114,46 @@ def simulate_bodies(
     if not np.linalg.norm(edit.gravity) <= FASTEST:
         raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
     colliders = colliders_of(edit.collider, Path(base_dir))
-    actors = [_enter(body, field, recovered, Path(base_dir)) for body in edit.body]
-    groups = [actors] if edit.contact else [[actor] for actor in actors]
+    entered = [_enter(body, field, recovered, Path(base_dir)) for body in edit.body]
+    actors = [actor for actor in entered if isinstance(actor, _Actor)]
+    shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
+    groups: list[Sequence[_Actor | sheets.Hanging]] = [*([actors] if edit.contact and actors else [[one] for one in actors]), *shells]
     done: dict[str, Simulated] = {}
     for number, group in enumerate(groups):
         try:
             share = (number / len(groups), 1.0 / len(groups))
-            paths, notes = _move(group, field, edit.gravity, strength, colliders, device, progress, *share, journal)
+            moved = _moved(group, field, edit, strength, colliders, device, progress, share, journal)
         except SimulationError as error:
             names = ", ".join(actor.edit.name for actor in group)
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
             raise SimulationError(f"{names}: {error.message}", error.hint, **where) from error
-        for actor, x in zip(group, paths):
-            vertices = actor.rider.follow(x)
-            remarks = [*actor.notes, *notes, *_outside_note(x, field), *_torn_note(vertices, actor.triangles)]
+        for actor, body, x in moved:
+            remarks = [*body.notes, *outside_note(x, field), *_torn_note(body.vertices, body.triangles)]
             for note in remarks:
                 progress.warn(f"{actor.edit.name}: {note}")
-            done[actor.edit.name] = Simulated(vertices, actor.triangles, len(actor.particles.x), remarks)
-    return done
+            done[actor.edit.name] = dataclasses.replace(body, notes=remarks)
+    return {body.name: done[body.name] for body in edit.body}
 
 
-# -- before -----------------------------------------------------------------------------------------------------------------------
+def _moved(
+    group: Sequence[_Actor | sheets.Hanging], field: ForceField, edit: Edit, strength: np.ndarray, colliders: Sequence[Collider],
+    device: str, progress: Progress, share: tuple[float, float], journal: Journal,
+) -> list[tuple[_Actor | sheets.Hanging, Simulated, np.ndarray]]:  # fmt: skip
+    """Each of a group with its motion, and the path (T+1, N, 3) of what stands for it: particles of a solid, vertices of a shell."""
+    moved: list[tuple[_Actor | sheets.Hanging, Simulated, np.ndarray]] = []
+    solids = [actor for actor in group if isinstance(actor, _Actor)]
+    if solids:
+        paths, notes = _move(solids, field, edit.gravity, strength, colliders, device, progress, *share, journal)
+        for actor, x in zip(solids, paths):
+            body = Simulated(actor.rider.follow(x), actor.triangles, len(actor.particles.x), [*actor.notes, *notes])
+            moved.append((actor, body, x))
+    for one in (actor for actor in group if isinstance(actor, sheets.Hanging)):
+        x = sheets.move(one, field, edit.gravity, strength, colliders, progress, *share, journal)
+        notes = one.notes
+        if edit.contact and len(edit.body) > 1:
+            notes = [*notes, "a shell does not push other bodies, and they do not push it"]
+        moved.append((one, Simulated(x[:, one.vertex], one.triangles, len(one.shell.mass), notes), x))
+    return moved
 
 
 def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
@@ -145,8 +166,8 @@ def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
     return np.broadcast_to(values, (frames,))
 
 
-def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> _Actor:
-    """Mesh, particles, material and pins of one body."""
+def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> _Actor | sheets.Hanging:
+    """Mesh, particles or shell, material and pins of one body."""
     for name in ("mass_scale", "youngs_modulus_scale"):
         if not 1.0 / MOST_SCALED <= getattr(body, name) <= MOST_SCALED:
             raise UsageError(
@@ -168,9 +189,14 @@ def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] |
     if body.mesh == "recovered":
         if recovered is None:
             raise UsageError(f"{body.name}: there is no recovered object here.", "Give a mesh instead.")
+        if body.shell or any(getattr(body, name) is not None for name in SHEET_UNITS):
+            raise UsageError(f"{body.name}: the recovered object is a solid.", "Leave shell and its numbers out, or give a mesh.")
         actor = _enter_recovered(body, *recovered)
     else:
-        actor = _enter_mesh(body, base_dir)
+        vertices, triangles = load_mesh(base_dir / body.mesh)
+        if sheets.is_shell(body, vertices, triangles):
+            return sheets.enter(body, vertices, triangles, base_dir)
+        actor = _enter_mesh(body, vertices, triangles)
     if body.free is not None:
         actor = _free(actor, base_dir / body.free)
     return actor if body.pin is None else _pin(actor, base_dir)
@@ -187,8 +213,7 @@ def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor
     )  # fmt: skip
 
 
-def _enter_mesh(body: BodyEdit, base_dir: Path) -> _Actor:
-    vertices, triangles = load_mesh(base_dir / body.mesh)
+def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> _Actor:
     try:
         filling = fill(vertices, triangles)
     except UsageError as error:
@@ -321,13 +346,6 @@ def _released(state: State, actors: Sequence[_Actor], slices: Sequence[slice], f
     return State(state.x, v, state.C, state.F)
 
 
-def continued(field: ForceField, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]; beyond the box those of its nearest place."""
-    nearest = np.clip(points, field.box[0], field.box[1])
-    force, _ = field.sample(nearest, frame)
-    return force, field.gradient(nearest, frame) * (nearest == points)[:, None, :]
-
-
 def _torn_note(vertices: np.ndarray, triangles: np.ndarray) -> list[str]:
     """A note if an edge of the surface grew to more than `TORN` times its length. vertices (T+1, V, 3) [m]."""
     edges = np.unique(np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1), axis=0)
@@ -338,14 +356,3 @@ def _torn_note(vertices: np.ndarray, triangles: np.ndarray) -> list[str]:
         return []
     frame = int(np.argmax(worst > TORN))
     return [f"stretched to {worst.max():.1f} times its size, from frame {frame} on, and may have torn: a higher Young's modulus holds it"]
-
-
-def _outside_note(x: np.ndarray, field: ForceField) -> list[str]:
-    """A note if more than a tenth of a body was outside the field's box at some time. x (T+1, N, 3) [m]."""
-    outside = ((x < field.box[0]) | (x > field.box[1])).any(axis=2).mean(axis=1)
-    if outside.max() <= 0.1:
-        return []
-    first = int(np.argmax(outside > 0.1))
-    share = 100 * outside.max()
-    where = f"up to {share:.0f} % of it lies outside the field's box, first in frame {first}"
-    return [f"{where}; the {field.kind} there is that of the box's edge"]

@@ -16,7 +16,7 @@ from seeing_wind.engine.records import Attachment, Body, Gaussians, Material, Ou
 from seeing_wind.engine.recovery import journal as journals
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
-from seeing_wind.engine.recovery.resimulate.simulate import continued
+from seeing_wind.engine.recovery.resimulate.in_field import continued
 from seeing_wind.engine.settings import BodyEdit, ColliderEdit, Edit
 from seeing_wind.engine.take import Take
 

@@ -1,0 +1,164 @@
+"""Bending: the curvature of every face, and the energy of a thin plate in it.
+
+The curvature of a face follows from the slopes at its three edges by the divergence theorem, A k = sum over edges of l n (x) grad: a
+rotation-free element (Onate and Zarate 2000, Int. J. Numer. Methods Eng. 47, 557) on the slopes of `slopes`. Constant curvature comes out
+exactly on any mesh, and as both faces of an edge share its slope, the moments of neighbours cancel as they should.
+
+The slopes are taken of positions, three coordinates at once: k is then a vector, the second derivative of the position. Bent without
+stretching, a flat sheet has k along its normal and |k| is the curvature, so that the energy
+
+    1/2 D sum A (k11² + k22² + 2 nu k11 k22 + 2 (1 - nu) k12²)
+
+is quadratic in the positions and its matrix constant, yet no rotation changes it (Bergou, Wardetzky, Harmon, Zorin and Grinspun 2006,
+Symposium on Geometry Processing 227; Wardetzky et al. 2007, CAGD 24, 499). Of a sheet that is curved at rest, k counts from what it has
+at rest, turned with the face.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from .membrane import Membrane, deformation, plane_axes
+from .slopes import edge_slopes
+from .surface import Surface
+
+FLAT = 1e-6
+"""Curvature at rest, times the median edge's length, below which a sheet is flat."""
+
+
+@dataclass(frozen=True)
+class Bending:
+    """Faces that resist bending."""
+
+    curvature: csr_array
+    """(3 F, V): k11 of all faces, then k22, then 2 k12, of positions, less what stays of a bent rest shape in the face's plane [1/m²]."""
+    rest: np.ndarray
+    """(3, F) the same at rest, along the normal [1/m]."""
+    law: np.ndarray
+    """(3, 3) D (1, nu; nu, 1; (1 - nu) / 2) [N m]."""
+    area: np.ndarray
+    """(F,) at rest [m²]."""
+    faces: np.ndarray
+    """(F, 3)."""
+    matrix: csr_array
+    """(V, V) constant second derivative of the energy [N/m]."""
+
+    @property
+    def flat(self) -> bool:
+        """Whether the sheet is flat at rest."""
+        return not self.rest.any()
+
+
+def bending(surface: Surface, m: Membrane, bending_stiffness: float, pinned: np.ndarray | None = None) -> Bending:
+    """The bending of a surface with the membrane m.
+
+    Args:
+        bending_stiffness: D of the plate [N m], B / (1 - nu²) for a measured strip's B.
+        pinned: (V,) bool, which vertices are held; None for none.
+    """
+    nu = m.poisson_ratio
+    law = bending_stiffness * np.array([[1.0, nu, 0.0], [nu, 1.0, 0.0], [0.0, 0.0, 0.5 * (1.0 - nu)]])
+    clamp = np.zeros(len(surface.faces), dtype=bool) if pinned is None else pinned[surface.faces].all(axis=1)
+    k = _curvature(surface, edge_slopes(surface, clamp))
+    k, rest = _from_rest(k, surface, m)
+    count = len(surface.faces)
+    parts = [k[i * count : (i + 1) * count] for i in range(3)]
+    weight = [[law[i, j] * surface.area[:, None] for j in range(3)] for i in range(3)]
+    moments = [sum(parts[j].multiply(weight[i][j]) for j in range(3) if law[i, j]) for i in range(3)]
+    matrix = csr_array(sum(parts[i].T @ moments[i] for i in range(3)))
+    return Bending(k, rest, law, surface.area, surface.faces, matrix)
+
+
+def _curvature(surface: Surface, slopes: csr_array) -> csr_array:
+    """(3 F, V): k11, k22, 2 k12 of a function at the vertices, in the face's plane with the first axis along its first edge [1/m²]."""
+    x, faces, count = surface.x, surface.faces, len(surface.faces)
+    t, s = plane_axes(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+    _, first = np.unique(surface.edge.ravel(), return_index=True)
+    rows, columns, values = [], [], []
+    across = []
+    for side in range(3):
+        p, q = faces[:, (side + 1) % 3], faces[:, (side + 2) % 3]
+        along = np.stack([((x[q] - x[p]) * axis).sum(axis=1) for axis in (t, s)], axis=1)  # l times the tangent
+        normal = np.stack([along[:, 1], -along[:, 0]], axis=1)  # l times the outward normal
+        l2 = (along**2).sum(axis=1)
+        # l n (x) tangent (w_q - w_p) / l, symmetric
+        straight = [normal[:, 0] * along[:, 0], normal[:, 1] * along[:, 1], normal[:, 0] * along[:, 1] + normal[:, 1] * along[:, 0]]
+        sign = np.where(first[surface.edge[:, side]] == 3 * np.arange(count) + side, 1.0, -1.0)
+        out = [normal[:, 0] ** 2, normal[:, 1] ** 2, 2.0 * normal[:, 0] * normal[:, 1]]
+        for i in range(3):
+            value = straight[i] / l2 / surface.area
+            for end, way in ((q, 1.0), (p, -1.0)):
+                rows.append(i * count + np.arange(count))
+                columns.append(end)
+                values.append(way * value)
+            across.append((i * count + np.arange(count), surface.edge[:, side], sign * out[i] / np.sqrt(l2) / surface.area))
+    plain = csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(3 * count, len(x)))
+    r, c, v = (np.concatenate(part) for part in zip(*across))
+    return csr_array(plain + csr_array((v, (r, c)), shape=(3 * count, surface.edges)) @ slopes)
+
+
+def _from_rest(k: csr_array, surface: Surface, m: Membrane) -> tuple[csr_array, np.ndarray]:
+    """The curvature counted from its part in the face's plane at rest, and its part along the normal there (3, F)."""
+    count = len(surface.faces)
+    at_rest = (k @ surface.x).reshape(3, count, 3)
+    if np.abs(at_rest).max() * surface.edge_length < FLAT:
+        return k, np.zeros((3, count))
+    axes = deformation(m, surface.x)
+    inside = np.einsum("ifc,fca->ifa", at_rest, axes)
+    weights = -np.einsum("ifa,fka->ifk", inside, m.slope)
+    rows = np.broadcast_to((np.arange(3 * count)).reshape(3, count, 1), weights.shape)
+    columns = np.broadcast_to(surface.faces[None], weights.shape)
+    moved = csr_array((weights.ravel(), (rows.ravel(), columns.ravel())), shape=k.shape)
+    return csr_array(k + moved), np.einsum("ifc,fc->if", at_rest, normals(surface.x, surface.faces))
+
+
+def normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Unit normals (F, 3)."""
+    a, b, c = (x[faces[:, i]] for i in range(3))
+    n = np.cross(b - a, c - a)
+    return n / np.linalg.norm(n, axis=1, keepdims=True)
+
+
+def curvatures(b: Bending, x: np.ndarray) -> np.ndarray:
+    """(3, F) k11, k22, 2 k12 along the normals, of vertices x (V, 3) [1/m]."""
+    return np.einsum("ifc,fc->if", (b.curvature @ x).reshape(3, -1, 3), normals(x, b.faces))
+
+
+def energy(b: Bending, x: np.ndarray) -> float:
+    """Of vertices x (V, 3) [J]."""
+    k = (b.curvature @ x).reshape(3, -1, 3) - b.rest[..., None] * normals(x, b.faces)
+    return 0.5 * float(np.einsum("ifc,ij,jfc,f->", k, b.law, k, b.area))
+
+
+def gradient(b: Bending, x: np.ndarray) -> np.ndarray:
+    """(V, 3) derivative of the energy [N]."""
+    g = b.matrix @ x
+    if b.flat:
+        return g
+    n = normals(x, b.faces)
+    moment = b.law @ b.rest * b.area  # (3, F)
+    g -= b.curvature.T @ (moment[..., None] * n).reshape(-1, 3)
+    pull = np.einsum("if,ifc->fc", moment, (b.curvature @ x).reshape(3, -1, 3))
+    turn = normal_pull(x, b.faces, n, pull)
+    np.add.at(g, b.faces, turn)
+    return g
+
+
+def normal_pull(x: np.ndarray, faces: np.ndarray, n: np.ndarray, pull: np.ndarray) -> np.ndarray:
+    """(F, 3, 3) minus the derivative of n . pull by the corners, for a constant pull (F, 3) on unit normals n (F, 3)."""
+    corners = x[faces]
+    ends = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    hat = np.cross(n[:, None], ends) / twice[:, None, None]  # gradient of each corner's hat function on the surface
+    return (hat * pull[:, None]).sum(axis=2)[..., None] * n[:, None]
+
+
+def pull_of(b: Bending, x: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """(V, 3) minus the forces of moments that follow the change of the curvature since `before` (3, F), as the energy's follow it [N]."""
+    n = normals(x, b.faces)
+    change = np.einsum("ifc,fc->if", (b.curvature @ x).reshape(3, -1, 3), n) - before
+    moment = b.law @ change * b.area
+    return b.curvature.T @ (moment[..., None] * n).reshape(-1, 3)

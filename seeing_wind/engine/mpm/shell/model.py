@@ -1,0 +1,80 @@
+"""What stays the same while a shell moves, and what changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...materials import Sheet
+from .bending import Bending, bending
+from .membrane import Membrane, membrane
+from .surface import Surface, surface_of
+from .system import System
+
+
+@dataclass(frozen=True)
+class Shell:
+    """A sheet of some shape at rest, held at some vertices. `shell_of` makes it."""
+
+    surface: Surface
+    sheet: Sheet
+    mass: np.ndarray
+    """(V,) a third of that of the faces around each vertex [kg]."""
+    membrane: Membrane
+    bending: Bending
+    pinned: np.ndarray
+    """(V,) bool: their motion is given."""
+    spring: np.ndarray
+    """(V,) squared angular frequency of the spring that draws a vertex to its place at rest [1/s²]; 0 for none."""
+    system: System
+
+
+@dataclass(frozen=True)
+class State:
+    """A shell at one time and one substep before: what the second-order rule in time goes on from."""
+
+    x: np.ndarray
+    """(V, 3) [m]."""
+    v: np.ndarray
+    """(V, 3) [m/s]."""
+    x_before: np.ndarray
+    """(V, 3) a substep ago [m]."""
+    v_before: np.ndarray
+    """(V, 3) a substep ago [m/s]."""
+
+
+def shell_of(
+    vertices: np.ndarray, faces: np.ndarray, sheet: Sheet, *, pinned: np.ndarray | None = None, spring: np.ndarray | None = None
+) -> Shell:
+    """A sheet whose shape at rest is a mesh.
+
+    Args:
+        vertices: (V, 3) [m]; faces: (F, 3).
+        pinned: (V,) bool; None holds nothing. spring: as of `Shell`.
+
+    Raises:
+        UsageError: for a mesh that is no sheet, see `surface_of`.
+    """
+    surface = surface_of(vertices, faces)
+    mass = np.bincount(surface.faces.ravel(), np.repeat(surface.area, 3) / 3.0) * sheet.areal_density
+    plate = sheet.bending_stiffness / (1.0 - sheet.poisson_ratio**2)
+    m = membrane(surface, sheet.tensile_stiffness, sheet.poisson_ratio, plate)
+    count = len(mass)
+    held = np.zeros(count, dtype=bool) if pinned is None else np.asarray(pinned, dtype=bool)
+    b = bending(surface, m, plate, held)
+    springs = np.zeros(count) if spring is None else np.asarray(spring, dtype=np.float64)
+    return Shell(surface, sheet, mass, m, b, held, springs, System(surface, b, plate, held))
+
+
+def with_past(x: np.ndarray, v: np.ndarray, acceleration: np.ndarray, dt: float) -> State:
+    """The state at x, moving at v under a constant acceleration (V, 3 each) since a substep dt [s] ago."""
+    return State(x, v, x - dt * v + 0.5 * dt**2 * acceleration, v - dt * acceleration)
+
+
+def at_rest(shell: Shell, velocity: np.ndarray | None = None, acceleration: np.ndarray | None = None, *, dt: float = 0.0) -> State:
+    """The shell at its place, moving at velocity (V, 3) [m/s] under a constant acceleration (V, 3) [m/s²] since a substep dt [s] ago."""
+    x = shell.surface.x
+    v = np.zeros_like(x) if velocity is None else np.where(shell.pinned[:, None], 0.0, velocity)
+    a = np.zeros_like(x) if acceleration is None else np.where(shell.pinned[:, None], 0.0, acceleration)
+    return with_past(x, v, a, dt)

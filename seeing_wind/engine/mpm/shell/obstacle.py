@@ -1,0 +1,87 @@
+"""Planes, rooms and closed meshes as a shell's vertices meet them. They stand still."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..lattice.colliders import Collider, MeshCollider
+from ..lattice.signed_distance import closest_on
+
+Planes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Vertices (C,), unit normals (C, 3), levels (C,) of n.x below which they may not come [m], friction (C,), and whether they may not
+leave (C,)."""
+
+
+class Obstacle(Protocol):
+    """Something in the way."""
+
+    def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
+        """Planes that stand for it before vertices at x (V, 3) about to be at `ahead` (V, 3) [m]."""
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A plane, before every vertex."""
+
+    normal: np.ndarray
+    """(3,) unit."""
+    level: float
+    """Vertices stay where n.x is above it [m]."""
+    friction: float
+    bound: bool
+
+    def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
+        """See `Obstacle`."""
+        low = np.minimum(x @ self.normal, ahead @ self.normal) < self.level + 0.5 * np.abs(ahead - x).max() + 0.01
+        vertex = np.flatnonzero(low)
+        count = len(vertex)
+        return (
+            vertex, np.broadcast_to(self.normal, (count, 3)), np.full(count, self.level), np.full(count, self.friction),
+            np.full(count, self.bound),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Block:
+    """A closed mesh, before the vertices that come near its box."""
+
+    mesh: MeshCollider
+    reach: float
+    """m around the mesh within which vertices look for it: an edge's length."""
+    friction: float
+    bound: bool
+
+    def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
+        """See `Obstacle`. A vertex inside is led out the shortest way."""
+        low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
+        margin = self.reach + np.abs(ahead - x).max()
+        vertex = np.flatnonzero(((ahead > low - margin) & (ahead < high + margin)).all(axis=1))
+        size = float(np.ptp(self.mesh.vertices, axis=0).max())
+        if not len(vertex):
+            return vertex, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
+        place, normal = closest_on(self.mesh, ahead[vertex], max(self.reach, size / 100.0))
+        way = ahead[vertex] - place
+        side = np.where((way * normal).sum(axis=1) >= 0.0, 1.0, -1.0)
+        length = np.linalg.norm(way, axis=1)
+        clear = length > 1e-6 * size
+        normal = np.where(clear[:, None], side[:, None] * way / np.maximum(length, 1e-300)[:, None], normal)
+        count = len(vertex)
+        return vertex, normal, (normal * place).sum(axis=1), np.full(count, self.friction), np.full(count, self.bound)
+
+
+def obstacles_of(colliders: Sequence[Collider], reach: float) -> tuple[Obstacle, ...]:
+    """The colliders of the solid solver for a shell with edges about `reach` [m] long."""
+    found: list[Obstacle] = []
+    for collider in colliders:
+        friction = np.inf if collider.kind == "sticky" else collider.friction
+        bound = collider.kind != "separate"
+        if isinstance(collider, MeshCollider):
+            found.append(Block(collider, reach, friction, bound))
+        found += [Wall(n, level, friction, bound) for n, level, _, _ in collider.rows()]
+    return tuple(found)
+
+

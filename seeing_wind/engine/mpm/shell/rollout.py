@@ -1,0 +1,65 @@
+"""A frame of a shell's motion: as many substeps as it takes."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ...errors import SimulationError
+from .model import Shell, State, with_past
+from .obstacle import Obstacle
+from .substep import Load, advance
+
+LONGEST = 0.006
+"""s of a substep at most: a second-order rule that long still swings what a clip shows, and a sheet in free fall goes its own thickness."""
+
+HALVINGS = 3
+"""How often a substep without a solution is halved."""
+
+
+def substeps_for(fps: float) -> int:
+    """Substeps a frame."""
+    return max(2, math.ceil(1.0 / (fps * LONGEST)))
+
+
+def advance_frame(
+    shell: Shell, state: State, *, frame: int, fps: float, substeps: int, gravity: np.ndarray, load: Load | None = None,
+    pin_path: np.ndarray | None = None, obstacles: tuple[Obstacle, ...] = (),
+) -> State:  # fmt: skip
+    """The state a frame later.
+
+    Args:
+        state: at the frame's start, with a past of the same substep.
+        pin_path: (T+1, P, 3) where the pinned vertices are at every picture [m]; None leaves them where they are.
+        gravity, load, obstacles: as of `advance`.
+
+    Raises:
+        SimulationError: see `advance`; it names the frame and the substep.
+    """
+    dt = 1.0 / (fps * substeps)
+    for substep in range(substeps):
+        pins = None
+        if pin_path is not None:
+            share = (substep + 1) / substeps
+            pins = (1.0 - share) * pin_path[frame] + share * pin_path[frame + 1]
+        try:
+            state = _halved(shell, state, dt, pins, dict(gravity=gravity, frame=frame, load=load, obstacles=obstacles), HALVINGS)
+        except SimulationError as error:
+            raise SimulationError(error.message, error.hint, frame=frame, substep=substep, quantity=error.quantity) from error
+    return state
+
+
+def _halved(shell: Shell, state: State, dt: float, pins: np.ndarray | None, around: dict[str, Any], more: int) -> State:
+    """The state a substep later, in two halves where one finds no solution, and these in halves again if needed."""
+    try:
+        return advance(shell, state, dt=dt, pins=pins, **around)[0]
+    except SimulationError:
+        if not more:
+            raise
+    half = 0.5 * dt
+    middle = None if pins is None else 0.5 * (state.x[shell.pinned] + pins)
+    first = with_past(state.x, state.v, (state.v - state.v_before) / dt, half)
+    second = _halved(shell, _halved(shell, first, half, middle, around, more - 1), half, pins, around, more - 1)
+    return with_past(second.x, second.v, (second.v - second.v_before) / half, dt)

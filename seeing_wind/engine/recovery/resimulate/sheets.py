@@ -1,0 +1,185 @@
+"""Open meshes of thin materials as shells: what becomes one, and how it moves."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import UsageError
+from ...field.force_field import ForceField
+from ...materials import DEFAULT, PLASTIC_LAWS, SHEET_UNITS, SHEETS, Sheet, adjusted, find
+from ...mpm.lattice.closed_mesh import is_closed, triangle_areas, weld
+from ...mpm.lattice.colliders import Collider
+from ...mpm.shell import Load, Shell, State, advance_frame, at_rest, obstacles_of, shell_of, substeps_for
+from ...progress import Journal, Progress
+from ...settings import BodyEdit
+from ..journal import Arrays
+from ..wind.drag import vertex_drag
+from .fill import connected_parts
+from .in_field import continued
+from .pins import SOFT, read_pins, read_weights
+from .voxels import enclosed
+
+
+@dataclass(frozen=True)
+class Hanging:
+    """A shell before the simulation."""
+
+    edit: BodyEdit
+    shell: Shell
+    velocity: np.ndarray
+    """(3,) [m/s] when it starts."""
+    vertex: np.ndarray
+    """(V,) which of the shell's vertices each of the mesh's is: those at the same place are one."""
+    triangles: np.ndarray
+    """(M, 3) of the mesh."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What the user should know."""
+        mass = float(self.shell.mass.sum())
+        return [f"simulated as a shell of {mass / self.shell.surface.area.sum():.3g} kg/m², {mass:.3g} kg in all"]
+
+
+def is_shell(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether a body is simulated as a shell: as it says, else if its material comes as a sheet and its mesh is open and encloses nothing.
+
+    Raises:
+        UsageError: numbers that only a shell has, of a body that is none.
+    """
+    if body.shell is not None:
+        shell = body.shell
+    elif find(body.material or DEFAULT).name not in SHEETS:
+        shell = False
+    else:
+        sewn = weld(vertices, triangles)
+        parts = connected_parts(sewn, len(vertices))
+        shell = not any(is_closed(sewn[parts == part]) for part in range(parts.max() + 1)) and enclosed(vertices, triangles) is None
+    given = [name for name in SHEET_UNITS if getattr(body, name) is not None]
+    if given and not shell:
+        raise UsageError(
+            f"{body.name}: {' and '.join(given)} is given, but it is no shell: its mesh is closed, or its material is no sheet.",
+            "Leave it out, or set shell = true.",
+        )
+    return shell
+
+
+def enter(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir: Path) -> Hanging:
+    """The shell of a body.
+
+    Raises:
+        UsageError: a mesh that is no sheet, see `shell.surface_of`; a material without the numbers of a sheet.
+    """
+    sewn = weld(vertices, triangles)
+    used, first, vertex = np.unique(weld(vertices, np.arange(len(vertices))), return_index=True, return_inverse=True)
+    faces = np.searchsorted(used, sewn)
+    area = float(triangle_areas(vertices, triangles)[0].sum())
+    pinned, spring = np.zeros(len(used), dtype=bool), np.zeros(len(used))
+    if body.pin is not None:
+        path = base_dir / body.pin
+        pins = read_pins(path, len(vertices), "vertices")
+        weights = np.ones(len(pins)) if body.pin_weights is None else read_weights(base_dir / body.pin_weights, path)
+        hold = np.zeros(len(used))
+        np.maximum.at(hold, vertex.ravel()[pins], weights)
+        pinned = hold >= 1.0
+        spring = np.where(pinned, 0.0, SOFT**2 * hold / np.maximum(1.0 - hold, 1e-6))
+    try:
+        shell = shell_of(vertices[first], faces, sheet_of(body, area), pinned=pinned, spring=spring)
+    except UsageError as error:
+        raise UsageError(f"{body.name}: {error.message}", error.hint) from error
+    velocity = np.zeros(3) if body.velocity is None else np.asarray(body.velocity, dtype=np.float64)
+    return Hanging(body, shell, velocity, vertex.ravel(), triangles)
+
+
+def sheet_of(body: BodyEdit, area: float) -> Sheet:
+    """The sheet of a body whose mesh has an area [m²]: the material's, with what the body says of its own.
+
+    A density or a mass gives the areal density; Young's modulus, as of a homogeneous plate, both stiffnesses.
+
+    Raises:
+        UsageError: numbers that are missing; a plastic law. MaterialError: numbers that are not physical.
+    """
+    material = find(body.material or DEFAULT)
+    if (body.law or material.law) in PLASTIC_LAWS or body.yield_stress is not None:
+        raise UsageError(f"{body.name}: a shell springs back, it has no plastic law.", "Set shell = false, or give an elastic material.")
+    material = adjusted(material, poisson_ratio=body.poisson_ratio, loss_factor=body.loss_factor)
+    own: dict[str, Any] = {name: getattr(body, name) for name in SHEET_UNITS if getattr(body, name) is not None}
+    known = SHEETS.get(material.name)
+    missing = [] if known is not None else [name for name in SHEET_UNITS if name not in own]
+    if missing:
+        raise UsageError(
+            f"{body.name}: {material.name} is not known as a sheet; {', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing.",
+            f"Give them, or one of the materials {', '.join(sorted(SHEETS))}.",
+        )
+    if known is None or body.loss_factor is not None:
+        own["loss_factor"] = material.loss_factor
+    own["poisson_ratio"] = max(material.poisson_ratio, 0.0)
+    sheet = Sheet(**own) if known is None else dataclasses.replace(known, **own)
+    if body.youngs_modulus is not None:
+        E, h = body.youngs_modulus, sheet.thickness
+        sheet = dataclasses.replace(sheet, tensile_stiffness=E * h, bending_stiffness=E * h**3 / 12.0)
+    areal = sheet.areal_density if body.density is None else body.density * sheet.thickness
+    areal = areal if body.mass is None else body.mass / area
+    softer = body.youngs_modulus_scale
+    return dataclasses.replace(
+        sheet, areal_density=areal * body.mass_scale, tensile_stiffness=sheet.tensile_stiffness * softer,
+        bending_stiffness=sheet.bending_stiffness * softer,
+    )  # fmt: skip
+
+
+def push_of_field(shell: Shell, force: np.ndarray, gradient: np.ndarray, x: np.ndarray) -> Load:
+    """A field's load during a frame: force density (V, 3) [N/m³] and its gradient (V, 3, 3) at x (V, 3) [m] when the frame begins.
+
+    The field is what moved the filmed body, per volume; on a sheet it acts on as much volume as the sheet has.
+    """
+    volume = (shell.mass / shell.sheet.areal_density * shell.sheet.thickness)[:, None]
+    return lambda now, v, frame: (volume * (force + np.einsum("vij,vj->vi", gradient, now - x)), None)
+
+
+def push_of_wind(shell: Shell, wind: np.ndarray) -> Load:
+    """The drag of air that has the velocity `wind` (V, 3) [m/s] at the vertices during a frame (`wind.drag`)."""
+    return lambda now, v, frame: vertex_drag(wind, now, v, shell.surface.faces)
+
+
+def move(
+    hanging: Hanging, field: ForceField, gravity: Sequence[float], strength: np.ndarray, colliders: Sequence[Collider],
+    progress: Progress, begun: float, share: float, journal: Journal,
+) -> np.ndarray:  # fmt: skip
+    """Positions (T+1, V, 3) [m] of the shell's vertices in a field with a factor (T,) for each frame."""
+    shell, edit = hanging.shell, hanging.edit
+    obstacles = obstacles_of(colliders, shell.surface.edge_length)
+    substeps, downward = substeps_for(field.fps), np.asarray(gravity, dtype=np.float64)
+    dt = 1.0 / (field.fps * substeps)
+    state, history = at_rest(shell), [shell.surface.x]
+    told = [edit, shell.surface.x, shell.surface.faces, shell.sheet, shell.pinned, shell.spring]
+    loop = journal.loop("frames", list(gravity), strength, *colliders, *told)
+    done, kept = loop.resume()
+    if done:
+        history, state = list(kept["x"]), State(kept["x"][-1], kept["v"], kept["x_before"], kept["v_before"])
+    for t in range(done, field.frames):
+        progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {edit.name}")
+        if t >= edit.start_frame:
+            felt, slope = continued(field, state.x, t)
+            if field.kind == "wind":
+                load = push_of_wind(shell, felt * strength[t])
+            else:
+                load = push_of_field(shell, felt * strength[t], slope * strength[t], state.x)
+            if t == edit.start_frame:
+                first = downward + load(state.x, state.v, t)[0] / shell.mass[:, None]
+                state = at_rest(shell, np.broadcast_to(hanging.velocity, state.x.shape), first, dt=dt)
+            state = advance_frame(
+                shell, state, frame=t, fps=field.fps, substeps=substeps, gravity=downward, load=load, obstacles=obstacles
+            )
+        history.append(state.x)
+        loop.reached(t + 1, partial(_so_far, history, state))
+    return np.stack(history)
+
+
+def _so_far(history: list[np.ndarray], state: State) -> Arrays:
+    return {"x": np.stack(history), "v": state.v, "x_before": state.x_before, "v_before": state.v_before}
