@@ -45,14 +45,14 @@ def test_recover_is_asked_for_the_same(scene, marked) -> None:
     request = RecoverRequest.of(scene)
     assert asked[asked.index("--take") + 1] == str(request.take)
     words = asked[: asked.index("--take")]
-    assert words == list(request.options[: len(words)]) and "--box" in words
+    assert words == request.arguments()[: len(words)] and "--box" in words
 
 
 def test_a_box_drawn_anew_makes_it_stale_and_a_held_place_does_not(scene, marked) -> None:
     assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
     assert bpy.ops.seeing_wind.use_held() == {"FINISHED"}
     assert marked.pin == str(Path(marked.take) / "held.png") and state(scene) == State.DONE
-    options = RecoverRequest.of(scene).options
+    options = RecoverRequest.of(scene).arguments()
     assert options[options.index("--pin") + 1] == marked.pin
     marked.box = (18, 20, 44, 44)
     assert state(scene) == State.STALE

@@ -52,7 +52,8 @@ def insert() -> bpy.types.Object:
 
 def states() -> set[str]:
     freshness.refresh_all()
-    return {str(step.state) for step in status.of(bpy.context.scene.session_uid).steps.values()}
+    steps = status.of(bpy.context.scene.session_uid).steps
+    return {str(steps[name].state) for name in status.STEPS}
 
 
 def low() -> float:

@@ -89,6 +89,8 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("add view", lambda: ops.add_view(clip=clip)),
         ("remove view", lambda: ops.remove_view()),
         ("draw box", lambda: ops.draw_box(box=(20.0, 20.0, 44.0, 44.0))),
+        ("preview", lambda: ops.preview()),
+        ("use held", lambda: ops.use_held()),
         ("recover", lambda: ops.recover(distance=2.0, take=take)),
         ("insert", lambda: ops.insert_mesh(object="Held")),
         ("insert another", lambda: ops.insert_mesh(object="Rigid")),
@@ -201,12 +203,12 @@ def test_two_takes_and_two_scenes_in_one_file(workplace) -> None:
     assert mark_of(bpy.data.objects["Flag"]) == kept
     freshness.refresh_all()
     for scene in (first, second):
-        assert {str(step.state) for step in status.of(scene.session_uid).steps.values()} == {"done"}
+        assert {str(status.of(scene.session_uid).steps[name].state) for name in status.STEPS} == {"done"}
     bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "zwei Szenen.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(workplace / "zwei Szenen.blend"))
     first, second = bpy.data.scenes["Scene"], bpy.data.scenes["Second"]
     for scene in (first, second):
-        assert {str(step.state) for step in status.of(scene.session_uid).steps.values()} == {"done"}, "reopened"
+        assert {str(status.of(scene.session_uid).steps[name].state) for name in status.STEPS} == {"done"}, "reopened"
     # another take in the first scene replaces what the first showed, edits stay and are stale
     bpy.context.window.scene = first
     bpy.ops.seeing_wind.build_scene(take=str(workplace / "andere.take"))
