@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from ...errors import UsageError
 from ...records import Particles, PointTargets
@@ -13,9 +14,14 @@ from .channels import PLASTIC_FACTOR, attachment_matrix, check, first_speed, mis
 
 MISMATCH_SPACINGS, MISMATCH_SPACINGS_TAU = (0.001, 0.002), 8.0
 """The same for points in 3D, in particle spacings."""
-PINNED_FACTOR = 20.0
-"""How much more variance the mismatch has on a held body, whose clamp moves all of it like a lever. The clamp's depth, the stiffness and
-how it is spread over the section are unknowns (`stiffness`); this is for what they leave. In pixels, the mismatch of tracks covers it."""
+MISMATCH_MOTION, MISMATCH_WHITE = 0.02, 0.2
+"""On a held body: the mismatch in each mode in its own motion, beside the first of `MISMATCH_SPACINGS`, and how much of it is white.
+It is what stiffness, section and clamp (`stiffness`) leave of how the body bends: of another simulator's posts that move by the true force,
+with the three fitted to their motion, 0.4 to 0.9 % of the motion in the modes of degree 0 and 1, 1 to 2.3 % in those of degree 2 and 3.
+In pixels, the mismatch of tracks covers it."""
+SWIFT = 7
+"""Pictures over which a cubic is fitted to a held body's motion in each mode. What swings faster, as after a strike, is in step with the
+solver's body for a few periods only and beyond the force's knots, so all of it is taken for mismatch, too."""
 MODES = 20
 """Most displacement modes that points in 3D are reduced to."""
 WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
@@ -44,7 +50,7 @@ class PointChannels:
     sigma: np.ndarray
     """(channels,) noise of one amplitude [m]."""
     mismatch: np.ndarray
-    """(T+1, T+1) covariance shared by all channels."""
+    """(modes, T+1, T+1) covariance of the solver's mismatch over the pictures [m²]."""
     inflation: np.ndarray
     """(T+1, channels) factor >= 1 on the noise variance."""
     turned: np.ndarray
@@ -69,13 +75,13 @@ class PointChannels:
         marginal = np.sqrt(self.inflation[:, channel])
         # Picture 0 is where the body was built from: its noise is in every displacement, turned with the body.
         first = self.turned[:, component] * self.sigma[3 * mode : 3 * mode + 3]
-        mismatch = self.mismatch_scale**2 * self.mismatch
+        mismatch = self.mismatch_scale**2 * self.mismatch[mode]
         noise = self.sigma[channel] ** 2 * np.eye(len(marginal))
         return (noise + mismatch) * np.outer(marginal, marginal) + first @ first.T
 
     def variances(self) -> tuple[float, float]:
         """Of one amplitude in one picture [m²]: noise, of the middle mode, and mismatch."""
-        return float(np.median(self.sigma) ** 2), float(self.mismatch_scale**2 * self.mismatch[0, 0] + np.finfo(float).tiny)
+        return float(np.median(self.sigma) ** 2), float(self.mismatch_scale**2 * np.median(self.mismatch[:, 0, 0]) + np.finfo(float).tiny)
 
     def mismatched(self, scale: float) -> PointChannels:
         return replace(self, mismatch_scale=scale)
@@ -123,10 +129,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
             observed[t, :fitted] = inverse @ targets.x[t, seen]
             known[t, :fitted] = True
     observed = _between(observed, known)
-    white, slow = (share * particles.spacing for share in MISMATCH_SPACINGS)
-    held = bool(particles.pinned.any())
-    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held else 1.0)
-    mismatch = mismatch_covariance(pictures, white, slow, MISMATCH_SPACINGS_TAU, factor)
+    mismatch = _mismatch(particles, observed, plastic)
     frame, whole = np.eye(3), observed[1:][_longest_run(known[1:].all(axis=1))]
     if targets.covariance is not None:
         frame, sigma = _propagated(targets.covariance, _inverse(modes, weight))
@@ -141,6 +144,24 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     turned = frame.T @ rotations(targets.x, targets.visible) @ frame
     used = np.repeat(known & (np.arange(pictures) > 0)[:, None], 3, axis=1)
     return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame)
+
+
+def _mismatch(particles: Particles, observed: np.ndarray, plastic: bool) -> np.ndarray:
+    """(modes, T+1, T+1) covariance of the solver's mismatch [m²] in the modes whose amplitudes (T+1, modes, 3) [m] were observed."""
+    white, slow = (np.full(observed.shape[1], share * particles.spacing) for share in MISMATCH_SPACINGS)
+    if particles.pinned.any():
+        moved = observed - observed[0]
+        slow = np.hypot(white, MISMATCH_MOTION * _sizes(moved))
+        white = MISMATCH_WHITE * slow
+        if len(moved) >= SWIFT:
+            white = np.hypot(white, _sizes(moved - savgol_filter(moved, SWIFT, 3, axis=0)))
+    factor = PLASTIC_FACTOR if plastic else 1.0
+    return np.stack([mismatch_covariance(len(observed), *one, MISMATCH_SPACINGS_TAU, factor) for one in zip(white, slow)])
+
+
+def _sizes(amplitudes: np.ndarray) -> np.ndarray:
+    """(modes,) root mean square of amplitudes (T+1, modes, 3)."""
+    return np.sqrt((amplitudes**2).mean(axis=(0, 2)))
 
 
 def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
