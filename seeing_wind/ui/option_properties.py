@@ -3,6 +3,7 @@
 No postponed annotations here: Blender reads annotations as property definitions.
 """
 
+import inspect
 import math
 import os
 from collections.abc import Callable, Collection
@@ -56,7 +57,7 @@ def with_options(
                 if ticks and _has_tick(one):
                     said = f"Tick to give it. Otherwise: {one.otherwise}"
                     made[f"use_{one.identifier}"] = BoolProperty(name=one.label, description=said, options=KEPT, update=changed)
-        group.__annotations__ = made | group.__dict__.get("__annotations__", {})
+        group.__annotations__ = made | inspect.get_annotations(group)  # from Python 3.14 on a class's __dict__ does not have them
         return group
 
     return give

@@ -58,7 +58,7 @@ def test_defaults_need_no_words_and_no_words_make_the_defaults() -> None:
     assert [settings_of(cls, arguments) for cls in STAGES] == [cls() for cls in STAGES]
 
 
-@pytest.mark.parametrize("verb", ["preview", "recover"])
+@pytest.mark.parametrize("verb", ["observe", "recover"])
 def test_every_option_of_a_stage_is_on_the_command_line_once(verb: str) -> None:
     verbs = next(action for action in parser()._actions if action.dest == "verb").choices
     flags = [flag for action in verbs[verb]._actions for flag in action.option_strings]

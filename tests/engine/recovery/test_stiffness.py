@@ -50,6 +50,8 @@ def filmed(body, x, noise=0.05, seed=0):
 class AsFound:
     """The recovered force on the recovered body, without what a field's representation loses."""
 
+    kind = "force"
+
     def __init__(self, found, body):
         self.found, self.fps, self.frames = found, FPS, len(found.force_density)
         self.box = np.array([body.x.min(axis=0) - 1.0, body.x.max(axis=0) + 1.0])

@@ -95,7 +95,7 @@ def test_sample_and_export_carry_the_wind(taken, blown, tmp_path):
     assert b"property float ux" in (tmp_path / "ply" / "frame_0000.ply").read_bytes()
 
 
-@pytest.mark.parametrize(("asked", "says"), [("gale", "field is 'gale'"), ("wind", "has no wind")])
+@pytest.mark.parametrize(("asked", "says"), [("gale", "field must be force or wind; this is 'gale'"), ("wind", "has no wind")])
 def test_an_edit_that_asks_for_another_field(tmp_path, asked, says):
     take = Take(tmp_path / "force.take")
     take.prepare()
