@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtri
+from scipy.linalg.lapack import get_lapack_funcs
 from scipy.sparse import csr_array
 
 LEAF = 40
@@ -106,20 +106,21 @@ class BlockCholesky:
         Raises:
             numpy.linalg.LinAlgError: for a matrix that is not positive definite, or not finite.
         """
+        potrf, trtri = get_lapack_funcs(("potrf", "trtri"), (blocks,))
         remainders: dict[int, np.ndarray] = {}
         parts = []
         for number, front in enumerate(self._fronts):
             own, size = front.end - front.start, front.end - front.start + len(front.update)
-            dense = np.zeros((size, 3, size, 3))
+            dense = np.zeros((size, 3, size, 3), dtype=blocks.dtype)
             dense[front.rows, :, front.columns, :] = blocks[front.slots]
             dense = dense.reshape(3 * size, 3 * size)
             for child in front.children:
                 if child in remainders:
                     _add(dense, remainders.pop(child), self._fronts[child].into_parent)
             # LAPACK counts by columns: the lower half of a C array is the upper half of its transpose.
-            upper, failed = dpotrf(dense[: 3 * own, : 3 * own].T, lower=0, clean=1)
+            upper, failed = potrf(dense[: 3 * own, : 3 * own].T, lower=0, clean=1)
             if not failed:
-                inverse, failed = dtrtri(upper, lower=0)
+                inverse, failed = trtri(upper, lower=0)
             if failed:
                 raise np.linalg.LinAlgError(f"the matrix is not positive definite at vertex {self.order[front.start]}")
             below = dense[3 * own :, : 3 * own] @ inverse
@@ -152,7 +153,7 @@ class Factors:
     def solve(self, right: np.ndarray) -> np.ndarray:
         """(V, 3) of which the matrix makes `right` (V, 3)."""
         plan = self._plan
-        y = right[plan.order]
+        y = right[plan.order].astype(self._parts[0][0].dtype)
         for front, (inverse, below) in zip(plan._fronts, self._parts):
             own = inverse.T @ y[front.start : front.end].ravel()
             y[front.start : front.end] = own.reshape(-1, 3)
@@ -163,7 +164,7 @@ class Factors:
             if len(front.update):
                 own = own - below.T @ y[front.update].ravel()
             y[front.start : front.end] = (inverse @ own).reshape(-1, 3)
-        result = np.empty_like(y)
+        result = np.empty_like(right)
         result[plan.order] = y
         return result
 
