@@ -28,10 +28,12 @@ Load = Callable[[np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray | No
 semidefinite, or None: at another velocity the force is taken as force - damping (v' - v). `wind.vertex_drag` is of this form."""
 
 EXACT = 0.03
-"""A Newton iteration that moves no vertex by more than this part of how far gravity moves one in a substep is the last: what is left
-of the equations is a force of less than that part of the weight."""
+"""Newton's method ends when the iterations to come would move no vertex by more than this part of how far gravity moves one in a substep:
+what is left of the equations is a force of about that part of the weight."""
 LOOSE = 0.1
 """Precision to which the linear equations are solved."""
+STALE = 8
+"""Iterations of conjugate gradients beyond which the next iteration of Newton's makes new factors."""
 MOST = 40
 """Newton iterations of a substep."""
 STRAY = 0.05
@@ -149,30 +151,44 @@ def _equations(
 
 
 def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
-    """Newton's method, each iteration as long as the force along it goes down."""
+    """Newton's method, each iteration as long as the force along it goes down. Factors serve on while its steps are small."""
     edge, inner = equations.shell.surface.edge_length, 0
-    exact = EXACT * 9.81 * equations.b**2
+    fall = 9.81 * equations.b**2
     r, known = equations.force(x)
+    factors, before = None, 0.0
     for iteration in range(1, MOST + 1):
         matrix = equations.matrix(x, known)
         try:
-            way, count = matrix.solved(-r, matrix.factors(), LOOSE)
+            factors = factors or matrix.factors()
+            way, count = matrix.solved(-r, factors, LOOSE)
         except np.linalg.LinAlgError as error:
             raise SimulationError(f"The shell's equations cannot be solved: {error}.", "Take more substeps.", quantity="force") from error
         inner += count
         moved = float(np.abs(way).max())
-        x, r, known = _along(equations, x, r, way)
-        if moved <= exact:
+        x, r, known, whole = _along(equations, x, r, way)
+        if _still_to_go(moved, before) <= EXACT * fall:
             return x, Effort(iteration, inner)
+        before = moved if whole else 0.0
+        if moved > fall or not whole or count > STALE:
+            factors = None
     if moved > STRAY * edge:
         raise SimulationError("The shell finds no equilibrium within a substep.", "Take more substeps.", quantity="position")
     return x, Effort(MOST, inner)
 
 
+def _still_to_go(moved: float, before: float) -> float:
+    """How far off the solution is after an iteration that moved this far and one before it that moved `before`, 0 if unknown.
+
+    The rest of a geometric series, never more than the last step (Hairer and Wanner 1996, Solving Ordinary Differential Equations II, IV.8).
+    """
+    return moved if moved >= 0.5 * before else moved**2 / (before - moved)
+
+
 def _along(
     equations: _Equations, x: np.ndarray, r: np.ndarray, way: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """The place on the way from x where the force along it has nearly gone, with what `_Equations.force` gives there (line search)."""
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray], bool]:
+    """The place on the way from x where the force along it has nearly gone, with what `_Equations.force` gives there (line search), and
+    whether it is the way's end."""
     slope, low, high, length = float((way * r).sum()), 0.0, 1.0, 1.0
     at_low, at_high = slope, np.nan
     for _ in range(SEARCH):
@@ -188,4 +204,4 @@ def _along(
             low, at_low = length, along
         secant = low + (high - low) * at_low / (at_low - at_high)
         length = min(max(secant, low + 0.1 * (high - low)), high - 0.1 * (high - low))
-    return x + length * way, new, known
+    return x + length * way, new, known, length == 1.0
