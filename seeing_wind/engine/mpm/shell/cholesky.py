@@ -101,7 +101,7 @@ class BlockCholesky:
         return fronts
 
     def factor(self, blocks: np.ndarray) -> Factors:
-        """Factors of the positive definite matrix with the blocks (B, 3, 3) of `pairs`.
+        """Factors of the positive definite matrix with the blocks (B, 3, 3) of `pairs`, in their precision, single or double.
 
         Raises:
             numpy.linalg.LinAlgError: for a matrix that is not positive definite, or not finite.
@@ -150,10 +150,15 @@ class Factors:
     def __init__(self, plan: BlockCholesky, parts: list[tuple[np.ndarray, np.ndarray]]) -> None:
         self._plan, self._parts = plan, parts
 
+    @property
+    def precision(self) -> np.dtype:
+        """That of the blocks they were made from."""
+        return self._parts[0][0].dtype
+
     def solve(self, right: np.ndarray) -> np.ndarray:
         """(V, 3) of which the matrix makes `right` (V, 3)."""
         plan = self._plan
-        y = right[plan.order].astype(self._parts[0][0].dtype)
+        y = right[plan.order].astype(self.precision)
         for front, (inverse, below) in zip(plan._fronts, self._parts):
             own = inverse.T @ y[front.start : front.end].ravel()
             y[front.start : front.end] = own.reshape(-1, 3)

@@ -28,8 +28,8 @@ Load = Callable[[np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray | No
 semidefinite, or None: at another velocity the force is taken as force - damping (v' - v). `wind.vertex_drag` is of this form."""
 
 EXACT = 0.03
-"""Newton's method ends when the iterations to come would move no vertex by more than this part of how far gravity moves one in a substep:
-what is left of the equations is a force of about that part of the weight."""
+"""A Newton iteration that moves no vertex by more than this part of how far gravity moves one in a substep is the last: what is left
+of the equations is a force of less than that part of the weight."""
 LOOSE = 0.1
 """Precision to which the linear equations are solved."""
 STALE = 8
@@ -155,7 +155,7 @@ def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
     edge, inner = equations.shell.surface.edge_length, 0
     fall = 9.81 * equations.b**2
     r, known = equations.force(x)
-    factors, before = None, 0.0
+    factors = None
     for iteration in range(1, MOST + 1):
         matrix = equations.matrix(x, known)
         try:
@@ -166,22 +166,13 @@ def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
         inner += count
         moved = float(np.abs(way).max())
         x, r, known, whole = _along(equations, x, r, way)
-        if _still_to_go(moved, before) <= EXACT * fall:
+        if moved <= EXACT * fall:
             return x, Effort(iteration, inner)
-        before = moved if whole else 0.0
         if moved > fall or not whole or count > STALE:
             factors = None
     if moved > STRAY * edge:
         raise SimulationError("The shell finds no equilibrium within a substep.", "Take more substeps.", quantity="position")
     return x, Effort(MOST, inner)
-
-
-def _still_to_go(moved: float, before: float) -> float:
-    """How far off the solution is after an iteration that moved this far and one before it that moved `before`, 0 if unknown.
-
-    The rest of a geometric series, never more than the last step (Hairer and Wanner 1996, Solving Ordinary Differential Equations II, IV.8).
-    """
-    return moved if moved >= 0.5 * before else moved**2 / (before - moved)
 
 
 def _along(

@@ -2,10 +2,15 @@
 
 The matrix is 3 x 3 blocks for a vertex and its neighbours (mass, stretching, contact, drag) plus the bending's, which reaches two rings
 far. Factors of it all would be large. Those of the same matrix with a simpler bending, which couples only the two vertices across an
-edge with its ends, take a fifth of the time, and a few iterations make up for the difference.
+edge with its ends, take a fifth of the time, and a few iterations make up for the difference. Where bending between neighbours does
+not far outweigh inertia, the coupling across an edge goes too: separators become one row of vertices wide, and factors take a third again.
 """
 
 from __future__ import annotations
+
+import contextlib
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import bsr_array, csr_array, diags_array
@@ -17,6 +22,29 @@ from .surface import NONE, Surface
 
 MOST = 200
 """Iterations of conjugate gradients."""
+
+
+THIN = 20.0
+"""Bending between neighbours over inertia up to which factors do without the coupling across edges."""
+SINGLE = 1e6
+"""Stretching over inertia up to which factors in single precision are good enough: their error is 1e-7 of the stretching."""
+
+
+@dataclass(frozen=True)
+class _Pattern:
+    """What depends on where the factored matrix has blocks."""
+
+    plan: BlockCholesky
+    kept: np.ndarray
+    """Which near blocks the plan keeps,"""
+    slots: np.ndarray
+    """and which of its blocks they are."""
+    hinge: np.ndarray
+    """(B,) bending of the plan's blocks [N/m]."""
+    held: np.ndarray
+    """(B,) bool: a vertex is pinned."""
+    alone: np.ndarray
+    """Diagonal blocks of pinned vertices."""
 
 
 class System:
@@ -36,15 +64,27 @@ class System:
         size = len(place)
         self._gather = csr_array((np.ones(size), (place, np.arange(size))), shape=(len(key), size))
         self._diagonal = np.searchsorted(key, np.arange(count, dtype=np.int64) * (count + 1))
-        hinges = _within(near, _hinges(surface, plate))
-        self._plan = BlockCholesky(near, surface.x)
-        lower = self._plan.later(self._row, self._indices)
-        self._lower = np.flatnonzero(lower)
-        self._slots = self._plan.slots(self._row[lower], self._indices[lower])
-        pairs = self._plan.pairs
-        self._hinge = np.asarray(hinges[pairs[:, 0], pairs[:, 1]]).ravel()
-        self._both_free = self.free[pairs].all(axis=1)
-        self._pinned_diagonal = self._plan.slots(np.flatnonzero(pinned), np.flatnonzero(pinned))
+        self._near, self._hinges, self._places, self._pinned = near, _hinges(surface, plate), surface.x, np.flatnonzero(pinned)
+        self._narrow, self._added = _within(near, self._hinges)
+
+    @cached_property
+    def _thin(self) -> _Pattern:
+        """Faces alone."""
+        return self._pattern(self._near, self._narrow)
+
+    @cached_property
+    def _wide(self) -> _Pattern:
+        """Faces, and the vertices across their edges."""
+        return self._pattern(csr_array(self._near + abs(self._hinges)), self._hinges)
+
+    def _pattern(self, entries: csr_array, hinges: csr_array) -> _Pattern:
+        plan = BlockCholesky(entries, self._places)
+        kept = plan.later(self._row, self._indices)
+        row, column = plan.pairs.T
+        return _Pattern(
+            plan, np.flatnonzero(kept), plan.slots(self._row[kept], self._indices[kept]), np.asarray(hinges[row, column]).ravel(),
+            ~self.free[plan.pairs].all(axis=1), plan.slots(self._pinned, self._pinned),
+        )  # fmt: skip
 
     def matrix(self, of_faces: np.ndarray, of_vertices: np.ndarray, bending: float) -> Matrix:
         """A matrix: (F, 9, 9) of faces, (V, 3, 3) of vertices [N/m], and how often the bending's counts."""
@@ -52,24 +92,27 @@ class System:
         data = (self._gather @ blocks).reshape(-1, 3, 3)
         data[self._diagonal] += of_vertices
         size = 3 * len(self.free)
-        return Matrix(self, bsr_array((data, self._indices, self._indptr), shape=(size, size)), bending)
+        inertia = float(np.median(np.trace(of_vertices, axis1=1, axis2=2))) / 3.0
+        return Matrix(self, bsr_array((data, self._indices, self._indptr), shape=(size, size)), bending, inertia)
 
-    def factors(self, data: np.ndarray, bending: float) -> Factors:
-        """Of the matrix with near blocks `data` and the simpler bending; pinned vertices stand alone.
+    def factors(self, data: np.ndarray, bending: float, inertia: float) -> Factors:
+        """Of the matrix with near blocks `data` and a simpler bending; pinned vertices stand alone.
 
-        In single precision, which takes two thirds of the time, unless that makes the matrix indefinite: conjugate gradients mend the rest.
+        In single precision, which takes two thirds of the time, where the matrix allows it: conjugate gradients mend the rest.
         """
-        blocks = np.zeros((len(self._hinge), 3, 3))
+        thin = bending * self._added <= THIN * inertia
+        pattern = self._thin if thin else self._wide
+        blocks = np.zeros((len(pattern.hinge), 3, 3))
         for c in range(3):
-            blocks[:, c, c] = bending * self._hinge
-        blocks[self._slots] += data[self._lower]
-        blocks[~self._both_free] = 0.0
-        blocks[self._pinned_diagonal] = np.eye(3)
+            blocks[:, c, c] = bending * pattern.hinge
+        blocks[pattern.slots] += data[pattern.kept]
+        blocks[pattern.held] = 0.0
+        blocks[pattern.alone] = np.eye(3) * inertia
         with one_thread():
-            try:
-                return self._plan.factor(blocks.astype(np.float32))
-            except np.linalg.LinAlgError:
-                return self._plan.factor(blocks)
+            if thin and np.abs(data[self._diagonal]).max() < SINGLE * inertia:
+                with contextlib.suppress(np.linalg.LinAlgError):
+                    return pattern.plan.factor(blocks.astype(np.float32))
+            return pattern.plan.factor(blocks)
 
     def bend(self, x: np.ndarray) -> np.ndarray:
         """The bending's matrix times (V, 3)."""
@@ -79,8 +122,8 @@ class System:
 class Matrix:
     """One matrix, on the free vertices."""
 
-    def __init__(self, system: System, near: bsr_array, bending: float) -> None:
-        self._system, self._near, self._bend = system, near, bending
+    def __init__(self, system: System, near: bsr_array, bending: float, inertia: float) -> None:
+        self._system, self._near, self._bend, self._inertia = system, near, bending, inertia
 
     def times(self, x: np.ndarray) -> np.ndarray:
         """(V, 3), zero at pinned vertices; x (V, 3) must be zero there."""
@@ -94,7 +137,7 @@ class Matrix:
         Raises:
             numpy.linalg.LinAlgError: when the matrix is not positive definite or not finite.
         """
-        return self._system.factors(self._near.data, self._bend)
+        return self._system.factors(self._near.data, self._bend, self._inertia)
 
     def solved(self, right: np.ndarray, factors: Factors, tolerance: float) -> tuple[np.ndarray, int]:
         """x (V, 3) with matrix x = right, to a tolerance in the norm of the factors, and the iterations it took."""
@@ -119,13 +162,14 @@ class Matrix:
             return x, MOST
 
 
-def _within(near: csr_array, hinges: csr_array) -> csr_array:
-    """The hinges' matrix (V, V) with its couplings beyond `near` moved onto the diagonal.
+def _within(near: csr_array, hinges: csr_array) -> tuple[csr_array, float]:
+    """The hinges' matrix (V, V) with its couplings beyond `near` moved onto the diagonal, and the median of what that adds there [N/m].
 
     These are positive: 2 e x y becomes e (x² + y²), which adds e (x - y)², and the matrix stays positive semidefinite.
     """
     inside = csr_array(hinges.multiply(near != 0))
-    return csr_array(inside + diags_array(np.asarray((hinges - inside).sum(axis=1)).ravel()))
+    added = np.asarray((hinges - inside).sum(axis=1)).ravel()
+    return csr_array(inside + diags_array(added)), float(np.median(added))
 
 
 def _hinges(surface: Surface, plate: float) -> csr_array:
