@@ -113,7 +113,7 @@ class Edit:
         1.0, help="factor on the recovered field, or one factor per frame", panel="", typical=(-5.0, 5.0)
     )
     field: str | None = option(
-        None, help="which of the take's fields moves the bodies", otherwise="the one that it was recovered with", panel="",
+        None, identifier="edit_field", help="which of the take's fields moves the bodies", otherwise="recovered", panel="main",
         choices={"force": "the body force in N/m³", "wind": "the wind in m/s, by the bodies' own surface and speed"},
     )  # fmt: skip
     contact: bool = option(False, help="all bodies share one grid and push each other; otherwise each moves alone", panel="main")

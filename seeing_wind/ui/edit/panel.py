@@ -3,6 +3,7 @@
 import bpy
 
 from ...engine.settings import BodyEdit
+from ..field.display import has_wind
 from ..job.panel_pieces import Tab, draw_override, panels
 from ..option_properties import panel_options
 from .sheet_label import shell_words
@@ -84,6 +85,8 @@ def _draw_surroundings(column, settings, space: str) -> None:
     row = column.row()
     row.use_property_decorate = True  # its keyframes count
     row.prop(settings, "field_strength")
+    if has_wind(settings.field_object):
+        column.prop(settings, "edit_field")
     column.prop(settings, "edit_gravity_mode")
     if settings.edit_gravity_mode == "CUSTOM":
         column.prop(settings, "edit_gravity")

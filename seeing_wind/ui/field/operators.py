@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
@@ -13,14 +14,17 @@ from ..job.install.environment import engine_python
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
-from .display import field_at_hand, is_field, out_of_time, said_of_fit
+from .display import field_at_hand, is_field, is_wind, out_of_time, said_of_fit
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
     ("PLY", "PLY", "Points with force and confidence, one file per frame"),
     ("NPZ", "NPZ", "NumPy arrays of the whole field"),
 ]
-FORMATS = [("VDB", "OpenVDB", "Volumes with the grids force and confidence, one file per frame, written by Blender"), *ONE_FILE]
+FORMATS = [
+    ("VDB", "OpenVDB", "Volumes with the grids force, velocity (of a wind) and confidence, one file per frame, written by Blender"),
+    *ONE_FILE,
+]
 
 
 def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object:
@@ -45,8 +49,15 @@ def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object
     return fields[0]
 
 
+def matter_of(given: Any) -> dict[str, Any]:
+    """What a calibration's options say, those of the operator or of a former time, as `calibrate_object` takes it."""
+    return {
+        "density": given.density or None, "alone": given.alone, "set_mass": given.set_mass, "areal_density": given.areal_density or 0.12,
+    }  # fmt: skip
+
+
 class SEEING_WIND_OT_fit_field(DirectOperator, bpy.types.Operator):
-    """Make the native force field anew from the values that it carries, with the nodes and the reach that are set here"""
+    """Make the native force field anew from the values that it carries, with the nodes, the reach and the kind that are set here"""
 
     bl_idname = "seeing_wind.fit_field"
     bl_label = "Fit Field"
@@ -58,7 +69,7 @@ class SEEING_WIND_OT_fit_field(DirectOperator, bpy.types.Operator):
         from .field_object import fit_again  # needs NumPy
 
         field, settings = chosen_field(context, self.field), context.scene.seeing_wind
-        fit_again(field, settings.field_resolution, settings.field_reach)
+        fit_again(field, settings.field_resolution, settings.field_reach, settings.field_kind)
         return f"{field.name}: {said_of_fit(field)}"
 
 
@@ -73,6 +84,10 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
     density: FloatProperty(
         name="Density (kg/m³)", default=0.0, min=0.0, soft_max=20000.0, step=1000, precision=1, options={"SKIP_SAVE"},
         description="Of the object's matter in kilograms per cubic metre; 0: as the recovered object",
+    )  # fmt: skip
+    areal_density: FloatProperty(
+        name="Areal Density (kg/m²)", default=0.12, min=1e-4, soft_max=2.0, step=1, precision=3, options={"SKIP_SAVE"},
+        description="Of cloth in a wind, in kilograms per square metre: cotton 0.12, silk 0.05, denim 0.4",
     )  # fmt: skip
     alone: BoolProperty(
         name="Only This Wind", options={"SKIP_SAVE"}, description="Feel no force fields but those of the results' collection"
@@ -93,16 +108,17 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         field = chosen_field(context, self.field)
         if obj == field:
             raise UsageError(f"{obj.name} is the wind itself.", "Make the object active that is to feel it, and select the field too.")
-        said = calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
+        said = calibrate_object(scene, obj, field, **matter_of(self))
         kept = scene.seeing_wind.calibrations
         entry = next((each for each in kept if each.object == obj), None) or kept.add()
         entry.object, entry.field, entry.fps = obj, field, scene.render.fps / scene.render.fps_base
+        entry.wind, entry.areal_density = is_wind(field), self.areal_density
         entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
         return "; ".join(said)
 
 
 class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
-    """Calibrate all objects anew that were calibrated for another frame rate: native solvers count the wind per frame"""
+    """Calibrate all objects anew that were calibrated for another frame rate or kind of field: native solvers count the wind per frame"""
 
     bl_idname = "seeing_wind.calibrate_again"
     bl_label = "Calibrate Again"
@@ -115,10 +131,8 @@ class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
         if not scene.seeing_wind.calibrations:
             raise UsageError("No object of this scene has been calibrated.", "Select one and run Calibrate for Object.")
         for entry in out_of_time(scene):
-            calibrate_object(
-                scene, entry.object, entry.field, density=entry.density or None, alone=entry.alone, set_mass=entry.set_mass
-            )  # fmt: skip
-            entry.fps = scene.render.fps / scene.render.fps_base
+            calibrate_object(scene, entry.object, entry.field, **matter_of(entry))
+            entry.wind, entry.fps = is_wind(entry.field), scene.render.fps / scene.render.fps_base
             done.append(entry.object.name)
         rate = f"{scene.render.fps / scene.render.fps_base:.4g} frames per second"
         return f"Calibrated {', '.join(done)} for {rate}" if done else "Every calibration fits the frame rate"

@@ -3,7 +3,7 @@
 import bpy
 
 from ..job.panel_pieces import Tab, draw_text, panels
-from .display import ARROWS_MATERIAL, field_at_hand, in_figures, out_of_time, said_of_fit
+from .display import ARROWS_MATERIAL, KIND, field_at_hand, has_wind, in_figures, out_of_time, said_of_fit, said_of_wind
 from .node_groups import modifier_input
 
 SHOWN = ("Length", "Density", "Confidence Shown", "Slice Axis", "Slice Position", "Slice Thickness")
@@ -28,6 +28,8 @@ class FieldTab(Tab):
         if field != settings.field_object:
             layout.label(text=field.name, icon="FORCE_WIND")
         layout.prop(field.field, "strength")
+        if has_wind(field):
+            draw_text(layout, context, said_of_wind(field), "FORCE_WIND")
         self._nodes(context, settings, field)
         if settings.arrows_object is not None and settings.arrows_object.parent == field:
             self._arrows(context, settings.arrows_object)
@@ -40,18 +42,22 @@ class FieldTab(Tab):
             box = column.box()
             box.alert = True
             names = ", ".join(each.object.name for each in wrong[:3])
-            draw_text(box, context, f"The frame rate has changed since {names} was calibrated: the wind is felt wrongly", "ERROR")
+            said = f"The frame rate, or what solvers feel, has changed since {names} was calibrated: the wind is felt wrongly"
+            draw_text(box, context, said, "ERROR")
             box.operator("seeing_wind.calibrate_again", icon="FILE_REFRESH")
         column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
 
     def _nodes(self, context, settings, field):
         """How the native field follows the recovered one."""
         column = self.layout.column()
+        if has_wind(field):
+            column.prop(settings, "field_kind")
         column.prop(settings, "field_resolution")
         column.prop(settings, "field_reach")
-        set_here = (settings.field_resolution or field.get("seeing_wind_nodes"), settings.field_reach)
+        kind = settings.field_kind if has_wind(field) else field.get(KIND)
+        set_here = (settings.field_resolution or field.get("seeing_wind_nodes"), settings.field_reach, kind)
         row = column.row()
-        row.alert = set_here != (field.get("seeing_wind_nodes"), field.get("seeing_wind_reach"))
+        row.alert = set_here != (field.get("seeing_wind_nodes"), field.get("seeing_wind_reach"), field.get(KIND))
         row.operator("seeing_wind.fit_field", icon="FORCE_WIND")
         if said_of_fit(field):
             draw_text(column, context, said_of_fit(field), "INFO")
@@ -78,7 +84,7 @@ class FieldTab(Tab):
             row.label(text="0")
             end = row.row()
             end.alignment = "RIGHT"
-            end.label(text=f"{in_figures(arrows.get('seeing_wind_peak', 0.0))} N/m³")
+            end.label(text=f"{in_figures(arrows.get('seeing_wind_peak', 0.0))} {arrows.get('seeing_wind_units', 'N/m³')}")
 
 
 CLASSES = panels(FieldTab, 20)

@@ -17,6 +17,8 @@ class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
     density: FloatProperty(name="Density (kg/m³)", description="0: as the recovered object")
     alone: BoolProperty(description="Whether it feels no other forces than those of the field")
     set_mass: BoolProperty(description="Whether its mass was changed to suit the weight of its rigid body world")
+    areal_density: FloatProperty(name="Areal Density (kg/m²)", description="Of cloth in a wind")
+    wind: BoolProperty(description="Whether it was calibrated for a wind that moves, not for a force")
     fps: FloatProperty(name="Frame Rate (1/s)", description="Of the scene, at that time")
 
 
@@ -28,6 +30,10 @@ class FieldSettings:
         description="Wind sources along the field object's longest side: more follow the field closer and play slower. "
         "0: as many as it needs",
     )  # fmt: skip
+    field_kind: choice("Solvers Feel", "What Blender's own solvers feel of a field that was recovered as a wind", [
+        ("WIND", "Wind", "Air that moves: it pushes the faces of cloth, and slows what is faster than it. For cloth and particles"),
+        ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body. For rigid bodies and hair, too"),
+    ])  # fmt: skip
     field_reach: choice("Beside the Box", "What becomes of the wind beside the box in which it was recovered", [
         ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
         ("HOLD", "Hold", "As strong as at the box's nearest place; a native field holds it for about one box's length"),

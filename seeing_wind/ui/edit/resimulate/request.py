@@ -108,7 +108,7 @@ class EditRequest:
                       values_of(each, ColliderEdit))
                 for each in settings.colliders
             ),
-            floor=floor, values=part_of(values, Edit),
+            floor=floor, values={name: value for name, value in part_of(values, Edit).items() if value is not None},
             gravity=values["gravity"] if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode,
             strength=[curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength,
             offset=tuple(settings.offset), frame_start=settings.frame_start, metres=metres_per_unit(scene),
