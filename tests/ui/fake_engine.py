@@ -27,6 +27,14 @@ def swirl(points: np.ndarray) -> np.ndarray:
     return 500.0 * growing * np.stack([-points[..., 1], points[..., 0], np.full(points.shape[:-1], 0.2)], axis=-1)
 
 
+def outlines() -> list[np.ndarray]:
+    """Of the white square of `extension.make_clip`."""
+    masks = np.zeros((FRAMES + 1, SIZE[1], SIZE[0]), bool)
+    for picture, mask in enumerate(masks):
+        mask[20:44, 20 + 2 * picture : 44 + 2 * picture] = True
+    return list(masks)
+
+
 def breeze(points: np.ndarray) -> np.ndarray:
     """Wind (T, M, 3) [m/s] at points (T, M, 3) [m]: 4 m/s along X, a little more upwards."""
     return np.stack([4.0 + 0.5 * points[..., 2], np.full(points.shape[:-1], 1.0), np.zeros(points.shape[:-1])], axis=-1)
@@ -47,6 +55,7 @@ def read_as_wind(take: object, asked: str) -> None:
 def recover(options: list[str]) -> None:
     """A flat square of particles that drifts to the right."""
     from seeing_wind.engine.conventions import front_view
+    from seeing_wind.engine.masks import Masks
     from seeing_wind.engine.records import Attachment, Camera, Particles, Surface
     from seeing_wind.engine.take import Take, stamp_of, to_arrays
 
@@ -61,7 +70,7 @@ def recover(options: list[str]) -> None:
     camera = Camera(width, height, 120.0, 120.0, (width - 1) / 2, (height - 1) / 2, front_view(2.0))
     take.write_arrays("observation.npz", {
         "image": np.full((height, width, 3), 90, np.uint8), "background": np.full((height, width, 3), (20, 120, 40), np.uint8),
-        **to_arrays(camera, "camera."),
+        **to_arrays(camera, "camera."), **to_arrays(Masks.of(outlines()), "masks."),
     })  # fmt: skip
     surface = Surface(x, triangles, x[:, [0, 2]] + 0.5, riding)
     body = to_arrays(Particles(x, np.full(16, 1e-5), np.zeros(16, bool), 0.13), "particles.") | to_arrays(surface, "surface.")

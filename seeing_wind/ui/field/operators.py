@@ -112,9 +112,9 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         kept = scene.seeing_wind.calibrations
         entry = next((each for each in kept if each.object == obj), None) or kept.add()
         entry.object, entry.field, entry.fps = obj, field, scene.render.fps / scene.render.fps_base
-        entry.wind, entry.areal_density = is_wind(field), self.areal_density
+        entry.said, entry.wind, entry.areal_density = "; ".join(said), is_wind(field), self.areal_density
         entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
-        return "; ".join(said)
+        return entry.said
 
 
 class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
@@ -131,7 +131,7 @@ class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
         if not scene.seeing_wind.calibrations:
             raise UsageError("No object of this scene has been calibrated.", "Select one and run Calibrate for Object.")
         for entry in out_of_time(scene):
-            calibrate_object(scene, entry.object, entry.field, **matter_of(entry))
+            entry.said = "; ".join(calibrate_object(scene, entry.object, entry.field, **matter_of(entry)))
             entry.wind, entry.fps = is_wind(entry.field), scene.render.fps / scene.render.fps_base
             done.append(entry.object.name)
         rate = f"{scene.render.fps / scene.render.fps_base:.4g} frames per second"

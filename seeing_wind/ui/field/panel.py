@@ -37,6 +37,9 @@ class FieldTab(Tab):
         row = column.row()
         row.enabled = context.active_object is not None
         row.operator("seeing_wind.calibrate", icon="PHYSICS")
+        for each in settings.calibrations:
+            if each.object is not None and each.object == context.active_object and each.said:
+                draw_text(column, context, each.said, "INFO")
         wrong = out_of_time(context.scene)
         if wrong:
             box = column.box()

@@ -4,7 +4,7 @@ No postponed annotations here: Blender reads these annotations as property defin
 """
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ..property_kinds import choice
 
@@ -18,6 +18,7 @@ class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
     alone: BoolProperty(description="Whether it feels no other forces than those of the field")
     set_mass: BoolProperty(description="Whether its mass was changed to suit the weight of its rigid body world")
     areal_density: FloatProperty(name="Areal Density (kg/m²)", description="Of cloth in a wind")
+    said: StringProperty(description="What was set, how far off it is, and what its solver cannot do")
     wind: BoolProperty(description="Whether it was calibrated for a wind that moves, not for a force")
     fps: FloatProperty(name="Frame Rate (1/s)", description="Of the scene, at that time")
 
