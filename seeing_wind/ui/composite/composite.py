@@ -204,9 +204,19 @@ def _light(scene: bpy.types.Scene) -> str:
     sun = bpy.data.objects.new(SUN, lamp)
     sun.rotation_euler = seen.to_track_quat("Z", "Y").to_euler() if seen else SUN_ANGLES
     scene.collection.objects.link(sun)
-    if scene.world is None:
+    if scene.world is None or _is_factory_world(scene.world):
+        # a new file's own world is nearly black: shadows would be, too
         scene.world = bpy.data.worlds.new("Seeing Wind Sky")
         scene.world.use_nodes = True
         sky = scene.world.node_tree.nodes.get("Background")
         sky.inputs["Color"].default_value, sky.inputs["Strength"].default_value = (0.66, 0.78, 1.0, 1.0), 0.55
     return said
+
+
+def _is_factory_world(world: bpy.types.World) -> bool:
+    """Whether a world is the dark grey of a new file."""
+    background = world.node_tree.nodes.get("Background") if world.node_tree is not None else None
+    if background is None or len(world.node_tree.nodes) > 2 or background.inputs["Color"].is_linked:
+        return False
+    grey, strength = tuple(background.inputs["Color"].default_value)[:3], background.inputs["Strength"].default_value
+    return world.animation_data is None and strength == 1.0 and all(abs(value - 0.05087609) < 1e-4 for value in grey)

@@ -172,6 +172,7 @@ def test_blenders_default_light_counts_as_none_and_motion_is_blurred(workplace):
     said = composite.set_up(scene)
     assert scene.objects["Light"].hide_render and scene.objects["Seeing Wind Sun"].data.type == "SUN"
     assert "default light is off" in str(said)
+    assert scene.world.name == "Seeing Wind Sky", "in the dark grey of a new file shadows are black"
     assert scene.render.use_motion_blur and scene.render.motion_blur_shutter == 0.5 and "motion blur" in str(said)
     assert composite.set_up(scene, shutter=0.0).light == "" and not scene.render.use_motion_blur
     own = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
