@@ -55,12 +55,15 @@ def plan_of(scene: bpy.types.Scene) -> Plan:
     """How the scene's settings want motions to be baked; rate and cache are those of the motion."""
     settings = scene.seeing_wind
     frames = tuple(settings.bake_frames) if settings.bake_use_frames else None
-    return Plan(settings.frame_start, 1.0, settings.bake_way, frames, rigid_tolerance=0.01 * settings.bake_tolerance)
+    return Plan(
+        settings.frame_start, 1.0, settings.bake_way, frames, rigid_tolerance=0.01 * settings.bake_tolerance,
+        frames_follow_time=settings.real_time,
+    )  # fmt: skip
 
 
 def stamp_of_bakes(scene: bpy.types.Scene) -> str:
     """Of the settings of a bake, without the motion."""
-    return repr(plan_of(scene))
+    return repr(plan_of(scene)) + (f"{scene.render.fps / scene.render.fps_base:g}" if scene.seeing_wind.real_time else "")
 
 
 def mark_of(obj: bpy.types.Object) -> dict[str, Any] | None:

@@ -34,7 +34,7 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         description="How long the clip's shutter was open: 0.5 is a shutter of 180 degrees; 0 renders no motion blur",
     )  # fmt: skip
     grain: FloatProperty(
-        name="Grain", default=1.0, min=0.0, soft_max=2.0,
+        name="Grain Factor", default=1.0, min=0.0, soft_max=2.0,
         description="Factor on the clip's own noise, which is measured and put on what is not the clip; 0 leaves it clean",
     )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")

@@ -27,6 +27,29 @@ the speed [m/s] at which Blender's drag, which is linear, is right, and how far 
 velocity counts as the air's does, and how much that varies over the box."""
 
 
+STRIDE = "seeing_wind_stride"
+"""Custom property of a field object: scene frames that one of its pictures lasts; 1 unless it was conformed to the scene's frame rate."""
+
+
+def frames_per_second(scene: Any) -> float:
+    """The scene's frame rate."""
+    return scene.render.fps / scene.render.fps_base
+
+
+def stride_of(field: Any) -> float:
+    """Scene frames that a picture of a field lasts."""
+    return field.get(STRIDE, 1.0)
+
+
+def said_of_speed(field: Any, scene: Any) -> str:
+    """How much faster or slower than filmed a field goes by; "" at the right speed."""
+    speed = frames_per_second(scene) / (stride_of(field) * field["seeing_wind_fps"])
+    if abs(speed - 1.0) < 1e-3:
+        return ""
+    rates = f"{field['seeing_wind_fps']:.4g} pictures and {frames_per_second(scene):.4g} scene frames a second"
+    return f"Goes by at {speed:.3g} times the speed of the clip ({rates})"
+
+
 def has_wind(field: Any) -> bool:
     """Whether a field object carries the velocity of a wind beside its force."""
     return field is not None and SPEEDS in field
@@ -85,6 +108,6 @@ def field_at_hand(context: Any) -> Any:
 
 def out_of_time(scene: Any) -> list[Any]:
     """Calibrations that were made for another frame rate than the scene has now, or for a field that was felt otherwise."""
-    fps = scene.render.fps / scene.render.fps_base
+    fps = frames_per_second(scene)
     listed = (each for each in scene.seeing_wind.calibrations if each.object is not None and each.field is not None)
     return [each for each in listed if abs(each.fps - fps) > 1e-3 * fps or each.wind != is_wind(each.field)]

@@ -21,11 +21,11 @@ import numpy as np
 
 from ...engine.errors import UsageError
 from ..scene_units import metres_per_unit
-from .display import CARRIED, DRAG, FLOW, FORCE, KIND, LINEAR, SPEEDS, WIND, has_wind, share
+from .display import CARRIED, DRAG, FLOW, FORCE, KIND, LINEAR, SPEEDS, WIND, has_wind, share, stride_of
 from .fit.choose import FADE, FieldFit, fit_field
 from .fit.kernels import paired_directions
 from .fit.lattice import SampledField
-from .node_groups import GroupBuilder, get_input, points_of_current_frame, set_up_modifier
+from .node_groups import FRAMES_PER_PICTURE, GroupBuilder, get_input, points_of_current_frame, set_input, set_up_modifier
 from .samples import create_samples, read_samples, sample_wind_group, samples_of, set_reach
 
 DIRECTION = "custom_normal"
@@ -98,6 +98,7 @@ def create_field_object(
         "fps": float(fps),
         "frame_start": frame_start,
         "frames": len(fit.vectors),
+        "stride": 1.0,
     }
     for key, value in properties.items():
         obj[f"seeing_wind_{key}"] = value
@@ -141,7 +142,7 @@ def fit_again(field: bpy.types.Object, resolution: int, reach: str, kind: str = 
             bpy.data.node_groups.remove(tree)
     _blow(field, fit, reach, kind)
     field.field.strength *= factor
-    _show_frames(field, fit, first)
+    set_input(_show_frames(field, fit, first), FRAMES_PER_PICTURE, stride_of(field))
     set_reach(samples, reach, fit.power)
     return fit
 
@@ -150,10 +151,11 @@ FRAMES = "Frames"
 """In the name of the modifier that picks the current frame."""
 
 
-def _show_frames(obj: bpy.types.Object, fit: FieldFit, frame_start: int) -> None:
+def _show_frames(obj: bpy.types.Object, fit: FieldFit, frame_start: int) -> bpy.types.Modifier:
     """The modifier that leaves only the current frame's sources."""
     group = GroupBuilder(f"{obj.name} {FRAMES}")
-    set_up_modifier(obj, group.finish(points_of_current_frame(group, 2 * len(fit.places), len(fit.vectors), frame_start, SOLVER_DELAY)))
+    current = points_of_current_frame(group, 2 * len(fit.places), len(fit.vectors), frame_start, SOLVER_DELAY)
+    return set_up_modifier(obj, group.finish(current))
 
 
 def linear_drag(velocity: np.ndarray) -> tuple[float, float]:

@@ -14,7 +14,7 @@ from ..job.install.environment import engine_python
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
-from .display import field_at_hand, is_field, is_wind, out_of_time, said_of_fit
+from .display import field_at_hand, frames_per_second, is_field, is_wind, out_of_time, said_of_fit
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
@@ -111,14 +111,14 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         said = calibrate_object(scene, obj, field, **matter_of(self))
         kept = scene.seeing_wind.calibrations
         entry = next((each for each in kept if each.object == obj), None) or kept.add()
-        entry.object, entry.field, entry.fps = obj, field, scene.render.fps / scene.render.fps_base
+        entry.object, entry.field, entry.fps = obj, field, frames_per_second(scene)
         entry.said, entry.wind, entry.areal_density = "; ".join(said), is_wind(field), self.areal_density
         entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
         return entry.said
 
 
 class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
-    """Calibrate all objects anew that were calibrated for another frame rate or kind of field: native solvers count the wind per frame"""
+    """Calibrate all objects anew that were calibrated for another frame rate or kind of field: solvers count the wind per frame"""
 
     bl_idname = "seeing_wind.calibrate_again"
     bl_label = "Calibrate Again"
@@ -132,10 +132,38 @@ class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
             raise UsageError("No object of this scene has been calibrated.", "Select one and run Calibrate for Object.")
         for entry in out_of_time(scene):
             entry.said = "; ".join(calibrate_object(scene, entry.object, entry.field, **matter_of(entry)))
-            entry.wind, entry.fps = is_wind(entry.field), scene.render.fps / scene.render.fps_base
+            entry.wind, entry.fps = is_wind(entry.field), frames_per_second(scene)
             done.append(entry.object.name)
-        rate = f"{scene.render.fps / scene.render.fps_base:.4g} frames per second"
+        rate = f"{frames_per_second(scene):.4g} frames per second"
         return f"Calibrated {', '.join(done)} for {rate}" if done else "Every calibration fits the frame rate"
+
+
+class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
+    """Let the field, its object and what was baked go by at the clip's own speed, whatever the frame rate; or a picture in every frame"""
+
+    bl_idname = "seeing_wind.conform"
+    bl_label = "Conform to Frame Rate"
+
+    field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
+    real_time: BoolProperty(
+        name="Real Time", default=True, options={"SKIP_SAVE"},
+        description="A second of the clip is a second of the scene; otherwise one picture is one frame",
+    )  # fmt: skip
+
+    def act(self, context):
+        """Calibrations of the field are renewed with it."""
+        from .conform import conform  # needs NumPy
+        from .solvers.calibration import calibrate_object
+
+        scene, field = context.scene, chosen_field(context, self.field)
+        stride = conform(scene, field, self.real_time)
+        entries = [each for each in scene.seeing_wind.calibrations if each.field == field and each.object is not None]
+        for entry in entries:
+            entry.said = "; ".join(calibrate_object(scene, entry.object, field, **matter_of(entry)))
+            entry.wind, entry.fps = is_wind(field), frames_per_second(scene)
+        lasts = f"a picture lasts {stride:.4g} frames"
+        clip = "; the clip itself still plays a picture a frame" if scene.active_clip is not None and stride != 1.0 else ""
+        return f"{field.name}: {lasts}{clip}"
 
 
 class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
@@ -188,4 +216,6 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
             raise SeeingWindError(last["message"], last.get("hint", ""))
 
 
-CLASSES = (SEEING_WIND_OT_fit_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_export_field)
+CLASSES = (
+    SEEING_WIND_OT_fit_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_conform, SEEING_WIND_OT_export_field,
+)  # fmt: skip

@@ -3,7 +3,18 @@
 import bpy
 
 from ..job.panel_pieces import Tab, draw_text, panels
-from .display import ARROWS_MATERIAL, KIND, field_at_hand, has_wind, in_figures, out_of_time, said_of_fit, said_of_wind
+from .display import (
+    ARROWS_MATERIAL,
+    KIND,
+    field_at_hand,
+    has_wind,
+    in_figures,
+    out_of_time,
+    said_of_fit,
+    said_of_speed,
+    said_of_wind,
+    stride_of,
+)
 from .node_groups import modifier_input
 
 SHOWN = ("Length", "Density", "Confidence Shown", "Slice Axis", "Slice Position", "Slice Thickness")
@@ -30,6 +41,12 @@ class FieldTab(Tab):
         layout.prop(field.field, "strength")
         if has_wind(field):
             draw_text(layout, context, said_of_wind(field), "FORCE_WIND")
+        speed = said_of_speed(field, context.scene)
+        if speed:
+            draw_text(layout, context, speed, "TIME")
+            layout.operator("seeing_wind.conform", icon="TIME")
+        if stride_of(field) != 1.0:
+            layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
         self._nodes(context, settings, field)
         if settings.arrows_object is not None and settings.arrows_object.parent == field:
             self._arrows(context, settings.arrows_object)

@@ -40,6 +40,9 @@ class FieldSettings:
         ("HOLD", "Hold", "As strong as at the box's nearest place; a native field holds it for about one box's length"),
         ("CONTINUE", "Continue", "Left to the falloff of the wind sources: weaker with distance, and never nothing"),
     ])  # fmt: skip
+    real_time: BoolProperty(
+        options={"HIDDEN"}, description="The clip's motion goes by at its own speed, whatever the frame rate; else a picture a frame"
+    )
     calibrations: CollectionProperty(type=SEEING_WIND_PG_calibration, options={"HIDDEN"})
 
 

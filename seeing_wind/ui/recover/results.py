@@ -15,6 +15,7 @@ from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
 from ..clip.match import followed, is_factory
 from ..edit.from_file import fill_edit
 from ..field.arrows import create_arrows
+from ..field.conform import conform
 from ..field.display import is_field
 from ..field.field_object import create_field_object
 from ..field.fit.lattice import SampledField
@@ -109,6 +110,8 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     kept = _in_place(scene, former, made)
     for name in POINTERS:
         setattr(settings, name, kept.get(name))
+    if settings.real_time:
+        conform(scene, settings.field_object, True)
     settings.field_verdict = " ".join(in_panel_words(note) for note in told.notes) if told is not None else ""
     if seen is not None:
         fill(scene, take, path)

@@ -23,7 +23,7 @@ import numpy as np
 
 from ....engine.errors import UsageError
 from ...scene_units import metres_per_unit
-from ..display import is_wind
+from ..display import frames_per_second, is_wind, stride_of
 from .in_wind import let_flow, rate_of_cloth, rate_of_spheres, said_of_drag
 from .physics_nodes import feed
 
@@ -49,6 +49,7 @@ class Matter:
     density: float
     """kg/m³."""
     clip_fps: float
+    """Scene frames in a second of the clip."""
     scene_fps: float
     alone: bool
     """Feel no effector but those of the field object's collection."""
@@ -94,7 +95,7 @@ def matter(
         raise UsageError(f"The density {density:g} must be above zero.", "Give kg/m³, or 0 in the panel for the recovered material.")
     if not areal_density > 0.0:
         raise UsageError(f"The areal density {areal_density:g} must be above zero.", "Cotton has 0.12 kg/m².")
-    return Matter(field, density, field["seeing_wind_fps"], scene.render.fps / scene.render.fps_base, alone, areal_density)
+    return Matter(field, density, field["seeing_wind_fps"] * stride_of(field), frames_per_second(scene), alone, areal_density)
 
 
 def calibrate_object(
