@@ -3,8 +3,7 @@
 Taubin's filter (A signal processing approach to fair surface design, SIGGRAPH 1995): each pass draws every vertex towards the mean of
 its neighbours and a little more than back again, so that ripples go and the shape does not shrink.
 
-It works on the displacement from the nearest
-rigid motion: corners and creases that the mesh has at rest stay.
+It works on the displacement from the nearest rigid motion: corners and creases that the mesh has at rest stay.
 """
 
 from __future__ import annotations

@@ -81,6 +81,9 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
 
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of the object; empty: the active one")
     field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
+    every: BoolProperty(
+        name="All Objects", options={"SKIP_SAVE"}, description="Calibrate every object of the scene that has a solver which feels wind"
+    )
     density: FloatProperty(
         name="Density (kg/m³)", default=0.0, min=0.0, soft_max=20000.0, step=1000, precision=1, options={"SKIP_SAVE"},
         description="Of the object's matter in kilograms per cubic metre; 0: as the recovered object",
@@ -99,15 +102,19 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """Every solver of the object; what one cannot do is part of the answer."""
-        from .solvers.calibration import calibrate_object  # needs NumPy
-
-        scene = context.scene
-        obj = scene.objects.get(self.object) if self.object else context.active_object
+        field = chosen_field(context, self.field)
+        if self.every:
+            return self._all(context.scene, field)
+        obj = context.scene.objects.get(self.object) if self.object else context.active_object
         if obj is None:
             raise UsageError(f"There is no object {self.object!r}." if self.object else "No object is active.", "Select one.")
-        field = chosen_field(context, self.field)
         if obj == field:
             raise UsageError(f"{obj.name} is the wind itself.", "Make the object active that is to feel it, and select the field too.")
+        return self._one(context.scene, obj, field)
+
+    def _one(self, scene, obj, field):
+        from .solvers.calibration import calibrate_object  # needs NumPy
+
         said = calibrate_object(scene, obj, field, **matter_of(self))
         kept = scene.seeing_wind.calibrations
         entry = next((each for each in kept if each.object == obj), None) or kept.add()
@@ -115,6 +122,23 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
         entry.said, entry.wind, entry.areal_density = "; ".join(said), is_wind(field), self.areal_density
         entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
         return entry.said
+
+    def _all(self, scene, field):
+        """Every object on its own: one that cannot be set right does not keep the others from it."""
+        from .solvers.calibration import has_solver  # needs NumPy
+
+        able, done, failed = [obj for obj in scene.objects if obj != field and has_solver(obj)], [], []
+        if not able:
+            raise UsageError("Nothing in this scene feels wind.", "Add a particle system, cloth, a rigid body or physics nodes first.")
+        for obj in able:
+            try:
+                self._one(scene, obj, field)
+                done.append(obj.name)
+            except UsageError as error:
+                failed.append(f"{obj.name}: {error.message}")
+        if not done:
+            raise UsageError("; ".join(failed), "Calibrate them one by one.")
+        return "; ".join([f"Calibrated {', '.join(done)} for {field.name}", *failed])
 
 
 class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):

@@ -25,7 +25,7 @@ from ....engine.errors import UsageError
 from ...scene_units import metres_per_unit
 from ..display import frames_per_second, is_wind, stride_of
 from .in_wind import let_flow, rate_of_cloth, rate_of_spheres, said_of_drag
-from .physics_nodes import feed
+from .physics_nodes import feed, takes_effectors
 
 WEIGHT_LIMIT = 200.0
 """Largest effector weight that Blender takes."""
@@ -129,6 +129,17 @@ def calibrate_object(
     if not said:
         raise UsageError(f"{obj.name} has no physics.", "Add a particle system, cloth, a rigid body or physics nodes first.")
     return said
+
+
+def has_solver(obj: bpy.types.Object) -> bool:
+    """Whether an object has something that a calibration sets."""
+    if obj.library is not None:
+        return False
+    groups = (modifier.node_group for modifier in obj.modifiers if modifier.type == "NODES" and modifier.node_group is not None)
+    return bool(
+        len(obj.particle_systems) or any(modifier.type == "CLOTH" for modifier in obj.modifiers)
+        or (obj.rigid_body is not None and obj.rigid_body.type == "ACTIVE") or any(takes_effectors(group) for group in groups)
+    )  # fmt: skip
 
 
 def calibrate_particles(
