@@ -72,12 +72,12 @@ class BodyEdit:
         typical=(None, 0.01),
     )
     tensile_stiffness: float | None = option(
-        None, help="force over width and strain of a shell", unit="N/m", above=0.0, otherwise="the material's", panel="main", digits=1,
-        start=1e4,
-    )
+        None, label="Stretching", help="force over width and strain of a shell", unit="N/m", above=0.0, otherwise="the material's",
+        panel="main", digits=1, start=1e4,
+    )  # fmt: skip
     bending_stiffness: float | None = option(
-        None, help="bending moment over width and curvature of a shell", unit="N m", above=0.0, otherwise="the material's", panel="main",
-        digits=6, start=1e-5, typical=(None, 0.01),
+        None, label="Bending", help="bending moment over width and curvature of a shell", unit="N m", above=0.0,
+        otherwise="the material's", panel="main", digits=6, start=1e-5, typical=(None, 0.01),
     )  # fmt: skip
 
 

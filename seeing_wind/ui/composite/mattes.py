@@ -52,10 +52,21 @@ def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
         path = folder / f"matte_{t + 1:04}.png"
         if path.is_file() and path.stat().st_mtime >= newer:
             continue
-        soft, wide = softened(mask, 1), softened(widened(mask, max(2, round(WIDER * max(mask.shape)))), 2)
         with take.writing(f"{FOLDER}/{path.name}") as aside:
-            aside.write_bytes(png(np.stack([soft, wide, np.zeros_like(soft)], axis=-1)))
+            aside.write_bytes(png(matte(mask)))
     return Mattes(_loaded(folder / "matte_0001.png"), len(masks), scene.seeing_wind.frame_start)
+
+
+def matte(mask: np.ndarray) -> np.ndarray:
+    """The matte (H, W, 3) uint8 of a mask (H, W) bool."""
+    found, wider = np.zeros((*mask.shape, 3), np.uint8), max(2, round(WIDER * max(mask.shape)))
+    if not mask.any():
+        return found
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    # only round the object: a large picture would take seconds
+    part = tuple(slice(max(at[0] - wider - 3, 0), at[-1] + wider + 4) for at in (rows, columns))
+    found[*part, 0], found[*part, 1] = softened(mask[part], 1), softened(widened(mask[part], wider), 2)
+    return found
 
 
 def widened(mask: np.ndarray, pixels: int) -> np.ndarray:

@@ -10,6 +10,7 @@ import math
 
 import bpy
 
+from ...engine.errors import UsageError
 from ..bake.bodies import bake_bodies
 from ..bake.plan import mark_of
 from ..bake.shapes import retime
@@ -29,6 +30,7 @@ def conform(scene: bpy.types.Scene, field: bpy.types.Object, real_time: bool) ->
 
     Raises:
         TakeError: when a re-simulation that was baked is gone.
+        UsageError: when the field is linked, or was made by an earlier version.
     """
     settings, stride = scene.seeing_wind, 1.0
     if real_time:
@@ -46,7 +48,16 @@ def conform(scene: bpy.types.Scene, field: bpy.types.Object, real_time: bool) ->
 
 
 def set_stride(field: bpy.types.Object, stride: float) -> None:
-    """Scene frames per picture of a field object, its values and its arrows."""
+    """Scene frames per picture of a field object, its values and its arrows.
+
+    Raises:
+        UsageError: when the field cannot be retimed.
+    """
+    if field.library is not None:
+        raise UsageError(f"{field.name} is linked from another file.", "Conform it there, or append it here.")
+    frames = [each for each in field.modifiers if each.type == "NODES"]
+    if not any(modifier_input(each, FRAMES_PER_PICTURE) for each in frames):
+        raise UsageError(f"{field.name} was made by an earlier version.", "Press Reload in the Recover panel first.")
     field[STRIDE] = stride
     for obj in (field, samples_of(field), *field.children):
         for modifier in obj.modifiers if obj is not None and obj.library is None else ():

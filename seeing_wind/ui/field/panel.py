@@ -51,11 +51,11 @@ class FieldTab(Tab):
         if settings.arrows_object is not None and settings.arrows_object.parent == field:
             self._arrows(context, settings.arrows_object)
         column = layout.column()
-        row = column.row(align=True)
-        one = row.row(align=True)
+        both = column.column(align=True)
+        one = both.row(align=True)
         one.enabled = context.active_object is not None
         one.operator("seeing_wind.calibrate", icon="PHYSICS")
-        row.operator("seeing_wind.calibrate", text="All").every = True
+        both.operator("seeing_wind.calibrate", text="Calibrate All Objects").every = True
         for each in settings.calibrations:
             if each.object is not None and each.object == context.active_object and each.said:
                 draw_text(column, context, each.said, "INFO")

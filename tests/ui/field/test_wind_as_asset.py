@@ -56,6 +56,8 @@ def test_an_appended_or_linked_field_is_calibrated_and_carries_its_values(librar
     if link:
         with pytest.raises(RuntimeError, match="linked"):
             bpy.ops.seeing_wind.fit_field(field="Wind")
+        with pytest.raises(RuntimeError, match="linked"):
+            bpy.ops.seeing_wind.conform(field="Wind")
     else:
         bpy.context.scene.seeing_wind.field_resolution = 5
         assert bpy.ops.seeing_wind.fit_field() == {"FINISHED"} and field["seeing_wind_nodes"] == 5
