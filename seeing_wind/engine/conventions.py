@@ -21,6 +21,7 @@ The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature sa
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,15 @@ FRAME_RATES = (0.1, 1e6)
 
 DEFAULT_FOV_DEGREES = 50.0
 """Horizontal field of view assumed when no camera is given: a 39 mm lens on Blender's 36 mm sensor, a phone's main camera in video mode."""
+
+
+BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)
+"""Least speed [m/s] of the numbers 1 to 12 (WMO-No. 8, Guide to Instruments, annex 5.A)."""
+
+
+def beaufort(speed: float) -> int:
+    """The number of a speed [m/s] on the Beaufort scale, 0 to 12."""
+    return bisect_right(BEAUFORT, speed)
 
 
 def front_view(distance: float) -> np.ndarray:

@@ -68,7 +68,8 @@ def property_of(one: Option, **common: Any) -> object:
     said = one.sentence().removesuffix(".") + (f". 0: {one.otherwise}" if one.unset is not None else "")
     about = {"name": f"{one.label} ({one.unit})" if one.unit else one.label, "description": said, "options": KEPT, "update": changed}
     if one.choices:
-        items = [(name.upper(), name.replace("_", " ").title(), _capital(text)) for name, text in one.choices.items()]
+        titles = {name: name.replace("_", " ").title() for name in one.choices} | one.titles
+        items = [(name.upper(), titles[name], _capital(text)) for name, text in one.choices.items()]
         items = [(PRESET, _capital(f"as {one.otherwise}"), f"The same as {one.otherwise}"), *items] if one.optional else items
         return EnumProperty(items=items, default=items[0][0] if one.optional else one.default.upper(), **about | common)
     if one.kind is bool:

@@ -39,6 +39,9 @@ echo "-- the field object, bakes and exports"
 echo "-- Blender's own solvers in the field"
 "$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/native_solvers_check.py"
 
+echo "-- cloth and particles in a wind"
+"$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/wind_check.py"
+
 echo "-- calibration, composite and VDB"
 "$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/composite_check.py"
 

@@ -27,9 +27,35 @@ def swirl(points: np.ndarray) -> np.ndarray:
     return 500.0 * growing * np.stack([-points[..., 1], points[..., 0], np.full(points.shape[:-1], 0.2)], axis=-1)
 
 
+def outlines() -> list[np.ndarray]:
+    """Of the white square of `extension.make_clip`."""
+    masks = np.zeros((FRAMES + 1, SIZE[1], SIZE[0]), bool)
+    for picture, mask in enumerate(masks):
+        mask[20:44, 20 + 2 * picture : 44 + 2 * picture] = True
+    return list(masks)
+
+
+def breeze(points: np.ndarray) -> np.ndarray:
+    """Wind (T, M, 3) [m/s] at points (T, M, 3) [m]: 4 m/s along X, a little more upwards."""
+    return np.stack([4.0 + 0.5 * points[..., 2], np.full(points.shape[:-1], 1.0), np.zeros(points.shape[:-1])], axis=-1)
+
+
+def read_as_wind(take: object, asked: str) -> None:
+    """What the stage *wind* leaves: with `auto` the force, as if no wind were probable."""
+    chosen = asked if asked == "wind" else "force"
+    note = "Effective wind: 4.1 m/s (Beaufort 3) in the mean." if chosen == "wind" else "Field: force. A wind is less probable."
+    law = {"normal": 1.17, "tangential": 0.05, "air_density": 1.2}
+    told = {"field": chosen, "why": "as asked", "notes": [note], "mean_speed": 4.1, "strongest_gust": 6.0, "drag_law": law}
+    take.write_json("wind.json", told)
+    if chosen == "wind":
+        with take.writing("wind.safetensors") as path:
+            path.write_bytes(b"no wind")
+
+
 def recover(options: list[str]) -> None:
     """A flat square of particles that drifts to the right."""
     from seeing_wind.engine.conventions import front_view
+    from seeing_wind.engine.masks import Masks
     from seeing_wind.engine.records import Attachment, Camera, Particles, Surface
     from seeing_wind.engine.take import Take, stamp_of, to_arrays
 
@@ -44,7 +70,7 @@ def recover(options: list[str]) -> None:
     camera = Camera(width, height, 120.0, 120.0, (width - 1) / 2, (height - 1) / 2, front_view(2.0))
     take.write_arrays("observation.npz", {
         "image": np.full((height, width, 3), 90, np.uint8), "background": np.full((height, width, 3), (20, 120, 40), np.uint8),
-        **to_arrays(camera, "camera."),
+        **to_arrays(camera, "camera."), **to_arrays(Masks.of(outlines()), "masks."),
     })  # fmt: skip
     surface = Surface(x, triangles, x[:, [0, 2]] + 0.5, riding)
     body = to_arrays(Particles(x, np.full(16, 1e-5), np.zeros(16, bool), 0.13), "particles.") | to_arrays(surface, "surface.")
@@ -55,6 +81,8 @@ def recover(options: list[str]) -> None:
     first = int(options[options.index("--frames") + 1].split(":")[0]) if "--frames" in options else 0
     report = {"box": [[-0.5, -0.3, -0.5], [0.7, 0.3, 0.6]], "fps": FPS, "frames": FRAMES, "material": {"density": DENSITY}}
     take.write_json("report.json", {**report, "clip": {"path": options[0], "first_frame": first}})
+    if "--field" in options:
+        read_as_wind(take, options[options.index("--field") + 1])
     given = options[1 : options.index("--take")]
     take.finish("recover", stamp_of(*given), {"gravity": [0.0, 0.0, -3.0], "options": options})
 
@@ -86,12 +114,15 @@ PIXEL = (
 
 
 def sample(options: list[str]) -> None:
-    """The swirl."""
+    """The swirl, and the breeze of a take that has one."""
     from seeing_wind.engine.take import Take
 
     points, out = np.load(options[options.index("--points") + 1]), Path(options[options.index("--out") + 1])
     assert points.shape[0] == FRAMES and points.ndim == 3, points.shape
-    Take(out.parent).write_arrays(out.name, {"force_density": swirl(points), "confidence": np.ones(points.shape[:2])})
+    arrays = {"force_density": swirl(points), "confidence": np.ones(points.shape[:2])}
+    if Take(options[0]).file("wind.safetensors").is_file():
+        arrays |= {"wind_velocity": breeze(points), "wind_confidence": arrays["confidence"]}
+    Take(out.parent).write_arrays(out.name, arrays)
 
 
 def resimulate(options: list[str]) -> None:

@@ -13,7 +13,7 @@ from seeing_wind.engine.command.batch.jobs import read_jobs
 from seeing_wind.engine.command.batch.summary import Summary
 from seeing_wind.engine.take import Take
 from seeing_wind.ui import commands
-from seeing_wind.ui.composite import composite
+from seeing_wind.ui.composite.nodes import is_set_up
 
 JOBS = """
 [[job]]
@@ -106,7 +106,7 @@ def test_bake_makes_a_file_of_takes_that_are_there(workplace):
     takes = [str(workplace / "leaf.take"), "--edit-take", str(workplace / "leaf.edit.take"), "--clip", str(workplace / "clip.mp4")]
     assert commands.main(["bake", *takes, "--composite", "--save", str(out)]) == 0
     bpy.ops.wm.open_mainfile(filepath=str(out))
-    assert len(bpy.data.objects["leaf"].data.shape_keys.key_blocks) == 13 and composite.is_set_up(bpy.context.scene)
+    assert len(bpy.data.objects["leaf"].data.shape_keys.key_blocks) == 13 and is_set_up(bpy.context.scene)
     for wrong in ([], ["a.take"], ["a.take", "--save", "x.txt"], ["a.take", "--save", "x.blend", "--more"]):
         assert commands.main(["bake", *wrong]) == 2
 

@@ -64,17 +64,20 @@ class BodyEdit:
         None, help="whether the body is a thin shell", otherwise="a shell if its mesh is open and its material comes as a sheet", panel=""
     )
     areal_density: float | None = option(
-        None, help="mass of a shell over its area", unit="kg/m²", above=0.0, otherwise="the material's", panel="", digits=3
+        None, help="mass of a shell over its area", unit="kg/m²", above=0.0, otherwise="the material's", panel="main", digits=4,
+        start=0.12, typical=(None, 2.0),
     )
     thickness: float | None = option(
-        None, help="thickness of a shell", unit="m", above=0.0, otherwise="the material's", panel="", digits=5
+        None, help="thickness of a shell", unit="m", above=0.0, otherwise="the material's", panel="main", digits=5, start=3e-4,
+        typical=(None, 0.01),
     )
     tensile_stiffness: float | None = option(
-        None, help="force over width and strain of a shell", unit="N/m", above=0.0, otherwise="the material's", panel="", digits=1
-    )
+        None, label="Stretching", help="force over width and strain of a shell", unit="N/m", above=0.0, otherwise="the material's",
+        panel="main", digits=1, start=1e4,
+    )  # fmt: skip
     bending_stiffness: float | None = option(
-        None, help="bending moment over width and curvature of a shell", unit="N m", above=0.0, otherwise="the material's", panel="",
-        digits=9,
+        None, label="Bending", help="bending moment over width and curvature of a shell", unit="N m", above=0.0,
+        otherwise="the material's", panel="main", digits=6, start=1e-5, typical=(None, 0.01),
     )  # fmt: skip
 
 
@@ -113,7 +116,7 @@ class Edit:
         1.0, help="factor on the recovered field, or one factor per frame", panel="", typical=(-5.0, 5.0)
     )
     field: str | None = option(
-        None, help="which of the take's fields moves the bodies", otherwise="the one that it was recovered with", panel="",
+        None, identifier="edit_field", help="which of the take's fields moves the bodies", otherwise="recovered", panel="main",
         choices={"force": "the body force in N/m³", "wind": "the wind in m/s, by the bodies' own surface and speed"},
     )  # fmt: skip
     contact: bool = option(False, help="all bodies share one grid and push each other; otherwise each moves alone", panel="main")

@@ -52,6 +52,8 @@ class Option:
     """Excluded upper bound."""
     choices: Mapping[str, str] = field(default_factory=dict)
     """Value -> what it means."""
+    titles: Mapping[str, str] = field(default_factory=dict)
+    """Choice -> what the panel calls it, where that is not as it is written."""
     refused: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     """Choice that is known and cannot be had -> message and hint."""
     metavar: str | tuple[str, ...] | None = None

@@ -13,9 +13,11 @@ class WindSettings:
     """A body force, or a wind that makes it."""
 
     field: str = option(
-        "force", help="how the recovered force is read", group=SOLVE, panel="",
+        "force", help="how the recovered force is read", group=SOLVE, panel="main",
+        titles={"wind": "Wind Velocity", "auto": "Automatic"},
         choices={
-            "force": "a body force in N/m³", "wind": "the velocity of the air in m/s that makes it, by a drag law",
-            "auto": "what is more probable",
+            "force": "a body force in N/m³, for whatever moved the object: hands, water, magnets, air",
+            "wind": "the velocity of the air in m/s that makes it, by a drag law: for what the wind blew, to blow other things with it",
+            "auto": "the wind where it is more probable, else the force: when it is not known what moved the object",
         },
     )  # fmt: skip

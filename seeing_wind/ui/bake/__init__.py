@@ -8,6 +8,7 @@ motion      one mesh and its motion, in the way that suits it
 shapes      ... as absolute shape keys
 rigid       ... as keys of location and rotation
 cache       ... as a point cache beside the file
+smooth      a motion without ripples of an edge's length
 plan        how a motion is to be baked, and what an object says of how it was; no NumPy
 at_rest     an object as it is without its bake
 animation   animation curves, the same way in Blender 4 and 5; no NumPy

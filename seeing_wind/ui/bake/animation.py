@@ -50,7 +50,7 @@ def keyframes(datablock: bpy.types.ID) -> list[tuple[str, int, tuple[float, ...]
     return found
 
 
-def values_over(scene: bpy.types.Scene, owner: bpy.types.bpy_struct, name: str, frames: Iterable[int]) -> list[float]:
+def values_over(scene: bpy.types.Scene, owner: bpy.types.bpy_struct, name: str, frames: Iterable[float]) -> list[float]:
     """A number of the scene (or of something in it) at each of these frames, as its keyframes say; the same everywhere without any."""
     path = owner.path_from_id(name)
     curve = next((each for each in curves_of(scene) if each.data_path == path), None)

@@ -49,7 +49,7 @@ def bake_body(
         raise TakeError(f"The object of {body.name} is gone.", "Take it off the list, or undo its deletion.")
     plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"))
     if not force:
-        plan = dataclasses.replace(plan, stamp=_stamp(vertices, plan, metres_per_unit(scene)))
+        plan = dataclasses.replace(plan, stamp=_stamp(vertices, plan, metres_per_unit(scene), stamp_of_bakes(scene)))
     obj = _carrier(scene, body, source, vertices, plan)
     return obj, bake_motion(obj, vertices, plan, scene)
 
@@ -62,8 +62,8 @@ def clear_body(scene: bpy.types.Scene, body: bpy.types.PropertyGroup) -> bool:
     return (source is not None and clear_bake(source)) or copied
 
 
-def _stamp(vertices: np.ndarray, plan: Plan, unit: float) -> str:
-    return hashlib.sha256(vertices.tobytes() + repr((plan, unit)).encode()).hexdigest()[:16]
+def _stamp(vertices: np.ndarray, plan: Plan, unit: float, rate: str) -> str:
+    return hashlib.sha256(vertices.tobytes() + repr((plan, unit)).encode() + rate.encode()).hexdigest()[:16]
 
 
 def _carrier(

@@ -19,6 +19,7 @@ from . import cache as bake_cache
 from . import rigid as bake_rigid
 from . import shapes as bake_shapes
 from .plan import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, Baked, Plan, mark_of
+from .smooth import smoothed
 
 LARGE = 48_000_000
 """Bytes of coordinates beyond which a point cache beside the file is better than shape keys inside it: 60 pictures of 67000 vertices."""
@@ -56,6 +57,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
         clear_bake(obj)
         record["former"] = bake_rigid.bake(obj, fit, chosen, frames, metres_per_unit(scene))
     else:
+        vertices = smoothed(vertices, _edges(obj), fit, plan.smooth)
         local = _in_object_space(obj, vertices[chosen] / metres_per_unit(scene), frames, scene)
         # a full disk shows here, while the object still has its former bake
         written = bake_cache.write_cache(local, plan.cache) if way == POINT_CACHE else None
@@ -183,6 +185,13 @@ def _check_mesh(obj: bpy.types.Object, simulated: int) -> None:
             else "Simulate it again: its mesh has changed since."
         )
         raise UsageError(f"{obj.name} has {count} vertices, the simulation {simulated}.", hint)
+
+
+def _edges(obj: bpy.types.Object) -> np.ndarray:
+    """(E, 2) of an object's mesh."""
+    found = np.empty(2 * len(obj.data.edges), dtype=np.int32)
+    obj.data.edges.foreach_get("vertices", found)
+    return found.reshape(-1, 2)
 
 
 def _pictures(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:

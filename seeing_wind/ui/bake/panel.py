@@ -15,6 +15,8 @@ class BakeTab(Tab):
         column.prop(settings, "bake_way")
         if settings.bake_way in ("AUTO", "TRANSFORM"):
             column.prop(settings, "bake_tolerance")
+        if settings.bake_way != "TRANSFORM":
+            column.prop(settings, "bake_smooth")
         row = column.row(heading="Frames")
         row.prop(settings, "bake_use_frames", text="")
         sub = row.row(align=True)

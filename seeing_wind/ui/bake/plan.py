@@ -35,6 +35,8 @@ class Plan:
     """A body counts as rigid while no vertex is farther from a rigid motion than this part of the body's size."""
     stamp: str = ""
     """Of what the motion depends on: an object whose bake has this stamp is left alone. "" always bakes."""
+    smooth: int = 0
+    """Passes that take ripples of an edge's length out of the motion, see `smooth`."""
     frames_follow_time: bool = False
     """Keep the speed where the scene's frame rate is another than `fps`; otherwise one scene frame is one picture, as in a take."""
 
@@ -55,12 +57,15 @@ def plan_of(scene: bpy.types.Scene) -> Plan:
     """How the scene's settings want motions to be baked; rate and cache are those of the motion."""
     settings = scene.seeing_wind
     frames = tuple(settings.bake_frames) if settings.bake_use_frames else None
-    return Plan(settings.frame_start, 1.0, settings.bake_way, frames, rigid_tolerance=0.01 * settings.bake_tolerance)
+    return Plan(
+        settings.frame_start, 1.0, settings.bake_way, frames, rigid_tolerance=0.01 * settings.bake_tolerance,
+        smooth=settings.bake_smooth, frames_follow_time=settings.real_time,
+    )  # fmt: skip
 
 
 def stamp_of_bakes(scene: bpy.types.Scene) -> str:
     """Of the settings of a bake, without the motion."""
-    return repr(plan_of(scene))
+    return repr(plan_of(scene)) + (f"{scene.render.fps / scene.render.fps_base:g}" if scene.seeing_wind.real_time else "")
 
 
 def mark_of(obj: bpy.types.Object) -> dict[str, Any] | None:

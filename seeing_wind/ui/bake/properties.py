@@ -3,7 +3,7 @@
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
 
-from bpy.props import IntVectorProperty
+from bpy.props import IntProperty, IntVectorProperty
 
 from ..property_kinds import KEPT, WAYS, changed, choice, number, toggle
 
@@ -16,6 +16,10 @@ class BakeSettings:
     bake_frames: IntVectorProperty(
         name="Frames", size=2, default=(1, 40), options=KEPT, update=changed, description="First and last scene frame, both inclusive"
     )
+    bake_smooth: IntProperty(
+        name="Smooth", default=4, min=0, soft_max=10, options=KEPT, update=changed,
+        description="Passes that take ripples of one edge's length out of the motion, which render as a quilt; bends stay. 0: as simulated",
+    )  # fmt: skip
     bake_tolerance: number(
         "Rigid Within (%)", 0.2, "A body counts as rigid while it bends by less than this part of its size", min=0.0, soft_max=5.0, step=10,
         precision=2,

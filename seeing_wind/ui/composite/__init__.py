@@ -3,5 +3,8 @@
 operators  Set Up Composite, Render over Clip
 panel      the panel *Composite*
 light      where the clip's light came from
-composite  setting it up, and rendering, in Blender 4.5 and 5
+catchers   what catches shadows: floor, wall, obstacles
+mattes     the object's outline as pictures, the card that holds out by them, the clip's grain
+nodes      the compositor, in Blender 4.5 and 5
+composite  setting all of it up, and rendering
 """

@@ -1,8 +1,9 @@
 """The edit over the clip: camera background, holdout and shadow catcher, clean plate, light and compositor, in Blender 4.5 and 5.x.
 
 The picture is put together from two layers. Behind is the clip, or, where the clip's own object was simulated anew and must not be seen
-twice, the clean plate: the clip without it. In front is the render with a transparent film. The clip's object itself is a holdout when it
-is still in the clip, so that what flies behind it is hidden by it; a floor, if wanted, catches shadows (Cycles only).
+twice, the moving plate: the clip with the clean plate over the object's outline. In front is the render with a transparent film, with the
+clip's grain. Where the object is still in the clip, a card at its distance with its outline cuts what flies behind it; floor, wall and
+obstacles catch shadows (Cycles only).
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
@@ -21,10 +21,14 @@ from ..clip.clip_scene import picture_image
 from ..clip.match import is_factory
 from ..field.display import LEGEND_MARK
 from ..job import takes
+from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
+from . import nodes
+from .catchers import set_catchers
 from .light import sun_of
+from .mattes import Mattes, grain_of, mattes_of, set_card
 
-TREE, SUN, FLOOR, PLATE = "Seeing Wind Composite", "Seeing Wind Sun", "Seeing Wind Floor", "Seeing Wind Clean Plate"
+SUN, PLATE = "Seeing Wind Sun", "Seeing Wind Clean Plate"
 SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
 """High, over the camera's left shoulder: a guess to be turned to the clip's own light."""
 
@@ -34,32 +38,40 @@ class Composite:
     """What was set up."""
 
     behind: str
-    """"clip" or "plate"."""
-    floor: bool
+    """"clip", "plate" (a still picture), or "moving plate"."""
+    catchers: tuple[str, ...]
+    """What catches shadows, in words."""
+    held_out: str
+    """What cuts the edit where the object stands before it: "outline", "body", or "" where the object is not in the picture."""
+    grain: float
+    """Of the clip, on what is rendered: standard deviation of display values in 0..1."""
     light: str
     """What was done for want of a light; "" where the scene has its own."""
     shutter: float
     """Of the motion blur [frames]; 0: none."""
 
     def __str__(self) -> str:
-        parts = ["the clip" if self.behind == "clip" else "the clean plate, since the clip's object moves anew"]
-        parts += ["a floor that catches shadows"] * self.floor + [self.light] * bool(self.light)
+        parts = ["the clip" if self.behind == "clip" else f"the {self.behind}, since the clip's object moves anew"]
+        parts += [*self.catchers, *[self.light] * bool(self.light)]
+        parts += [f"what flies behind the object is cut by its {self.held_out}"] * bool(self.held_out)
+        parts += [f"grain of {100.0 * self.grain:.1f} %"] * bool(self.grain)
         parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
         return f"Composite over {', '.join(parts)}"
 
 
 def set_up(
-    scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, samples: int = 32, shutter: float = 0.5,
-    show_field: bool = False,
+    scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, wall: bool = False, samples: int = 32, shutter: float = 0.5,
+    grain: float = 1.0, show_field: bool = False,
 ) -> Composite:  # fmt: skip
     """Make a scene render its edit over the clip. May be called again after changes.
 
     Args:
         scene: with the results of a recovery.
         plate: CLIP, PLATE, or AUTO: the plate when the clip's object is part of the edit.
-        floor: add a plane under everything that catches shadows.
+        floor, wall: add a plane under, or behind, everything that catches shadows; obstacles of the edit always do.
         samples: of Cycles, per pixel.
         shutter: how long the camera's shutter was open [frames]: 0.5 is a shutter of 180 degrees; 0 renders no motion blur.
+        grain: factor on the clip's own, which is measured.
         show_field: render the arrows too.
 
     Raises:
@@ -70,10 +82,10 @@ def set_up(
         raise UsageError("The scene has no camera with a clip.", "Run Recover on a clip, or load the results of one.")
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
-    picture = _plate(settings) if use_plate else None
-    recovered = settings.recovered_object
-    if recovered is not None:
-        recovered.hide_render, recovered.is_holdout, recovered.is_shadow_catcher = use_plate, not use_plate, False
+    take = Take(takes.shown(settings)) if settings.recovered_take else None
+    picture = _plate(take) if use_plate else None
+    mattes = mattes_of(scene, take) if take is not None else None
+    held_out = _hold_out(scene, take, mattes, use_plate)
     for helper in (settings.arrows_object, *_legends(scene)):
         if helper is not None:
             helper.hide_render = not show_field
@@ -84,16 +96,12 @@ def set_up(
     if shutter > 0.0:
         scene.render.motion_blur_shutter = shutter
     _background(scene.camera.data, clip)
-    _floor(scene, floor)
+    catchers = set_catchers(scene, floor, wall)
     light = _light(scene)
-    _compositor(scene, clip, picture)
-    return Composite("plate" if use_plate else "clip", floor, light, shutter)
-
-
-def is_set_up(scene: bpy.types.Scene) -> bool:
-    """Whether the scene's compositor has our nodes."""
-    tree = getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)
-    return tree is not None and any(node.get("seeing_wind") for node in tree.nodes)
+    noise = grain * grain_of(take) if take is not None else 0.0
+    nodes.build(scene, clip, picture, mattes, noise)
+    behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
+    return Composite(behind, tuple(catchers), held_out, noise, light, shutter)
 
 
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
@@ -128,8 +136,34 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
             raise SeeingWindError(f"Blender could not render {path}: {said_by(error)}.", "Check that the folder can be written.") from error
 
 
-def _plate(settings: bpy.types.PropertyGroup) -> bpy.types.Image:
-    take = Take(takes.shown(settings)) if settings.recovered_take else None
+def _hold_out(scene: bpy.types.Scene, take: Take | None, mattes: Mattes | None, hidden: bool) -> str:
+    """Let the object that is in the clip hide what flies behind it; returns by what, as `Composite.held_out`.
+
+    Args:
+        mattes: None for a take without outlines; then the body does it.
+        hidden: the plate covers the object.
+    """
+    obj, depths = scene.seeing_wind.recovered_object, None
+    if take is not None and mattes is not None and not hidden:
+        depths = _depths(take)
+    set_card(scene, mattes if depths is not None else None, [] if depths is None else depths)
+    if obj is None:
+        return ""
+    by_body = not hidden and depths is None
+    obj.hide_render, obj.is_holdout, obj.is_shadow_catcher = not by_body, by_body, False
+    return "" if hidden else "body" if by_body else "outline"
+
+
+def _depths(take: Take) -> np.ndarray | None:
+    """Distance of the object's middle along the camera's axis in every picture (T+1,) [m]; None without an object."""
+    seen = read_seen(take, field_summary(take))
+    if seen is None or seen.surface is None:
+        return None
+    poses = np.broadcast_to(seen.camera.camera_to_world, (len(seen.motion), 4, 4))
+    return np.einsum("ti,ti->t", seen.motion.mean(axis=1) - poses[:, :3, 3], poses[:, :3, 2])
+
+
+def _plate(take: Take | None) -> bpy.types.Image:
     if take is None or not take.file("observation.npz").is_file():
         raise UsageError("There is no clean plate.", "It comes from recovering a clip; use the clip itself as background.")
     plate = take.read_arrays("observation.npz").get("background")
@@ -154,44 +188,6 @@ def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
         background.display_depth, background.frame_method = "BACK", "STRETCH"
 
 
-def _floor(scene: bpy.types.Scene, wanted: bool) -> None:
-    obj = scene.objects.get(FLOOR)
-    if obj is not None:
-        # where the user has put it, it stays
-        obj.hide_render = not wanted
-        return
-    if not wanted:
-        return
-    corners = _corners(scene)
-    low, size = corners.min(axis=0), float(np.ptp(corners, axis=0).max()) or 1.0
-    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    mesh = bpy.data.meshes.new(FLOOR)
-    reach = 4.0 * size
-    mesh.from_pydata([(-reach, -reach, 0), (reach, -reach, 0), (reach, reach, 0), (-reach, reach, 0)], [], [(0, 1, 2, 3)])
-    obj = bpy.data.objects.new(FLOOR, mesh)
-    obj.location = (middle[0], middle[1], low[2])
-    obj.is_shadow_catcher, obj.display_type = True, "WIRE"
-    scene.collection.objects.link(obj)
-
-
-def _corners(scene: bpy.types.Scene) -> np.ndarray:
-    """Bounding boxes (8 N, 3) of what is rendered, over the clip's range."""
-    settings, found, at = scene.seeing_wind, [], scene.frame_current
-    bodies = [body.baked_copy or (settings.recovered_object if body.is_recovered else body.object) for body in settings.bodies]
-    objects = [obj for obj in (*bodies, settings.recovered_object) if obj is not None]
-    if not objects:
-        raise UsageError("There is nothing to stand on a floor.", "Insert a mesh, or leave the floor out.")
-    for frame in np.linspace(scene.frame_start, scene.frame_end, 5):
-        scene.frame_set(int(frame))
-        depsgraph = bpy.context.evaluated_depsgraph_get()
-        for obj in objects:
-            evaluated = obj.evaluated_get(depsgraph)
-            matrix = np.array(evaluated.matrix_world)
-            found.append(np.array([corner[:] for corner in evaluated.bound_box]) @ matrix[:3, :3].T + matrix[:3, 3])
-    scene.frame_set(at)
-    return np.concatenate(found)
-
-
 def _light(scene: bpy.types.Scene) -> str:
     """A sun and a pale sky where there is no light but Blender's default one; says what it did."""
     lights = [obj for obj in scene.objects if obj.type == "LIGHT"]
@@ -208,7 +204,8 @@ def _light(scene: bpy.types.Scene) -> str:
     sun = bpy.data.objects.new(SUN, lamp)
     sun.rotation_euler = seen.to_track_quat("Z", "Y").to_euler() if seen else SUN_ANGLES
     scene.collection.objects.link(sun)
-    if scene.world is None:
+    if scene.world is None or _is_factory_world(scene.world):
+        # a new file's own world is nearly black: shadows would be, too
         scene.world = bpy.data.worlds.new("Seeing Wind Sky")
         scene.world.use_nodes = True
         sky = scene.world.node_tree.nodes.get("Background")
@@ -216,52 +213,10 @@ def _light(scene: bpy.types.Scene) -> str:
     return said
 
 
-def _compositor(scene: bpy.types.Scene, clip: bpy.types.MovieClip, plate: bpy.types.Image | None) -> None:
-    """Clip or plate, under the render, into the output. Other nodes of the user's stay; ours are made anew."""
-    tree, output = _tree(scene)
-    for node in [node for node in tree.nodes if node.get("seeing_wind")]:
-        tree.nodes.remove(node)
-
-    def new(kind: str, column: int, row: int = 0) -> Any:
-        node = tree.nodes.new(f"CompositorNode{kind}")
-        node["seeing_wind"], node.location = True, (260 * column, -280 * row)
-        return node
-
-    if plate is None:
-        behind = new("MovieClip", 0)
-        behind.clip = clip
-    else:
-        behind = new("Image", 0)
-        behind.image = plate
-    scale, layers, over = new("Scale", 1), new("RLayers", 0, 1), new("AlphaOver", 2)
-    if hasattr(scale, "space"):  # up to Blender 4.5
-        scale.space, scale.frame_method = "RENDER_SIZE", "STRETCH"
-        lower, upper = over.inputs[1], over.inputs[2]
-    else:
-        scale.inputs["Type"].default_value, scale.inputs["Frame Type"].default_value = "Render Size", "Stretch"
-        lower, upper = over.inputs["Background"], over.inputs["Foreground"]
-    layers.scene = scene
-    tree.links.new(behind.outputs["Image"], scale.inputs["Image"])
-    tree.links.new(scale.outputs["Image"], lower)
-    tree.links.new(layers.outputs["Image"], upper)
-    tree.links.new(over.outputs["Image"], output.inputs[0])
-    output.location = (260 * 3, 0)
-
-
-def _tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:
-    """The scene's compositor and its output node: `node_tree` with a Composite node up to 4.5, a node group with an output from 5.0."""
-    if hasattr(scene, "compositing_node_group"):
-        tree = scene.compositing_node_group
-        if tree is None:
-            tree = scene.compositing_node_group = bpy.data.node_groups.new(TREE, "CompositorNodeTree")
-        if not any(item.item_type == "SOCKET" and item.in_out == "OUTPUT" for item in tree.interface.items_tree):
-            tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
-        kind = "NodeGroupOutput"
-    else:
-        empty = scene.node_tree is None
-        scene.use_nodes = True
-        if empty:  # the two nodes that Blender puts in by itself
-            scene.node_tree.nodes.clear()
-        tree, kind = scene.node_tree, "CompositorNodeComposite"
-    output = next((node for node in tree.nodes if node.bl_idname == kind), None) or tree.nodes.new(kind)
-    return tree, output
+def _is_factory_world(world: bpy.types.World) -> bool:
+    """Whether a world is the dark grey of a new file."""
+    background = world.node_tree.nodes.get("Background") if world.node_tree is not None else None
+    if background is None or len(world.node_tree.nodes) > 2 or background.inputs["Color"].is_linked:
+        return False
+    grey, strength = tuple(background.inputs["Color"].default_value)[:3], background.inputs["Strength"].default_value
+    return world.animation_data is None and strength == 1.0 and all(abs(value - 0.05087609) < 1e-4 for value in grey)

@@ -13,7 +13,7 @@ from ..user_paths import absolute
 BEHIND = [
     ("AUTO", "Automatic", "The clip, or the clean plate when the clip's own object is simulated anew"),
     ("CLIP", "Clip", "The clip as it is"),
-    ("PLATE", "Clean Plate", "The clip without its object, a still picture"),
+    ("PLATE", "Clean Plate", "The clip, with its object covered by what was behind it"),
 ]
 
 
@@ -25,10 +25,17 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
 
     behind: EnumProperty(name="Behind", items=BEHIND, description="What is seen behind the edit")
     floor: BoolProperty(name="Floor", description="A plane under the edit that catches its shadows; move it to where the clip's floor is")
+    wall: BoolProperty(
+        name="Wall", description="An upright plane behind the edit that catches its shadows; move and turn it to where the clip's wall is"
+    )
     samples: IntProperty(name="Samples", default=32, min=1, soft_max=512, step=16, description="Of Cycles, per pixel")
     shutter: FloatProperty(
         name="Shutter (frames)", default=0.5, min=0.0, soft_max=1.0,
         description="How long the clip's shutter was open: 0.5 is a shutter of 180 degrees; 0 renders no motion blur",
+    )  # fmt: skip
+    grain: FloatProperty(
+        name="Grain Factor", default=1.0, min=0.0, soft_max=2.0,
+        description="Factor on the clip's own noise, which is measured and put on what is not the clip; 0 leaves it clean",
     )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")
 
@@ -36,7 +43,7 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         """May be repeated after any change."""
         from .composite import set_up  # needs NumPy
 
-        chosen = {name: getattr(self, name) for name in ("floor", "samples", "shutter", "show_field")}
+        chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "show_field")}
         return str(set_up(context.scene, plate=self.behind, **chosen))
 
 
@@ -55,10 +62,10 @@ class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """Sets the composite up first when it has not been."""
-        from . import composite  # needs NumPy
+        from . import composite, nodes  # needs NumPy
 
         scene = context.scene
-        if not composite.is_set_up(scene):
+        if not nodes.is_set_up(scene):
             composite.set_up(scene)
         if self.filepath:
             path = Path(absolute(self.filepath))

@@ -9,7 +9,7 @@ import bpy
 
 from ...engine.errors import TakeError
 from ...engine.reading import read_toml
-from ...engine.settings import BodyEdit
+from ...engine.settings import BodyEdit, Edit, options_of
 from ...engine.take import Take
 from ..option_properties import give, panel_options
 
@@ -38,6 +38,8 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
             settings.field_strength = float(value)
             if isinstance(strength, list):
                 settings.keyframe_insert("field_strength", frame=settings.frame_start + t)
+        if "field" in edit:
+            give(settings, options_of(Edit)["field"], edit["field"])
         if gravity is not None:
             settings.edit_gravity_mode, settings.edit_gravity = "CUSTOM", gravity
     except (AttributeError, KeyError, OSError, TypeError, ValueError) as error:

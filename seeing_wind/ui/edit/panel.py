@@ -3,9 +3,10 @@
 import bpy
 
 from ...engine.settings import BodyEdit
+from ..field.display import has_wind
 from ..job.panel_pieces import Tab, draw_override, panels
 from ..option_properties import panel_options
-from .sheet_label import shell_words
+from .sheet_label import is_shell, shell_words
 
 
 class EditTab(Tab):
@@ -69,7 +70,7 @@ def _draw_body(column, body, settings) -> None:
         column.prop(body, "free_mode", text="Holds of the Clip")
         if body.free_mode == "GROUP" and obj is not None:
             column.prop_search(body, "free_group", obj, "vertex_groups", text="Freed")
-    for name in ("mass", "youngs_modulus") if body.use_mass else ("density", "mass", "youngs_modulus"):
+    for name in _numbers(body):
         draw_override(column, body, name)
     column.prop(body, "use_velocity")
     if body.use_velocity:
@@ -79,11 +80,21 @@ def _draw_body(column, body, settings) -> None:
         draw_override(column, body, one.identifier)
 
 
+def _numbers(body) -> list[str]:
+    """The properties in place of the material's that count for a body; a solid's that were given to a shell count there, too."""
+    if not is_shell(body):
+        return ["mass", "youngs_modulus"] if body.use_mass else ["density", "mass", "youngs_modulus"]
+    sheet = ["areal_density", "thickness", "tensile_stiffness", "bending_stiffness"]
+    return [*sheet, "mass", *(name for name in ("density", "youngs_modulus") if getattr(body, f"use_{name}"))]
+
+
 def _draw_surroundings(column, settings, space: str) -> None:
     """Field, gravity, what the bodies run into, and where the edit is shown."""
     row = column.row()
     row.use_property_decorate = True  # its keyframes count
     row.prop(settings, "field_strength")
+    if has_wind(settings.field_object):
+        column.prop(settings, "edit_field")
     column.prop(settings, "edit_gravity_mode")
     if settings.edit_gravity_mode == "CUSTOM":
         column.prop(settings, "edit_gravity")

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import bpy
 
-from ...engine.materials import SHEETS
+from ...engine.materials import SHEET_UNITS, SHEETS
+from ..field.display import in_figures
 from ..scene_units import metres_per_unit
+
+SHEET = tuple(SHEET_UNITS)
+"""Options of a body that mean something only if it is a shell."""
 
 
 def open_area(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> float:
@@ -35,11 +39,22 @@ def measure(body: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
         body.open_area = open_area(body.object, scene)
 
 
+def is_shell(body: bpy.types.PropertyGroup) -> bool:
+    """Whether a body will be a shell, as its mesh was when it was inserted."""
+    return not body.is_recovered and body.material in SHEETS and body.open_area > 0.0
+
+
 def shell_words(body: bpy.types.PropertyGroup) -> str:
-    """Areal density and mass of a body that will be a shell, as its mesh was when it was inserted; "" for a solid."""
-    sheet = SHEETS.get(body.material)
-    if body.is_recovered or sheet is None or body.open_area <= 0.0:
+    """Areal density, mass and thickness of a body that will be a shell; "" for a solid."""
+    if not is_shell(body):
         return ""
-    areal = body.density * sheet.thickness if body.use_density else sheet.areal_density
+    sheet = SHEETS[body.material]
+    thickness = body.thickness if body.use_thickness else sheet.thickness
+    areal = body.areal_density if body.use_areal_density else sheet.areal_density
+    areal = body.density * thickness if body.use_density else areal
     areal = (body.mass / body.open_area if body.use_mass else areal) * body.mass_scale
-    return f"Shell, {areal:.3g} kg/m², {areal * body.open_area:.3g} kg"
+    return f"Shell, {in_figures(1e3 * areal)} g/m², {_in_grams(areal * body.open_area)}, {1e3 * thickness:.2g} mm thick"
+
+
+def _in_grams(mass: float) -> str:
+    return f"{1e3 * mass:.3g} g" if mass < 1.0 else f"{mass:.3g} kg"

@@ -4,6 +4,7 @@ properties    how finely it is made, and how it ends beside its box
 operators     Fit Field, Calibrate for Object, Export Field
 panel         the panel *Field*
 field_object  a mesh of wind sources that is a Blender force field
+conform       its pictures at the clip's own speed, whatever the scene's frame rate
 samples       the field's values for Geometry Nodes, and the group *Sample Wind*
 arrows        the arrows
 legend        the bar of colours beside them

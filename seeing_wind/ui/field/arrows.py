@@ -50,6 +50,7 @@ def create_arrows(
     *,
     length: float | None = None,
     peak: float | None = None,
+    units: str = "N/m³",
     parent: bpy.types.Object | None = None,
     collection: bpy.types.Collection | None = None,
 ) -> bpy.types.Object:
@@ -58,11 +59,12 @@ def create_arrows(
     Args:
         scene: its length unit is respected.
         points: (M, 3) where the arrows start [m, world], or (T, M, 3) for arrows that ride on something.
-        vectors: (T, M, 3) the field there [N/m³]; row t is shown from the scene frame of picture t on.
+        vectors: (T, M, 3) the field there; row t is shown from the scene frame of picture t on.
         confidence: (T, M) in 0..1; weakly known arrows are more transparent, hardly known ones hidden. None: all are sure.
         frame_start: scene frame of picture 0.
         length: of an arrow at the peak [m]; by default so long that neighbours do not overlap.
-        peak: strength drawn in red [N/m³]; by default nearly the largest.
+        peak: strength drawn in red; by default nearly the largest.
+        units: of the strength, for panel and legend.
         parent: the field object that the arrows follow when it is moved, turned or made stronger.
         collection: where to link them, by default the scene's own collection.
 
@@ -85,7 +87,7 @@ def create_arrows(
     length = length / unit if length else _free_length(positions[0])
     obj = bpy.data.objects.new(name, _mesh(name, positions, vectors, np.minimum(size / peak, 1.0), confidence))
     set_up_modifier(obj, _arrow_group(name, positions.shape[1], len(vectors), frame_start, length, parent))
-    obj["seeing_wind_peak"], obj["seeing_wind_units"] = peak, "N/m3"
+    obj["seeing_wind_peak"], obj["seeing_wind_units"] = peak, units
     (collection or scene.collection).objects.link(obj)
     if parent is not None:
         obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
@@ -101,7 +103,7 @@ def _free_length(points: np.ndarray) -> float:
 
 
 def _mesh(name: str, positions: np.ndarray, vectors: np.ndarray, strength: np.ndarray, confidence: np.ndarray | None) -> bpy.types.Mesh:
-    """All frames (T, M, ...) as T * M vertices with the attributes force [N/m³], strength and confidence (0..1)."""
+    """All frames (T, M, ...) as T * M vertices with the attributes force [unit of the field], strength and confidence (0..1)."""
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(strength.size)
     mesh.vertices.foreach_set("co", positions.astype(np.float32).ravel())

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...engine.conventions import beaufort
+
 ARROWS_MATERIAL = "Seeing Wind Arrows"
 
 SAMPLES_MARK, LEGEND_MARK = "seeing_wind_samples", "seeing_wind_legend"
@@ -11,6 +13,69 @@ SAMPLES_MARK, LEGEND_MARK = "seeing_wind_samples", "seeing_wind_legend"
 
 CARRIED = "seeing_wind_carried"
 """Custom property of the field object: the object with its values."""
+
+
+FORCE, WIND = "FORCE", "WIND"
+"""What solvers feel of a field object: a force per volume, or air that moves. Its custom property `KIND`."""
+
+KIND, SPEEDS = "seeing_wind_kind", "seeing_wind_speeds"
+"""Custom properties of a field object: what solvers feel, and, only where it has a wind, its mean and its strongest gust [m/s]."""
+
+DRAG, LINEAR, FLOW = "seeing_wind_drag", "seeing_wind_linear", "seeing_wind_flow"
+"""Custom properties of a field with a wind, see `solvers.in_wind`. The pressure on a plate across it over the square of the speed [kg/m³];
+the speed [m/s] at which Blender's drag, which is linear, is right, and how far it is off in the mean; the flow by which a body's own
+velocity counts as the air's does, and how much that varies over the box."""
+
+
+STRIDE = "seeing_wind_stride"
+"""Custom property of a field object: scene frames that one of its pictures lasts; 1 unless it was conformed to the scene's frame rate."""
+
+
+def frames_per_second(scene: Any) -> float:
+    """The scene's frame rate."""
+    return scene.render.fps / scene.render.fps_base
+
+
+def stride_of(field: Any) -> float:
+    """Scene frames that a picture of a field lasts."""
+    return field.get(STRIDE, 1.0)
+
+
+def said_of_speed(field: Any, scene: Any) -> str:
+    """How much faster or slower than filmed a field goes by; "" at the right speed."""
+    speed = frames_per_second(scene) / (stride_of(field) * field["seeing_wind_fps"])
+    if abs(speed - 1.0) < 1e-3:
+        return ""
+    rates = f"{field['seeing_wind_fps']:.4g} pictures and {frames_per_second(scene):.4g} scene frames a second"
+    return f"Goes by at {speed:.3g} times the speed of the clip ({rates})"
+
+
+def has_wind(field: Any) -> bool:
+    """Whether a field object carries the velocity of a wind beside its force."""
+    return field is not None and SPEEDS in field
+
+
+def is_wind(field: Any) -> bool:
+    """Whether solvers feel a field object as air that moves."""
+    return field is not None and field.get(KIND) == WIND
+
+
+def share(field: Any) -> float:
+    """Strength of a field object over the recovered one: the user's factor."""
+    return field.field.strength / field.get("seeing_wind_strength", field.field.strength or 1.0)
+
+
+def in_beaufort(speed: float) -> str:
+    """A speed [m/s] with its number."""
+    return f"{speed:.2g} m/s (Beaufort {beaufort(speed)})"
+
+
+def said_of_wind(field: Any) -> str:
+    """How strong a field's wind blows as its strength is set; "" for one without."""
+    if not has_wind(field):
+        return ""
+    mean, gust = (in_beaufort(abs(share(field)) * speed) for speed in field[SPEEDS])
+    return f"Wind: {mean} in the mean, gusts up to {gust}"
 
 
 def in_figures(value: float) -> str:
@@ -23,7 +88,11 @@ def said_of_fit(field: Any) -> str:
     error = field.get("seeing_wind_error")
     if error is None:
         return ""
-    return f"{field['seeing_wind_nodes']} nodes, feels {100.0 * error[1]:.1f} % and {error[0]:.1f}° off the recovered field"
+    what = "wind" if is_wind(field) else "field"
+    said = f"{field['seeing_wind_nodes']} nodes, feels {100.0 * error[1]:.1f} % and {error[0]:.1f}° off the recovered {what}"
+    if not is_wind(field):
+        return said
+    return f"{said}; what moves with the wind within {100.0 * field[FLOW][1]:.0f} % of its speed"
 
 
 def is_field(obj: Any) -> bool:
@@ -38,7 +107,7 @@ def field_at_hand(context: Any) -> Any:
 
 
 def out_of_time(scene: Any) -> list[Any]:
-    """Calibrations that were made for another frame rate than the scene has now."""
-    fps = scene.render.fps / scene.render.fps_base
+    """Calibrations that were made for another frame rate than the scene has now, or for a field that was felt otherwise."""
+    fps = frames_per_second(scene)
     listed = (each for each in scene.seeing_wind.calibrations if each.object is not None and each.field is not None)
-    return [each for each in listed if abs(each.fps - fps) > 1e-3 * fps]
+    return [each for each in listed if abs(each.fps - fps) > 1e-3 * fps or each.wind != is_wind(each.field)]

@@ -19,12 +19,13 @@ DARK, LIGHT = 0.01, 1.0
 
 
 def create_legend(
-    name: str, peak: float, corner: np.ndarray, height: float, collection: bpy.types.Collection, parent: bpy.types.Object | None = None
+    name: str, peak: float, units: str, corner: np.ndarray, height: float, collection: bpy.types.Collection,
+    parent: bpy.types.Object | None = None,
 ) -> bpy.types.Object:
     """A bar that stands upright and is read from the front.
 
     Args:
-        peak: strength at its upper end [N/m³].
+        peak, units: strength at its upper end.
         corner: (3,) its lower right corner in the world [scene units].
         height: [scene units].
         parent: what it follows, such as the field object.
@@ -52,7 +53,7 @@ def create_legend(
     size = {"Size X": 0.75 * height, "Size Y": 1.2 * height, "Vertices X": 2, "Vertices Y": 2}
     plate = group.node("GeometryNodeMeshGrid", size).outputs["Mesh"]
     parts = [_placed(group, plate, (0.24 * height, 0.01 * height, 0.5 * height), DARK)]
-    for text, at in ((f"{in_figures(peak)} N/m³", height), ("0", 0.0)):
+    for text, at in ((f"{in_figures(peak)} {units}", height), ("0", 0.0)):
         letters = group.node("GeometryNodeStringToCurves", {"String": text, "Size": 0.09 * height})
         filled = group.node("GeometryNodeFillCurve", {0: group.node("GeometryNodeRealizeInstances", {0: letters.outputs[0]}).outputs[0]})
         parts.append(_placed(group, filled.outputs[0], (0.03 * height, 0.0, at - 0.03 * height), LIGHT))

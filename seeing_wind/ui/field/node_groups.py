@@ -99,6 +99,10 @@ class GroupBuilder:
         return self.tree
 
 
+FRAMES_PER_PICTURE = "Frames per Picture"
+"""Name of the input of `points_of_current_frame`."""
+
+
 def points_of_current_frame(group: GroupBuilder, points: int, frames: int, frame_start: int, delay: int) -> Any:
     """The part of the input mesh that belongs to the current frame, as a geometry socket.
 
@@ -106,11 +110,15 @@ def points_of_current_frame(group: GroupBuilder, points: int, frames: int, frame
         points: points of one frame.
         frames: how many frames the mesh holds; before the first and after the last these two stay.
         frame_start: scene frame of the first.
-        delay: scene frames by which they are late.
+        delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before; else 0.
     """
     first = group.parameter("First Frame", "Int", frame_start, "Scene frame of the clip's first picture")
     now = group.node("GeometryNodeInputSceneTime").outputs["Frame"]
-    frame = group.math("FLOOR", group.math("SUBTRACT", now, group.math("ADD", first, float(delay))))
+    lasts = group.parameter(FRAMES_PER_PICTURE, "Float", 1.0, "Scene frames that a picture of the clip lasts", minimum=1e-3)
+    if delay:
+        now = group.math("SUBTRACT", group.math("CEIL", now), 0.5 * delay)
+    # a ten-thousandth of a picture keeps rounding from falling back to the one before
+    frame = group.math("FLOOR", group.math("ADD", group.math("DIVIDE", group.math("SUBTRACT", now, first), lasts), 1e-4))
     frame = group.math("MINIMUM", group.math("MAXIMUM", frame, 0.0), float(frames - 1))
     # half a point keeps the division away from whole numbers, where rounding could go either way
     index = group.math("ADD", group.node("GeometryNodeInputIndex").outputs[0], 0.5)

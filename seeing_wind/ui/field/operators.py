@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
@@ -13,14 +14,17 @@ from ..job.install.environment import engine_python
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
-from .display import field_at_hand, is_field, out_of_time, said_of_fit
+from .display import field_at_hand, frames_per_second, is_field, is_wind, out_of_time, said_of_fit
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
     ("PLY", "PLY", "Points with force and confidence, one file per frame"),
     ("NPZ", "NPZ", "NumPy arrays of the whole field"),
 ]
-FORMATS = [("VDB", "OpenVDB", "Volumes with the grids force and confidence, one file per frame, written by Blender"), *ONE_FILE]
+FORMATS = [
+    ("VDB", "OpenVDB", "Volumes with the grids force, velocity (of a wind) and confidence, one file per frame, written by Blender"),
+    *ONE_FILE,
+]
 
 
 def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object:
@@ -45,8 +49,15 @@ def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object
     return fields[0]
 
 
+def matter_of(given: Any) -> dict[str, Any]:
+    """What a calibration's options say, those of the operator or of a former time, as `calibrate_object` takes it."""
+    return {
+        "density": given.density or None, "alone": given.alone, "set_mass": given.set_mass, "areal_density": given.areal_density or 0.12,
+    }  # fmt: skip
+
+
 class SEEING_WIND_OT_fit_field(DirectOperator, bpy.types.Operator):
-    """Make the native force field anew from the values that it carries, with the nodes and the reach that are set here"""
+    """Make the native force field anew from the values that it carries, with the nodes, the reach and the kind that are set here"""
 
     bl_idname = "seeing_wind.fit_field"
     bl_label = "Fit Field"
@@ -58,7 +69,7 @@ class SEEING_WIND_OT_fit_field(DirectOperator, bpy.types.Operator):
         from .field_object import fit_again  # needs NumPy
 
         field, settings = chosen_field(context, self.field), context.scene.seeing_wind
-        fit_again(field, settings.field_resolution, settings.field_reach)
+        fit_again(field, settings.field_resolution, settings.field_reach, settings.field_kind)
         return f"{field.name}: {said_of_fit(field)}"
 
 
@@ -70,9 +81,16 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
 
     object: StringProperty(name="Object", options={"SKIP_SAVE"}, description="Name of the object; empty: the active one")
     field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
+    every: BoolProperty(
+        name="All Objects", options={"SKIP_SAVE"}, description="Calibrate every object of the scene that has a solver which feels wind"
+    )
     density: FloatProperty(
         name="Density (kg/m³)", default=0.0, min=0.0, soft_max=20000.0, step=1000, precision=1, options={"SKIP_SAVE"},
         description="Of the object's matter in kilograms per cubic metre; 0: as the recovered object",
+    )  # fmt: skip
+    areal_density: FloatProperty(
+        name="Areal Density (kg/m²)", default=0.12, min=1e-4, soft_max=2.0, step=1, precision=3, options={"SKIP_SAVE"},
+        description="Of cloth in a wind, in kilograms per square metre: cotton 0.12, silk 0.05, denim 0.4",
     )  # fmt: skip
     alone: BoolProperty(
         name="Only This Wind", options={"SKIP_SAVE"}, description="Feel no force fields but those of the results' collection"
@@ -84,25 +102,47 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """Every solver of the object; what one cannot do is part of the answer."""
-        from .solvers.calibration import calibrate_object  # needs NumPy
-
-        scene = context.scene
-        obj = scene.objects.get(self.object) if self.object else context.active_object
+        field = chosen_field(context, self.field)
+        if self.every:
+            return self._all(context.scene, field)
+        obj = context.scene.objects.get(self.object) if self.object else context.active_object
         if obj is None:
             raise UsageError(f"There is no object {self.object!r}." if self.object else "No object is active.", "Select one.")
-        field = chosen_field(context, self.field)
         if obj == field:
             raise UsageError(f"{obj.name} is the wind itself.", "Make the object active that is to feel it, and select the field too.")
-        said = calibrate_object(scene, obj, field, density=self.density or None, alone=self.alone, set_mass=self.set_mass)
+        return self._one(context.scene, obj, field)
+
+    def _one(self, scene, obj, field):
+        from .solvers.calibration import calibrate_object  # needs NumPy
+
+        said = calibrate_object(scene, obj, field, **matter_of(self))
         kept = scene.seeing_wind.calibrations
         entry = next((each for each in kept if each.object == obj), None) or kept.add()
-        entry.object, entry.field, entry.fps = obj, field, scene.render.fps / scene.render.fps_base
+        entry.object, entry.field, entry.fps = obj, field, frames_per_second(scene)
+        entry.said, entry.wind, entry.areal_density = "; ".join(said), is_wind(field), self.areal_density
         entry.density, entry.alone, entry.set_mass = self.density, self.alone, self.set_mass
-        return "; ".join(said)
+        return entry.said
+
+    def _all(self, scene, field):
+        """Every object on its own: one that cannot be set right does not keep the others from it."""
+        from .solvers.calibration import has_solver  # needs NumPy
+
+        able, done, failed = [obj for obj in scene.objects if obj != field and has_solver(obj)], [], []
+        if not able:
+            raise UsageError("Nothing in this scene feels wind.", "Add a particle system, cloth, a rigid body or physics nodes first.")
+        for obj in able:
+            try:
+                self._one(scene, obj, field)
+                done.append(obj.name)
+            except UsageError as error:
+                failed.append(f"{obj.name}: {error.message}")
+        if not done:
+            raise UsageError("; ".join(failed), "Calibrate them one by one.")
+        return "; ".join([f"Calibrated {', '.join(done)} for {field.name}", *failed])
 
 
 class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
-    """Calibrate all objects anew that were calibrated for another frame rate: native solvers count the wind per frame"""
+    """Calibrate all objects anew that were calibrated for another frame rate or kind of field: solvers count the wind per frame"""
 
     bl_idname = "seeing_wind.calibrate_again"
     bl_label = "Calibrate Again"
@@ -115,13 +155,39 @@ class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
         if not scene.seeing_wind.calibrations:
             raise UsageError("No object of this scene has been calibrated.", "Select one and run Calibrate for Object.")
         for entry in out_of_time(scene):
-            calibrate_object(
-                scene, entry.object, entry.field, density=entry.density or None, alone=entry.alone, set_mass=entry.set_mass
-            )  # fmt: skip
-            entry.fps = scene.render.fps / scene.render.fps_base
+            entry.said = "; ".join(calibrate_object(scene, entry.object, entry.field, **matter_of(entry)))
+            entry.wind, entry.fps = is_wind(entry.field), frames_per_second(scene)
             done.append(entry.object.name)
-        rate = f"{scene.render.fps / scene.render.fps_base:.4g} frames per second"
+        rate = f"{frames_per_second(scene):.4g} frames per second"
         return f"Calibrated {', '.join(done)} for {rate}" if done else "Every calibration fits the frame rate"
+
+
+class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
+    """Let the field, its object and what was baked go by at the clip's own speed, whatever the frame rate; or a picture in every frame"""
+
+    bl_idname = "seeing_wind.conform"
+    bl_label = "Conform to Frame Rate"
+
+    field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
+    real_time: BoolProperty(
+        name="Real Time", default=True, options={"SKIP_SAVE"},
+        description="A second of the clip is a second of the scene; otherwise one picture is one frame",
+    )  # fmt: skip
+
+    def act(self, context):
+        """Calibrations of the field are renewed with it."""
+        from .conform import conform  # needs NumPy
+        from .solvers.calibration import calibrate_object
+
+        scene, field = context.scene, chosen_field(context, self.field)
+        stride = conform(scene, field, self.real_time)
+        entries = [each for each in scene.seeing_wind.calibrations if each.field == field and each.object is not None]
+        for entry in entries:
+            entry.said = "; ".join(calibrate_object(scene, entry.object, field, **matter_of(entry)))
+            entry.wind, entry.fps = is_wind(field), frames_per_second(scene)
+        lasts = f"a picture lasts {stride:.4g} frames"
+        clip = "; the clip itself still plays a picture a frame" if scene.active_clip is not None and stride != 1.0 else ""
+        return f"{field.name}: {lasts}{clip}"
 
 
 class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
@@ -174,4 +240,6 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
             raise SeeingWindError(last["message"], last.get("hint", ""))
 
 
-CLASSES = (SEEING_WIND_OT_fit_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_export_field)
+CLASSES = (
+    SEEING_WIND_OT_fit_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_conform, SEEING_WIND_OT_export_field,
+)  # fmt: skip

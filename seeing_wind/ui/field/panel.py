@@ -3,7 +3,18 @@
 import bpy
 
 from ..job.panel_pieces import Tab, draw_text, panels
-from .display import ARROWS_MATERIAL, field_at_hand, in_figures, out_of_time, said_of_fit
+from .display import (
+    ARROWS_MATERIAL,
+    KIND,
+    field_at_hand,
+    has_wind,
+    in_figures,
+    out_of_time,
+    said_of_fit,
+    said_of_speed,
+    said_of_wind,
+    stride_of,
+)
 from .node_groups import modifier_input
 
 SHOWN = ("Length", "Density", "Confidence Shown", "Slice Axis", "Slice Position", "Slice Thickness")
@@ -28,30 +39,47 @@ class FieldTab(Tab):
         if field != settings.field_object:
             layout.label(text=field.name, icon="FORCE_WIND")
         layout.prop(field.field, "strength")
+        if has_wind(field):
+            draw_text(layout, context, said_of_wind(field), "FORCE_WIND")
+        speed = said_of_speed(field, context.scene)
+        if speed:
+            draw_text(layout, context, speed, "TIME")
+            layout.operator("seeing_wind.conform", icon="TIME")
+        if stride_of(field) != 1.0:
+            layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
         self._nodes(context, settings, field)
         if settings.arrows_object is not None and settings.arrows_object.parent == field:
             self._arrows(context, settings.arrows_object)
         column = layout.column()
-        row = column.row()
-        row.enabled = context.active_object is not None
-        row.operator("seeing_wind.calibrate", icon="PHYSICS")
+        both = column.column(align=True)
+        one = both.row(align=True)
+        one.enabled = context.active_object is not None
+        one.operator("seeing_wind.calibrate", icon="PHYSICS")
+        both.operator("seeing_wind.calibrate", text="Calibrate All Objects").every = True
+        for each in settings.calibrations:
+            if each.object is not None and each.object == context.active_object and each.said:
+                draw_text(column, context, each.said, "INFO")
         wrong = out_of_time(context.scene)
         if wrong:
             box = column.box()
             box.alert = True
             names = ", ".join(each.object.name for each in wrong[:3])
-            draw_text(box, context, f"The frame rate has changed since {names} was calibrated: the wind is felt wrongly", "ERROR")
+            said = f"The frame rate, or what solvers feel, has changed since {names} was calibrated: the wind is felt wrongly"
+            draw_text(box, context, said, "ERROR")
             box.operator("seeing_wind.calibrate_again", icon="FILE_REFRESH")
         column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
 
     def _nodes(self, context, settings, field):
         """How the native field follows the recovered one."""
         column = self.layout.column()
+        if has_wind(field):
+            column.prop(settings, "field_kind")
         column.prop(settings, "field_resolution")
         column.prop(settings, "field_reach")
-        set_here = (settings.field_resolution or field.get("seeing_wind_nodes"), settings.field_reach)
+        kind = settings.field_kind if has_wind(field) else field.get(KIND)
+        set_here = (settings.field_resolution or field.get("seeing_wind_nodes"), settings.field_reach, kind)
         row = column.row()
-        row.alert = set_here != (field.get("seeing_wind_nodes"), field.get("seeing_wind_reach"))
+        row.alert = set_here != (field.get("seeing_wind_nodes"), field.get("seeing_wind_reach"), field.get(KIND))
         row.operator("seeing_wind.fit_field", icon="FORCE_WIND")
         if said_of_fit(field):
             draw_text(column, context, said_of_fit(field), "INFO")
@@ -78,7 +106,7 @@ class FieldTab(Tab):
             row.label(text="0")
             end = row.row()
             end.alignment = "RIGHT"
-            end.label(text=f"{in_figures(arrows.get('seeing_wind_peak', 0.0))} N/m³")
+            end.label(text=f"{in_figures(arrows.get('seeing_wind_peak', 0.0))} {arrows.get('seeing_wind_units', 'N/m³')}")
 
 
 CLASSES = panels(FieldTab, 20)

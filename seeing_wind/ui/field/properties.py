@@ -4,7 +4,7 @@ No postponed annotations here: Blender reads these annotations as property defin
 """
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
 from ..property_kinds import choice
 
@@ -17,6 +17,9 @@ class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
     density: FloatProperty(name="Density (kg/m³)", description="0: as the recovered object")
     alone: BoolProperty(description="Whether it feels no other forces than those of the field")
     set_mass: BoolProperty(description="Whether its mass was changed to suit the weight of its rigid body world")
+    areal_density: FloatProperty(name="Areal Density (kg/m²)", description="Of cloth in a wind")
+    said: StringProperty(description="What was set, how far off it is, and what its solver cannot do")
+    wind: BoolProperty(description="Whether it was calibrated for a wind that moves, not for a force")
     fps: FloatProperty(name="Frame Rate (1/s)", description="Of the scene, at that time")
 
 
@@ -28,11 +31,18 @@ class FieldSettings:
         description="Wind sources along the field object's longest side: more follow the field closer and play slower. "
         "0: as many as it needs",
     )  # fmt: skip
+    field_kind: choice("Solvers Feel", "What Blender's own solvers feel of a field that was recovered as a wind", [
+        ("WIND", "Wind", "Air that moves: it pushes the faces of cloth, and slows what is faster than it. For cloth and particles"),
+        ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body. For rigid bodies and hair, too"),
+    ])  # fmt: skip
     field_reach: choice("Beside the Box", "What becomes of the wind beside the box in which it was recovered", [
         ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
         ("HOLD", "Hold", "As strong as at the box's nearest place; a native field holds it for about one box's length"),
         ("CONTINUE", "Continue", "Left to the falloff of the wind sources: weaker with distance, and never nothing"),
     ])  # fmt: skip
+    real_time: BoolProperty(
+        options={"HIDDEN"}, description="The clip's motion goes by at its own speed, whatever the frame rate; else a picture a frame"
+    )
     calibrations: CollectionProperty(type=SEEING_WIND_PG_calibration, options={"HIDDEN"})
 
 

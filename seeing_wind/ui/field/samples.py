@@ -18,9 +18,9 @@ from .fit.lattice import SampledField
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 
 SAMPLE_WIND = "Sample Wind"
-FORCE, COUNT, SURE, REACH = "force", "lattice_count", "confidence", "reach"
-"""Attributes: the field [N per cubic scene unit-metre, as the field object has it], nodes along each axis, confidence in 0..1, and how the
-wind ends beside the box (see `set_reach`)."""
+FORCE, VELOCITY, COUNT, SURE, REACH = "force", "velocity", "lattice_count", "confidence", "reach"
+"""Attributes: the field [N per cubic scene unit-metre, as the field object has it], the wind [scene units/s] where it has one, nodes along
+each axis, confidence in 0..1, and how the wind ends beside the box (see `set_reach`)."""
 
 FOR_EVER = 1e6
 """Scene units over which a wind fades that is not to fade."""
@@ -40,7 +40,8 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     mesh.vertices.add(forces.shape[0] * forces.shape[1])
     mesh.vertices.foreach_set("co", np.tile(sampled.points, (len(forces), 1)).astype(np.float32).ravel())
     many = np.broadcast_to(np.asarray(counts, dtype=np.float32), forces.shape)
-    for name, values in ((FORCE, forces), (COUNT, many)):
+    wind = {} if sampled.velocity is None else {VELOCITY: sampled.velocity}
+    for name, values in {FORCE: forces, COUNT: many, **wind}.items():
         mesh.attributes.new(name, "FLOAT_VECTOR", "POINT").data.foreach_set("vector", values.astype(np.float32).ravel())
     mesh.attributes.new(REACH, "FLOAT_VECTOR", "POINT")
     mesh.attributes.new(SURE, "FLOAT", "POINT").data.foreach_set("value", sampled.confidence.astype(np.float32).ravel())
@@ -53,12 +54,14 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     group = GroupBuilder(f"{field.name} Samples")
     current = points_of_current_frame(group, forces.shape[1], len(forces), frame_start, delay)
     # the strength slider of the field object acts here too
-    stored = group.node(
-        "GeometryNodeStoreNamedAttribute",
-        {"Geometry": current, "Name": FORCE, "Value": group.scaled(group.attribute(FORCE, "FLOAT_VECTOR"), group.strength(field))},
-        data_type="FLOAT_VECTOR", domain="POINT",
-    ).outputs["Geometry"]  # fmt: skip
-    set_up_modifier(obj, group.finish(stored))
+    strength = group.strength(field)
+    for name in (FORCE, *wind):
+        current = group.node(
+            "GeometryNodeStoreNamedAttribute",
+            {"Geometry": current, "Name": name, "Value": group.scaled(group.attribute(name, "FLOAT_VECTOR"), strength)},
+            data_type="FLOAT_VECTOR", domain="POINT",
+        ).outputs["Geometry"]  # fmt: skip
+    set_up_modifier(obj, group.finish(current))
     return obj
 
 
@@ -81,14 +84,16 @@ def read_samples(samples: bpy.types.Object) -> SampledField:
     """The values that a field object carries, in its own coordinates [scene units] and over the scene's unit, as recovered."""
     mesh = samples.data
     total = len(mesh.vertices)
-    flat = {name: np.empty(3 * total, dtype=np.float32) for name in ("co", FORCE)}
+    flat = {name: np.empty(3 * total, dtype=np.float32) for name in ("co", FORCE, VELOCITY) if name == "co" or name in mesh.attributes}
     mesh.vertices.foreach_get("co", flat["co"])
-    mesh.attributes[FORCE].data.foreach_get("vector", flat[FORCE])
+    for name in flat.keys() - {"co"}:
+        mesh.attributes[name].data.foreach_get("vector", flat[name])
     sure = np.empty(total, dtype=np.float32)
     mesh.attributes[SURE].data.foreach_get("value", sure)
     size = int(np.prod([round(count) for count in mesh.attributes[COUNT].data[0].vector]))
     places = flat["co"].reshape(-1, 3)[:size].astype(np.float64)
-    return SampledField(places, flat[FORCE].reshape(-1, size, 3).astype(np.float64), sure.reshape(-1, size))
+    vectors = {name: flat[name].reshape(-1, size, 3).astype(np.float64) for name in flat if name != "co"}
+    return SampledField(places, vectors[FORCE], sure.reshape(-1, size), vectors.get(VELOCITY))
 
 
 def samples_of(field: bpy.types.Object) -> bpy.types.Object | None:
@@ -142,16 +147,23 @@ def _build(group: GroupBuilder) -> bpy.types.NodeTree:
     corner = group.vector("FLOOR", group.vector("MINIMUM", where, group.vector("SUBTRACT", last, (1.0e-3,) * 3)))
     t = group.split(group.vector("SUBTRACT", where, corner))
     indices = _corner_indices(group, corner, count)
-    force = _mix(group, [_sample(group, own, group.attribute(FORCE, "FLOAT_VECTOR"), index) for index in indices], t, "VECTOR")
+    force, wind_there = (
+        _mix(group, [_sample(group, own, group.attribute(name, "FLOAT_VECTOR"), index) for index in indices], t, "VECTOR")
+        for name in (FORCE, VELOCITY)
+    )
     sure = _mix(group, [_sample(group, own, group.attribute(SURE), index, "FLOAT") for index in indices], t, "FLOAT")
 
     left = _left(group, local, low, high, _sample(group, own, group.attribute(REACH, "FLOAT_VECTOR"), 0))
-    force, sure = group.scaled(force, left), group.math("MULTIPLY", sure, left)
-    turned = group.node("FunctionNodeTransformDirection", {0: force, 1: info.outputs["Transform"]}).outputs[0]
+    sure = group.math("MULTIPLY", sure, left)
+    turned, blowing = (
+        group.node("FunctionNodeTransformDirection", {0: group.scaled(each, left), 1: info.outputs["Transform"]}).outputs[0]
+        for each in (force, wind_there)
+    )
     acceleration = group.scaled(turned, group.math("DIVIDE", 1.0, density))
     group.result("Force Density", "Vector", turned, "N/m³ in the object's space")
     group.result("Acceleration", "Vector", acceleration, "Of matter of that density [m/s²]")
     group.result("Force", "Vector", group.scaled(acceleration, mass), "On a point of that mass and density [N]")
+    group.result("Wind Velocity", "Vector", blowing, "Of the air, in the object's space [m/s]; zero where the field is a force only")
     group.result("Confidence", "Float", sure, "0: a guess, 1: well determined by the clip")
     return group.finish()
 

@@ -10,11 +10,14 @@ import numpy as np
 
 from ...engine.errors import UsageError
 from ..scene_units import metres_per_unit
+from .display import share
 from .field_object import SOLVER_DELAY
 from .samples import read_samples, samples_of
 
-UNITS = {"force": "N/m3", "confidence": "1"}
-"""The grids, and what their metadata call their unit: three floats, and a number in 0..1."""
+UNITS = {"force": "N/m3", "velocity": "m/s", "confidence": "1"}
+"""The grids, and what their metadata call their unit. Blender blurs volumes by a grid of the name `velocity`."""
+CLASSES = {"force": "covariant", "velocity": "contravariant relative"}
+"""OpenVDB's classes of vectors: how they turn and stretch with the volume."""
 
 
 def available() -> bool:
@@ -26,7 +29,8 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     """Write `wind_0002.vdb` and so on, one per scene frame in which solvers feel the field, as the field object now stands and blows.
 
     A volume object that shows frame N in scene frame N is then in step with them. The values are the engine's own at its lattice, no sum
-    of wind sources. Cells are in scene units, values in N/m³ with the field object's strength applied; each grid says its unit.
+    of wind sources. Cells are in scene units, values in N/m³ and, where the field has a wind, m/s, with the field object's strength
+    applied; each grid says its unit.
 
     Raises:
         UsageError: when this Blender has no OpenVDB, or the field's values are gone.
@@ -41,9 +45,10 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     if samples is None:
         raise UsageError(f"The values under {field.name} are gone.", "Load the results again (Reload in the Recover panel).")
     sampled = read_samples(samples)
-    points, counts, force, sure = sampled.points, sampled.counts, sampled.force, sampled.confidence
+    points, counts, force = sampled.points, sampled.counts, sampled.force
+    known = {"force": force, "velocity": sampled.velocity, "confidence": sampled.confidence}
     turn = np.array(field.matrix_world)
-    strength = field.field.strength / field.get("seeing_wind_strength", field.field.strength) * metres_per_unit(scene)
+    strength = share(field) * metres_per_unit(scene)
     spacing = (points[-1] - points[0]) / (np.array(counts) - 1)
     matrix = turn @ np.diag([*spacing, 1.0])
     matrix[:3, 3] = turn[:3, :3] @ points[0] + turn[:3, 3]
@@ -52,12 +57,19 @@ def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> 
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for t in range(len(force)):
-        vectors = (strength * force[t] @ turn[:3, :3].T).reshape(*counts, 3)
-        grids = [openvdb.Vec3SGrid(), openvdb.FloatGrid()]
-        for grid, name, values in zip(grids, UNITS, (vectors, sure[t].reshape(counts)), strict=True):
+        grids = []
+        for name, rows in known.items():
+            if rows is None:
+                continue
+            if name in CLASSES:
+                grid, values = openvdb.Vec3SGrid(), (strength * rows[t] @ turn[:3, :3].T).reshape(*counts, 3)
+                grid["vector_type"] = CLASSES[name]
+            else:
+                grid, values = openvdb.FloatGrid(), rows[t].reshape(counts)
             grid.copyFromArray(np.ascontiguousarray(values, dtype=np.float32))
             grid.name, grid.transform, grid.gridClass = name, transform, openvdb.GridClass.FOG_VOLUME
             grid["unit"] = UNITS[name]
+            grids.append(grid)
         path = folder / f"wind_{field['seeing_wind_frame_start'] + SOLVER_DELAY + t:04}.vdb"
         openvdb.write(str(path), grids=grids)
         written.append(path)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 
-from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, options_of
+from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of
+
+STAGES = (ObserveSettings, BuildSettings, RecoverSettings, WindSettings)
 
 LABELS = {
-    **{one.flag: one.label for cls in (ObserveSettings, BuildSettings, RecoverSettings) for one in options_of(cls).values() if one.panel},
+    **{one.flag: one.label for cls in STAGES for one in options_of(cls).values() if one.panel},
     "--tracks": "Tracks", "--view": "Further Views", "--no-gravity": "Gravity: None",
 }  # fmt: skip
 """Of the options that the panel has."""

@@ -40,6 +40,41 @@ def recovery_notes(take: Take) -> list[str]:
 
 
 @dataclass(frozen=True)
+class WindTold:
+    """What the stage *wind* says of a take."""
+
+    is_wind: bool
+    """The field is read as a wind; otherwise the take keeps to its force."""
+    notes: tuple[str, ...]
+    """What was chosen and why."""
+    mean: float
+    """Speed of the mean wind [m/s]."""
+    gust: float
+    """Of the strongest gust [m/s]."""
+    drag: float
+    """Half the density of air times the coefficient of a plate across the wind [kg/m³]: pressure over the square of the speed."""
+
+
+def wind_told(take: Take) -> WindTold | None:
+    """Read it; None for a take that was asked for its force only.
+
+    Raises:
+        TakeError: when the file makes no sense.
+    """
+    if not take.file("wind.json").is_file():
+        return None
+    told = take.read_json("wind.json")
+    try:
+        law, notes = told["drag_law"], [str(note) for note in told["notes"]]
+        numbers = [float(told[key]) for key in ("mean_speed", "strongest_gust")] + [0.5 * float(law["air_density"]) * float(law["normal"])]
+        if not (np.isfinite(numbers).all() and min(numbers) >= 0.0 and numbers[2] > 0.0):
+            raise ValueError(f"speeds and drag {numbers}")
+        return WindTold(told["field"] == "wind", tuple(notes), *numbers)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise TakeError(f"{take.file('wind.json')} does not describe a wind ({error}).", "Run Recover again.") from error
+
+
+@dataclass(frozen=True)
 class Seen:
     """What a clip showed; a field from trajectories has none of it."""
 

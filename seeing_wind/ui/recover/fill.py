@@ -8,12 +8,12 @@ from typing import Any
 import bpy
 
 from ...engine.errors import TakeError
-from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings
+from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
 from ...engine.take import Take
 from ..option_properties import give, panel_options
 from .properties import MODES
 
-OPTIONS = {one.name: one for one in panel_options(ObserveSettings, BuildSettings, RecoverSettings)}
+OPTIONS = {one.name: one for one in panel_options(ObserveSettings, BuildSettings, RecoverSettings, WindSettings)}
 
 
 def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:

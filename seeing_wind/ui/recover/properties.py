@@ -6,7 +6,7 @@ No postponed annotations here: Blender reads these annotations as property defin
 import bpy
 from bpy.props import PointerProperty, StringProperty
 
-from ...engine.settings import RecoverSettings
+from ...engine.settings import RecoverSettings, WindSettings
 from ..clip.object.properties import ObjectOptions
 from ..clip.properties import ClipOptions
 from ..option_properties import with_options
@@ -24,6 +24,7 @@ MODES = {
 """A keyword argument that chooses a mode as well, unless the mode is given too; of two, the later."""
 
 
+@with_options(WindSettings)
 @with_options(RecoverSettings)
 class RecoverOptions(ClipOptions, ObjectOptions):
     """All options of Recover: a scene has them as settings, the operator as keyword arguments."""
@@ -46,6 +47,9 @@ class RecoverResults:
     recovered_digest: StringProperty(options={"HIDDEN"})
     recovered_take: StringProperty(options={"HIDDEN"}, description="The take that the scene shows")
     recovered_stamp: StringProperty(options={"HIDDEN"}, description="Of its field: tells when another one has taken its place")
+    field_verdict: StringProperty(
+        options={"HIDDEN"}, description="What the recovery says of its field: a force or a wind, how strong, and why"
+    )
     started_take: StringProperty(options={"HIDDEN"}, description="Where the last Recover of this scene went")
     field_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
     arrows_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})

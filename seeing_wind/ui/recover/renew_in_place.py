@@ -9,9 +9,9 @@ import re
 
 import bpy
 
-from ..field.node_groups import get_input, modifier_input, set_input
+from ..field.node_groups import FRAMES_PER_PICTURE, get_input, modifier_input, set_input
 
-OF_RESULTS = ("First Frame", "Length")
+OF_RESULTS = ("First Frame", "Length", FRAMES_PER_PICTURE)
 """Inputs of our modifiers that follow from the results; the others (density, slice, confidence shown) are the user's."""
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, options_of, words_of
+from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of, words_of
 from ..clip.inputs.clips import files_of
 from ..clip.object.options import object_options
 from ..clip.options import View, clip_options
@@ -35,6 +35,7 @@ class RecoverRequest:
     observe: ObserveSettings
     build: BuildSettings
     recover: RecoverSettings
+    wind: WindSettings = WindSettings()
     views: tuple[View, ...] = ()
     inputs: tuple[SceneInput, ...] = ()
     """Files that `observe` names in the take's folder `INPUTS`, to be made by `write_inputs`."""
@@ -61,13 +62,14 @@ class RecoverRequest:
         """The request of a scene of which `scene_values`, `take_folder`, `clip_options` and `object_options` are known already."""
         return cls(
             take, clip[0], ObserveSettings(**marked[0] | clip[1]), BuildSettings(**part_of(values, BuildSettings)),
-            RecoverSettings(**part_of(values, RecoverSettings, gravity=_gravity(scene, values))), clip[2], marked[1],
+            RecoverSettings(**part_of(values, RecoverSettings, gravity=_gravity(scene, values))),
+            WindSettings(**part_of(values, WindSettings)), clip[2], marked[1],
         )  # fmt: skip
 
     def arguments(self) -> list[str]:
         """The words of `recover` after the verb."""
         views = [word for view in self.views for word in ("--view", *view)]
-        return [self.clip, *words_of(self.observe, self.build, self.recover), *views, "--take", str(self.take)]
+        return [self.clip, *words_of(self.observe, self.build, self.recover, self.wind), *views, "--take", str(self.take)]
 
     def files(self) -> list[Path]:
         """All that is read, but for what is made from the scene."""
@@ -84,6 +86,7 @@ class RecoverRequest:
             os.path.basename(self.clip), dataclasses.replace(self.observe, **names), self.build, self.recover, views,
             [(entry.st_size, entry.st_mtime_ns) for entry in files],
             tuple(each.stamp for each in self.inputs),  # what is made from the scene counts by what it is made of
+            *([self.wind] if self.wind != WindSettings() else []),  # so that what was recovered before there was a choice stays done
         )  # fmt: skip
 
     def write_inputs(self) -> None:
@@ -97,7 +100,7 @@ FILES = [one.name for one in options_of(ObserveSettings).values() if one.file]
 
 def scene_values(settings: bpy.types.PropertyGroup) -> dict[str, Any]:
     """The values of all options of a recovery, as the panel has them."""
-    return values_of(settings, ObserveSettings, BuildSettings, RecoverSettings)
+    return values_of(settings, ObserveSettings, BuildSettings, RecoverSettings, WindSettings)
 
 
 def _gravity(scene: bpy.types.Scene, values: dict[str, Any]) -> tuple[float, ...]:

@@ -15,6 +15,7 @@ from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
 from ..clip.match import followed, is_factory
 from ..edit.from_file import fill_edit
 from ..field.arrows import create_arrows
+from ..field.conform import conform
 from ..field.display import is_field
 from ..field.field_object import create_field_object
 from ..field.fit.lattice import SampledField
@@ -23,7 +24,7 @@ from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
 from ..job.panel_words import in_panel_words
-from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion
+from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion, wind_told
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .fill import fill
@@ -35,8 +36,10 @@ COLLECTION = "Seeing Wind"
 
 
 def notes(folder: Path) -> list[str]:
-    """What the recovery in `folder` says of itself, the worst first."""
-    return [in_panel_words(note) for note in recovery_notes(Take(folder))]
+    """What the recovery in `folder` says of itself, the worst first, without the verdict on its wind, which the scene keeps."""
+    take = Take(folder)
+    told = wind_told(take)
+    return [in_panel_words(note) for note in recovery_notes(take) if told is None or note not in told.notes]
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
@@ -58,8 +61,16 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
         raise TakeError(f"The samples in {folder} do not fit its field.", "Load the results again.")
     if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence")):
         raise TakeError(f"The field in {folder} is not finite everywhere.", "Run Recover again.")
+    told = wind_told(take)
+    blown = told if told is not None and told.is_wind else None
     at_nodes, at_arrows, at_riding = where.split(samples["force_density"])
     sure_nodes, sure_arrows, sure_riding = where.split(samples["confidence"])
+    wind_at_nodes = None
+    if blown is not None:
+        if np.shape(samples.get("wind_velocity")) != (*shape, 3) or not np.isfinite(samples["wind_velocity"]).all():
+            raise TakeError(f"The samples in {folder} hold no wind.", "Load the results again.")
+        wind_at_nodes, at_arrows, at_riding = where.split(samples["wind_velocity"])
+        sure_nodes, sure_arrows, sure_riding = where.split(samples["wind_confidence"])
     seen = read_seen(take, field)
     if seen is not None:
         path = clip or _clip(settings, field)
@@ -75,20 +86,23 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     former, followers, groups = made_before(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
     collection = _collection(scene, settings.field_object)
     wind = create_field_object(
-        scene, "Recovered Wind", SampledField(where.nodes, at_nodes, sure_nodes), fps=field.fps, density=field.density,
+        scene, "Recovered Wind", SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes), fps=field.fps, density=field.density,
         frame_start=settings.frame_start, resolution=settings.field_resolution, reach=settings.field_reach, take=folder,
+        kind=settings.field_kind, speeds=(blown.mean, blown.gust) if blown else (0.0, 0.0), drag=blown.drag if blown else 0.0,
         collection=collection,
     )  # fmt: skip
     standing = np.broadcast_to(where.arrows, at_arrows.shape)
     arrows = create_arrows(
         scene, "Recovered Wind Arrows", np.concatenate([standing, where.riding], axis=1), np.concatenate([at_arrows, at_riding], axis=1),
         np.concatenate([sure_arrows, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
+        units="N/m³" if blown is None else "m/s",
     )  # fmt: skip
     low, high = field.box / metres_per_unit(scene)
     # so far to the left that its plate hides nothing of the field
     aside = low - [0.28 * (high - low).max(), 0.0, 0.0]
     legend = create_legend(
-        "Recovered Wind Legend", arrows["seeing_wind_peak"], aside, 0.4 * float((high - low).max()), collection, wind,
+        "Recovered Wind Legend", arrows["seeing_wind_peak"], arrows["seeing_wind_units"], aside, 0.4 * float((high - low).max()),
+        collection, wind,
     )  # fmt: skip
     made = {"field_object": wind, SAMPLES_OBJECT: samples_of(wind), "arrows_object": arrows, LEGEND: legend}
     if seen is not None and seen.surface is not None:
@@ -96,6 +110,9 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     kept = _in_place(scene, former, made)
     for name in POINTERS:
         setattr(settings, name, kept.get(name))
+    if settings.real_time:
+        conform(scene, settings.field_object, True)
+    settings.field_verdict = " ".join(in_panel_words(note) for note in told.notes) if told is not None else ""
     if seen is not None:
         fill(scene, take, path)
     _clear_the_view(scene)

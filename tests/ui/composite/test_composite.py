@@ -8,9 +8,13 @@ import bpy
 import numpy as np
 import pytest
 
+from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR
 from seeing_wind.ui.composite import composite
+from seeing_wind.ui.composite.catchers import FLOOR, WALL
 from seeing_wind.ui.composite.light import sun_of
+from seeing_wind.ui.composite.mattes import CARD, grain_of, matte, softened, widened
+from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import samples_of
@@ -69,10 +73,11 @@ def test_the_clips_object_simulated_anew_is_shown_over_the_clean_plate(scene, tm
     assert scene.seeing_wind.recovered_object.hide_render
     scene.frame_set(1)
     picture = render(tmp_path / "plate.png")
-    assert np.abs(picture[2:8, 80:94] - [20, 120, 40]).max() < 4
-    # asked for the clip instead, the object is in it and the mesh only hides what is behind
+    assert np.abs(picture[2:8, 80:94] - 60).max() < 12, "beside the object the clip goes on"
+    assert np.abs(picture[28:36, 28:36] - [20, 120, 40]).max() < 4, "over it lies the plate"
+    # asked for the clip instead, the object is in it and its outline only hides what is behind
     assert bpy.ops.seeing_wind.set_up_composite(samples=1, behind="CLIP") == {"FINISHED"}
-    assert scene.seeing_wind.recovered_object.is_holdout
+    assert scene.objects[CARD].parent == scene.camera and scene.seeing_wind.recovered_object.hide_render
     assert np.abs(render(tmp_path / "clip.png")[2:8, 80:94] - 60).max() < 12
 
 
@@ -80,13 +85,15 @@ def test_set_up_again_makes_nothing_twice(scene):
     red_cube(scene)
     bpy.ops.seeing_wind.insert_mesh(object="Cube")
     for _ in range(2):
-        assert bpy.ops.seeing_wind.set_up_composite(floor=True) == {"FINISHED"}
-        scene.objects[composite.FLOOR].location.z = -3.0
+        assert bpy.ops.seeing_wind.set_up_composite(floor=True, wall=True) == {"FINISHED"}
+        scene.objects[FLOOR].location.z = -3.0
     assert len([obj for obj in scene.objects if obj.type == "LIGHT"]) == 1
-    assert [obj.name for obj in scene.objects if obj.type == "MESH" and obj.is_shadow_catcher] == [composite.FLOOR]
-    assert scene.objects[composite.FLOOR].location.z == -3.0
+    assert {obj.name for obj in scene.objects if obj.type == "MESH" and obj.is_shadow_catcher} == {FLOOR, WALL}
+    assert scene.objects[FLOOR].location.z == -3.0
     tree = getattr(scene, "compositing_node_group", None) or scene.node_tree
-    assert len([node for node in tree.nodes if node.get("seeing_wind")]) == 4
+    kinds = [node.bl_idname for node in tree.nodes if node.get("seeing_wind")]
+    assert kinds.count("CompositorNodeMovieClip") == kinds.count("CompositorNodeRLayers") == 1
+    assert len([obj for obj in scene.objects if obj.name.startswith(CARD)]) == 1
 
 
 def test_without_a_clip_it_is_refused(scene):
@@ -148,7 +155,7 @@ def test_nodes_of_a_compositor_that_was_switched_off_stay(scene):
     scene.node_tree.nodes.new("CompositorNodeBlur").name = "Mine"
     scene.use_nodes = False
     composite.set_up(scene)
-    assert "Mine" in scene.node_tree.nodes and composite.is_set_up(scene)
+    assert "Mine" in scene.node_tree.nodes and is_set_up(scene)
 
 
 def test_a_picture_that_cannot_be_written_is_told(scene, tmp_path):
@@ -165,6 +172,7 @@ def test_blenders_default_light_counts_as_none_and_motion_is_blurred(workplace):
     said = composite.set_up(scene)
     assert scene.objects["Light"].hide_render and scene.objects["Seeing Wind Sun"].data.type == "SUN"
     assert "default light is off" in str(said)
+    assert scene.world.name == "Seeing Wind Sky", "in the dark grey of a new file shadows are black"
     assert scene.render.use_motion_blur and scene.render.motion_blur_shutter == 0.5 and "motion blur" in str(said)
     assert composite.set_up(scene, shutter=0.0).light == "" and not scene.render.use_motion_blur
     own = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
@@ -212,3 +220,75 @@ def test_the_first_look_after_recover(workplace):
     cube.location.x = 3.0
     bpy.ops.seeing_wind.build_scene()
     assert not cube.hide_get(), "moved, it is the user's"
+
+
+@pytest.mark.parametrize(("depth", "hidden"), [(1.0, True), (-1.0, False)])
+def test_what_flies_behind_the_object_is_cut_by_its_outline_and_what_flies_in_front_is_not(scene, tmp_path, depth, hidden):
+    """A glowing board that fills the picture, behind and before the object's distance."""
+    red_cube(scene)
+    board = bpy.context.object
+    board.location, board.scale = (0.0, depth, 0.0), (40.0, 0.01, 40.0)
+    scene.frame_set(5)
+    said = composite.set_up(scene, samples=1, shutter=0.0, grain=0.0)
+    assert said.held_out == "outline"
+    picture = render(tmp_path / "board.png")
+    mask = np.zeros(picture.shape[:2], bool)
+    mask[20:44, 28:52] = True  # picture 4 of the clip
+    red = (picture[..., 0] > picture[..., 1] + 80)
+    assert red[~widened(mask, 2)].all()
+    assert not red[~widened(~mask, 2)].any() if hidden else red[mask].all()
+
+
+def test_a_wall_catches_the_shadow_of_the_edit(scene, tmp_path):
+    """The sun from behind the camera: the clip is darker on the wall behind a board than without a wall."""
+    bpy.ops.mesh.primitive_cube_add(size=0.3, location=(-0.4, 0.0, 0.3))
+    bpy.ops.seeing_wind.insert_mesh(object="Cube")
+    shades = {}
+    for wall in (False, True):
+        assert bpy.ops.seeing_wind.set_up_composite(samples=4, wall=wall, shutter=0.0) == {"FINISHED"}
+        scene.objects["Seeing Wind Sun"].rotation_euler = (np.radians(70.0), 0.0, np.radians(-25.0))
+        shades[wall] = render(tmp_path / f"{wall}.png")[:, :, 1]
+    darker = shades[False].astype(int) - shades[True]
+    assert (darker > 15).sum() > 20 and abs(np.median(darker)) < 3
+    wall = scene.objects[WALL]
+    assert wall.location.y > 0.1 and abs((wall.matrix_world.to_3x3().col[2]).y) > 0.99
+
+
+def test_obstacles_of_the_edit_catch_shadows(scene):
+    bpy.ops.mesh.primitive_cube_add(size=1.0, location=(0.0, 2.0, 0.0))
+    bpy.context.object.name = "House"
+    bpy.ops.seeing_wind.insert_collider(object="House")
+    said = composite.set_up(scene)
+    assert scene.objects["House"].is_shadow_catcher and "shadows on House" in str(said)
+
+
+def test_the_clips_grain_is_measured_and_put_on_what_is_not_the_clip(scene, tmp_path):
+    """Gaussian noise of 3 % on a picture with a slope: found within a tenth, and found again on the plate of the render."""
+    take = Take(Path(scene.seeing_wind.recovered_take))
+    arrays = take.read_arrays("observation.npz")
+    rng = np.random.default_rng(3)
+    slope = np.linspace(60.0, 160.0, 96)[None, :, None] + np.zeros((64, 96, 3))
+    arrays["image"] = np.clip(slope + 255.0 * 0.03 * rng.normal(size=slope.shape), 0, 255).astype(np.uint8)
+    take.write_arrays("observation.npz", arrays)
+    assert grain_of(take) == pytest.approx(0.03, rel=0.1)
+    scene.frame_set(3)
+    said = composite.set_up(scene, plate="PLATE", samples=1)
+    assert said.behind == "moving plate" and said.grain == grain_of(take)
+    covered = render(tmp_path / "grain.png")[24:40, 28:44, 1] / 255.0
+    assert covered.std() == pytest.approx(0.03, rel=0.25) and abs(covered.mean() - 120 / 255) < 0.01
+    scene.frame_set(4)
+    again = render(tmp_path / "later.png")[24:40, 30:44, 1] / 255.0
+    assert abs(np.corrcoef(covered[:, 2:].ravel(), again.ravel())[0, 1]) < 0.3, "grain that stands still is dirt on the lens"
+    composite.set_up(scene, plate="PLATE", samples=1, grain=0.0)
+    assert render(tmp_path / "clean.png")[24:40, 30:44, 1].std() < 1.5
+
+
+def test_mattes_are_as_wide_and_as_soft_as_they_say():
+    mask = np.zeros((20, 30), bool)
+    mask[8:12, 10:20] = True
+    assert np.array_equal(np.argwhere(widened(mask, 3))[[0, -1]], [[5, 7], [14, 22]]) and widened(mask, 3).sum() == 10 * 16
+    both = matte(mask)
+    assert np.array_equal(both[..., 0], softened(mask, 1)) and np.array_equal(both[..., 1], softened(widened(mask, 2), 2))
+    assert not matte(np.zeros((4, 5), bool)).any()
+    soft = softened(mask, 1)
+    assert soft[10, 15] == 255 and soft[7, 15] == 64 and soft[5, 15] == 0

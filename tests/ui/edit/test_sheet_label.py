@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import tomllib
+from pathlib import Path
+
 import bpy
 import pytest
 
 from seeing_wind.engine.materials import SHEETS
 from seeing_wind.ui.edit.sheet_label import shell_words
-from tests.ui.jobs import cube
+from tests.ui.jobs import cube, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -18,11 +21,11 @@ def test_a_grid_of_cotton_weighs_what_cotton_weighs(scene) -> None:
     bpy.ops.seeing_wind.insert_mesh(object="Curtain", material="cotton")
     body = scene.seeing_wind.bodies[0]
     assert body.open_area == pytest.approx(0.64)
-    assert shell_words(body) == "Shell, 0.12 kg/m², 0.0768 kg"
+    assert shell_words(body) == "Shell, 120 g/m², 76.8 g, 0.35 mm thick"
     body.mass_scale = 2.0
-    assert shell_words(body) == "Shell, 0.24 kg/m², 0.154 kg"
+    assert shell_words(body) == "Shell, 240 g/m², 154 g, 0.35 mm thick"
     body.use_mass, body.mass = True, 0.32
-    assert shell_words(body) == "Shell, 1 kg/m², 0.64 kg"
+    assert shell_words(body) == "Shell, 1000 g/m², 640 g, 0.35 mm thick"
     body.use_mass, body.mass_scale, body.material = False, 1.0, "rubber"
     assert shell_words(body) == ""
 
@@ -35,10 +38,28 @@ def test_scale_and_the_scenes_unit_count(scene) -> None:
     bpy.context.view_layer.update()
     bpy.ops.seeing_wind.insert_mesh(object=obj.name, material="silk")
     assert scene.seeing_wind.bodies[0].open_area == pytest.approx(0.5)
-    assert shell_words(scene.seeing_wind.bodies[0]) == f"Shell, {SHEETS['silk'].areal_density:g} kg/m², 0.03 kg"
+    assert shell_words(scene.seeing_wind.bodies[0]) == f"Shell, 60 g/m², 30 g, {1e3 * SHEETS['silk'].thickness:.2g} mm thick"
 
 
 def test_a_closed_mesh_is_no_shell(scene) -> None:
     cube("Box", scene)
     bpy.ops.seeing_wind.insert_mesh(object="Box", material="cotton")
     assert shell_words(scene.seeing_wind.bodies[0]) == ""
+
+
+def test_a_sheets_own_numbers_reach_the_edit_and_a_solid_has_none(scene, workplace) -> None:
+    recover(workplace)
+    bpy.ops.mesh.primitive_grid_add(x_subdivisions=2, y_subdivisions=2, size=0.5)
+    bpy.context.object.name = "Curtain"
+    bpy.ops.seeing_wind.insert_mesh(object="Curtain", material="cotton")
+    body = scene.seeing_wind.bodies[0]
+    body.use_areal_density, body.areal_density, body.use_thickness, body.thickness = True, 0.4, True, 5e-4
+    body.use_bending_stiffness, body.bending_stiffness = True, 2e-5
+    assert shell_words(body) == "Shell, 400 g/m², 100 g, 0.5 mm thick"
+    entries = []
+    for material in ("cotton", "rubber"):
+        body.material = material
+        assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+        entries += tomllib.loads((Path(scene.seeing_wind.simulated_take) / "edit.toml").read_text())["body"]
+    assert [entries[0][name] for name in ("areal_density", "thickness", "bending_stiffness")] == pytest.approx([0.4, 5e-4, 2e-5])
+    assert "areal_density" not in entries[1] and "tensile_stiffness" not in entries[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui.field.display import field_at_hand, out_of_time
+from seeing_wind.ui.field.display import field_at_hand, out_of_time, said_of_wind
 from seeing_wind.ui.field.samples import samples_of
 from tests.ui.jobs import now, recover
 
@@ -55,6 +56,8 @@ def test_an_appended_or_linked_field_is_calibrated_and_carries_its_values(librar
     if link:
         with pytest.raises(RuntimeError, match="linked"):
             bpy.ops.seeing_wind.fit_field(field="Wind")
+        with pytest.raises(RuntimeError, match="linked"):
+            bpy.ops.seeing_wind.conform(field="Wind")
     else:
         bpy.context.scene.seeing_wind.field_resolution = 5
         assert bpy.ops.seeing_wind.fit_field() == {"FINISHED"} and field["seeing_wind_nodes"] == 5
@@ -76,6 +79,50 @@ def test_of_several_fields_the_selected_or_named_one_is_meant(library) -> None:
         bpy.ops.seeing_wind.calibrate(field=obj.name)
     with pytest.raises(RuntimeError, match="is the wind itself"):
         bpy.ops.seeing_wind.calibrate(object=second.name)
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_a_wind_from_another_file_is_a_wind_here_and_all_is_calibrated_at_once(tmp_path, link: bool) -> None:
+    check = runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "wind_check.py"), run_name="checks")
+    check["steady"](bpy.context.scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "wind.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    with pytest.raises(RuntimeError, match="no recovered field"):
+        bpy.ops.seeing_wind.calibrate(every=True)
+    field = brought(tmp_path / "wind.blend", link)
+    with pytest.raises(RuntimeError, match="Nothing in this scene feels wind"):
+        bpy.ops.seeing_wind.calibrate(every=True)
+    cloth, dust = check["sheet"](scene), check["dust"](scene)
+    broken = sheet("Broken")
+    broken.modifiers["Cloth"].settings.time_scale = 3.0
+    assert bpy.ops.seeing_wind.calibrate(every=True, areal_density=0.1, density=5.0) == {"FINISHED"}
+    assert {each.object for each in scene.seeing_wind.calibrations} == {cloth, dust}
+    bpy.data.objects.remove(broken)
+    assert said_of_wind(field) == "Wind: 1.5 m/s (Beaufort 1) in the mean, gusts up to 1.5 m/s (Beaufort 1)"
+    way = check["drag_way"](check["DRAG"] * check["SPEED"] / 0.1, 16)[0][15]
+    assert check["places"](cloth, scene, 16)[15, 2] + 0.9 == pytest.approx(way, rel=0.06)
+
+
+def test_two_fields_of_a_scene_add_up(library, checks) -> None:
+    """Twice the same swirl is felt as twice as strong by what was calibrated for one of them."""
+    first, second = brought(library, False), brought(library, False)
+    scene = bpy.context.scene
+    bpy.ops.mesh.primitive_plane_add(size=0.02, location=checks["CENTRE"])
+    obj = bpy.context.object
+    settings = obj.modifiers.new("Dust", "PARTICLE_SYSTEM").particle_system.settings
+    settings.count, settings.frame_start, settings.frame_end, settings.lifetime, settings.normal_factor = 20, 1, 1, 500, 0.0
+    scene.use_gravity = False
+    bpy.ops.seeing_wind.calibrate(object=obj.name, field=first.name)
+    strength, places = first.field.strength, []
+    for factors in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)):
+        first.field.strength, second.field.strength = (strength * factor for factor in factors)
+        for frame in range(1, 4):
+            scene.frame_set(frame)
+        system = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0]
+        places.append(np.mean([particle.location[:] for particle in system.particles], axis=0))
+    one, both = places[1] - places[0], places[2] - places[0]
+    assert both == pytest.approx(2.0 * one, rel=0.02, abs=1e-6) and np.linalg.norm(one) > 1e-3
 
 
 def test_another_frame_rate_is_said_and_mended_by_one_click(library, checks) -> None:

@@ -117,6 +117,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("guess", lambda: ops.use_guess()),
         ("calibrate", lambda: ops.calibrate(object="Cloth")),
         ("calibrate again", lambda: setattr(bpy.context.scene.render, "fps", 50) or ops.calibrate_again()),
+        ("conform", lambda: ops.conform()),
         ("composite", lambda: ops.set_up_composite(floor=True)),
     ]
     changing = {cls.bl_idname for cls in ui.CLASSES if issubclass(cls, bpy.types.Operator) and "UNDO" in getattr(cls, "bl_options", ())}

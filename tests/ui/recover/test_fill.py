@@ -85,7 +85,7 @@ def test_the_edit_list_is_filled_and_the_object_wears_its_picture(take, simulate
     uv = [np.array([each.vector[:] for each in mesh.uv_layers.active.uv]) for mesh in (own.baked_copy.data, settings.recovered_object.data)]
     assert np.allclose(*uv)
     # the clip's object moves anew, so it must not be seen a second time
-    assert composite.set_up(scene).behind == "plate"
+    assert composite.set_up(scene).behind == "moving plate"
 
 
 def test_what_others_have_simulated_is_not_written_over(take, simulated) -> None:

@@ -6,24 +6,18 @@ from typing import Any
 
 import numpy as np
 
+from ...conventions import beaufort
 from ...records import Particles, Recovery
 from ..diagnostics.remarks import force_remarks, reaction_remarks
 from .drag import DragLaw
 from .estimate import Estimate
 
-BEAUFORT = (0.3, 1.6, 3.4, 5.5, 8.0, 10.8, 13.9, 17.2, 20.8, 24.5, 28.5, 32.7)
-"""Least speed [m/s] of the numbers 1 to 12 (WMO-No. 8, Guide to Instruments, annex 5.A)."""
 UNEXPLAINED = 0.5
 """Share of the net force that no wind explains, from which there is none."""
 SPEEDS = (("mean_speed", "mean"), ("strongest_gust", "strongest_gust"))
 """Keys of `figures` and of its Beaufort numbers."""
 STRONGEST = 60.0
 """Median speed [m/s] that no wind near the ground has but in the worst hurricanes."""
-
-
-def beaufort(speed: float) -> int:
-    """The number of a speed [m/s] on the Beaufort scale, 0 to 12."""
-    return int(np.searchsorted(BEAUFORT, speed, side="right"))
 
 
 def objection(

@@ -39,14 +39,16 @@ def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, fold
         colliders = _colliders(request, scene, folder)
     finally:
         scene.frame_set(at)
-    strength = field_strengths(scene, field_summary(Take(source)).frames)
+    field = field_summary(Take(source))
+    strength = field_strengths(scene, field.frames, field.fps)
     return write_edit(folder, bodies, _gravity(request, source), colliders, field_strength=strength, **request.values)
 
 
-def field_strengths(scene: bpy.types.Scene, frames: int) -> float | list[float]:
-    """The factor on the field: one number, or one per frame (T,) where it has keyframes."""
+def field_strengths(scene: bpy.types.Scene, frames: int, fps: float) -> float | list[float]:
+    """The factor on the field: one number, or one per frame of the clip (T,) where it has keyframes."""
     settings = scene.seeing_wind
-    values = values_over(scene, settings, "field_strength", range(settings.frame_start, settings.frame_start + frames))
+    stride = scene.render.fps / scene.render.fps_base / fps if settings.real_time else 1.0
+    values = values_over(scene, settings, "field_strength", [settings.frame_start + stride * t for t in range(frames)])
     return values[0] if len(set(values)) == 1 else values
 
 

@@ -13,6 +13,7 @@ from ...bake.animation import keyframes
 from ...job.status import digest_of
 from ...option_properties import part_of, single, values_of
 from ...scene_units import metres_per_unit
+from ..sheet_label import SHEET, is_shell
 from .geometry import geometry, weights
 
 LONGEST = 50
@@ -57,6 +58,8 @@ class Body(Mover):
         values, obj = values_of(body, BodyEdit), body.object
         values |= {"density": None} if values["mass"] is not None else {}
         values |= {"material": None} if body.is_recovered else {}
+        # a sheet's numbers mean nothing to a solid
+        values = {name: value for name, value in values.items() if name not in SHEET or (value is not None and is_shell(body))}
         result = _free_name(body.name if obj is None else obj.name, taken)
         return cls(body.name, result, obj, values, body.is_recovered, body.pin_group, body.free_mode, body.free_group)
 
@@ -108,7 +111,7 @@ class EditRequest:
                       values_of(each, ColliderEdit))
                 for each in settings.colliders
             ),
-            floor=floor, values=part_of(values, Edit),
+            floor=floor, values={name: value for name, value in part_of(values, Edit).items() if value is not None},
             gravity=values["gravity"] if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode,
             strength=[curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength,
             offset=tuple(settings.offset), frame_start=settings.frame_start, metres=metres_per_unit(scene),

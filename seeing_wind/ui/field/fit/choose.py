@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .kernels import choose_power, evaluate, fit_nodes, source_places
+from .kernels import choose_power, evaluate, fit_nodes, kernel, source_places
 from .lattice import SampledField, differences, lattice
 
 FADE, HOLD, CONTINUE = "FADE", "HOLD", "CONTINUE"
@@ -65,6 +65,10 @@ class FieldFit:
     """Mean error of the direction in the box [degrees]."""
     size: float
     """Mean relative error of the size in the box."""
+    reach: float
+    """Sum of the falloffs of all sources, mean over the box: how much Blender's *Flow* acts."""
+    unevenness: float
+    """Standard deviation of that sum over its mean."""
 
     @property
     def badness(self) -> float:
@@ -113,7 +117,9 @@ def _fit(field: SampledField, resolution: int, reach: str) -> FieldFit:
     weights[: len(inside[0])] = 1.0
     power, standing = choose_power(nodes), source_places(nodes, BEYOND[reach])
     vectors = fit_nodes(standing, np.concatenate(places), np.concatenate(forces, axis=1), power, weights)
-    return FieldFit(standing, vectors, power, resolution, *differences(evaluate(standing, vectors, probes[0], power), probes[1]))
+    off = differences(evaluate(standing, vectors, probes[0], power), probes[1])
+    sums = kernel(standing, probes[0], power).sum(axis=1)
+    return FieldFit(standing, vectors, power, resolution, *off, float(sums.mean()), float(sums.std() / sums.mean()))
 
 
 Known = tuple[np.ndarray, np.ndarray]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....engine.errors import UsageError
+from ..display import FORCE, WIND
 
 CELLS = 24
 """Cells along a box's longest side at which the engine is asked. On a recovered field with waves shorter than the body, linear
@@ -78,6 +79,8 @@ class SampledField:
     """(T, L, 3) any unit."""
     confidence: np.ndarray
     """(T, L) in 0..1."""
+    velocity: np.ndarray | None = None
+    """(T, L, 3) of the wind that makes the force, any unit; None where the field is a force only."""
 
     def __post_init__(self) -> None:
         """Refuse arrays that do not agree. Raises UsageError."""
@@ -87,7 +90,9 @@ class SampledField:
                 f"The field's samples have the shape {shape} for nodes of the shape {np.shape(self.points)}.",
                 "Expected (T, L, 3) for (L, 3), and a confidence for each.",
             )
-        if not (np.isfinite(self.force).all() and np.isfinite(self.confidence).all()):
+        if self.velocity is not None and np.shape(self.velocity) != shape:
+            raise UsageError(f"The wind's samples have the shape {np.shape(self.velocity)}.", f"Expected {shape}.")
+        if not all(np.isfinite(each).all() for each in (self.force, self.confidence, self.velocity) if each is not None):
             raise UsageError("The sampled field is not finite everywhere.", "Recover it again.")
         try:
             lattice_counts(self.points)
@@ -103,6 +108,10 @@ class SampledField:
     def box(self) -> np.ndarray:
         """(2, 3) lower and upper corner."""
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
+
+    def felt_as(self, kind: str) -> SampledField:
+        """The field that the sources are to carry: its velocity in place of the force where `kind` is WIND."""
+        return self if kind != WIND else SampledField(self.points, self.velocity, self.confidence)
 
     def at(self, places: np.ndarray) -> np.ndarray:
         """The force (T, P, 3) at places (P, 3), linear between the nodes; beside the box that of its nearest place."""
@@ -123,9 +132,13 @@ class SampledField:
         if any(count % 2 == 0 or count < 5 for count in counts):
             return self
         keep = np.arange(len(self.points)).reshape(counts)[::2, ::2, ::2].ravel()
-        coarse = SampledField(self.points[keep], self.force[:, keep], self.confidence[:, keep])
-        angle, size = differences(coarse.at(self.points), self.force)
-        return coarse.thinned() if angle < ENOUGH[0] and size < ENOUGH[1] else self
+        wind = self.velocity
+        coarse = SampledField(self.points[keep], self.force[:, keep], self.confidence[:, keep], None if wind is None else wind[:, keep])
+        for kind in (FORCE, WIND) if wind is not None else (FORCE,):
+            angle, size = differences(coarse.felt_as(kind).at(self.points), self.felt_as(kind).force)
+            if angle >= ENOUGH[0] or size >= ENOUGH[1]:
+                return self
+        return coarse.thinned()
 
 
 def _sides(box: np.ndarray) -> np.ndarray:

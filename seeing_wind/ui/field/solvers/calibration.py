@@ -9,7 +9,8 @@ effector weight W, fps frames per second of the scene, m the solver's mass:
     rigid body    W S / (fps m) per second², at the origin, no torque; W belongs to the world, not to the body
     soft body     -0.01 W S / (fps m) per frame²: against the wind, and a negative weight counts as none. It cannot be set right
 
-So W follows from wanting f / rho per second², one scene frame being one picture of the clip. What a solver cannot do comes back as notes.
+So W follows from wanting f / rho per second², one scene frame being one picture of the clip. A field that carries a wind pushes otherwise,
+and only cloth and particles, see `in_wind`. What a solver cannot do comes back as notes.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ import bpy
 import numpy as np
 
 from ....engine.errors import UsageError
-from .physics_nodes import feed
+from ...scene_units import metres_per_unit
+from ..display import frames_per_second, is_wind, stride_of
+from .in_wind import let_flow, rate_of_cloth, rate_of_spheres, said_of_drag
+from .physics_nodes import feed, takes_effectors
 
 WEIGHT_LIMIT = 200.0
 """Largest effector weight that Blender takes."""
@@ -31,6 +35,8 @@ FRAME_GRAVITY = 1.0e-3
 """Hair and cloth fall by this times the scene's gravity per frame², whatever the frame rate."""
 STIFF = 4.0
 """Above this stiffness over mass per substep² Blender's cloth solver stops early and loses percents of the force (measured: 7 % at 12)."""
+SHIRTING = 0.12
+"""Areal density of cotton [kg/m²]."""
 BODY = "seeing_wind_volume"
 """Custom property of a rigid body world: the volume [m³] for which its weight was set."""
 
@@ -43,9 +49,12 @@ class Matter:
     density: float
     """kg/m³."""
     clip_fps: float
+    """Scene frames in a second of the clip."""
     scene_fps: float
     alone: bool
     """Feel no effector but those of the field object's collection."""
+    areal_density: float
+    """Of cloth in a wind [kg/m²]."""
 
     def weigh(self, weights: bpy.types.EffectorWeights, weight: float, mend: str) -> None:
         """Set the weight of WIND effectors.
@@ -65,11 +74,15 @@ class Matter:
             weights.gravity = min(1.0 / (FRAME_GRAVITY * (self.clip_fps * speed) ** 2), WEIGHT_LIMIT)
 
 
-def matter(scene: bpy.types.Scene, field: bpy.types.Object | None, density: float | None = None, alone: bool = False) -> Matter:
+def matter(
+    scene: bpy.types.Scene, field: bpy.types.Object | None, density: float | None = None, alone: bool = False,
+    areal_density: float = SHIRTING,
+) -> Matter:  # fmt: skip
     """Gather what a calibration needs.
 
     Args:
         density: [kg/m³]; None takes that of the recovered material.
+        areal_density: [kg/m²].
 
     Raises:
         UsageError: when `field` is no field object or the density is not above zero.
@@ -80,7 +93,9 @@ def matter(scene: bpy.types.Scene, field: bpy.types.Object | None, density: floa
     density = field["seeing_wind_density"] if density is None else density
     if not density > 0.0:
         raise UsageError(f"The density {density:g} must be above zero.", "Give kg/m³, or 0 in the panel for the recovered material.")
-    return Matter(field, density, field["seeing_wind_fps"], scene.render.fps / scene.render.fps_base, alone)
+    if not areal_density > 0.0:
+        raise UsageError(f"The areal density {areal_density:g} must be above zero.", "Cotton has 0.12 kg/m².")
+    return Matter(field, density, field["seeing_wind_fps"] * stride_of(field), frames_per_second(scene), alone, areal_density)
 
 
 def calibrate_object(
@@ -91,8 +106,9 @@ def calibrate_object(
     density: float | None = None,
     alone: bool = False,
     set_mass: bool = False,
+    areal_density: float = SHIRTING,
 ) -> list[str]:
-    """Set all of an object's solvers so that it accelerates by f / density in the field [m/s²].
+    """Set all of an object's solvers so that it accelerates by f / density in the field [m/s²], or as the air's drag makes it in a wind.
 
     Args:
         obj: with a particle system, hair, cloth, rigid body, or (Blender 5.2) physics nodes.
@@ -100,6 +116,7 @@ def calibrate_object(
         density: [kg/m³]; None takes that of the recovered material.
         alone: feel no effector but those in the field object's collection.
         set_mass: change a rigid body's mass where the one weight of its world was set for another body.
+        areal_density: of cloth in a wind [kg/m²].
 
     Returns:
         A line for every solver found, saying what was set and what that solver cannot do.
@@ -107,11 +124,22 @@ def calibrate_object(
     Raises:
         UsageError: when the object has no solver, or Blender takes no such weight.
     """
-    what = matter(scene, field, density, alone)
+    what = matter(scene, field, density, alone, areal_density)
     said = [line for solver in SOLVERS for line in solver(scene, obj, what, set_mass)]
     if not said:
         raise UsageError(f"{obj.name} has no physics.", "Add a particle system, cloth, a rigid body or physics nodes first.")
     return said
+
+
+def has_solver(obj: bpy.types.Object) -> bool:
+    """Whether an object has something that a calibration sets."""
+    if obj.library is not None:
+        return False
+    groups = (modifier.node_group for modifier in obj.modifiers if modifier.type == "NODES" and modifier.node_group is not None)
+    return bool(
+        len(obj.particle_systems) or any(modifier.type == "CLOTH" for modifier in obj.modifiers)
+        or (obj.rigid_body is not None and obj.rigid_body.type == "ACTIVE") or any(takes_effectors(group) for group in groups)
+    )  # fmt: skip
 
 
 def calibrate_particles(
@@ -137,7 +165,8 @@ def calibrate_particles(
     what = matter(bpy.context.scene, field, density, alone)
     if mass is not None:
         settings.mass = mass
-    what.weigh(settings.effector_weights, settings.mass / what.density, "Give the particles a smaller mass.")
+    per_mass = 1.0 / what.density if not is_wind(field) else rate_of_spheres(field, what.density, _radius(settings))
+    what.weigh(settings.effector_weights, settings.mass * per_mass, "Give the particles a smaller mass.")
     settings.physics_type = "NEWTON"
     settings.use_multiply_size_mass = False
     settings.timestep = 1.0 / what.clip_fps
@@ -147,10 +176,25 @@ def calibrate_particles(
 def _particles(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool) -> Iterator[str]:
     for system in obj.particle_systems:
         if system.settings.type == "HAIR":
-            yield _hair(system, what)
+            yield _only_force(f"Hair {system.name}") if is_wind(what.field) else _hair(system, what)
             continue
         calibrate_particles(system.settings, what.field, density=what.density, alone=what.alone)
-        yield f"Particles {system.name}: matter of {what.density:g} kg/m³, drag off (it is in the field already)"
+        if is_wind(what.field):
+            yield _in_wind(system, what)
+        else:
+            yield f"Particles {system.name}: matter of {what.density:g} kg/m³, drag off (it is in the field already)"
+
+
+def _in_wind(system: bpy.types.ParticleSystem, what: Matter) -> str:
+    radius = _radius(system.settings)
+    let_flow(what.field, 1.0, 1.0)
+    said = said_of_drag(what.field, rate_of_spheres(what.field, what.density, radius), what.clip_fps * (1 + system.settings.subframes))
+    return f"Particles {system.name}: balls of {2000.0 * radius:.3g} mm and {what.density:g} kg/m³ in the wind. {said}"
+
+
+def _radius(settings: bpy.types.ParticleSettings) -> float:
+    """Of a particle as it is drawn [m]."""
+    return settings.particle_size * metres_per_unit(bpy.context.scene)
 
 
 def _hair(system: bpy.types.ParticleSystem, what: Matter) -> str:
@@ -170,6 +214,9 @@ def _cloth(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass
         return
     settings = modifier.settings
     area, vertices = _area_before(obj, modifier)
+    if is_wind(what.field):
+        yield _cloth_in_wind(obj, settings, area, vertices, what)
+        return
     mass = settings.mass * vertices
     weight = mass * what.scene_fps / (CLOTH_FACTOR * area * what.density * what.clip_fps**2 * settings.time_scale**2)
     what.weigh(settings.effector_weights, weight, "Give the cloth a smaller vertex mass, or name a higher density.")
@@ -179,10 +226,37 @@ def _cloth(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass
         f"Cloth: right for the whole sheet of {vertices} vertices; calibrate again when its mesh or mass changes. Blender pushes faces but "
         "weighs vertices, so vertices at the rim feel half, those inside a little more than their share"
     )
-    if settings.tension_stiffness > STIFF * settings.mass * settings.quality**2:
-        enough = int(np.ceil(np.sqrt(settings.tension_stiffness / (STIFF * settings.mass))))
-        line += f". It is so stiff for its mass that the solver stops early: raise Quality Steps to {enough}"
-    yield line
+    yield line + _said_of_stiffness(settings)
+
+
+def _said_of_stiffness(settings: bpy.types.ClothSettings) -> str:
+    if settings.tension_stiffness <= STIFF * settings.mass * settings.quality**2:
+        return ""
+    enough = int(np.ceil(np.sqrt(settings.tension_stiffness / (STIFF * settings.mass))))
+    return f". It is so stiff for its mass that the solver stops early: raise Quality Steps to {enough}"
+
+
+def _cloth_in_wind(obj: bpy.types.Object, settings: bpy.types.ClothSettings, area: float, vertices: int, what: Matter) -> str:
+    """A sheet of the areal density, whatever its vertices weigh in Blender: only what pushes over what is pushed counts."""
+    if settings.time_scale != 1.0:
+        raise UsageError(f"The cloth {obj.name} runs at a speed of {settings.time_scale:g}.", "Set its Speed Multiplier to 1.")
+    rate = rate_of_cloth(what.field, what.areal_density)
+    weight = rate * settings.mass * vertices * what.scene_fps / (CLOTH_FACTOR * area * what.clip_fps**2)
+    said = f"Cloth: {what.areal_density:g} kg/m² in the wind. "
+    what.weigh(settings.effector_weights, min(weight, WEIGHT_LIMIT), "Give the cloth a smaller vertex mass.")
+    if weight > WEIGHT_LIMIT:
+        # a smaller vertex mass would make the cloth so stiff for it that Blender's solver stops early and loses half of the push
+        settings.effector_weights.all = weight / WEIGHT_LIMIT
+        times = f"{settings.effector_weights.all:.3g} times"
+        said += f"Its weights All and Wind multiply, as one ends at {WEIGHT_LIMIT:g}: other force fields push {times}. "
+    what.fall(settings.effector_weights)
+    let_flow(what.field, what.clip_fps, what.scene_fps)
+    settings.air_damping = 0.0
+    return said + said_of_drag(what.field, rate, what.clip_fps * settings.quality) + _said_of_stiffness(settings)
+
+
+def _only_force(solver: str) -> str:
+    return f"{solver}: not set. Of a wind Blender lets only cloth and particles feel the speed: let solvers feel the Force, then Fit Field"
 
 
 def _area_before(obj: bpy.types.Object, cloth: bpy.types.Modifier) -> tuple[float, int]:
@@ -222,6 +296,9 @@ def _rigid_body(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set
         return
     if body.type != "ACTIVE" or body.kinematic:
         yield "Rigid body: it is passive or animated, so no wind moves it"
+        return
+    if is_wind(what.field):
+        yield _only_force("Rigid body")
         return
     # W of one cubic metre: what remains is the body's volume
     per_volume = what.scene_fps**3 / (what.clip_fps**2 * world.time_scale**2)

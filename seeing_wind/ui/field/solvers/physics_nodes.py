@@ -50,6 +50,12 @@ def feed(scene: bpy.types.Scene, obj: bpy.types.Object, field: bpy.types.Object,
             yield _said(node.node_tree.name, density, *values)
 
 
+def takes_effectors(group: bpy.types.NodeTree) -> bool:
+    """Whether a node group, or one in it, takes effectors."""
+    direct = any(item.item_type == "SOCKET" and item.in_out == "INPUT" and item.name == EFFECTORS for item in group.interface.items_tree)
+    return direct or any(node.type == "GROUP" and EFFECTORS in node.inputs for node in group.nodes)
+
+
 def effector(scene: bpy.types.Scene, field: bpy.types.Object, density: float) -> bpy.types.Object:
     """The companion of a field object for matter of a density, made when there is none.
 

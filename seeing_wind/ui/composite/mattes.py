@@ -1,0 +1,194 @@
+"""The object's outline in every picture of the clip, as mattes: what cuts the edit behind it, and where the clean plate covers it."""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...engine.errors import TakeError
+from ...engine.masks import Masks
+from ...engine.take import Take, from_arrays
+from ..bake.animation import make_linear, remove_curves
+from ..scene_units import metres_per_unit
+
+FOLDER, IMAGE, CARD = "mattes", "Seeing Wind Mattes", "Seeing Wind Holdout"
+HELD_OUT, COVERED = "Red", "Green"
+"""Channels of a matte: the outline, its edge a pixel soft; and the same wider, for the object's shadow rim and motion blur."""
+WIDER = 0.012
+"""Of the picture's longer side, by which the cover is wider than the outline."""
+NOISE_WINDOW = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
+"""Second difference across both axes: sees noise, and nothing of what is smooth (Immerkaer, Fast noise variance estimation, 1996)."""
+
+
+@dataclass(frozen=True)
+class Mattes:
+    """The pictures on disk, and what the compositor needs to know of them."""
+
+    image: bpy.types.Image
+    pictures: int
+    frame_start: int
+    """Scene frame of the first."""
+
+
+def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
+    """Write a take's mattes as PNGs into the take, where they are not yet, and load them. None for a take without outlines.
+
+    Raises:
+        TakeError: when the outlines are damaged, or the PNGs cannot be written.
+    """
+    arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
+    if "masks.windows" not in arrays:
+        return None
+    masks = from_arrays(Masks, arrays, "masks.")
+    folder, newer = take.file(FOLDER), take.file("observation.npz").stat().st_mtime
+    for t, mask in enumerate(masks):
+        path = folder / f"matte_{t + 1:04}.png"
+        if path.is_file() and path.stat().st_mtime >= newer:
+            continue
+        with take.writing(f"{FOLDER}/{path.name}") as aside:
+            aside.write_bytes(png(matte(mask)))
+    return Mattes(_loaded(folder / "matte_0001.png"), len(masks), scene.seeing_wind.frame_start)
+
+
+def matte(mask: np.ndarray) -> np.ndarray:
+    """The matte (H, W, 3) uint8 of a mask (H, W) bool."""
+    found, wider = np.zeros((*mask.shape, 3), np.uint8), max(2, round(WIDER * max(mask.shape)))
+    if not mask.any():
+        return found
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    # only round the object: a large picture would take seconds
+    part = tuple(slice(max(at[0] - wider - 3, 0), at[-1] + wider + 4) for at in (rows, columns))
+    found[*part, 0], found[*part, 1] = softened(mask[part], 1), softened(widened(mask[part], wider), 2)
+    return found
+
+
+def widened(mask: np.ndarray, pixels: int) -> np.ndarray:
+    """A mask (H, W) bool grown by a square of `pixels` on each side."""
+    for axis in (0, 1):
+        grown = mask.copy()
+        for step in range(1, pixels + 1):
+            for ahead, behind in ((slice(step, None), slice(None, -step)), (slice(None, -step), slice(step, None))):
+                to, source = (ahead, behind) if axis == 0 else ((slice(None), ahead), (slice(None), behind))
+                grown[to] |= mask[source]
+        mask = grown
+    return mask
+
+
+def softened(mask: np.ndarray, pixels: int) -> np.ndarray:
+    """A mask (H, W) bool with an edge of some pixels: (H, W) uint8."""
+    values = mask.astype(np.float32)
+    for _ in range(pixels):
+        for axis in (0, 1):
+            padded = np.pad(values, [(1, 1) if each == axis else (0, 0) for each in (0, 1)], mode="edge")
+            values = sum(w * np.take(padded, np.arange(k, k + mask.shape[axis]), axis=axis) for k, w in enumerate((0.25, 0.5, 0.25)))
+    return np.round(255.0 * values).astype(np.uint8)
+
+
+def png(picture: np.ndarray) -> bytes:
+    """A picture (H, W, 3) uint8 as a PNG file."""
+    height, width, _ = picture.shape
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1).tobytes()
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows, 6)) + chunk(b"IEND", b"")
+
+
+def _loaded(first: Path) -> bpy.types.Image:
+    former = bpy.data.images.get(IMAGE)
+    if former is not None:
+        bpy.data.images.remove(former)
+    try:
+        image = bpy.data.images.load(bpy.path.relpath(str(first)) if bpy.data.filepath else str(first))
+    except RuntimeError as error:
+        raise TakeError(f"Blender cannot read the matte {first}.", "Delete the folder and set the composite up again.") from error
+    image.name, image.source, image.colorspace_settings.name = IMAGE, "SEQUENCE", "Non-Color"
+    return image
+
+
+def grain_of(take: Take) -> float:
+    """Standard deviation of the clip's noise, of display values in 0..1, from picture 0 beside the object; 0 where it is not known."""
+    arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
+    picture = arrays.get("image")
+    if picture is None or picture.ndim != 3 or min(picture.shape[:2]) < 16:
+        return 0.0
+    bright = picture[..., :3].astype(np.float64).mean(axis=-1) / 255.0
+    height, width = bright.shape
+    seen = sum(
+        weight * bright[y : height - 2 + y, x : width - 2 + x] for y, row in enumerate(NOISE_WINDOW) for x, weight in enumerate(row)
+    )
+    # the median leaves edges out; a mean of three channels has less noise than one of them
+    return float(np.median(np.abs(seen)) / 0.6745 / 6.0 * math.sqrt(3.0))
+
+
+def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> bpy.types.Object | None:
+    """A card before the camera, as far away as the object in every picture, that holds out by the matte: it cuts what flies behind.
+
+    Args:
+        mattes: None removes it.
+        depths: of the object along the camera's axis, one per picture [m].
+    """
+    card = scene.objects.get(CARD)
+    if mattes is None:
+        if card is not None:
+            bpy.data.objects.remove(card)
+        return None
+    if card is None:
+        mesh = bpy.data.meshes.new(CARD)
+        card = bpy.data.objects.new(CARD, mesh)
+        scene.collection.objects.link(card)
+        card.hide_select, card.display_type = True, "BOUNDS"
+        for ray in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+            setattr(card, f"visible_{ray}", False)
+    _shape(card, scene)
+    card.parent = scene.camera
+    card.data.materials.clear()
+    card.data.materials.append(_card_material(mattes))
+    remove_curves(card, ["scale"])
+    for t, depth in enumerate(depths):
+        card.scale = (depth / metres_per_unit(scene),) * 3
+        card.keyframe_insert("scale", frame=mattes.frame_start + t)
+    make_linear(card, ["scale"])
+    return card
+
+
+def _shape(card: bpy.types.Object, scene: bpy.types.Scene) -> None:
+    """Half as large again as the picture, at a distance of one."""
+    corners = [1.5 * corner / -corner.z for corner in scene.camera.data.view_frame(scene=scene)]
+    card.data.clear_geometry()
+    card.data.from_pydata([(corner.x, corner.y, -1.0) for corner in corners], [], [(0, 1, 2, 3)])
+
+
+def _card_material(mattes: Mattes) -> bpy.types.Material:
+    former = bpy.data.materials.get(CARD)
+    if former is not None:
+        bpy.data.materials.remove(former)
+    material = bpy.data.materials.new(CARD)
+    material.use_nodes = True
+    nodes, link = material.node_tree.nodes, material.node_tree.links.new
+    nodes.clear()
+    place, picture, channel, clear, hold, mix, output = (
+        nodes.new(f"ShaderNode{kind}")
+        for kind in ("TexCoord", "TexImage", "SeparateColor", "BsdfTransparent", "Holdout", "MixShader", "OutputMaterial")
+    )
+    picture.image, picture.extension, picture.interpolation = mattes.image, "CLIP", "Linear"
+    user = picture.image_user
+    user.frame_duration, user.frame_start, user.use_auto_refresh = mattes.pictures, mattes.frame_start, True
+    link(place.outputs["Window"], picture.inputs["Vector"])
+    link(picture.outputs["Color"], channel.inputs[0])
+    link(channel.outputs[HELD_OUT], mix.inputs[0])
+    link(clear.outputs[0], mix.inputs[1])
+    link(hold.outputs[0], mix.inputs[2])
+    link(mix.outputs[0], output.inputs["Surface"])
+    for column, node in enumerate((place, picture, channel, clear, hold, mix, output)):
+        node.location = (260 * column, 0)
+    return material

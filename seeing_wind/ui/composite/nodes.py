@@ -1,0 +1,168 @@
+"""The compositor's nodes: clip or clean plate, under the render, with the clip's grain on what is not the clip."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .mattes import COVERED, Mattes
+
+TREE = "Seeing Wind Composite"
+
+
+def is_set_up(scene: bpy.types.Scene) -> bool:
+    """Whether the scene's compositor has our nodes."""
+    tree = getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)
+    return tree is not None and any(node.get("seeing_wind") for node in tree.nodes)
+
+
+def build(
+    scene: bpy.types.Scene, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None, grain: float
+) -> None:
+    """Other nodes of the user's stay; ours are made anew.
+
+    Args:
+        plate: covers the clip's object; None shows the clip as it is.
+        mattes: where it covers; None: everywhere.
+        grain: standard deviation, of display values in 0..1, of the noise on plate and render; 0: none.
+    """
+    tree, output = _tree(scene)
+    for node in [node for node in tree.nodes if node.get("seeing_wind")]:
+        tree.nodes.remove(node)
+    make = _Maker(tree)
+    behind, covered = _behind(make, clip, plate, mattes)
+    layers = make.node("RLayers")
+    layers.scene = scene
+    picture = make.over(behind, layers.outputs["Image"])
+    if grain > 0.0:
+        made = layers.outputs["Alpha"] if covered is None else make.math("MAXIMUM", covered, layers.outputs["Alpha"])
+        picture = _grained(make, picture, make.math("MULTIPLY", made, grain))
+    tree.links.new(picture, output.inputs[0])
+    output.location = (260 * make.count, 0)
+
+
+def _behind(make: _Maker, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None) -> tuple[Any, Any]:
+    """The picture behind the render, and where (None: nowhere) it is the plate."""
+    film = make.node("MovieClip")
+    film.clip = clip
+    shown = make.fitted(film.outputs["Image"])
+    if plate is None:
+        return shown, None
+    still = make.node("Image")
+    still.image = plate
+    clean = make.fitted(still.outputs["Image"])
+    if mattes is None:
+        return clean, 1.0
+    matte = make.node("Image")
+    matte.image, matte.frame_duration, matte.frame_start = mattes.image, mattes.pictures, mattes.frame_start
+    matte.use_auto_refresh = True
+    channels = make.node("SeparateColor")
+    make.link(make.fitted(matte.outputs["Image"]), channels.inputs[0])
+    return make.over(shown, clean, channels.outputs[COVERED]), channels.outputs[COVERED]
+
+
+def _grained(make: _Maker, picture: Any, strength: Any) -> Any:
+    """Noise of pixels and pictures on display values. The sum of two even ones is nearer to the bell of real grain than one."""
+    place, time = make.node("ImageCoordinates"), make.node("SceneTime")
+    make.link(picture, place.inputs[0])
+    noise = None
+    for offset in (0.0, 0.5):
+        dice = make.plain("ShaderNodeTexWhiteNoise", noise_dimensions="4D")
+        make.link(place.outputs["Pixel"], dice.inputs["Vector"])
+        make.link(make.math("ADD", time.outputs["Frame"], offset), dice.inputs["W"])
+        noise = dice.outputs["Color"] if noise is None else make.vector("ADD", noise, dice.outputs["Color"])
+    # of mean one and variance 2 / 12
+    even = make.vector("SUBTRACT", noise, (1.0, 1.0, 1.0))
+    scaled = make.plain("ShaderNodeVectorMath", operation="SCALE")
+    make.link(even, scaled.inputs[0])
+    make.link(make.math("MULTIPLY", strength, 6.0**0.5), scaled.inputs["Scale"])
+    shown = make.converted(picture, "Linear Rec.709", "sRGB")
+    return make.converted(make.vector("ADD", shown, scaled.outputs["Vector"]), "sRGB", "Linear Rec.709")
+
+
+class _Maker:
+    """Adds our nodes to a tree, from left to right, in Blender 4.5 and 5."""
+
+    def __init__(self, tree: bpy.types.NodeTree) -> None:
+        self.tree, self.count = tree, 0
+        self.link = tree.links.new
+
+    def plain(self, kind: str, **properties: Any) -> Any:
+        """A node by its full type."""
+        node = self.tree.nodes.new(kind)
+        node["seeing_wind"], node.location = True, (200 * self.count, -240 * (self.count % 3))
+        self.count += 1
+        for key, value in properties.items():
+            setattr(node, key, value)
+        return node
+
+    def node(self, kind: str) -> Any:
+        """A node of the compositor."""
+        return self.plain(f"CompositorNode{kind}")
+
+    def _set(self, socket: Any, value: Any) -> None:
+        if isinstance(value, bpy.types.NodeSocket):
+            self.link(value, socket)
+        else:
+            socket.default_value = value
+
+    def math(self, operation: str, *values: Any) -> Any:
+        """Output of a math node."""
+        node = self.plain("ShaderNodeMath", operation=operation)
+        for socket, value in zip(node.inputs, values):
+            self._set(socket, value)
+        return node.outputs[0]
+
+    def vector(self, operation: str, *values: Any) -> Any:
+        """Output of a vector math node; colours count as vectors."""
+        node = self.plain("ShaderNodeVectorMath", operation=operation)
+        for socket, value in zip(node.inputs, values):
+            self._set(socket, value)
+        return node.outputs["Vector"]
+
+    def converted(self, picture: Any, source: str, target: str) -> Any:
+        """A picture in another colour space."""
+        node = self.node("ConvertColorSpace")
+        node.from_color_space, node.to_color_space = source, target
+        self.link(picture, node.inputs[0])
+        return node.outputs[0]
+
+    def fitted(self, picture: Any) -> Any:
+        """Stretched to the render's size."""
+        scale = self.node("Scale")
+        if hasattr(scale, "space"):  # up to Blender 4.5
+            scale.space, scale.frame_method = "RENDER_SIZE", "STRETCH"
+        else:
+            scale.inputs["Type"].default_value, scale.inputs["Frame Type"].default_value = "Render Size", "Stretch"
+        self.link(picture, scale.inputs["Image"])
+        return scale.outputs["Image"]
+
+    def over(self, behind: Any, front: Any, share: Any = 1.0) -> Any:
+        """One picture over another one, by its alpha and a factor."""
+        node = self.node("AlphaOver")
+        old = "Background" not in node.inputs  # up to Blender 4.5
+        factor, lower, upper = (node.inputs[key] for key in ((0, 1, 2) if old else ("Factor", "Background", "Foreground")))
+        self._set(factor, share)
+        self.link(behind, lower)
+        self.link(front, upper)
+        return node.outputs["Image"]
+
+
+def _tree(scene: bpy.types.Scene) -> tuple[bpy.types.NodeTree, bpy.types.Node]:
+    """The scene's compositor and its output node: `node_tree` with a Composite node up to 4.5, a node group with an output from 5.0."""
+    if hasattr(scene, "compositing_node_group"):
+        tree = scene.compositing_node_group
+        if tree is None:
+            tree = scene.compositing_node_group = bpy.data.node_groups.new(TREE, "CompositorNodeTree")
+        if not any(item.item_type == "SOCKET" and item.in_out == "OUTPUT" for item in tree.interface.items_tree):
+            tree.interface.new_socket("Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        kind = "NodeGroupOutput"
+    else:
+        empty = scene.node_tree is None
+        scene.use_nodes = True
+        if empty:  # the two nodes that Blender puts in by itself
+            scene.node_tree.nodes.clear()
+        tree, kind = scene.node_tree, "CompositorNodeComposite"
+    output = next((node for node in tree.nodes if node.bl_idname == kind), None) or tree.nodes.new(kind)
+    return tree, output
