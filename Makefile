@@ -24,7 +24,8 @@ help:
 	@echo "make farm-test  a batch on two nodes of a Ray cluster, one killed, and its Open Job Description run by openjd-cli"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
 	@echo "make benchmark-compilers  Quadrants beside Taichi"
-	@echo "make cli-reference  docs/reference/cli.md from the definitions of the options"
+	@echo "make docs       the documentation as a site in build/docs; a broken link, anchor or picture is an error"
+	@echo "make references docs/reference/cli.md and materials.md from the options and the material library"
 	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
 	@echo "make screenshots SHOOT=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
 	@echo "make clean      remove build/"
@@ -124,8 +125,25 @@ benchmark-compilers: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[quadrants]"
 	$(PY) benchmarks/compilers.py
 
+# The pages that are generated. `cli-reference` alone writes the first.
+references: cli-reference
+	$(PY) scripts/materials_reference.py
+
 cli-reference: setup
 	$(PY) scripts/cli_reference.py
+
+# MkDocs in an environment of its own: the versions that pyproject.toml pins, nothing of the engine.
+DOCS := .venv-docs
+
+$(DOCS)/.complete: pyproject.toml
+	@python=$$(bash scripts/find_python.sh 3.11 3.12 3.13) && "$$python" -m venv $(DOCS)
+	@$(DOCS)/bin/python -m pip install --quiet --disable-pip-version-check $$($(DOCS)/bin/python -c \
+	  'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])')
+	@touch $@
+
+docs: $(DOCS)/.complete
+	$(DOCS)/bin/mkdocs build --strict --quiet --clean
+	@echo "build/docs/index.html"
 
 # Two idle cores take about ten minutes.
 benchmark-report: setup
@@ -138,4 +156,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help setup lock quick-recover quick-recover-matrix demo scenes lint test farm-test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report cli-reference screenshots clean
+.PHONY: help docs references setup lock quick-recover quick-recover-matrix demo scenes lint test farm-test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report cli-reference screenshots clean

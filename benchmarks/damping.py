@@ -1,4 +1,5 @@
-"""How fast a clamped bar swings down in the solver, against the Kelvin-Voigt solid's closed form. Prints the table of docs/solver.md.
+"""How fast a clamped bar swings down in the solver, against the Kelvin-Voigt solid's closed form. Prints the table of
+docs/notebook/solver.md.
 
     python benchmarks/damping.py
 

@@ -2,8 +2,9 @@
 
 Six objects made by scripts, six force fields, two cameras (`paper_tables`). Every row runs the engine's command line, is kept as
 JSON in DIR and skipped when it is there, so an interrupted run goes on where it stopped. The tables are written beside the paper's
-numbers to DIR/tables.md, tables.json and figures. With --docs also to docs/tables.md, docs/tables and benchmarks/results/tables.json;
-rows that DIR lacks are then those published there before, so one row can be run again alone. A whole run takes an hour or two on two cores.
+numbers to DIR/tables.md, tables.json and figures. With --docs also to docs/notebook/tables.md, docs/tables and
+benchmarks/results/tables.json; rows that DIR lacks are then those published there before, so one row can be run again alone. A whole run
+takes an hour or two on two cores.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--short", action="store_true", help="two rows of few frames: a minute or two")
     parser.add_argument("--list", action="store_true", help="the names of all rows")
     parser.add_argument("--again", action="store_true", help="run rows that are there already")
-    parser.add_argument("--docs", action="store_true", help="also write docs/tables.md and its figures")
+    parser.add_argument("--docs", action="store_true", help="also write docs/notebook/tables.md and its figures")
     return parser.parse_args(argv)
 
 
@@ -120,7 +121,8 @@ def publish(out: Path, text: str) -> None:
     (DOCS / "tables").mkdir(parents=True, exist_ok=True)
     for figure in out.glob("*.png"):
         (DOCS / "tables" / figure.name).write_bytes(figure.read_bytes())
-    (DOCS / "tables.md").write_text(text.replace("](", "](tables/"), encoding="utf-8")
+    (DOCS / "notebook").mkdir(exist_ok=True)
+    (DOCS / "notebook" / "tables.md").write_text(text.replace("](", "](../tables/"), encoding="utf-8")
     RESULTS.write_bytes((out / "tables.json").read_bytes())
 
 

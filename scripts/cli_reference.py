@@ -27,8 +27,8 @@ instead. `python -m seeing_wind.engine VERB ...`, or `blender --command seeing_w
 """
 EDIT = """## `edit.toml`
 
-What `resimulate --edit` reads. Paths count from the file. `[[body]]` is needed once at least. An example is in the
-[README](../../README.md#an-edit).
+What `resimulate --edit` reads. Paths count from the file. `[[body]]` is needed once at least. [An edit](edit.md) has an
+example and says what the keys do together.
 """
 
 

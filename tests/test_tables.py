@@ -106,7 +106,7 @@ def test_rows_published_before_stand_where_a_run_lacks_them(tmp_path, monkeypatc
     monkeypatch.setattr(tables, "DOCS", tmp_path / "docs")
     monkeypatch.setattr(tables, "run_row", lambda row, out, say: figures | {"row": asdict(row), "magnitude": 7.0})
     assert tables.main(["--out", str(tmp_path / "out"), "--row", rows[0].key, "--docs"]) == 0
-    text = (tmp_path / "docs" / "tables.md").read_text()
+    text = (tmp_path / "docs" / "notebook" / "tables.md").read_text()
     assert f"| {rows[0].name} | elastic | 30.00 (33.7) | 0.900 (0.98) | – (0.01) | 7.0" in text
     assert f"| {rows[1].name} | elastic | 30.00 (33.7) | 0.900 (0.98) | – (0.01) | 5.0" in text
     assert [one["magnitude"] for one in json.loads(results.read_text())] == [7.0, 5.0]

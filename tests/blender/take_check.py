@@ -2,8 +2,8 @@
 
     SEEING_WIND_PYTHON=... blender -b --factory-startup --python-exit-code 9 --python tests/blender/take_check.py -- TAKE [--nodes N]
 
-Prints the table of docs/units.md: mean and median angle and error of the size over the box, the same on the body, and what is left of the
-wind beside the box. Ends with exit code 9 when the mean of the box misses `BAR`.
+Prints the table of docs/reference/units.md: mean and median angle and error of the size over the box, the same on the body, and what is
+left of the wind beside the box. Ends with exit code 9 when the mean of the box misses `BAR`.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ def _identify(p: Parser) -> None:
 
 
 def _batch(p: Parser) -> None:
-    p.add_argument("jobs", type=path, metavar="JOBS.toml", help="see docs/batch.md; what is done already is not done again")
+    p.add_argument("jobs", type=path, metavar="JOBS.toml", help="see docs/guide/batch-and-farm.md; what is done already is not done again")
     p.add_argument("--again", action="store_true", help="go through all jobs; finished stages of a take are still kept")
     where = p.add_mutually_exclusive_group()
     where.add_argument("--ray", metavar="ADDRESS", help="run on this Ray cluster, HOST:PORT of its head, or auto; needs the extra `farm`")

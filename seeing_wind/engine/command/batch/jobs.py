@@ -128,7 +128,7 @@ def read_jobs(path: Path) -> list[Job]:
     Raises:
         UsageError: no such file, no TOML, no jobs, an unknown key, a missing file, two jobs of one name or with one result.
     """
-    values, hint = read_users_toml(path, "The file of jobs"), "See docs/batch.md for what belongs in it."
+    values, hint = read_users_toml(path, "The file of jobs"), "See docs/guide/batch-and-farm.md for what belongs in it."
     tables = tables_of(values, "job", f"The file of jobs {path}", hint)
     if values:
         raise UsageError(f"{path} has {', '.join(values)} beside its [[job]].", hint)

@@ -1,4 +1,4 @@
-"""What a job takes of a machine, measured (docs/batch.md has the figures)."""
+"""What a job takes of a machine, measured (docs/guide/batch-and-farm.md has the figures)."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from ...errors import UsageError
 
 NAMES = ("taichi", "quadrants")
 DEFAULT = "taichi"
-"""What requirements.txt installs; docs/solver.md says why."""
+"""What requirements.txt installs; docs/notebook/solver.md says why."""
 VARIABLE = "SEEING_WIND_COMPILER"
 
 

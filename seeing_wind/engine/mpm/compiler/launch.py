@@ -1,8 +1,8 @@
 """Launching one kernel thousands of times: arguments are handed over again only where they changed.
 
 Both compilers look at every argument of every launch in Python, which for a kernel of twenty arrays takes Taichi over a millisecond, as
-long as a substep of five thousand particles (docs/solver.md has both). Neither has an interface for this; the calls used here are those
-of its own `Kernel.launch_kernel`.
+long as a substep of five thousand particles (docs/notebook/solver.md has both). Neither has an interface for this; the calls used here
+are those of its own `Kernel.launch_kernel`.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ changes as the grid is moved. Five choices take the grid out of it:
 - Pinned particles near the boundary keep their place but deform with the grid and answer with their stress, as the foot of a post does.
 
 `depth` moves the held plane below the border, in cells: for pins that were not chosen but observed, as what "hardly moved", and so
-include some material that gives way. See docs/solver.md for what was measured.
+include some material that gives way. See docs/notebook/solver.md for what was measured.
 """
 
 from __future__ import annotations

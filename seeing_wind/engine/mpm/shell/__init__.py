@@ -7,7 +7,7 @@
     cholesky.py  factors by nested dissection            blas.py      how many threads they take
     contact.py   vertices against planes; friction       obstacle.py  what stands in the way, as planes
 
-See docs/shells.md.
+See docs/reference/shells.md.
 """
 
 from .model import Shell, State, at_rest, shell_of
