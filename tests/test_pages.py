@@ -1,0 +1,90 @@
+"""What the Markdown pages say of this repository is there: links, anchors, pictures, files; and the pages keep to their lengths."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md")), *sorted(ROOT.glob("sample_scenes/*/README.md"))]
+MOST_LINES = {"README.md": 130, "docs/accuracy.md": 80}
+MOST_CHANGES = 12
+"""Lines of the changelog for one release."""
+MOST_WORDS = 40
+"""In a sentence of the guide."""
+LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
+NAMED = re.compile(r"(?:sample_scenes|benchmarks|docs|tests|scripts|seeing_wind)/[\w/.-]*\w\.(?:py|sh|md|toml|txt|json|png)\b")
+
+
+def prose(page: Path) -> str:
+    """A page without its blocks of code."""
+    return re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link to a heading of the page may name, as GitHub and MkDocs make it."""
+    headings = re.findall(r"^#+ (.+)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading.lower()).strip()) for heading in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_anchors_and_named_files_are_there(page) -> None:
+    broken = []
+    for target, anchor in LINK.findall(prose(page)):
+        there = page.parent / target if target else page
+        if target.startswith("http"):
+            continue
+        if not there.exists() or (anchor and anchor not in anchors(there)):
+            broken.append(f"{target}#{anchor}")
+    assert broken == []
+    assert [name for name in NAMED.findall(page.read_text(encoding="utf-8")) if not (ROOT / name).exists()] == []
+
+
+def test_every_path_of_the_architecture_is_there() -> None:
+    """Also folders, and what stands in code without its folder beside one that has it."""
+    page = prose(ROOT / "docs" / "architecture.md")
+    paths = set(re.findall(r"`((?:seeing_wind|tests|benchmarks|docs|scripts)/[\w./-]*)`", page))
+    assert len(paths) > 70
+    assert [path for path in sorted(paths) if not (ROOT / path).exists()] == []
+
+
+@pytest.mark.parametrize(
+    "name, path",
+    [
+        ("LAWS", "engine/materials.py"), ("PLASTIC_LAWS", "engine/materials.py"), ("LAW_TEXTS", "engine/settings/build.py"),
+        ("ELASTIC_LAWS", "engine/mpm/laws/constitutive.py"), ("def kirchhoff_adjoint", "engine/mpm/laws/constitutive.py"),
+        ("def kirchhoff_both_ways", "engine/mpm/laws/constitutive.py"), ("def plastic_flow", "engine/mpm/laws/plasticity.py"),
+        ("FORMATS", "engine/field/sampling.py"), ("def export_field", "engine/field/sampling.py"), ("def _ply", "engine/field/sampling.py"),
+        ("ONE_FILE", "ui/field/operators.py"), ("def option", "engine/settings/option.py"),
+        ("def network_tracks", "engine/observe/networks.py"), ("class Generations", "engine/observe/tracks/reseed.py"),
+        ("class Kernel", "engine/recovery/prior/kernel.py"), ("class Prior", "engine/recovery/prior/kernel.py"),
+        ("def over_time", "engine/recovery/prior/kernel.py"), ("def correlation", "engine/recovery/prior/kernel.py"),
+    ],
+)  # fmt: skip
+def test_what_the_architecture_names_is_in_its_file(name, path) -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert name.split()[-1] in page and re.search(rf"^\s*{re.escape(name)}\b", (ROOT / "seeing_wind" / path).read_text(), re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", MOST_LINES)
+def test_pages_for_everyone_are_short(page) -> None:
+    assert len((ROOT / page).read_text(encoding="utf-8").splitlines()) <= MOST_LINES[page]
+
+
+def test_a_release_has_a_dozen_lines() -> None:
+    releases = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    assert [one.splitlines()[0] for one in releases if len(re.findall(r"^- ", one, re.MULTILINE)) > MOST_CHANGES] == []
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "guide").glob("*.md")), ids=lambda page: page.name)
+def test_sentences_of_the_guide_are_short(page) -> None:
+    running = re.sub(r"^(\||!\[).*$", "", prose(page), flags=re.MULTILINE)
+    parts = re.split(r"(?<=[.:?;])\s+|\n\s*\n|\n\s*(?:\d+\.|-) ", running)
+    assert [" ".join(part.split()) for part in parts if len(part.split()) > MOST_WORDS] == []
+
+
+def test_every_page_is_in_the_site_s_table() -> None:
+    table = re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"))
+    assert sorted(table) == sorted(page.relative_to(ROOT / "docs").as_posix() for page in ROOT.glob("docs/**/*.md"))
