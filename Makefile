@@ -142,7 +142,7 @@ $(DOCS)/.complete: pyproject.toml
 	@touch $@
 
 docs: $(DOCS)/.complete
-	$(DOCS)/bin/mkdocs build --strict --quiet --clean
+	NO_MKDOCS_2_WARNING=1 $(DOCS)/bin/mkdocs build --strict --clean
 	@echo "build/docs/index.html"
 
 # Two idle cores take about ten minutes.

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md")), *sorted(ROOT.glob("sample_scenes/*/README.md"))]
+AT_ROOT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
+PAGES = [*AT_ROOT, *sorted(ROOT.glob("docs/**/*.md")), *sorted(ROOT.glob("sample_scenes/*/README.md"))]
 MOST_LINES = {"README.md": 130, "docs/accuracy.md": 80}
 MOST_CHANGES = 12
 """Lines of the changelog for one release."""
