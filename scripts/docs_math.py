@@ -14,4 +14,4 @@ BLOCK = re.compile(r"^```math\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 def on_page_markdown(markdown: str, **_: object) -> str:
     """A page's Markdown with its equations, one or several lines of LaTeX each, as MathML."""
-    return BLOCK.sub(lambda block: f"<div>{convert(block[1].strip(), display='block')}</div>\n", markdown)
+    return BLOCK.sub(lambda block: f"<div class='equation'>{convert(block[1].strip(), display='block')}</div>\n", markdown)

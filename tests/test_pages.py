@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+
+from seeing_wind.engine.command.arguments import parser
 
 ROOT = Path(__file__).resolve().parents[1]
 AT_ROOT = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")]
@@ -84,6 +87,21 @@ def test_sentences_of_the_guide_are_short(page) -> None:
     running = re.sub(r"^(\||!\[).*$", "", prose(page), flags=re.MULTILINE)
     parts = re.split(r"(?<=[.:?;])\s+|\n\s*\n|\n\s*(?:\d+\.|-) ", running)
     assert [" ".join(part.split()) for part in parts if len(part.split()) > MOST_WORDS] == []
+
+
+def commands() -> list[str]:
+    """The engine's command lines that README and guide print whole, in blocks of code or in a sentence."""
+    pages = [ROOT / "README.md", *sorted(ROOT.glob("docs/guide/*.md")), ROOT / "docs" / "reference" / "formats.md"]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages)
+    lines = re.findall(r"^(?: *\$ | *)((?:seeing-wind|blender --command seeing_wind) .+)$|`(seeing-wind [^`]+)`", text, re.MULTILINE)
+    return sorted({line or inline for line, inline in lines})
+
+
+@pytest.mark.parametrize("line", commands())
+def test_printed_commands_are_ones_that_the_engine_takes(line) -> None:
+    words = shlex.split(re.sub(r"--save \S+", "", line), comments=True)
+    verb = words[3:] if words[0] == "blender" else words[1:]
+    assert parser().parse_args(verb).verb == verb[0]
 
 
 def test_every_page_is_in_the_site_s_table() -> None:
