@@ -40,6 +40,20 @@ def test_what_is_left_out_is_not_missed():
     assert missed_acceleration(channels.targets, x, FPS).max() < 1e-6
 
 
+def test_a_held_body_may_stray_slowly():
+    """As one whose clamp gives way. The squared distance of a shift by 5 % of the motion, in the deviations assumed of the mismatch."""
+    body, time = plate((6, 5, 3), pinned=lambda x: x[:, 0] < -0.03), np.arange(91)
+    swing = np.sin(time / 4.0)[:, None] * np.clip(body.x[:, 0] + 0.03, 0.0, None) ** 2
+    x = body.x + 5.0 * swing[..., None] * [0.0, 0.0, 1.0]
+    channels = point_channels(body, points(body, x), False)
+    size = np.sqrt((channels.observed[:, 0] - channels.observed[0, 0]).var())
+    cost = {}
+    for how, shape in (("slow", time / 90.0), ("quick", np.sin(2.0 * time))):
+        shift = 0.05 * size * shape[1:]
+        cost[how] = shift @ np.linalg.solve(channels.covariance(2)[1:, 1:], shift)
+    assert cost["slow"] < 4.0 < 40.0 < cost["quick"]
+
+
 def test_depth_that_is_seen_less_well_counts_less():
     """Along an axis askew to the world's, noise a hundred times that across; told by a covariance, the force across stays good."""
     body, rng = plate((8, 5, 3)), np.random.default_rng(1)

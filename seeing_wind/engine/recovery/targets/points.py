@@ -20,9 +20,9 @@ It is what stiffness, section and clamp (`stiffness`) leave of how the body bend
 with the three fitted to their motion, 0.4 to 0.9 % of the motion in the modes of degree 0 and 1, 1 to 2.3 % in those of degree 2 and 3.
 In pixels, the mismatch of tracks covers it."""
 MISMATCH_DRIFT, DRIFT_PICTURES = 0.05, 90.0
-"""How far a held body strays from the solver's in so many pictures, in its own motion, as a random walk: a clamp gives way under a lasting
-force. After 4 s of gusts another simulator's posts stood 4 to 8 % of their motion away from where their bending put them, in step with
-the sum of the force; this solver's, 0.1 to 3 %. Taken for bending, it asked for a force that grew through the clip."""
+"""How far a held body strays from the solver's in so many pictures, in its own motion, as the integral of a random walk: a clamp gives way
+under a lasting force. After 4 s of gusts another simulator's posts stood 4 to 8 % of their motion away from where their bending put them,
+in step with the sum of the force; this solver's, 0.1 to 3 %. Taken for bending, it asked for a force that grew through the clip."""
 PINNED_FACTOR = 20.0
 """How much more variance the mismatch has on a held body that flows: its clamp, which moves all of it like a lever, is no unknown."""
 SWIFT = 7
@@ -164,9 +164,14 @@ def _mismatch(particles: Particles, observed: np.ndarray, plastic: bool) -> np.n
         if len(moved) >= SWIFT:
             white = np.hypot(white, _sizes(moved - savgol_filter(moved, SWIFT, 3, axis=0)))
     factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held and plastic else 1.0)
-    passed = np.arange(len(observed)) / DRIFT_PICTURES
     swings = np.stack([mismatch_covariance(len(observed), *one, MISMATCH_SPACINGS_TAU, factor) for one in zip(white, slow)])
-    return swings + drift[:, None, None] ** 2 * np.minimum.outer(passed, passed)
+    return swings + drift[:, None, None] ** 2 * _integrated_walk(np.arange(len(observed)) / DRIFT_PICTURES)
+
+
+def _integrated_walk(time: np.ndarray) -> np.ndarray:
+    """(n, n) covariance of a random walk's integral at these times (n,), of variance 1 at time 1 (Rasmussen and Williams 2006, 6.3.1)."""
+    early, late = np.minimum.outer(time, time), np.maximum.outer(time, time)
+    return early**2 * (3.0 * late - early) / 2.0
 
 
 def _sizes(amplitudes: np.ndarray) -> np.ndarray:
