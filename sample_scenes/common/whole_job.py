@@ -47,6 +47,7 @@ def main(words: list[str]) -> None:
     scene = bpy.context.scene
     insert_beside(scene, known)
     done(bpy.ops.seeing_wind.resimulate())
+    scene.seeing_wind.bake_smooth = 0  # replay.py compares with what the engine simulated
     done(bpy.ops.seeing_wind.bake())
     done(bpy.ops.seeing_wind.set_up_composite(samples=8))
     if "--no-render" not in words:
