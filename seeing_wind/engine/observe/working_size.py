@@ -56,7 +56,7 @@ class WorkingSize:
 
     def __init__(self, height: int, width: int, scale: float) -> None:
         self.file = (height, width)
-        self.work = (round(height * scale), round(width * scale))
+        self.work = (max(1, round(height * scale)), max(1, round(width * scale)))
         self._factor = np.array([width / self.work[1], height / self.work[0]])
         """File pixels per working pixel, x and y."""
 

@@ -89,3 +89,4 @@ def test_size_is_chosen_by_the_picture_and_the_object() -> None:
     points = np.array([[0.0, 0.0], [3839.0, 2159.0], [100.5, 7.25]])
     assert size.outward(size.inward(points)) == pytest.approx(points)
     assert size.inward(np.array([-0.5, -0.5])) == pytest.approx([-0.5, -0.5])
+    assert WorkingSize(1, 20000, LONGEST / 20000).work == (1, LONGEST), "not even a line of pixels gets lost"
