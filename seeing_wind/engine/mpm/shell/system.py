@@ -21,9 +21,7 @@ from .cholesky import BlockCholesky, Factors
 from .surface import NONE, Surface
 
 MOST = 200
-"""Iterations of conjugate gradients."""
-
-
+"""Iterations of conjugate gradients, at most."""
 THIN = 20.0
 """Bending between neighbours over inertia up to which factors do without the coupling across edges."""
 SINGLE = 1e6
