@@ -2,10 +2,11 @@
 
     surface.py   the mesh, and what is no sheet          membrane.py  stretching, and folds finer than the mesh
     slopes.py    slopes across edges                     bending.py   curvature of faces, and its energy
+    forces.py    the forces of all faces                 face_kernels.py  the same, compiled
     model.py     a sheet with mass and pins; its state   substep.py   one substep: backward differences and Newton's method
-    rollout.py   a frame of substeps                     system.py    the linear equations
-    cholesky.py  factors by nested dissection            blas.py      how many threads they take
+    rollout.py   a frame of substeps                     linear/      the linear equations
     contact.py   vertices against planes; friction       obstacle.py  what stands in the way, as planes
+    compiled.py  kernels, ready to launch
 
 See docs/reference/shells.md.
 """

@@ -122,43 +122,7 @@ def normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return n / np.linalg.norm(n, axis=1, keepdims=True)
 
 
-def curvatures(b: Bending, x: np.ndarray) -> np.ndarray:
-    """(3, F) k11, k22, 2 k12 along the normals, of vertices x (V, 3) [1/m]."""
-    return np.einsum("ifc,fc->if", (b.curvature @ x).reshape(3, -1, 3), normals(x, b.faces))
-
-
 def energy(b: Bending, x: np.ndarray) -> float:
     """Of vertices x (V, 3) [J]."""
     k = (b.curvature @ x).reshape(3, -1, 3) - b.rest[..., None] * normals(x, b.faces)
     return 0.5 * float(np.einsum("ifc,ij,jfc,f->", k, b.law, k, b.area))
-
-
-def gradient(b: Bending, x: np.ndarray) -> np.ndarray:
-    """(V, 3) derivative of the energy [N]."""
-    g = b.matrix @ x
-    if b.flat:
-        return g
-    n = normals(x, b.faces)
-    moment = b.law @ b.rest * b.area  # (3, F)
-    g -= b.curvature.T @ (moment[..., None] * n).reshape(-1, 3)
-    pull = np.einsum("if,ifc->fc", moment, (b.curvature @ x).reshape(3, -1, 3))
-    turn = normal_pull(x, b.faces, n, pull)
-    np.add.at(g, b.faces, turn)
-    return g
-
-
-def normal_pull(x: np.ndarray, faces: np.ndarray, n: np.ndarray, pull: np.ndarray) -> np.ndarray:
-    """(F, 3, 3) minus the derivative of n . pull by the corners, for a constant pull (F, 3) on unit normals n (F, 3)."""
-    corners = x[faces]
-    ends = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    twice = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    hat = np.cross(n[:, None], ends) / twice[:, None, None]  # gradient of each corner's hat function on the surface
-    return (hat * pull[:, None]).sum(axis=2)[..., None] * n[:, None]
-
-
-def pull_of(b: Bending, x: np.ndarray, before: np.ndarray) -> np.ndarray:
-    """(V, 3) minus the forces of moments that follow the change of the curvature since `before` (3, F), as the energy's follow it [N]."""
-    n = normals(x, b.faces)
-    change = np.einsum("ifc,fc->if", (b.curvature @ x).reshape(3, -1, 3), n) - before
-    moment = b.law @ change * b.area
-    return b.curvature.T @ (moment[..., None] * n).reshape(-1, 3)

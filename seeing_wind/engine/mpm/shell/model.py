@@ -8,9 +8,10 @@ import numpy as np
 
 from ...materials import Sheet
 from .bending import Bending, bending
+from .forces import Forces
+from .linear import System
 from .membrane import Membrane, membrane
 from .surface import Surface, surface_of
-from .system import System
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class Shell:
     """(V,) bool: their motion is given."""
     spring: np.ndarray
     """(V,) squared angular frequency of the spring that draws a vertex to its place at rest [1/s²]; 0 for none."""
+    forces: Forces
     system: System
 
 
@@ -64,7 +66,7 @@ def shell_of(
     held = np.zeros(count, dtype=bool) if pinned is None else np.asarray(pinned, dtype=bool)
     b = bending(surface, m, plate, held)
     springs = np.zeros(count) if spring is None else np.asarray(spring, dtype=np.float64)
-    return Shell(surface, sheet, mass, m, b, held, springs, System(surface, b, plate, held))
+    return Shell(surface, sheet, mass, m, b, held, springs, Forces(m, b, count), System(surface, m.slope, b, plate, held))
 
 
 def with_past(x: np.ndarray, v: np.ndarray, acceleration: np.ndarray, dt: float) -> State:

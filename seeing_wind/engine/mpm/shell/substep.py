@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import SimulationError
-from . import bending, membrane
 from .contact import Contact, touched
+from .forces import Faces
+from .linear import Factors, Matrix, Unfinished
 from .model import Shell, State
 from .obstacle import Obstacle
-from .system import Matrix
 
 Load = Callable[[np.ndarray, np.ndarray, int], tuple[np.ndarray, np.ndarray | None]]
 """(x (V, 3) [m], v (V, 3) [m/s], frame) -> force on the vertices (V, 3) [N], and its damping (V, 3, 3) [N s/m], symmetric and positive
@@ -30,10 +30,14 @@ semidefinite, or None: at another velocity the force is taken as force - damping
 EXACT = 0.03
 """A Newton iteration that moves no vertex by more than this part of how far gravity moves one in a substep is the last: what is left
 of the equations is a force of less than that part of the weight."""
-LOOSE = 0.1
-"""Precision to which the linear equations are solved."""
-STALE = 8
-"""Iterations of conjugate gradients beyond which the next iteration of Newton's makes new factors."""
+LOOSE = 0.2
+"""Precision to which the linear equations are solved, before the last step of conjugate gradients."""
+STALE = 4
+"""Iterations of conjugate gradients beyond which the next iteration of Newton's makes new factors,"""
+PATIENCE = 6
+"""and beyond which they are given up for new factors on the spot."""
+FAR = 3.0
+"""Newton's steps beyond this many times how far gravity moves a vertex in a substep need new factors for the next one."""
 MOST = 40
 """Newton iterations of a substep."""
 STRAY = 0.05
@@ -70,10 +74,8 @@ class _Equations:
     """(V, 3) x* of each vertex [m]: v' = (x' - x*) / b."""
     lag: float
     """Retardation time over dt."""
-    stress: np.ndarray
-    """(F, 3) elastic stress at the substep's start [N/m]."""
-    curvature: np.ndarray
-    """(3, F) at its start [1/m]."""
+    before: Faces
+    """The faces at the substep's start."""
     contact: Contact
 
     @property
@@ -81,31 +83,28 @@ class _Equations:
         """2 dt / 3 [s]."""
         return 2.0 * self.dt / 3.0
 
-    def force(self, x: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Minus the sum (V, 3) of all forces at x [N], zero for pinned vertices, and F and S, for `matrix`."""
-        s, m = self.shell, self.shell.membrane
-        F = membrane.deformation(m, x)
-        S = (1.0 + self.lag) * membrane.stress(m, membrane.strain(F)) - self.lag * self.stress
-        r = s.mass[:, None] / self.b**2 * (x - self.goal) - self.push
-        np.add.at(r, m.faces, membrane.gradient(m, F, S))
-        r += bending.gradient(s.bending, x)
-        if self.lag:
-            r += self.lag * bending.pull_of(s.bending, x, self.curvature)
+    def force(self, x: np.ndarray) -> tuple[np.ndarray, Faces]:
+        """Minus the sum (V, 3) of all forces at x [N], zero for pinned vertices, and the faces there, for `matrix`."""
+        s = self.shell
+        faces = s.forces.faces(x, self.lag, self.before)
+        r = s.forces.at_vertices(x, s.mass / self.b**2, self.goal, self.push, faces)
         if self.drag is not None:
             r += np.einsum("vij,vj->vi", self.drag, (x - self.coast) / self.b)
-        r += (s.mass * s.spring)[:, None] * (x - s.surface.x) + self.contact.force(x)
+        if s.spring.any():
+            r += (s.mass * s.spring)[:, None] * (x - s.surface.x)
+        r += self.contact.force(x)
         r[s.pinned] = 0.0
-        return r, (F, S)
+        return r, faces
 
-    def matrix(self, x: np.ndarray, known: tuple[np.ndarray, np.ndarray], convex: bool = True) -> Matrix:
-        """Derivative of `force`; without what would make it indefinite if `convex`."""
-        s, m, (F, S) = self.shell, self.shell.membrane, known
-        T = (1.0 + self.lag) * membrane.stress_tangent(m, membrane.strain(F))
+    def matrix(self, x: np.ndarray, faces: Faces, stress: np.ndarray | None = None, convex: bool = True) -> Matrix:
+        """Derivative of `force`; without what would make it indefinite if `convex`. stress: (F, 3) the faces' own if not given [N/m]."""
+        s = self.shell
         diagonal = self.contact.matrix(x)
         diagonal += (s.mass * (1.0 / self.b**2 + s.spring))[:, None, None] * np.eye(3)
         if self.drag is not None:
             diagonal += self.drag / self.b
-        return s.system.matrix(membrane.hessian(m, F, S, T, convex), diagonal, 1.0 + self.lag)
+        tangents = s.forces.tangents(faces.F, faces.stress if stress is None else stress, self.lag, convex)
+        return s.system.matrix(faces.F, tangents, diagonal, 1.0 + self.lag)
 
 
 def advance(
@@ -143,24 +142,26 @@ def _equations(
     if drag is not None:
         push = push + np.einsum("vij,vj->vi", drag, state.v)
     lag = shell.sheet.retardation / dt
-    S = membrane.stress(shell.membrane, membrane.strain(membrane.deformation(shell.membrane, state.x)))
-    k = bending.curvatures(shell.bending, state.x)
     contact = Contact.near(obstacles, state.x, state.x + dt * state.v, shell.mass / b**2, dt, shell.sheet.thickness)
     goal = coast + b * velocity + b**2 * np.asarray(gravity)
-    return _Equations(shell, dt, goal, push, drag, coast, lag, S, k, contact), contact
+    return _Equations(shell, dt, goal, push, drag, coast, lag, shell.forces.faces(state.x), contact), contact
 
 
 def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
-    """Newton's method, each iteration as long as the force along it goes down. Factors serve on while its steps are small."""
+    """Newton's method, each iteration as long as the force along it goes down. Factors serve on while its steps are small.
+
+    At the place it starts from, straight on, a sheet that turns is stretched by far more than its load stretches it. This tension is
+    gone with the first step and would only make the sheet too stiff across it: that step takes the tension from the substep's start.
+    """
     edge, inner = equations.shell.surface.edge_length, 0
     fall = 9.81 * equations.b**2
     r, known = equations.force(x)
-    factors = None
+    factors: Factors | None = None
+    stress: np.ndarray | None = equations.before.stress
     for iteration in range(1, MOST + 1):
-        matrix = equations.matrix(x, known)
+        matrix = equations.matrix(x, known, stress)
         try:
-            factors = factors or matrix.factors()
-            way, count = matrix.solved(-r, factors, LOOSE)
+            way, count, factors = _way(matrix, -r, factors)
         except np.linalg.LinAlgError as error:
             raise SimulationError(f"The shell's equations cannot be solved: {error}.", "Take more substeps.", quantity="force") from error
         inner += count
@@ -168,16 +169,32 @@ def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
         x, r, known, whole = _along(equations, x, r, way)
         if moved <= EXACT * fall:
             return x, Effort(iteration, inner)
-        if moved > fall or not whole or count > STALE:
+        if moved > FAR * fall or not whole or count > STALE:
             factors = None
+        stress = None
     if moved > STRAY * edge:
         raise SimulationError("The shell finds no equilibrium within a substep.", "Take more substeps.", quantity="position")
     return x, Effort(MOST, inner)
 
 
-def _along(
-    equations: _Equations, x: np.ndarray, r: np.ndarray, way: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray], bool]:
+def _way(matrix: Matrix, right: np.ndarray, old: Factors | None) -> tuple[np.ndarray, int, Factors]:
+    """The solution (V, 3) of matrix x = right, the iterations it took, and the factors it ended with: new ones if `old` are too old.
+
+    Raises:
+        numpy.linalg.LinAlgError: when there is none.
+    """
+    begun, tried = np.zeros_like(right), 0
+    if old is not None:
+        try:
+            return *matrix.solved(right, old, LOOSE, PATIENCE), old
+        except Unfinished as reached:
+            begun, tried = reached.x, PATIENCE
+    factors = matrix.factors()
+    rest, count = matrix.solved(right - matrix.times(begun) if tried else right, factors, LOOSE)
+    return begun + rest, tried + count, factors
+
+
+def _along(equations: _Equations, x: np.ndarray, r: np.ndarray, way: np.ndarray) -> tuple[np.ndarray, np.ndarray, Faces, bool]:
     """The place on the way from x where the force along it has nearly gone, with what `_Equations.force` gives there (line search), and
     whether it is the way's end."""
     slope, low, high, length = float((way * r).sum()), 0.0, 1.0, 1.0
