@@ -25,11 +25,20 @@ from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .diagnostics.remarks import astray, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
+from .diagnostics.remarks import (
+    astray,
+    force_remarks,
+    held_remarks,
+    motion_remarks,
+    moving_clamp_remark,
+    reaction_remarks,
+    wild_remarks,
+)
 from .prior.basis import SpatialBasis, spatial_basis
 from .prior.learning import Expected
 from .solve.stiffness import Stiffness, covariance_with, is_free, remark, scaled, youngs_modulus
 from .solve.window import FULL_KNOT, Found, WindowSolver
+from .targets.clamp_motion import clamp_motion
 from .targets.objective import Channels, Objective
 from .targets.points import PointChannels, point_channels
 from .targets.tracks import TrackChannels, track_channels
@@ -92,13 +101,16 @@ def recover(
         raise UsageError("The views do not have the same number of pictures.", "Cut the clips to the same frames, or give one clip.")
     if not any(one.visible[1:].any() for one in sources):
         raise ObjectError("Nothing of the object is seen after the first picture.", "Check the mask, or give more pictures of it.")
+    moving = clamp_motion(particles, targets, fps) if isinstance(targets, PointTargets) else None
+    if moving is not None:
+        sources = [moving.stilled(one) for one in sources if isinstance(one, PointTargets)]
     channels: list[Channels] = []
     for one in sources:
         if isinstance(one, PointTargets):
             channels.append(point_channels(particles, one, plastic))
         else:
             channels.append(track_channels(particles, one, plastic))
-    notes: list[str] = []
+    notes = [] if moving is None else [moving_clamp_remark(moving)]
     if material.law not in LAWS:
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
         material = replace(material, law="corotated")
@@ -106,10 +118,13 @@ def recover(
         particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth,
         speed=min([DEFAULT_SPEED, *(HASTE * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
     )  # fmt: skip
+    if moving is not None:
+        model = replace(model, gravity=moving.gravity(particles, model.gravity))
     stiffness = Stiffness(free=is_free(particles, model, settings))
     clip = _Clip(particles, model, Objective(channels), fps, settings, progress, journal, notes + model_notes, stiffness)
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
-    return clip.result(clip.solved(), material, views, began)
+    found = clip.result(clip.solved(), material, views, began)
+    return found if moving is None else moving.carried(found, material.density, np.asarray(settings.gravity), model.gravity)
 
 
 def _fastest(targets: PointTargets, fps: float) -> float:
@@ -190,7 +205,7 @@ class _Clip:
 
             start = kept[-1].trajectory.state(-1) if kept else None
             solver = WindowSolver(
-                self.particles, self.model, self.objective.between(begin, end), basis, expected, start,
+                self.particles, self.model.from_frame(begin), self.objective.between(begin, end), basis, expected, start,
                 self.settings.iterations, self.progress, tell, self.stiffness, journal=self.journal,
             )  # fmt: skip
             frames = cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin
@@ -225,7 +240,7 @@ class _Clip:
     def _expected(self, modes: int) -> Expected:
         """Sizes before anything is solved: of the field, what was observed or what holds gravity up; of the initial velocity."""
         observed = max(one.acceleration(self.particles.x, self.fps) for one in self.objective.channels)
-        size = float(np.hypot(observed, np.linalg.norm(self.model.gravity))) or 1e-3
+        size = float(np.hypot(observed, np.linalg.norm(self.settings.gravity))) or 1e-3
         component = self._first_component(modes)
         speed = max([SLOWEST, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
         axes = np.sqrt(np.diag(component))  # uniform x y z, then the spins round x y z

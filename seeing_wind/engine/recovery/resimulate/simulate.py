@@ -78,6 +78,8 @@ class _Actor:
     """Grid cells below the border of what is pinned at which it is held: as in the recovery, for what was recovered."""
     substeps: int = MIN_SUBSTEPS
     """Per frame at least; of what was recovered those of the recovery, whose force goes with the damping that they make."""
+    path: np.ndarray | None = None
+    """(T+1, N, 3) [m] which way its pinned particles go, if they do not keep their places."""
 
 
 def simulate_bodies(
@@ -209,8 +211,16 @@ def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor
     rider = Rider(surface.vertices, surface.attachment, particles.x)
     return _Actor(
         body, particles, _overridden(material, body, particles), np.array(velocity, dtype=np.float64), rider, surface.triangles, [],
-        np.zeros(len(particles.x)), recovery.clamp_depth, recovery.substeps or MIN_SUBSTEPS,
+        np.zeros(len(particles.x)), recovery.clamp_depth, recovery.substeps or MIN_SUBSTEPS, _clamp_path(body, particles, recovery),
     )  # fmt: skip
+
+
+def _clamp_path(body: BodyEdit, particles: Particles, recovery: Recovery) -> np.ndarray | None:
+    """(T+1, N, 3) [m] where a clamp that moved in the clip takes the held particles; None where it stood. A body that starts later than
+    the clip has no part in it."""
+    if not recovery.clamp_moves or body.start_frame:
+        return None
+    return np.where(particles.pinned[:, None], recovery.x, particles.x)
 
 
 def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> _Actor:
@@ -332,9 +342,18 @@ def _model(
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
         max_substeps=MAX_SUBSTEPS, least_substeps=max(actor.substeps for actor in actors), colliders=colliders, device=device,
-        clamp_depth=max(actor.clamp_depth for actor in actors),
+        clamp_depth=max(actor.clamp_depth for actor in actors), pin_path=_pin_path(actors, particles),
     )  # fmt: skip
     return model, notes
+
+
+def _pin_path(actors: Sequence[_Actor], particles: Sequence[Particles]) -> np.ndarray | None:
+    """(T+1, M, 3) [m] which way all that is pinned in `particles` goes; None where it stays."""
+    pictures = next((len(actor.path) for actor in actors if actor.path is not None), 0)
+    if not pictures:
+        return None
+    ways = [np.broadcast_to(a.particles.x, (pictures, *a.particles.x.shape)) if a.path is None else a.path for a in actors]
+    return np.concatenate([way[:, one.pinned] for way, one in zip(ways, particles)], axis=1)
 
 
 def _released(state: State, actors: Sequence[_Actor], slices: Sequence[slice], frame: int) -> State:
