@@ -12,7 +12,7 @@ from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS
 from seeing_wind.engine.mpm.tangent import Changes, tangents
-from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Particles
 from tests.engine.mpm.bodies import RUBBER, affine_basis, block
 
@@ -262,7 +262,8 @@ def test_gravity_may_differ_from_frame_to_frame_and_particle_to_particle():
     phi, dphi = affine_basis(body.x)
     copies = rollout_batch(heavy, start, phi, dphi, np.zeros((2, frames, phi.shape[1], 3)))
     assert np.allclose(copies.points, wanted.x, atol=1e-9)
-    x, _ = tangents(heavy, start, phi, dphi, np.zeros((frames, phi.shape[1], 3)), Changes(np.zeros((1, frames, phi.shape[1], 3))))
+    none = np.zeros((frames, phi.shape[1], 3))
+    x, _ = tangents(heavy, start, phi, dphi, none, Changes(none[None]), NoProgress())
     assert np.allclose(x, wanted.x, atol=1e-9)
 
 

@@ -27,7 +27,7 @@ SHORTEST = 8
 CLEAR = 1.0
 """Size of a motion (root mean square, relative to the noise of one picture) from which it is believed."""
 RIGID = 0.5
-"""Most that the held points may move against each other, relative to how far they move together: beyond, no one clamp holds them."""
+"""Most that the held points may move against each other, beyond their noise, relative to how far they move together."""
 STEP = 0.25
 """Frames to both sides over which the clamp's turn is differentiated."""
 
@@ -137,9 +137,10 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
     if np.linalg.matrix_rank(start, tol=0.1 * np.linalg.norm(start, 2)) < 2:
         return None  # in a row, they do not show how it turns about that row
     turn = np.stack([Rotation.align_vectors(now, start)[0].as_rotvec() for now in turned])
-    apart = turned - np.einsum("tij,kj->tki", Rotation.from_rotvec(turn).as_matrix(), start)
-    together = shift[:, None] + turned - start
-    if np.sqrt((apart**2).mean()) > RIGID * np.sqrt((together**2).mean()):
+    rigid = np.einsum("tij,kj->tki", Rotation.from_rotvec(turn).as_matrix(), start)
+    # Both pictures that are compared have noise.
+    apart = ((turned - rigid) ** 2).mean() - 2.0 * noise_of(held) ** 2
+    if apart > RIGID**2 * ((shift[:, None] + rigid - start) ** 2).mean():
         return None
     smooth = _smooth(shift), _smooth(turn)
     if smooth[0] is None and smooth[1] is None:

@@ -220,7 +220,7 @@ def test_what_the_clip_held_can_be_let_go(folder):
 
 def test_what_the_clip_s_clamp_carried_along_is_carried_along_again(folder):
     body, recovery = recovered_object()
-    foot = body.particles.x[:, 2] < 0.045
+    foot = body.particles.x[:, 2] < 0.055
     held = dataclasses.replace(body, particles=dataclasses.replace(body.particles, pinned=foot))
     way = 0.02 * (1.0 - np.cos(np.pi * np.arange(FRAMES + 1) / FRAMES))
     path = recovery.x + way[:, None, None] * np.array([0.0, 1.0, 0.0])
