@@ -266,6 +266,8 @@ class Recovery:
     """As in the settings: where the held part began to be held."""
     substeps: int | None = None
     """Per frame. A solver's damping hangs on them: the same force swings a body differently with others."""
+    clamp_moves: bool = False
+    """Whether what is held goes the way that its particles have in `x`, rather than stands still."""
 
 
 def as_found(material: Material, recovery: Recovery) -> Material:

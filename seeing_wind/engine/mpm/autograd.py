@@ -41,7 +41,7 @@ class RolloutFunction(torch.autograd.Function):
         check_numbers(model.mass, model.mu, model.lam, model.yield_stress, model.viscosity)
         force, gradients = _array(acceleration), _array(gradient)
         check_force(model.particles, force, gradients, first_frame)
-        force = force + model.gravity
+        force = force + np.stack([np.atleast_2d(model.gravity_in(first_frame + t)) for t in range(len(force))])
         ctx.body, ctx.progress = Body(model, precision), progress
         states, ctx.runs = [ctx.body.checked(State(*(_array(tensor) for tensor in (x0, v0, C0, F0))))], []
         left = _HISTORY

@@ -71,7 +71,7 @@ class Model:
     substeps: int
     """Per frame."""
     gravity: np.ndarray
-    """(3,) [m/s²], apart from the external acceleration."""
+    """(3,) [m/s²], apart from the external acceleration; (T, N, 3) in a frame of reference that accelerates, by frame and particle."""
     device: str = "auto"
     """auto or cpu, which is the same: see `device.start`."""
     collider_grid: ColliderGrid = NO_COLLIDERS
@@ -91,6 +91,14 @@ class Model:
     def upright(self) -> Model:
         """The same in the lattice's own coordinates."""
         return self if self.axes is None else replace(self, axes=None, gravity=self.gravity @ self.axes)
+
+    def gravity_in(self, frame: int) -> np.ndarray:
+        """(3,) or (N, 3) [m/s²] in frame number `frame`."""
+        return self.gravity if self.gravity.ndim == 1 else self.gravity[frame]
+
+    def from_frame(self, first: int) -> Model:
+        """The same, its frames counted from `first` on."""
+        return self if self.gravity.ndim == 1 else replace(self, gravity=self.gravity[first:])
 
     @property
     def particles(self) -> int:

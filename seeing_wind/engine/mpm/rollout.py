@@ -174,7 +174,7 @@ def rollout(
     history = [[array[0].copy()] for array in (one.x, one.v, one.C, one.F)]
     taken, only = [], np.zeros(1, np.int32)
     for t in range(len(acceleration)):
-        one.acceleration[0] = acceleration[t] + model.gravity
+        one.acceleration[0] = acceleration[t] + model.gravity_in(first_frame + t)
         if gradient is not None:
             one.gradient[0] = gradient[t]
         substeps, code, status = one.advance(only, first_frame + t, progress)
@@ -195,7 +195,7 @@ def _body_rollout(
     path = Trajectory(x, v, C, F, np.zeros(frames, np.int64))
     path.x[0], path.v[0], path.C[0], path.F[0] = start.x, start.v, start.C, start.F
     for t in range(frames):
-        force = acceleration[t] + body.model.gravity
+        force = acceleration[t] + body.model.gravity_in(first_frame + t)
         slope = None if gradient is None else gradient[t]
         _, run = body.frame(path.state(t), force, slope, first_frame + t, progress, into=path.state(t + 1))
         path.substeps[t] = run.substeps
@@ -300,7 +300,8 @@ def rollout_batch(
         if not len(going):
             continue
         force = np.ascontiguousarray(coefficients[:, t], dtype=np.float64)
-        substep.assemble_force(phi, dphi, model.gravity, going, force, body.F, body.acceleration, body.gradient)
+        gravity = np.array(np.broadcast_to(model.gravity_in(t), (count, 3)))
+        substep.assemble_force(phi, dphi, gravity, going, force, body.F, body.acceleration, body.gradient)
         substeps, code, status = body.advance(going, t, progress)
         broken = code != substep.RUNNING
         if strict and broken.any():

@@ -128,7 +128,7 @@ class _Carrier:
             self.state = State(x[done].copy(), kept["v"], kept["C"], kept["F"])
         for t in range(done, frames):
             self.progress.check()
-            acceleration = self.phi.numpy() @ coefficients[t] + self.model.gravity
+            acceleration = self.phi.numpy() @ coefficients[t] + self.model.gravity_in(t)
             spatial = np.linalg.inv(self.state.F)
             gradient = coefficients[t].T @ self.dphi.numpy() @ spatial
             substeps = self._record(acceleration, gradient, t)

@@ -1,7 +1,7 @@
 """From observed motion to the force field that made it.
 
-    recover.py      the whole clip, window by window         journal.py    what a crash does not cost
-                                                             diagnostics/  what the user should know about a solution
+    recover.py      body, targets and settings to a force    journal.py    what a crash does not cost
+    clip.py         the whole clip, window by window         diagnostics/  what the user should know about a solution
     solve/          Gauss-Newton through the simulator       resimulate/   a recovered field on other bodies
     prior/          what is believed of a force beforehand
     targets/        what was observed, as residuals          wind/         the force as a wind, and bodies in it

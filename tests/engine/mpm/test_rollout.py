@@ -11,7 +11,8 @@ import pytest
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS
-from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.mpm.tangent import Changes, tangents
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Particles
 from tests.engine.mpm.bodies import RUBBER, affine_basis, block
 
@@ -245,6 +246,25 @@ def test_copies_equal_single_rollouts():
             state = advance(model, state, acceleration, gradient)
             assert np.allclose(every.points[b, t + 1], state.x, atol=1e-10)
     assert np.allclose(points, attachment.follow(every.points), atol=1e-15)
+
+
+def test_gravity_may_differ_from_frame_to_frame_and_particle_to_particle():
+    body = block((4, 3, 3), pinned_below=0.015)
+    model, _ = model_for(body, RUBBER, 30.0, gravity=(0, 0, 0))
+    frames, start = 4, State.at_rest(body.x)
+    rng = np.random.default_rng(0)
+    pull = rng.normal(size=(frames, model.particles, 3))
+    heavy = replace(model, gravity=pull)
+    wanted = rollout(model, start, pull)
+    assert np.allclose(rollout(heavy, start, still(model, frames)).x, wanted.x, atol=1e-12)
+    assert np.allclose(advance(heavy, wanted.state(2), pull[0] * 0.0, frame=2).x, wanted.x[3], atol=1e-12)
+    assert np.allclose(rollout(heavy.from_frame(2), wanted.state(2), still(model, 2)).x, wanted.x[2:], atol=1e-12)
+    phi, dphi = affine_basis(body.x)
+    copies = rollout_batch(heavy, start, phi, dphi, np.zeros((2, frames, phi.shape[1], 3)))
+    assert np.allclose(copies.points, wanted.x, atol=1e-9)
+    none = np.zeros((frames, phi.shape[1], 3))
+    x, _ = tangents(heavy, start, phi, dphi, none, Changes(none[None]), NoProgress())
+    assert np.allclose(x, wanted.x, atol=1e-9)
 
 
 def test_copies_leave_the_nominal_path_at_their_frame():

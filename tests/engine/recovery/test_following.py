@@ -150,8 +150,8 @@ def test_a_force_that_tears_the_body_is_halved_before_it_is_looked_ahead(size, s
     unknown = np.zeros(3 * 6 + 3)
     unknown[0] = size  # [m/s²]
     with pytest.raises(SimulationError):
-        forward.window_changes(None, unknown, np.full(21, 1e-3), 4)
-    bearable, x, changed = warm_start._bearable(forward, None, unknown, np.full(21, 1e-3), 4)
+        forward.window_changes(None, unknown, np.full(21, 1e-3), 0, 4)
+    bearable, x, changed = warm_start._bearable(forward, None, unknown, np.full(21, 1e-3), 0, 4)
     assert bearable[0] == share * size and np.isfinite(x).all() and np.isfinite(changed).all()
 
 

@@ -235,7 +235,7 @@ def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
 
 
 def test_one_stiffness_for_all_windows_of_a_clip(monkeypatch):
-    stage = sys.modules["seeing_wind.engine.recovery.recover"]
+    stage = sys.modules["seeing_wind.engine.recovery.clip"]
     monkeypatch.setattr(stage, "WINDOW", 10)
     monkeypatch.setattr(stage, "OVERLAP", 4)
     body, fractions, solved = post(), [], []

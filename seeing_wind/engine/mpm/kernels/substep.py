@@ -144,14 +144,15 @@ def run_substeps(
 @ti.kernel
 def assemble_force(
     phi: ti.types.ndarray(dtype=ti.f64, ndim=2), dphi: ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=2),
-    gravity: vec3, copies: flags, coefficients: ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=2), F: matrices,
+    gravity: ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=1), copies: flags,
+    coefficients: ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=2), F: matrices,
     acceleration_out: vectors, gradient_out: matrices,
 ):  # fmt: skip
-    """a_p = g + sum_j phi_j(X_p) c_j and grad a_p = (sum_j c_j dphi_j/dX) F^-1 for the listed copies."""
+    """a_p = g_p + sum_j phi_j(X_p) c_j and grad a_p = (sum_j c_j dphi_j/dX) F^-1 for the listed copies."""
     for r in range(copies.shape[0]):
         b = copies[r]
         for p in range(phi.shape[0]):
-            a = gravity
+            a = gravity[p]
             G = ti.Matrix.zero(ti.f64, 3, 3)
             for j in range(phi.shape[1]):
                 a += phi[p, j] * coefficients[b, j]

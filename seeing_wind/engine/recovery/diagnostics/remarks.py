@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...records import Particles
+from ..targets.clamp_motion import ClampMotion
 from ..targets.objective import Channels
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
@@ -25,6 +26,8 @@ REACTION = 0.1
 """A mean force this near to the body's weight, relative to it, holds the body up."""
 HELD = 0.9
 """A track rides on what is held when so much of its weight does."""
+TURNS = 0.1
+"""Degrees from which the turn of a clamp is worth a word."""
 LOOSE = 3.0
 """Pixels by which half the tracks on what is held leave their place, from which there is a note."""
 
@@ -120,6 +123,12 @@ def wild_remarks(channels: Sequence[Channels]) -> list[str]:
         f"({np.count_nonzero(wild.any(axis=1))} of {len(wild)}) and are left out there."
         for wild in astray
     ]
+
+
+def moving_clamp_remark(motion: ClampMotion) -> str:
+    """On a clamp that was seen to move."""
+    turn = f" and turns by up to {motion.widest:.2g} degrees" if motion.widest >= TURNS else ""
+    return f"What is held moves by up to {1000.0 * motion.largest:.2g} mm{turn}: that was taken for its own motion, not for a force."
 
 
 def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str]:

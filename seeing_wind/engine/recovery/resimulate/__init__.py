@@ -1,6 +1,7 @@
 """Meshes in, bodies out: what a user inserts, pins and weighs, moved by a recovered field.
 
-    simulate.py  an edit becomes motion       mesh.py       triangle meshes from files
+    simulate.py  an edit becomes motion       actors.py     its bodies before they move
+    mesh.py      triangle meshes from files
     fill.py      particles for a mesh         voxels.py     the inside of a surface that is no proper solid
     pins.py      pinned vertices              obstacles.py  what the bodies run into
     sheets.py    open meshes as shells        in_field.py   the field where bodies are

@@ -12,7 +12,6 @@ import numpy as np
 
 from ...errors import SimulationError, UsageError
 from ...field.force_field import ForceField
-from ...materials import DEFAULT, SHEET_UNITS, adjusted, find
 from ...mpm.lattice.closed_mesh import is_closed, weld
 from ...mpm.lattice.colliders import Collider
 from ...mpm.model import Model
@@ -20,27 +19,19 @@ from ...mpm.model_for import model_for
 from ...mpm.rollout import advance
 from ...mpm.state import State
 from ...progress import Journal, NoProgress, Progress
-from ...records import Body, Material, Particles, Recovery, as_found
-from ...settings import BodyEdit, Edit
+from ...records import Body, Particles, Recovery
+from ...settings import Edit
 from ..journal import Arrays
 from ..wind.motion import Sail, advance_in_wind
 from ..wind.surface import BodySurface, mesh_surface
 from . import sheets
-from .fill import fill
+from .actors import FASTEST, MOST_SCALED, Actor, enter
 from .in_field import continued, outside_note
-from .mesh import load_mesh
 from .obstacles import colliders_of
-from .pins import Rider, hold_of, pull_back, read_pins, read_weights, ride
+from .pins import pull_back
 
-MIN_SUBSTEPS, MAX_SUBSTEPS = 100, 500
-"""Per frame. At least so many that a fall's first frame is right to a hundredth, whatever the stiffness; at most what a recovery
-affords itself for a held body, for what was recovered must be as stiff here."""
-
-MOST_SCALED = 1e6
-"""Factor up or down beyond which a mass or a stiffness is a mistake."""
-
-FASTEST = 1e4
-"""m/s of a body's first velocity, and m/s² of gravity: more is a mistake."""
+MAX_SUBSTEPS = 500
+"""Per frame: what a recovery affords itself for a held body, for what was recovered must be as stiff here."""
 
 TORN = 2.0
 """Stretch of an edge beyond which particles have parted: the solver has no model of fracture, but its particles lose touch."""
@@ -58,26 +49,6 @@ class Simulated:
     """How many particles stood for it; of a shell, vertices."""
     notes: list[str]
     """What the user should know."""
-
-
-@dataclass(frozen=True)
-class _Actor:
-    """A body before the simulation."""
-
-    edit: BodyEdit
-    particles: Particles
-    material: Material
-    velocity: np.ndarray
-    """(N, 3) [m/s] when it starts."""
-    rider: Rider
-    triangles: np.ndarray
-    notes: list[str]
-    soft: np.ndarray
-    """(N,) weight in 0..1 with which a particle is drawn back to its place; 0 for free and for firmly held ones."""
-    clamp_depth: float = 0.0
-    """Grid cells below the border of what is pinned at which it is held: as in the recovery, for what was recovered."""
-    substeps: int = MIN_SUBSTEPS
-    """Per frame at least; of what was recovered those of the recovery, whose force goes with the damping that they make."""
 
 
 def simulate_bodies(
@@ -114,10 +85,10 @@ def simulate_bodies(
     if not np.linalg.norm(edit.gravity) <= FASTEST:
         raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
     colliders = colliders_of(edit.collider, Path(base_dir))
-    entered = [_enter(body, field, recovered, Path(base_dir)) for body in edit.body]
-    actors = [actor for actor in entered if isinstance(actor, _Actor)]
+    entered = [enter(body, field, recovered, Path(base_dir)) for body in edit.body]
+    actors = [actor for actor in entered if isinstance(actor, Actor)]
     shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
-    groups: list[Sequence[_Actor | sheets.Hanging]] = [*([actors] if edit.contact and actors else [[one] for one in actors]), *shells]
+    groups: list[Sequence[Actor | sheets.Hanging]] = [*([actors] if edit.contact and actors else [[one] for one in actors]), *shells]
     done: dict[str, Simulated] = {}
     for number, group in enumerate(groups):
         try:
@@ -136,12 +107,12 @@ def simulate_bodies(
 
 
 def _moved(
-    group: Sequence[_Actor | sheets.Hanging], field: ForceField, edit: Edit, strength: np.ndarray, colliders: Sequence[Collider],
+    group: Sequence[Actor | sheets.Hanging], field: ForceField, edit: Edit, strength: np.ndarray, colliders: Sequence[Collider],
     device: str, progress: Progress, share: tuple[float, float], journal: Journal,
-) -> list[tuple[_Actor | sheets.Hanging, Simulated, np.ndarray]]:  # fmt: skip
+) -> list[tuple[Actor | sheets.Hanging, Simulated, np.ndarray]]:  # fmt: skip
     """Each of a group with its motion, and the path (T+1, N, 3) of what stands for it: particles of a solid, vertices of a shell."""
-    moved: list[tuple[_Actor | sheets.Hanging, Simulated, np.ndarray]] = []
-    solids = [actor for actor in group if isinstance(actor, _Actor)]
+    moved: list[tuple[Actor | sheets.Hanging, Simulated, np.ndarray]] = []
+    solids = [actor for actor in group if isinstance(actor, Actor)]
     if solids:
         paths, notes = _move(solids, field, edit.gravity, strength, colliders, device, progress, *share, journal)
         for actor, x in zip(solids, paths):
@@ -166,103 +137,11 @@ def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
     return np.broadcast_to(values, (frames,))
 
 
-def _enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> _Actor | sheets.Hanging:
-    """Mesh, particles or shell, material and pins of one body."""
-    for name in ("mass_scale", "youngs_modulus_scale"):
-        if not 1.0 / MOST_SCALED <= getattr(body, name) <= MOST_SCALED:
-            raise UsageError(
-                f"{body.name}: {name} is {getattr(body, name):g}.",
-                f"Give a number from {1.0 / MOST_SCALED:g} to {MOST_SCALED:g}; 1 leaves it as it is.",
-            )
-    if body.mass is not None and not (np.isfinite(body.mass) and body.mass > 0.0):
-        raise UsageError(f"{body.name}: mass is {body.mass}.", "Give kilograms above zero.")
-    if body.mass is not None and body.density is not None:
-        raise UsageError(f"{body.name}: mass and density are both given.", "Give one of them; the other follows from the volume.")
-    if body.pin_weights is not None and body.pin is None:
-        raise UsageError(f"{body.name}: pin_weights without pin.", "Give the indices in pin as well.")
-    if body.free is not None and body.mesh != "recovered":
-        raise UsageError(f"{body.name}: free is given, but nothing holds a mesh besides its own pin.", "Leave it out, or change pin.")
-    if not 0 <= body.start_frame < field.frames:
-        raise UsageError(f"{body.name}: start_frame {body.start_frame} is outside the clip.", f"Its frames are 0 to {field.frames - 1}.")
-    if body.velocity is not None and (np.shape(body.velocity) != (3,) or not np.linalg.norm(body.velocity) <= FASTEST):
-        raise UsageError(f"{body.name}: velocity is {body.velocity}.", f"Give three numbers in m/s, {FASTEST:g} together at most.")
-    if body.mesh == "recovered":
-        if recovered is None:
-            raise UsageError(f"{body.name}: there is no recovered object here.", "Give a mesh instead.")
-        if body.shell or any(getattr(body, name) is not None for name in SHEET_UNITS):
-            raise UsageError(f"{body.name}: the recovered object is a solid.", "Leave shell and its numbers out, or give a mesh.")
-        actor = _enter_recovered(body, *recovered)
-    else:
-        vertices, triangles = load_mesh(base_dir / body.mesh)
-        if sheets.is_shell(body, vertices, triangles):
-            return sheets.enter(body, vertices, triangles, base_dir)
-        actor = _enter_mesh(body, vertices, triangles)
-    if body.free is not None:
-        actor = _free(actor, base_dir / body.free)
-    return actor if body.pin is None else _pin(actor, base_dir)
-
-
-def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> _Actor:
-    material = as_found(source.material, recovery) if body.material is None else find(body.material)
-    particles, surface = dataclasses.replace(source.particles, stiffness=recovery.stiffness), source.surface
-    velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
-    rider = Rider(surface.vertices, surface.attachment, particles.x)
-    return _Actor(
-        body, particles, _overridden(material, body, particles), np.array(velocity, dtype=np.float64), rider, surface.triangles, [],
-        np.zeros(len(particles.x)), recovery.clamp_depth, recovery.substeps or MIN_SUBSTEPS,
-    )  # fmt: skip
-
-
-def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> _Actor:
-    try:
-        filling = fill(vertices, triangles)
-    except UsageError as error:
-        raise UsageError(f"{body.name}: {error.message}", error.hint) from error
-    particles = filling.particles
-    velocity = np.broadcast_to(np.zeros(3) if body.velocity is None else np.asarray(body.velocity), particles.x.shape)
-    rider = ride(vertices, particles, np.zeros(0, dtype=int))
-    material = _overridden(find(body.material or DEFAULT), body, particles)
-    soft = np.zeros(len(particles.x))
-    return _Actor(body, particles, material, np.array(velocity, dtype=np.float64), rider, triangles, list(filling.notes), soft)
-
-
-def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Material:
-    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "loss_factor")
-    changed = adjusted(material, **{name: getattr(body, name) for name in names})
-    density = None if body.mass is None else body.mass / float(particles.volume.sum())
-    return adjusted(changed, density=density, youngs_modulus=changed.youngs_modulus * body.youngs_modulus_scale)
-
-
-def _free(actor: _Actor, path: Path) -> _Actor:
-    """The recovered object without some of the holds that it had in the clip."""
-    pinned = actor.particles.pinned.copy()
-    pinned[read_pins(path, len(pinned), "particles")] = False
-    return dataclasses.replace(actor, particles=dataclasses.replace(actor.particles, pinned=pinned))
-
-
-def _pin(actor: _Actor, base_dir: Path) -> _Actor:
-    """The actor with pins, firm and soft: vertex indices for a mesh, particle indices for the recovered object."""
-    edit, particles, rest = actor.edit, actor.particles, actor.rider.rest
-    recovered, path = edit.mesh == "recovered", base_dir / str(edit.pin)
-    pins = read_pins(path, len(particles.x) if recovered else len(rest), "particles" if recovered else "vertices")
-    weights = np.ones(len(pins)) if edit.pin_weights is None else read_weights(base_dir / edit.pin_weights, path)
-    if recovered:
-        hold = np.zeros(len(particles.x))
-        hold[pins] = weights
-    else:
-        hold = hold_of(rest, pins, weights, particles)
-    pinned = particles.pinned | (hold >= 1.0)
-    particles = dataclasses.replace(particles, pinned=pinned)
-    velocity = np.where(pinned[:, None], 0.0, actor.velocity)
-    rider = actor.rider if recovered else ride(rest, particles, pins[weights >= 1.0])
-    return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=rider, soft=np.where(pinned, 0.0, hold))
-
-
 # -- the motion -------------------------------------------------------------------------------------------------------------------
 
 
 def _move(
-    actors: Sequence[_Actor],
+    actors: Sequence[Actor],
     field: ForceField,
     gravity: Sequence[float],
     strength: np.ndarray,
@@ -312,7 +191,7 @@ def _move(
     return [path[:, part] for part in slices], notes
 
 
-def _surface(actor: _Actor) -> BodySurface:
+def _surface(actor: Actor) -> BodySurface:
     """The actor's mesh, as the air sees it: a sheet where it is open."""
     rider = actor.rider
     closed = is_closed(weld(rider.rest, actor.triangles))
@@ -324,7 +203,7 @@ def _so_far(history: list[np.ndarray], state: State) -> Arrays:
 
 
 def _model(
-    actors: Sequence[_Actor], frame: int, fps: float, gravity: Sequence[float], colliders: Sequence[Collider], device: str
+    actors: Sequence[Actor], frame: int, fps: float, gravity: Sequence[float], colliders: Sequence[Collider], device: str
 ) -> tuple[Model, list[str]]:
     """The solver's model while all bodies that start after `frame` are held."""
     particles = [dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors]
@@ -332,12 +211,21 @@ def _model(
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
         max_substeps=MAX_SUBSTEPS, least_substeps=max(actor.substeps for actor in actors), colliders=colliders, device=device,
-        clamp_depth=max(actor.clamp_depth for actor in actors),
+        clamp_depth=max(actor.clamp_depth for actor in actors), pin_path=_pin_path(actors, particles),
     )  # fmt: skip
     return model, notes
 
 
-def _released(state: State, actors: Sequence[_Actor], slices: Sequence[slice], frame: int) -> State:
+def _pin_path(actors: Sequence[Actor], particles: Sequence[Particles]) -> np.ndarray | None:
+    """(T+1, M, 3) [m] which way all that is pinned in `particles` goes; None where it stays."""
+    pictures = next((len(actor.path) for actor in actors if actor.path is not None), 0)
+    if not pictures:
+        return None
+    ways = [np.broadcast_to(a.particles.x, (pictures, *a.particles.x.shape)) if a.path is None else a.path for a in actors]
+    return np.concatenate([way[:, one.pinned] for way, one in zip(ways, particles)], axis=1)
+
+
+def _released(state: State, actors: Sequence[Actor], slices: Sequence[slice], frame: int) -> State:
     """The state with the velocity of every body that starts now."""
     v = state.v.copy()
     for actor, part in zip(actors, slices):

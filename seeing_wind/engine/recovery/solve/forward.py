@@ -119,19 +119,24 @@ class Forward:
             return self._batch(self.model, self.begin, self.per_frame(theta), None)
         return self._batch(self.model, State.at_rest(self.x), self.per_frame(theta), theta[:, self.size :])
 
-    def window(self, state: State | None, unknowns: np.ndarray, frames: int) -> np.ndarray:
-        """Constant coefficients over a few frames: (B, modes 3 [+ V]) -> (B, frames+1, N, 3). State None starts at rest with velocities."""
-        modes = self.shape[1]
+    def window(self, state: State | None, unknowns: np.ndarray, first: int, frames: int) -> np.ndarray:
+        """Constant coefficients over a few frames from `first` on: (B, modes 3 [+ V]) -> (B, frames+1, N, 3).
+
+        State None starts at rest with velocities.
+        """
+        modes, rough = self.shape[1], self.rough.from_frame(first)
         constant = unknowns[:, : 3 * modes].reshape(-1, 1, modes, 3)
         coefficients = np.repeat(constant, frames, axis=1)
         if state is None:
-            return self._batch(self.rough, State.at_rest(self.x), coefficients, unknowns[:, 3 * modes :])
-        return self._batch(self.rough, state, coefficients, None)
+            return self._batch(rough, State.at_rest(self.x), coefficients, unknowns[:, 3 * modes :])
+        return self._batch(rough, state, coefficients, None)
 
-    def window_changes(self, state: State | None, unknown: np.ndarray, offset: np.ndarray, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    def window_changes(
+        self, state: State | None, unknown: np.ndarray, offset: np.ndarray, first: int, frames: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Positions (frames+1, N, 3) of `window` under `unknown` (n,), and (n, ...) with each of its entries changed by its offset (n,)."""
         if not applies_to(self.rough):
-            both = self.window(state, np.concatenate([unknown[None], unknown + np.diag(offset)]), frames)
+            both = self.window(state, np.concatenate([unknown[None], unknown + np.diag(offset)]), first, frames)
             return both[0], both[1:]
         modes = self.shape[1]
         unit = np.eye(len(unknown))
@@ -141,8 +146,8 @@ class Forward:
         if state is None:
             state = self.start(unknown[3 * modes :])
             v0, C0 = (np.tensordot(unit[:, 3 * modes :], motion, 1) for motion in (self.velocity, self.velocity_gradient))
-        changes = Changes(constant, v0, C0)
-        x, change = tangents(self.rough, state, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress, self.journal)
+        changes, rough = Changes(constant, v0, C0), self.rough.from_frame(first)
+        x, change = tangents(rough, state, self.basis.phi, self.basis.gradient, coefficients, changes, self.progress, self.journal)
         return x, x + offset[:, None, None, None] * change
 
     def _batch(

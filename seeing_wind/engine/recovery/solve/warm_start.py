@@ -113,7 +113,7 @@ def _fitted(
 ) -> np.ndarray:
     unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward, state, spread)
     for _ in range(steps):
-        unknown, x, changed = _bearable(forward, state, unknown, offset, window)
+        unknown, x, changed = _bearable(forward, state, unknown, offset, frame, window)
         white = _whiten(objective, np.concatenate([x[None], changed]), frame)
         before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
         jacobian = (white[1:] - white[0]) / offset[:, None]
@@ -121,7 +121,7 @@ def _fitted(
         normal = jacobian @ jacobian.T
         for damping in DAMPING:
             candidates = unknown - np.stack([np.linalg.solve(normal + (1.0 + damp) * precision, gradient) for damp in damping])
-            missed = _whiten(objective, forward.window(state, candidates, window), frame)
+            missed = _whiten(objective, forward.window(state, candidates, frame, window), frame)
             costs = (missed**2).sum(axis=1) + _prior_cost(candidates - mean, precision)
             best = int(np.argmin(costs))
             if costs[best] < before:
@@ -135,7 +135,7 @@ def _fitted(
 
 
 def _bearable(
-    forward: Forward, state: State | None, unknown: np.ndarray, offset: np.ndarray, window: int
+    forward: Forward, state: State | None, unknown: np.ndarray, offset: np.ndarray, frame: int, window: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The first of `unknown` (n,), a half and none of it under which the body does not break down, and `Forward.window_changes` there.
 
@@ -143,7 +143,7 @@ def _bearable(
     """
     for share in SHARES:
         try:
-            return share * unknown, *forward.window_changes(state, share * unknown, offset, window)
+            return share * unknown, *forward.window_changes(state, share * unknown, offset, frame, window)
         except SimulationError:
             if share == SHARES[-1] or not unknown.any():
                 raise

@@ -2,4 +2,5 @@
 
     objective.py  all channels together       channels.py  what both kinds of channel share
     tracks.py     tracks of a camera [px]     points.py    points in 3D [m]
+    clamp_motion.py  a clamp that moves, and the body as seen from it
 """

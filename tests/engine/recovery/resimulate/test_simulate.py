@@ -218,6 +218,20 @@ def test_what_the_clip_held_can_be_let_go(folder):
     np.testing.assert_allclose(loose, never_held, atol=1e-12)
 
 
+def test_what_the_clip_s_clamp_carried_along_is_carried_along_again(folder):
+    body, recovery = recovered_object()
+    foot = body.particles.x[:, 2] < 0.055
+    held = dataclasses.replace(body, particles=dataclasses.replace(body.particles, pinned=foot))
+    way = 0.02 * (1.0 - np.cos(np.pi * np.arange(FRAMES + 1) / FRAMES))
+    path = recovery.x + way[:, None, None] * np.array([0.0, 1.0, 0.0])
+    moving = dataclasses.replace(recovery, x=path, v0=np.zeros_like(recovery.v0), clamp_moves=True)
+    follow = {"field": uniform((0, 0, 0)), "recovered": (held, moving)}
+    vertices = run(folder, BodyEdit("clip", "recovered"), **follow)["clip"].vertices  # three on the foot
+    np.testing.assert_allclose(vertices[:, :, 1] - vertices[0, :, 1], np.repeat(way[:, None], 3, axis=1), atol=1e-6)
+    later = run(folder, BodyEdit("clip", "recovered", start_frame=2), **follow)["clip"].vertices
+    assert np.abs(later - later[0]).max() < 1e-6
+
+
 def test_a_body_lands_on_a_floor_and_on_a_mesh(folder):
     trimesh.creation.box((1.0, 1.0, 0.2)).apply_translation((0, 0, -0.25)).export(folder / "table.obj")
     floor = ColliderEdit("floor", plane=(0.0, 0.0, -0.15, 0.0, 0.0, 1.0))

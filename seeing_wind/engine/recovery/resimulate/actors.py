@@ -1,0 +1,149 @@
+"""The bodies of an edit before they move: particles or a shell, material, pins."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import UsageError
+from ...field.force_field import ForceField
+from ...materials import DEFAULT, SHEET_UNITS, adjusted, find
+from ...records import Body, Material, Particles, Recovery, as_found
+from ...settings import BodyEdit
+from . import sheets
+from .fill import fill
+from .mesh import load_mesh
+from .pins import Rider, hold_of, read_pins, read_weights, ride
+
+MIN_SUBSTEPS = 100
+"""Per frame at least, whatever the stiffness, so that a fall's first frame is right to a hundredth."""
+
+MOST_SCALED = 1e6
+"""Factor up or down beyond which a mass or a stiffness is a mistake."""
+
+FASTEST = 1e4
+"""m/s of a body's first velocity, and m/s² of gravity: more is a mistake."""
+
+@dataclass(frozen=True)
+class Actor:
+    """A body before the simulation."""
+
+    edit: BodyEdit
+    particles: Particles
+    material: Material
+    velocity: np.ndarray
+    """(N, 3) [m/s] when it starts."""
+    rider: Rider
+    triangles: np.ndarray
+    notes: list[str]
+    soft: np.ndarray
+    """(N,) weight in 0..1 with which a particle is drawn back to its place; 0 for free and for firmly held ones."""
+    clamp_depth: float = 0.0
+    """Grid cells below the border of what is pinned at which it is held: as in the recovery, for what was recovered."""
+    substeps: int = MIN_SUBSTEPS
+    """Per frame at least; of what was recovered those of the recovery, whose force goes with the damping that they make."""
+    path: np.ndarray | None = None
+    """(T+1, N, 3) [m] which way its pinned particles go, if they do not keep their places."""
+
+
+def enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> Actor | sheets.Hanging:
+    """Mesh, particles or shell, material and pins of one body."""
+    for name in ("mass_scale", "youngs_modulus_scale"):
+        if not 1.0 / MOST_SCALED <= getattr(body, name) <= MOST_SCALED:
+            raise UsageError(
+                f"{body.name}: {name} is {getattr(body, name):g}.",
+                f"Give a number from {1.0 / MOST_SCALED:g} to {MOST_SCALED:g}; 1 leaves it as it is.",
+            )
+    if body.mass is not None and not (np.isfinite(body.mass) and body.mass > 0.0):
+        raise UsageError(f"{body.name}: mass is {body.mass}.", "Give kilograms above zero.")
+    if body.mass is not None and body.density is not None:
+        raise UsageError(f"{body.name}: mass and density are both given.", "Give one of them; the other follows from the volume.")
+    if body.pin_weights is not None and body.pin is None:
+        raise UsageError(f"{body.name}: pin_weights without pin.", "Give the indices in pin as well.")
+    if body.free is not None and body.mesh != "recovered":
+        raise UsageError(f"{body.name}: free is given, but nothing holds a mesh besides its own pin.", "Leave it out, or change pin.")
+    if not 0 <= body.start_frame < field.frames:
+        raise UsageError(f"{body.name}: start_frame {body.start_frame} is outside the clip.", f"Its frames are 0 to {field.frames - 1}.")
+    if body.velocity is not None and (np.shape(body.velocity) != (3,) or not np.linalg.norm(body.velocity) <= FASTEST):
+        raise UsageError(f"{body.name}: velocity is {body.velocity}.", f"Give three numbers in m/s, {FASTEST:g} together at most.")
+    if body.mesh == "recovered":
+        if recovered is None:
+            raise UsageError(f"{body.name}: there is no recovered object here.", "Give a mesh instead.")
+        if body.shell or any(getattr(body, name) is not None for name in SHEET_UNITS):
+            raise UsageError(f"{body.name}: the recovered object is a solid.", "Leave shell and its numbers out, or give a mesh.")
+        actor = _enter_recovered(body, *recovered)
+    else:
+        vertices, triangles = load_mesh(base_dir / body.mesh)
+        if sheets.is_shell(body, vertices, triangles):
+            return sheets.enter(body, vertices, triangles, base_dir)
+        actor = _enter_mesh(body, vertices, triangles)
+    if body.free is not None:
+        actor = _free(actor, base_dir / body.free)
+    return actor if body.pin is None else _pin(actor, base_dir)
+
+
+def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> Actor:
+    material = as_found(source.material, recovery) if body.material is None else find(body.material)
+    particles, surface = dataclasses.replace(source.particles, stiffness=recovery.stiffness), source.surface
+    velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
+    rider = Rider(surface.vertices, surface.attachment, particles.x)
+    return Actor(
+        body, particles, _overridden(material, body, particles), np.array(velocity, dtype=np.float64), rider, surface.triangles, [],
+        np.zeros(len(particles.x)), recovery.clamp_depth, recovery.substeps or MIN_SUBSTEPS, _clamp_path(body, particles, recovery),
+    )  # fmt: skip
+
+
+def _clamp_path(body: BodyEdit, particles: Particles, recovery: Recovery) -> np.ndarray | None:
+    """(T+1, N, 3) [m] where a clamp that moved in the clip takes the held particles; None where it stood. A body that starts later than
+    the clip has no part in it."""
+    if not recovery.clamp_moves or body.start_frame:
+        return None
+    return np.where(particles.pinned[:, None], recovery.x, particles.x)
+
+
+def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> Actor:
+    try:
+        filling = fill(vertices, triangles)
+    except UsageError as error:
+        raise UsageError(f"{body.name}: {error.message}", error.hint) from error
+    particles = filling.particles
+    velocity = np.broadcast_to(np.zeros(3) if body.velocity is None else np.asarray(body.velocity), particles.x.shape)
+    rider = ride(vertices, particles, np.zeros(0, dtype=int))
+    material = _overridden(find(body.material or DEFAULT), body, particles)
+    soft = np.zeros(len(particles.x))
+    return Actor(body, particles, material, np.array(velocity, dtype=np.float64), rider, triangles, list(filling.notes), soft)
+
+
+def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Material:
+    names = ("law", "density", "youngs_modulus", "poisson_ratio", "yield_stress", "viscosity", "loss_factor")
+    changed = adjusted(material, **{name: getattr(body, name) for name in names})
+    density = None if body.mass is None else body.mass / float(particles.volume.sum())
+    return adjusted(changed, density=density, youngs_modulus=changed.youngs_modulus * body.youngs_modulus_scale)
+
+
+def _free(actor: Actor, path: Path) -> Actor:
+    """The recovered object without some of the holds that it had in the clip."""
+    pinned = actor.particles.pinned.copy()
+    pinned[read_pins(path, len(pinned), "particles")] = False
+    return dataclasses.replace(actor, particles=dataclasses.replace(actor.particles, pinned=pinned))
+
+
+def _pin(actor: Actor, base_dir: Path) -> Actor:
+    """The actor with pins, firm and soft: vertex indices for a mesh, particle indices for the recovered object."""
+    edit, particles, rest = actor.edit, actor.particles, actor.rider.rest
+    recovered, path = edit.mesh == "recovered", base_dir / str(edit.pin)
+    pins = read_pins(path, len(particles.x) if recovered else len(rest), "particles" if recovered else "vertices")
+    weights = np.ones(len(pins)) if edit.pin_weights is None else read_weights(base_dir / edit.pin_weights, path)
+    if recovered:
+        hold = np.zeros(len(particles.x))
+        hold[pins] = weights
+    else:
+        hold = hold_of(rest, pins, weights, particles)
+    pinned = particles.pinned | (hold >= 1.0)
+    particles = dataclasses.replace(particles, pinned=pinned)
+    velocity = np.where(pinned[:, None], 0.0, actor.velocity)
+    rider = actor.rider if recovered else ride(rest, particles, pins[weights >= 1.0])
+    return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=rider, soft=np.where(pinned, 0.0, hold))

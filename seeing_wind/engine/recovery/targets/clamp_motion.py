@@ -1,0 +1,165 @@
+"""A clamp that moves: a hand that waves a flag, a branch that sways under its leaves.
+
+The points on what is held show how it moves, as a rigid body: x = c + s(t) + R(t) (y - c). The body is solved for in the clamp's own
+frame, in which the clamp stands still, and the force is carried back into the world, where a body that swings with y obeys
+
+    f / rho = s'' + R (f' / rho + g) - g + w' x r + 2 w x R y' + w x (w x r)        r = R (y - c)
+
+with f' the force found in the clamp's frame under the gravity g, and w the clamp's angular velocity (Goldstein, "Classical Mechanics",
+section 4.9). Without this, the clamp's motion would be taken for a force on the body.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import BSpline, make_smoothing_spline
+from scipy.spatial.transform import Rotation
+
+from ...records import Particles, PointTargets, Recovery
+from .channels import attachment_matrix, check, noise_of
+
+RIDES = 0.99
+"""A point shows the clamp when so much of its weight is on held particles."""
+SHORTEST = 8
+"""Pictures below which the noise of the clamp's motion cannot be measured."""
+CLEAR = 1.0
+"""Size of a motion (root mean square, relative to the noise of one picture) from which it is believed."""
+RIGID = 0.5
+"""Most that the held points may move against each other, beyond their noise, relative to how far they move together."""
+STEP = 0.25
+"""Frames to both sides over which the clamp's turn is differentiated."""
+
+
+@dataclass(frozen=True)
+class ClampMotion:
+    """The rigid motion of what is held, from picture 0 on."""
+
+    centre: np.ndarray
+    """(3,) c [m]."""
+    shift: BSpline
+    """s [m] of time [pictures]."""
+    turn: BSpline
+    """Rotation vector of R [rad] of time [pictures]."""
+    pictures: int
+    """T + 1."""
+    fps: float
+
+    @property
+    def largest(self) -> float:
+        """How far the clamp moves at most [m]."""
+        return float(np.linalg.norm(self.shift(np.arange(self.pictures)), axis=1).max())
+
+    @property
+    def widest(self) -> float:
+        """How far it turns at most [degrees]."""
+        return float(np.degrees(np.linalg.norm(self.turn(np.arange(self.pictures)), axis=1).max()))
+
+    def stilled(self, targets: PointTargets) -> PointTargets:
+        """The points as seen from the clamp. Their covariance is taken as it is: it is the mean over the clip."""
+        shift, turn = self._at(np.arange(self.pictures))
+        return replace(targets, x=np.einsum("tji,tkj->tki", turn, targets.x - self.centre - shift[:, None]) + self.centre)
+
+    def gravity(self, particles: Particles, gravity: np.ndarray) -> np.ndarray:
+        """(T, N, 3) [m/s²] what particles at rest feel in the clamp's frame, by frame; gravity (3,) in the world.
+
+        Solved with it, a force that is not seen is taken for none in the world, not for one that keeps up with the clamp.
+        """
+        turn = self._at(self._middle)[1]
+        r = np.einsum("tij,nj->tni", turn, particles.x - self.centre)
+        return np.einsum("tji,tnj->tni", turn, gravity - self._carries(r))
+
+    def carried(self, recovery: Recovery, density: float, gravity: np.ndarray, felt: np.ndarray) -> Recovery:
+        """What was found in the clamp's frame, in the world: gravity (3,) [m/s²], where it was solved with `felt` (T, N, 3)."""
+        pictures = np.arange(self.pictures)
+        shift, turn = self._at(pictures)
+        moved = np.einsum("tij,tnj->tni", turn, recovery.x - self.centre)
+        spins = self._spin(pictures)
+        return replace(
+            recovery,
+            force_density=density * self._force(recovery, recovery.force_density / density + felt, gravity),
+            x=self.centre + shift[:, None] + moved,
+            F=np.einsum("tij,tnjk->tnik", turn, recovery.F),
+            v0=recovery.v0 + self.fps * self.shift(0.0, 1) + np.cross(spins[0], moved[0]),
+            clamp_moves=True,
+        )
+
+    def _force(self, recovery: Recovery, found: np.ndarray, gravity: np.ndarray) -> np.ndarray:
+        """(T, N, 3) f / rho [m/s²] of the module's equation; `found` (T, N, 3) is f' / rho + g."""
+        turn = self._at(self._middle)[1]
+        r = np.einsum("tij,tnj->tni", turn, 0.5 * (recovery.x[1:] + recovery.x[:-1]) - self.centre)
+        velocity = self.fps * np.einsum("tij,tnj->tni", turn, np.diff(recovery.x, axis=0))
+        swung = 2.0 * np.cross(self._spin(self._middle)[:, None], velocity)
+        return self._carries(r) + swung + np.einsum("tij,tnj->tni", turn, found) - gravity
+
+    def _carries(self, r: np.ndarray) -> np.ndarray:
+        """(T, N, 3) acceleration [m/s²] of places r (T, N, 3) from the centre that go with the clamp, at the middle of each frame."""
+        spin = self._spin(self._middle)[:, None]
+        faster = self.fps * ((self._spin(self._middle + STEP) - self._spin(self._middle - STEP)) / (2.0 * STEP))[:, None]
+        return self.fps**2 * self.shift(self._middle, 2)[:, None] + np.cross(faster, r) + np.cross(spin, np.cross(spin, r))
+
+    @property
+    def _middle(self) -> np.ndarray:
+        """(T,) the middle of each frame [pictures]."""
+        return np.arange(self.pictures - 1) + 0.5
+
+    def _at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """s (n, 3) and R (n, 3, 3) at times (n,)."""
+        return self.shift(time), Rotation.from_rotvec(self.turn(time)).as_matrix()
+
+    def _spin(self, time: np.ndarray) -> np.ndarray:
+        """(n, 3) angular velocity [rad/s] at times (n,)."""
+        after, before = (Rotation.from_rotvec(self.turn(time + step)) for step in (STEP, -STEP))
+        return self.fps / (2.0 * STEP) * (after * before.inv()).as_rotvec()
+
+
+def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> ClampMotion | None:
+    """How what is held moves; None where it stands still, or too little of it is seen to tell.
+
+    Args:
+        particles: the body at rest.
+        targets: points in 3D; those on held particles show the clamp.
+        fps: pictures per second.
+
+    Raises:
+        UsageError, ObjectError: targets that cannot be right.
+    """
+    check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
+    on = attachment_matrix(targets.attachment, len(particles.x)) @ particles.pinned.astype(float) > RIDES
+    seen = targets.visible[:, on]
+    if len(seen) < SHORTEST or on.sum() < 3 or not seen.all():
+        return None
+    held = targets.x[:, on]
+    centre = held[0].mean(axis=0)
+    shift = held.mean(axis=1) - centre
+    start, turned = held[0] - centre, held - centre - shift[:, None]
+    if np.linalg.matrix_rank(start, tol=0.1 * np.linalg.norm(start, 2)) < 2:
+        return None  # in a row, they do not show how it turns about that row
+    turn = np.stack([Rotation.align_vectors(now, start)[0].as_rotvec() for now in turned])
+    rigid = np.einsum("tij,kj->tki", Rotation.from_rotvec(turn).as_matrix(), start)
+    # Both pictures that are compared have noise.
+    apart = ((turned - rigid) ** 2).mean() - 2.0 * noise_of(held) ** 2
+    if apart > RIGID**2 * ((shift[:, None] + rigid - start) ** 2).mean():
+        return None
+    smooth = _smooth(shift), _smooth(turn)
+    if smooth[0] is None and smooth[1] is None:
+        return None
+    still = BSpline(np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0]), np.zeros((4, 3)), 3)
+    return ClampMotion(centre, smooth[0] or still, smooth[1] or still, len(held), fps)
+
+
+def _smooth(series: np.ndarray) -> BSpline | None:
+    """Smoothing spline through a series (T+1, 3) of how far something has come since picture 0, None if it stays within its noise.
+
+    How smooth it is, is found by generalized cross-validation (Woltring 1986, "A Fortran package for generalized, cross-validatory spline
+    smoothing and differentiation", written for the motion of limbs).
+    """
+    if not series.any():
+        return None
+    time = np.arange(len(series), dtype=np.float64)
+    each = [make_smoothing_spline(time, component) for component in series.T]
+    coefficients = np.stack([one.c - one(0.0) for one in each], axis=1)
+    smooth = BSpline(each[0].t, coefficients, each[0].k)
+    size = np.sqrt((smooth(time) ** 2).mean())
+    return smooth if size > CLEAR * noise_of(series) else None
