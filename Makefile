@@ -7,11 +7,14 @@ ENGINE := .venv-engine
 TESTS := .venv-tests
 # What needs bpy. Every other test runs in the engine's environment.
 BLENDER_TESTS := tests/ui tests/test_whole_job.py
+# A process for each core; the tests of a file stay together, as they share fixtures and kernels. ALL=1: those marked `slow`, too.
+PYTEST = -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
 DEMO := build/demo
 
 help:
 	@echo "make demo       build a clip, recover its wind, edit, bake; prints where the results are"
 	@echo "make test       lint, types, all tests: the engine's in its own locked environment, the panel's in Blender's"
+	@echo "make test-all   the same with the tests that are marked slow"
 	@echo "make faults     a thousand hostile inputs, two hundred kills, full disks; prints their counts"
 	@echo "make lock       the locked requirements of the engine and of its tests anew"
 	@echo "make quick-recover  a short clip recovered in the engine's locked environment, without bpy"
@@ -99,8 +102,11 @@ lint: setup
 	$(PY) -m mypy
 
 test: lint
-	$(TESTS)/bin/python -m pytest tests $(BLENDER_TESTS:%=--ignore=%)
-	$(PY) -m pytest $(BLENDER_TESTS)
+	$(TESTS)/bin/python $(PYTEST) tests $(BLENDER_TESTS:%=--ignore=%)
+	$(PY) $(PYTEST) $(BLENDER_TESTS)
+
+test-all:
+	$(MAKE) test ALL=1
 
 # All hostile inputs, kills and full disks, half an hour on two idle cores; `make test` has a quick draw of each.
 faults: setup
@@ -156,4 +162,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help docs references setup lock quick-recover quick-recover-matrix demo scenes lint test farm-test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report cli-reference screenshots clean
+.PHONY: help docs references setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report cli-reference screenshots clean

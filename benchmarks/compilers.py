@@ -83,8 +83,8 @@ def launch() -> dict[str, list[float]]:
 
     problem = cube("corotated", 8, 64)
     body, launched = Body(model_of(problem, 1), "single"), []
-    ours = body._forward_kernel
-    body._forward_kernel = lambda *arguments: (launched.append(arguments), ours(*arguments))
+    ours = body.forward_kernel
+    body.forward_kernel = lambda *arguments: (launched.append(arguments), ours(*arguments))
     run = body.start(state_of(problem), np.zeros((8, 3)), None, 0, 1)
     body.advance(run, 0, 1, 1, NoProgress())
     found = {}

@@ -1,8 +1,9 @@
-"""Fixtures shared by all tests."""
+"""Fixtures shared by all tests, and what lets several processes run them side by side."""
 
 from __future__ import annotations
 
 import json
+import os
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -12,6 +13,22 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+LONG = ("tests/engine/recovery/", "tests/engine/mpm/", "tests/faults/")
+"""Folders whose tests take longest, in this order."""
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # One of several processes (pytest-xdist): threads of linear algebra that outnumber the cores would wait for each other on the spot.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files that take long come first, so that no process is left alone with one at the end."""
+
+    def rank(item: pytest.Item) -> int:
+        return next((rank for rank, folder in enumerate(LONG) if item.nodeid.startswith(folder)), len(LONG))
+
+    items.sort(key=rank)
 
 
 @pytest.fixture(scope="session")

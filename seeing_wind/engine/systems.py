@@ -56,10 +56,10 @@ def replace(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> N
 
 def too_long(folder: str | os.PathLike[str], inside: int) -> bool:
     """Whether a path of `inside` characters in `folder` is longer than this Windows takes; never on other systems."""
-    return windows() and len(str(Path(folder).absolute())) + 1 + inside > LONGEST_PATH and not _long_paths()
+    return windows() and len(str(Path(folder).absolute())) + 1 + inside > LONGEST_PATH and not long_paths()
 
 
-def _long_paths() -> bool:
+def long_paths() -> bool:
     """Whether Windows is set to take long paths (Python asks for them in its manifest)."""
     import winreg
 

@@ -99,7 +99,7 @@ def test_windows_never_waits_in_a_read(monkeypatch: pytest.MonkeyPatch) -> None:
         return lies[0]
 
     monkeypatch.setattr(systems, "windows", lambda: True)
-    monkeypatch.setattr(cancelling, "_waiting", waiting)
+    monkeypatch.setattr(cancelling, "bytes_waiting", waiting)
     read = os.read
     monkeypatch.setattr(cancelling.os, "read", lambda *given: read(*given) if lies[0] else pytest.fail("it would wait here"))
     cancelled = threading.Event()
@@ -122,7 +122,7 @@ def test_a_broken_pipe_of_windows_is_a_parent_that_is_gone(monkeypatch: pytest.M
         raise OSError("the pipe is broken")
 
     monkeypatch.setattr(systems, "windows", lambda: True)
-    monkeypatch.setattr(cancelling, "_waiting", broken)
+    monkeypatch.setattr(cancelling, "bytes_waiting", broken)
     cancelled = threading.Event()
     assert cancelling.listen(cancelled.set) is not None and cancelled.wait(10.0)
     os.close(into)

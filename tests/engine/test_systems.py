@@ -32,7 +32,7 @@ class Held:
 def on_windows(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Windows with short paths, and without its patience."""
     monkeypatch.setattr(systems, "windows", lambda: True)
-    monkeypatch.setattr(systems, "_long_paths", lambda: False)
+    monkeypatch.setattr(systems, "long_paths", lambda: False)
     monkeypatch.setattr(systems, "PAUSES", (0.0,) * 6)
     return monkeypatch
 
@@ -68,10 +68,10 @@ def test_a_take_whose_path_is_too_long_is_refused_before_the_work(on_windows: py
     with pytest.raises(TakeError, match="too long") as caught:
         Take(deep).prepare()
     assert "shorter" in caught.value.hint and not deep.exists()
-    on_windows.setattr(systems, "_long_paths", lambda: True)
+    on_windows.setattr(systems, "long_paths", lambda: True)
     Take(deep).prepare()
     on_windows.setattr(systems, "windows", lambda: False)
-    on_windows.setattr(systems, "_long_paths", lambda: pytest.fail("only Windows has a registry"))
+    on_windows.setattr(systems, "long_paths", lambda: pytest.fail("only Windows has a registry"))
     Take(deep).prepare()
 
 

@@ -134,11 +134,11 @@ def test_nodes_with_another_engine_or_none_are_named_before_anything_starts(clus
 
         with pytest.raises(Cancelled):
             found.check(stop)
-    sent = ray.cloudpickle.dumps(ray_cluster._probe())
+    sent = ray.cloudpickle.dumps(ray_cluster.node_probe())
     code = "import pickle, sys; sys.modules['seeing_wind'] = None; print(pickle.load(sys.stdin.buffer)())"
     said = subprocess.run([sys.executable, "-c", code], input=sent, capture_output=True, check=True, cwd="/").stdout
     assert said.startswith(b"lacks the engine")
-    assert pickle.loads(sent)() == ray_cluster._probe()()
+    assert pickle.loads(sent)() == ray_cluster.node_probe()()
 
 
 def test_no_cluster_and_wrong_addresses(tmp_path) -> None:

@@ -48,12 +48,12 @@ def _follow(pipe: int, cancel: Callable[[], None]) -> None:
 
 def _read(pipe: int) -> bytes:
     """What comes next; b"" at the end."""
-    while systems.windows() and not _waiting(pipe):
+    while systems.windows() and not bytes_waiting(pipe):
         time.sleep(LOOK_SECONDS)
     return os.read(pipe, 4096)
 
 
-def _waiting(pipe: int) -> int:
+def bytes_waiting(pipe: int) -> int:
     """Bytes that lie in a pipe of Windows. There a thread that waits in a read blocks whatever else asks about the pipe, such as a C
     library that looks at stdin as it is loaded.
 

@@ -29,7 +29,7 @@ def examine() -> list[dict[str, Any]]:
     ]
     checks += [_package(name, "Run Install Engine, or `make setup`.") for name in REQUIRED]
     checks += [{**_package(name, advice), "optional": True} for name, advice in OPTIONAL.items()]
-    checks += _models()
+    checks += optional_models()
     for name, check in (("solver", _solver), ("torch", _torch), ("video codec", _codec)):
         checks.append(_attempt(name, check))
     return checks
@@ -42,7 +42,7 @@ def _package(name: str, advice: str) -> dict[str, Any]:
         return {"name": name, "ok": False, "detail": "not installed", "advice": advice}
 
 
-def _models() -> list[dict[str, Any]]:
+def optional_models() -> list[dict[str, Any]]:
     """The optional models: whether the hub's cache has them and what they need, and their licences."""
     from ..observe.models.catalogue import KNOWN, cached
 

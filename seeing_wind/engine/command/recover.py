@@ -33,7 +33,7 @@ def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover CLIP --take DIR`."""
     if arguments.objects is not None:
         return _recover_objects(arguments, progress)
-    return _recover_one(arguments, progress)
+    return recover_one(arguments, progress)
 
 
 def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Result:
@@ -57,7 +57,7 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
         own.objects, own.take = None, str(home / f"{one['name']}.take")
         own.estimated_material, own.estimated_by = one["material"], f"{one['object']} of {Path(arguments.objects).name}"
         own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
-        results.append({"name": one["name"], **_recover_one(own, progress)})
+        results.append({"name": one["name"], **recover_one(own, progress)})
     Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
     worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
     outcome, warnings = worst[0] if worst else Outcome.CONVERGED, [f"{r['name']}: {one}" for r in results for one in r.get("warnings", [])]
@@ -79,7 +79,7 @@ def _on(mask: str, pin: str) -> bool:
     return bool(((pictures[0] > 0) & (pictures[1] > 0)).any())
 
 
-def _recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
+def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     """One object of a clip into one take."""
     from ..observe.clip.frames import require_clip
 

@@ -18,7 +18,7 @@ from .lattice.boundary import HELD
 from .model import Model
 from .state import State
 
-_HISTORY = 2_000_000_000
+HISTORY = 2_000_000_000
 """Bytes of substep states kept between the two sweeps. Frames beyond are simulated again on the way back."""
 
 
@@ -26,7 +26,7 @@ class RolloutFunction(torch.autograd.Function):
     """States at T + 1 pictures from the first state, the force and the material; use `simulate`.
 
     Kept between the two sweeps: in single precision every substep's state (96 B per particle, and at most 4 B for the nodes) up to
-    `_HISTORY`; in double, or beyond that, every n-th of the n² substeps of a frame, and the way back simulates the n between again.
+    `HISTORY`; in double, or beyond that, every n-th of the n² substeps of a frame, and the way back simulates the n between again.
     """
 
     @staticmethod
@@ -44,7 +44,7 @@ class RolloutFunction(torch.autograd.Function):
         force = force + np.stack([np.atleast_2d(model.gravity_in(first_frame + t)) for t in range(len(force))])
         ctx.body, ctx.progress = Body(model, precision), progress
         states, ctx.runs = [ctx.body.checked(State(*(_array(tensor) for tensor in (x0, v0, C0, F0))))], []
-        left = _HISTORY
+        left = HISTORY
         for t in range(len(force)):
 
             def stride(substeps: int, left: int = left) -> int:

@@ -59,8 +59,8 @@ class Body:
         self.roster = roster(parallel_forward.PHASES * _MOST_PER_LAUNCH, self.workers)
         self.window = np.zeros(parallel.WINDOW, np.int32)
         """lo, dims of the box of nodes in use, `Piece.lo`, then a number each, see `parallel`: what kernels look up, changed in place."""
-        self._forward_kernel = Launcher(parallel_forward.substeps, self.real)
-        self._adjoint_kernel = Launcher(parallel_adjoint.substep_adjoint, self.real)
+        self.forward_kernel = Launcher(parallel_forward.substeps, self.real)
+        self.adjoint_kernel = Launcher(parallel_adjoint.substep_adjoint, self.real)
 
     # -- frames ------------------------------------------------------------------------------------------------------------------
 
@@ -260,7 +260,7 @@ class Body:
     def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, count: int) -> None:
         """So many substeps from the window of `boxes` on, which `_look` has set; with 0 one as far as the nodes."""
         self.roster[: parallel_forward.PHASES * max(count, 1)] = 0
-        self._forward_kernel(
+        self.forward_kernel(
             self.plastic, count, self.workers, self.roster, run.first, run.particle, state, after, run.force,
             piece.pin_velocity, *piece.boundary, piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
         )  # fmt: skip
@@ -325,7 +325,7 @@ class Body:
             self._launch(run, piece, state, state, boxes, 0)
             momentum = self.momentum
         self.roster[: parallel_adjoint.PHASES] = 0
-        self._adjoint_kernel(
+        self.adjoint_kernel(
             self.plastic, int(material), self.workers, self.roster, run.first, run.particle, state, run.kept[s + 1][0], run.force,
             bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
             self.grid_bar, momentum, self.velocity, self.momentum_bar,

@@ -169,7 +169,7 @@ def rollout(
         )
         return path.turned(A.T)
     if model.particles >= _LARGE or conditioned(model):
-        return _body_rollout(Body(model, precision), state, acceleration, gradient, progress, first_frame)
+        return body_rollout(Body(model, precision), state, acceleration, gradient, progress, first_frame)
     one = Copies(model, *(np.array(array, dtype=np.float64)[None] for array in (state.x, state.v, state.C, state.F)))
     history = [[array[0].copy()] for array in (one.x, one.v, one.C, one.F)]
     taken, only = [], np.zeros(1, np.int32)
@@ -187,7 +187,7 @@ def rollout(
     return Trajectory(x, v, C, F, np.array(taken, dtype=np.int64))
 
 
-def _body_rollout(
+def body_rollout(
     body: Body, state: State, acceleration: np.ndarray, gradient: np.ndarray | None, progress: Progress, first_frame: int
 ) -> Trajectory:
     start, frames = body.checked(state), len(acceleration)

@@ -100,7 +100,7 @@ def test_single_precision_finds_the_same_gradients(law):
 
 def test_states_simulated_again_give_the_gradients_of_states_kept(monkeypatch):
     kept, _ = gradients(*problem(), "single")
-    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.autograd"), "_HISTORY", 0)
+    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.autograd"), "HISTORY", 0)
     again, _ = gradients(*problem(), "single")
     for a, b in zip(again, kept):
         assert np.allclose(a, b, rtol=1e-6, atol=1e-6 * np.abs(b).max())

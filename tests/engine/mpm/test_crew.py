@@ -53,6 +53,6 @@ def test_a_containers_share_of_the_processor_counts(tmp_path, monkeypatch, writt
     quota = tmp_path / "cpu.max"
     if written is not None:
         quota.write_text(written)
-    monkeypatch.setattr(device, "_QUOTA", quota)
+    monkeypatch.setattr(device, "QUOTA", quota)
     monkeypatch.setattr(device.os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
     assert device.cores() == cores

@@ -13,7 +13,7 @@ from seeing_wind.engine.materials import LOSS_FREQUENCY, MATERIALS, adjusted
 from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.body import Body
 from seeing_wind.engine.mpm.damping import VISCOUS_COURANT, longest_retardation, retardation_of, substeps_for, with_retardation
-from seeing_wind.engine.mpm.rollout import _body_rollout
+from seeing_wind.engine.mpm.rollout import body_rollout
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import RUBBER, block
@@ -123,7 +123,7 @@ def test_all_cores_find_what_one_does():
     rng = np.random.default_rng(2)
     start = State(body.x, rng.normal(size=body.x.shape), rng.normal(size=(len(body.x), 3, 3)), np.tile(np.eye(3), (len(body.x), 1, 1)))
     force = 5.0 * rng.normal(size=(2, model.particles, 3))
-    one, all_of_them = rollout(model, start, force), _body_rollout(Body(model), start, force, None, NoProgress(), 0)
+    one, all_of_them = rollout(model, start, force), body_rollout(Body(model), start, force, None, NoProgress(), 0)
     for name in "xvCF":
         np.testing.assert_allclose(getattr(all_of_them, name), getattr(one, name), rtol=0, atol=1e-9 * np.abs(getattr(one, name)).max())
 

@@ -27,8 +27,8 @@ def problem(speed=0.0, spread=0.0, substeps=40):
 def run(model, state, one_by_one, tasks=3, workers=2, force=0.0):
     """What a frame comes to, the body, and launches of the forward kernel."""
     body = Body(model, tasks=tasks, workers=workers)
-    launches, launch = [], body._forward_kernel
-    body._forward_kernel = lambda *args: (launches.append(args[1]), launch(*args))
+    launches, launch = [], body.forward_kernel
+    body.forward_kernel = lambda *args: (launches.append(args[1]), launch(*args))
     found = body.attempt(
         body.checked(state), force + np.zeros_like(state.x), None, 0, NoProgress(), lambda substeps: 1 if one_by_one else substeps
     )

@@ -115,9 +115,9 @@ def test_a_sheet_that_strays_finely_more_or_breaks_keeps_what_was_found_before(r
 
 def test_a_draft_is_followed_once_and_two_iterations_are_more_than_a_draft(rippling, monkeypatch):
     paces, solved = [], []
-    follow, finely = window.follow, window.WindowSolver._finely
+    follow, learn = window.follow, window.learn_kernel
     monkeypatch.setattr(window, "follow", lambda solver, pace, share: paces.append(pace) or follow(solver, pace, share))
-    monkeypatch.setattr(window.WindowSolver, "_finely", lambda *given: solved.append(1) or finely(*given))
+    monkeypatch.setattr(window, "learn_kernel", lambda *given: solved.append(1) or learn(*given))  # between coarse and fine
     found(rippling, iterations=1)
     assert paces == [window.USUAL] and not solved
     found(rippling, iterations=2)
@@ -151,8 +151,8 @@ def test_a_force_that_tears_the_body_is_halved_before_it_is_looked_ahead(size, s
     unknown[0] = size  # [m/s²]
     with pytest.raises(SimulationError):
         forward.window_changes(None, unknown, np.full(21, 1e-3), 0, 4)
-    bearable, x, changed = warm_start._bearable(forward, None, unknown, np.full(21, 1e-3), 0, 4)
-    assert bearable[0] == share * size and np.isfinite(x).all() and np.isfinite(changed).all()
+    borne, x, changed = warm_start.bearable(forward, None, unknown, np.full(21, 1e-3), 0, 4)
+    assert borne[0] == share * size and np.isfinite(x).all() and np.isfinite(changed).all()
 
 
 def test_a_jacobian_that_the_rough_model_cannot_give_is_the_fine_one_s():

@@ -10,7 +10,7 @@ from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis, velocity_basis
-from seeing_wind.engine.recovery.prior.evidence import _log_evidence, maximise_evidence, prefer_belief
+from seeing_wind.engine.recovery.prior.evidence import log_evidence, maximise_evidence, prefer_belief
 from seeing_wind.engine.recovery.prior.kernel import Kernel, Places, Prior, modes_for_variance
 from seeing_wind.engine.recovery.prior.learning import noise_share
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve
@@ -136,7 +136,7 @@ def test_the_derivative_of_the_evidence_is_that_of_its_difference_quotient():
     rng = torch.Generator().manual_seed(0)
     root, z = (torch.randn(shape, generator=rng, dtype=torch.float64) for shape in ((6, 6), (6,)))
     unit = torch.eye(6, dtype=torch.float64)
-    assert torch.autograd.gradcheck(lambda A: _log_evidence(A @ A.T + 0.1 * unit, z), (root.requires_grad_(),))
+    assert torch.autograd.gradcheck(lambda A: log_evidence(A @ A.T + 0.1 * unit, z), (root.requires_grad_(),))
 
 
 def test_a_clip_that_tells_nothing_leaves_the_sizes_as_they_were():
@@ -319,7 +319,7 @@ def test_wild_points_are_left_out_and_no_others():
 def test_evidence_of_sizes_beyond_all_measure_is_finite_and_small():
     rows = torch.from_numpy(np.random.default_rng(0).normal(size=(60, 20)))
     data = rows @ torch.ones(20, dtype=torch.float64)
-    evidence = [float(_log_evidence(size * rows @ rows.T, data)) for size in (1.0, 1e8, 1e18, 1e24)]
+    evidence = [float(log_evidence(size * rows @ rows.T, data)) for size in (1.0, 1e8, 1e18, 1e24)]
     assert np.isfinite(evidence).all() and (np.diff(evidence) < 0.0).all()
 
 

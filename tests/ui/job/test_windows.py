@@ -25,7 +25,7 @@ WORKER = Path(__file__).resolve().parents[1] / "fake_worker.py"
 @pytest.fixture
 def on_windows(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     monkeypatch.setattr(systems, "windows", lambda: True)
-    monkeypatch.setattr(systems, "_long_paths", lambda: False)
+    monkeypatch.setattr(systems, "long_paths", lambda: False)
     return monkeypatch
 
 
@@ -107,7 +107,7 @@ def test_a_folder_too_deep_for_pytorch_is_left_for_a_shorter_one(on_windows, tmp
     monkeypatch.setenv("LOCALAPPDATA", str(tmp_path / "Local"))
     folder = engine_environment.user_environment(create=True)
     assert folder is not None and folder.is_dir() and (tmp_path / "Local") in folder.parents
-    on_windows.setattr(systems, "_long_paths", lambda: True)
+    on_windows.setattr(systems, "long_paths", lambda: True)
     assert engine_environment.user_environment(create=False) == deep
     on_windows.setattr(systems, "windows", lambda: False)
     assert engine_environment.user_environment(create=False) == deep

@@ -93,7 +93,7 @@ class Cluster:
         nodes = self.nodes()
         if not nodes:
             raise SeeingWindError("No node of the cluster has a processor to lend.", "Start one with `ray start --address=HOST:PORT`.")
-        probe = self._ray.remote(_probe())
+        probe = self._ray.remote(node_probe())
         asked = {node: probe.options(num_cpus=0, max_retries=0, scheduling_strategy=self._on(node, False)).remote() for node in nodes}
         waiting, waited = list(asked.values()), 0.0
         while waiting and waited < PROBE_SECONDS:
@@ -188,7 +188,7 @@ def _knock(address: str) -> None:
 # inner functions imports by name all that it uses.
 
 
-def _probe() -> Callable[[], str]:
+def node_probe() -> Callable[[], str]:
     name = NODE
 
     def say_edition() -> str:

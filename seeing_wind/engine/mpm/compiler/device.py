@@ -15,7 +15,7 @@ from . import ti
 
 _lock = threading.Lock()
 _running = False
-_QUOTA = Path("/sys/fs/cgroup/cpu.max")
+QUOTA = Path("/sys/fs/cgroup/cpu.max")
 _ADDRESSES = 2**30 + 2**29
 """Bytes of address space: the compiler reserves 2**30 at its start, the rest is for its threads and the first kernels."""
 
@@ -67,6 +67,6 @@ def cores() -> int:
 
 def _cores() -> int:
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    share = _QUOTA.read_text().split() if _QUOTA.is_file() else []
+    share = QUOTA.read_text().split() if QUOTA.is_file() else []
     # Microseconds of processor time in each period of so many; more threads than that would be stopped while others wait for them.
     return min(count, math.ceil(int(share[0]) / int(share[1]))) if len(share) == 2 and share[0] != "max" else count

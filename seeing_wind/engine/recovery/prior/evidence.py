@@ -83,7 +83,7 @@ def maximise_evidence(
         correlation = prior.places.correlation(*sizes)
         turned = (by_component @ (root @ factor)).unbind(dim=2)
         field = sum(part @ correlation @ part.T for part in turned)
-        value = _penalty(parameters) - _log_evidence(field + velocity, z)
+        value = _penalty(parameters) - log_evidence(field + velocity, z)
         value.backward()
         return value
 
@@ -153,7 +153,7 @@ class _LogEvidence(torch.autograd.Function):
         return 0.5 * gradients[0] * (torch.outer(solved, solved) - inverse), None
 
 
-def _log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+def log_evidence(covariance: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
     # A line search may try sizes so large that the unit matrix is lost in rounding.
     floor = 1.0 + ROUNDING * torch.diagonal(covariance).mean()
     value: torch.Tensor = _LogEvidence.apply(covariance + floor * torch.eye(len(z), dtype=z.dtype), z)

@@ -113,7 +113,7 @@ def _fitted(
 ) -> np.ndarray:
     unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward, state, spread)
     for _ in range(steps):
-        unknown, x, changed = _bearable(forward, state, unknown, offset, frame, window)
+        unknown, x, changed = bearable(forward, state, unknown, offset, frame, window)
         white = _whiten(objective, np.concatenate([x[None], changed]), frame)
         before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
         jacobian = (white[1:] - white[0]) / offset[:, None]
@@ -134,7 +134,7 @@ def _fitted(
     return unknown
 
 
-def _bearable(
+def bearable(
     forward: Forward, state: State | None, unknown: np.ndarray, offset: np.ndarray, frame: int, window: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The first of `unknown` (n,), a half and none of it under which the body does not break down, and `Forward.window_changes` there.

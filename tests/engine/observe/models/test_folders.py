@@ -101,9 +101,9 @@ def test_the_catalogue_names_licences_and_ways() -> None:
 
 
 def test_the_doctor_lists_models_with_licence_and_advice(empty_cache: Path) -> None:
-    from seeing_wind.engine.command.doctor import _models
+    from seeing_wind.engine.command.doctor import optional_models
 
-    checks = {check["name"]: check for check in _models()}
+    checks = {check["name"]: check for check in optional_models()}
     assert len(checks) == len(KNOWN) and all(check["optional"] for check in checks.values())
     pro = checks["depth model apple/DepthPro-hf"]
     assert not pro["ok"] and "no commercial use" in pro["detail"] and "hf download" in pro["advice"]

@@ -136,7 +136,7 @@ def test_all_objects_of_a_clip_get_their_mask_material_and_pin(tmp_path: Path, m
         done.append(arguments)
         return {"outcome": "converged" if len(done) == 1 else "max_iterations", "take": arguments.take}
 
-    monkeypatch.setattr("seeing_wind.engine.command.recover._recover_one", one)
+    monkeypatch.setattr("seeing_wind.engine.command.recover.recover_one", one)
     words = ["recover", "clip.mp4", "--take", str(tmp_path / "takes"), "--objects", str(tmp_path / "objects.json"), "--fps", "30"]
     result = recover(parser().parse_args([*words, "--distance", "1", "--pin", str(tmp_path / "pin.png")]), NoProgress())
     assert [(own.mask, own.law, own.density) for own in done] == [(a["mask"], a["law"], a["density"]) for a in listed]
