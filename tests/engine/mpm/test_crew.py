@@ -54,5 +54,6 @@ def test_a_containers_share_of_the_processor_counts(tmp_path, monkeypatch, writt
     if written is not None:
         quota.write_text(written)
     monkeypatch.setattr(device, "QUOTA", quota)
+    monkeypatch.delenv("SEEING_WIND_THREADS", raising=False)
     monkeypatch.setattr(device.os, "sched_getaffinity", lambda _: set(range(8)), raising=False)
     assert device.cores() == cores
