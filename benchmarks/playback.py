@@ -42,7 +42,7 @@ def main() -> None:
     import seeing_wind.ui as ui
 
     ui.register()
-    ui._look_round()
+    ui.look_round()
     if window() is not None:
         rows.append(("nothing, drawn", frames_per_second(nothing, drawn=True), "frames/s", None))
     for name, make in (("arrows", arrows), ("baked mesh of 20 000 vertices", baked)):

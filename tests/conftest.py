@@ -17,8 +17,8 @@ LONG = ("tests/engine/recovery/", "tests/engine/mpm/", "tests/faults/")
 """Folders whose tests take longest, in this order."""
 
 if "PYTEST_XDIST_WORKER" in os.environ:
-    # One of several processes (pytest-xdist): threads that outnumber the cores would wait for each other on the spot, which takes four times
-    # as long. What needs several, the Makefile runs by itself.
+    # One of several processes (pytest-xdist): threads that outnumber the cores would wait for each other on the spot, and everything would
+    # take four times as long. What needs several, the Makefile runs by itself.
     for variable in ("SEEING_WIND_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
 

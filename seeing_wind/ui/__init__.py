@@ -80,13 +80,13 @@ def register() -> None:
         bpy.utils.register_class(cls)
     for each in HANDLERS:
         each.register()
-    bpy.app.timers.register(_look_round, first_interval=0.0)
+    bpy.app.timers.register(look_round, first_interval=0.0)
 
 
 def unregister() -> None:
     """Called by Blender when the extension is switched off: running workers end with it."""
-    if bpy.app.timers.is_registered(_look_round):
-        bpy.app.timers.unregister(_look_round)
+    if bpy.app.timers.is_registered(look_round):
+        bpy.app.timers.unregister(look_round)
     for each in reversed(HANDLERS):
         each.unregister()
     status.forget_all()
@@ -94,7 +94,7 @@ def unregister() -> None:
         bpy.utils.unregister_class(cls)
 
 
-def _look_round() -> None:
+def look_round() -> None:
     """While it is being switched on, Blender lends no data: the first look at the scenes comes right after."""
     environment.refresh()
     freshness.refresh_all()

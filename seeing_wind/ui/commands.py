@@ -80,7 +80,7 @@ def _split(argv: list[str]) -> tuple[str, list[str], str]:
 
 def _save(python: str, verb: str, options: list[str], save: str, out: console.Console) -> int:
     """A new file with the results: the field and the recovered object, and for a re-simulation its bodies with their motion."""
-    take = Path(_value(options, "--take")).resolve()
+    take = Path(value_of(options, "--take")).resolve()
     # The folder of the recovered field is the verb's own argument where --take names the re-simulation.
     source = Path(options[0]).resolve() if verb == "resimulate" else take
     clip = str(Path(options[0]).resolve()) if verb == "recover" else ""
@@ -90,7 +90,7 @@ def _save(python: str, verb: str, options: list[str], save: str, out: console.Co
     return code
 
 
-def _value(options: list[str], name: str) -> str:
+def value_of(options: list[str], name: str) -> str:
     """The value of an option that the worker has accepted already."""
     for index, word in enumerate(options):
         if word == name:

@@ -93,7 +93,7 @@ def main() -> None:
     """In an empty file."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     ui.register()
-    ui._look_round()
+    ui.look_round()
     scene = bpy.context.scene
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

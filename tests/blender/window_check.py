@@ -242,7 +242,7 @@ def until(condition, patience: float = PATIENCE) -> Iterator[float]:
 def story() -> Iterator[float]:
     """One thing after the other; yields the seconds to wait."""
     yield 2.0
-    ui._look_round()
+    ui.look_round()
     bpy.context.preferences.view.show_splash = False
     check(bpy.ops.seeing_wind.choose_clip(filepath=os.environ["SEEING_WIND_CLIP"]) == {"FINISHED"}, "a clip is chosen")
     area = largest_area()

@@ -43,7 +43,7 @@ def switched_on(patch, folder: Path, seconds: float = 0.05) -> Iterator[None]:
     patch.setenv("SEEING_WIND_PYTHON", str(fake_python(folder)))
     patch.setenv("SEEING_WIND_FAKE_SECONDS", str(seconds))
     ui.register()
-    ui._look_round()
+    ui.look_round()
     try:
         yield
     finally:

@@ -44,7 +44,7 @@ def test_resimulate_saves_the_bodies_with_their_motion(workplace) -> None:
 
 
 def test_an_option_is_found_in_both_spellings() -> None:
-    assert commands._value(["a", "--take", "b"], "--take") == commands._value(["--take=b"], "--take") == "b"
+    assert commands.value_of(["a", "--take", "b"], "--take") == commands.value_of(["--take=b"], "--take") == "b"
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ def test_register_and_unregister_twice_leaves_nothing_behind() -> None:
     }
     for _ in range(2):
         ui.register()
-        ui._look_round()
+        ui.look_round()
         assert hasattr(bpy.types.Scene, "seeing_wind") and "recover" in dir(bpy.ops.seeing_wind)
         ui.unregister()
         assert not hasattr(bpy.types.Scene, "seeing_wind") and "recover" not in dir(bpy.ops.seeing_wind)

@@ -77,7 +77,7 @@ def test_imports_are_relative() -> None:
 
 def test_importing_and_registering_the_panel_loads_nothing_heavy() -> None:
     code = (
-        "import sys, seeing_wind.ui as ui; ui.register(); ui._look_round(); ui.unregister(); ui.register();"
+        "import sys, seeing_wind.ui as ui; ui.register(); ui.look_round(); ui.unregister(); ui.register();"
         f"print('loaded', sorted(set({HEAVY!r}) & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
@@ -95,7 +95,7 @@ def run(code: str) -> str:
 def test_switching_on_reads_nothing_that_works_on_results() -> None:
     """Blender starts faster by it: NumPy alone takes a tenth of a second."""
     said = run(
-        "import sys, seeing_wind.ui as ui; ui.register(); ui._look_round();"
+        "import sys, seeing_wind.ui as ui; ui.register(); ui.look_round();"
         "print('read', *sorted(name for name in sys.modules if name.startswith('seeing_wind'))); ui.unregister()"
     )
     read = next(line for line in said.splitlines() if line.startswith("read ")).split()[1:]
@@ -117,7 +117,7 @@ def test_the_add_ons_preferences_can_walk_all_modules() -> None:
     """Blender's `addon_utils._extensions_warnings_get` reads `__file__` of every module there is; a module that is read at that very
     moment changes the dictionary under its feet."""
     said = run(
-        "import sys, seeing_wind.ui as ui; ui.register(); ui._look_round()\n"
+        "import sys, seeing_wind.ui as ui; ui.register(); ui.look_round()\n"
         "for module in sys.modules.values(): getattr(module, '__file__', None)\n"
         "print('kinds', *{type(module).__name__ for name, module in sys.modules.items() if name.startswith('seeing_wind')})\n"
         "ui.unregister()"

@@ -46,7 +46,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
     _check_motion(obj, vertices)
     chosen, frames = _pictures(len(vertices), plan, scene)
     fit = bake_rigid.rigid_fit(vertices)
-    way = _way(obj, fit, vertices[chosen], plan, scene)
+    way = way_for(obj, fit, vertices[chosen], plan, scene)
     if plan.stamp and is_intact(obj) and mark_of(obj)["stamp"] == plan.stamp:
         return Baked(mark_of(obj)["way"], len(chosen), fit.residual, kept=True)
     if way != TRANSFORM:
@@ -210,7 +210,8 @@ def _pictures(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarra
     return chosen, frames[chosen]
 
 
-def _way(obj: bpy.types.Object, fit: bake_rigid.RigidFit, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> str:
+def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene) -> str:
+    """How the motion is kept: what the plan asks for, or for AUTO what suits it. UsageError for what cannot be."""
     obstacle = bake_rigid.obstacle(obj, mark_of(obj) or {})
     rigid = fit.residual <= plan.rigid_tolerance * fit.size
     if plan.way == TRANSFORM:

@@ -240,7 +240,7 @@ def test_modifiers_wake_when_alembic_fails(grid, tmp_path, monkeypatch) -> None:
         raise UsageError("no Alembic", "none")
 
     monkeypatch.setattr("seeing_wind.ui.bake.cache.bake_alembic", fail)
-    monkeypatch.setattr("seeing_wind.ui.bake.motion._way", lambda *_: "ALEMBIC")
+    monkeypatch.setattr("seeing_wind.ui.bake.motion.way_for", lambda *_: "ALEMBIC")
     grid.modifiers.new("Bend", "SIMPLE_DEFORM")
     with pytest.raises(UsageError):
         bake_motion(grid, bending(grid), plan("ALEMBIC", tmp_path))

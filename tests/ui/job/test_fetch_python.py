@@ -158,7 +158,7 @@ def bare(monkeypatch, tmp_path) -> SimpleNamespace:
     monkeypatch.setattr(engine_install, "user_environment", lambda create: tmp_path / "user" / "engine")
     monkeypatch.setattr(choices, "preferences", lambda: SimpleNamespace(python="", torch="CPU", wheels=str(tmp_path)))
     monkeypatch.setattr(engine_environment.shutil, "which", lambda name: None)
-    monkeypatch.setattr(engine_environment, "_probe", lambda python: (3, 14) if python == sys.executable else (3, 13))
+    monkeypatch.setattr(engine_environment, "version_of", lambda python: (3, 14) if python == sys.executable else (3, 13))
     return SimpleNamespace(home=home)
 
 
@@ -196,7 +196,7 @@ def test_a_fetched_python_is_what_the_installation_goes_on_with(bare, site, monk
 
 def test_from_source_nothing_is_offered(monkeypatch) -> None:
     monkeypatch.setattr(engine_environment.shutil, "which", lambda name: None)
-    monkeypatch.setattr(engine_environment, "_probe", lambda python: None)
+    monkeypatch.setattr(engine_environment, "version_of", lambda python: None)
     with pytest.raises(SeeingWindError, match="No Python") as caught:
         engine_environment.base_python()
     assert not caught.value.mend

@@ -83,7 +83,7 @@ def test_where_the_environment_s_python_is(on_windows, tmp_path) -> None:
 
 
 def test_a_question_to_a_python_opens_no_console_and_is_read_as_utf8(calls) -> None:
-    assert engine_environment._said([sys.executable], "print('Müller 风')").strip() == "Müller 风"
+    assert engine_environment.said_by([sys.executable], "print('Müller 风')").strip() == "Müller 风"
     _, options = calls[0]
     assert options["creationflags"] == systems.NO_WINDOW and options["stdin"] == subprocess.DEVNULL
 
@@ -95,9 +95,9 @@ def test_the_launcher_is_asked_for_pythons_that_are_not_on_the_path(on_windows, 
     on_windows.setattr(engine_environment.shutil, "which", lambda name: str(launcher) if name == "py" else None)
     # the processes run here, where an option of Windows is refused
     on_windows.setattr(systems, "quiet", lambda: {})
-    assert list(engine_environment._candidates()) == [sys.executable, sys.executable]
+    assert list(engine_environment.candidates()) == [sys.executable, sys.executable]
     on_windows.setattr(systems, "windows", lambda: False)
-    assert list(engine_environment._candidates()) == [sys.executable]
+    assert list(engine_environment.candidates()) == [sys.executable]
 
 
 def test_a_folder_too_deep_for_pytorch_is_left_for_a_shorter_one(on_windows, tmp_path, monkeypatch) -> None:

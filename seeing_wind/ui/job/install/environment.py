@@ -119,8 +119,8 @@ def base_python() -> str:
         NoPython: when there is none of a version that the engine's packages are built for.
     """
     tried = []
-    for candidate in _candidates():
-        version = _probe(candidate)
+    for candidate in candidates():
+        version = version_of(candidate)
         if version in VERSIONS:
             return candidate
         if version:
@@ -133,7 +133,7 @@ def base_python() -> str:
     raise NoPython(message, "Install one of these from your system or python.org, then try again, or name one in the preferences.")
 
 
-def _candidates() -> Iterator[str]:
+def candidates() -> Iterator[str]:
     yield sys.executable
     launcher = shutil.which("py") if systems.windows() else None
     for major, minor in reversed(VERSIONS):
@@ -141,7 +141,7 @@ def _candidates() -> Iterator[str]:
         if found:
             yield found
         if launcher:  # of python.org's installer, which puts no Python on the PATH
-            said = _said([launcher, f"-{major}.{minor}"], "import sys; print(sys.executable)").strip()
+            said = said_by([launcher, f"-{major}.{minor}"], "import sys; print(sys.executable)").strip()
             if said:
                 yield said
     for name in ("python3", "python"):
@@ -153,10 +153,10 @@ def _candidates() -> Iterator[str]:
         yield str(standalone.executable(fetched))
 
 
-def _probe(candidate: str) -> tuple[int, int] | None:
+def version_of(candidate: str) -> tuple[int, int] | None:
     """The version of a Python that can make environments, None for anything else."""
     try:
-        major, minor = _said([candidate], ABLE).split()
+        major, minor = said_by([candidate], ABLE).split()
         return int(major), int(minor)
     except ValueError:  # no such Python: the next candidate
         return None
@@ -164,10 +164,10 @@ def _probe(candidate: str) -> tuple[int, int] | None:
 
 def answers(python: str, code: str) -> bool:
     """Whether `python` runs `code` without an error."""
-    return _said([python], f"{code}; print('yes')").strip() == "yes"
+    return said_by([python], f"{code}; print('yes')").strip() == "yes"
 
 
-def _said(python: list[str], code: str) -> str:
+def said_by(python: list[str], code: str) -> str:
     """What `python -c code` prints; "" where it is not there or hangs."""
     try:
         answer = subprocess.run(
