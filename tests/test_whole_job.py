@@ -16,7 +16,10 @@ sys.path[:0] = [str(SCENES), str(SCENES / "common")]
 
 import whole_jobs  # noqa: E402
 
-pytestmark = pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy wheel")
+pytestmark = [
+    pytest.mark.slow,  # half a minute; .ci/run does the same with all three scenes
+    pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy wheel"),
+]
 
 
 def test_the_whole_job_plays_on_in_a_blender_without_the_extension(tmp_path) -> None:
