@@ -9,7 +9,7 @@ TESTS := .venv-tests
 BLENDER_TESTS := tests/ui tests/test_whole_job.py
 # A process for each core; the tests of a file stay together, as they share fixtures. ALL=1: those marked `slow`, too. What several threads
 # of the solver do together (CREW) is tried first, in one process that has all cores.
-CREW := tests/engine/mpm/test_crew.py tests/engine/mpm/test_launches.py
+CREW := tests/engine/mpm/test_crew.py tests/engine/mpm/test_launches.py tests/engine/mpm/shell/test_cholesky.py
 PYTEST = -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
 DEMO := build/demo
 
@@ -89,7 +89,7 @@ farm-test: $(FARM)/.complete
 	$(FARM)/bin/python -m pytest -s tests/farm
 
 test-quadrants: build/clip/clip.mp4 $(QUADRANTS)/.complete
-	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python -m pytest tests/engine/mpm --ignore=tests/engine/mpm/shell
+	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python -m pytest tests/engine/mpm
 	SEEING_WIND_COMPILER=quadrants $(PY) scripts/quick_recover.py $(QUADRANTS)/bin/python build/quick_recover_quadrants --clip build/clip
 
 demo: setup
@@ -104,7 +104,7 @@ lint: setup
 	$(PY) -m mypy
 
 # Compiled once for all processes of the tests, and again after a change of the solver.
-build/kernels/.complete: $(TESTS)/.complete $(wildcard seeing_wind/engine/mpm/*.py seeing_wind/engine/mpm/*/*.py)
+build/kernels/.complete: $(TESTS)/.complete $(wildcard seeing_wind/engine/mpm/*.py seeing_wind/engine/mpm/*/*.py seeing_wind/engine/mpm/*/*/*.py)
 	@mkdir -p build/kernels
 	$(TESTS)/bin/python tests/kernels.py
 	@touch $@

@@ -1,7 +1,7 @@
 """Compiles what recoveries need of the solver into the compiler's cache: python tests/kernels.py
 
-The tests start hundreds of processes. One that is killed, or ends without a word, keeps nothing of what it compiled, and those that run side
-by side would compile the same. The cache is the compiler's own; the Makefile puts it into build/kernels.
+The tests start hundreds of processes. One that is killed, or ends without a word, keeps nothing of what it compiled, and those that run
+side by side would compile the same. The cache is the compiler's own; the Makefile puts it into build/kernels.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ def advance(
     Raises:
         SimulationError: when Newton's method finds no solution, or a number is not finite.
     """
-    equations, contact = _equations(shell, state, dt, gravity, frame, load, obstacles)
+    equations, contact = equations_of(shell, state, dt, gravity, frame, load, obstacles)
     x = state.x + dt * state.v
     x[shell.pinned] = state.x[shell.pinned] if pins is None else pins
     x, effort = _solved(equations, x)
@@ -133,7 +133,7 @@ def advance(
     return State(x, v, np.where(normal.any(axis=1)[:, None], x - dt * v + 0.5 * dt * (v - state.v - blow), state.x), state.v + blow), effort
 
 
-def _equations(
+def equations_of(
     shell: Shell, state: State, dt: float, gravity: np.ndarray, frame: int, load: Load | None, obstacles: tuple[Obstacle, ...]
 ) -> tuple[_Equations, Contact]:
     b = 2.0 * dt / 3.0

@@ -70,8 +70,8 @@ def test_a_substep_whose_equations_are_not_solved_is_halved_or_refused(make, mon
         advance(shell, start, dt=0.006, gravity=gravity)
     with pytest.raises(SimulationError, match="after 1 iterations"):
         frame()
-    lengths, whole = [], room._equations
-    monkeypatch.setattr(room, "_equations", lambda shell, state, dt, *rest: lengths.append(dt) or whole(shell, state, dt, *rest))
+    lengths, whole = [], room.equations_of
+    monkeypatch.setattr(room, "equations_of", lambda shell, state, dt, *rest: lengths.append(dt) or whole(shell, state, dt, *rest))
     monkeypatch.setattr(system.Matrix, "solved", once_unfinished)
     assert np.abs(frame().x - expected).max() < 0.01 * np.abs(expected - start.x).max()
     assert lengths[1:3] == [0.5 * lengths[0]] * 2 and len(lengths) == substeps + 2
