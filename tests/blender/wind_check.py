@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind.ui.field.field_object import create_field_object  # noqa: E402
-from seeing_wind.ui.field.fit.lattice import SampledField, fine_lattice  # noqa: E402
+from seeing_wind.ui.field.lattice import SampledField, fine_lattice  # noqa: E402
 from seeing_wind.ui.field.solvers.calibration import calibrate_object  # noqa: E402
 
 FPS, DRAG = 25.0, 0.5 * 1.2 * 1.17

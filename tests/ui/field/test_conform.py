@@ -12,7 +12,7 @@ import pytest
 from seeing_wind.ui.field.conform import set_stride
 from seeing_wind.ui.field.display import out_of_time, said_of_speed
 from seeing_wind.ui.field.field_object import create_field_object
-from seeing_wind.ui.field.fit.lattice import SampledField, fine_lattice
+from seeing_wind.ui.field.lattice import SampledField, fine_lattice
 from seeing_wind.ui.field.samples import samples_of
 from seeing_wind.ui.field.solvers.calibration import calibrate_object
 from tests.ui.jobs import cube, recover

@@ -12,7 +12,7 @@ from seeing_wind.ui.field.arrows import create_arrows, ramp_colours
 from seeing_wind.ui.field.field_object import create_field_object, fit_again
 from seeing_wind.ui.field.fit.choose import CONTINUE, FADE, HOLD, RESOLUTIONS, beside, fit_field
 from seeing_wind.ui.field.fit.kernels import evaluate, paired_directions
-from seeing_wind.ui.field.fit.lattice import SampledField, differences, fine_lattice, lattice
+from seeing_wind.ui.field.lattice import SampledField, differences, fine_lattice, lattice
 from seeing_wind.ui.field.node_groups import set_input
 from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.field.solvers.calibration import calibrate_particles

@@ -26,7 +26,7 @@ def sheet(name: str = "Sheet") -> bpy.types.Object:
 
 
 def weight(obj: bpy.types.Object) -> float:
-    return obj.modifiers["Cloth"].settings.effector_weights.wind
+    return obj.modifiers["Cloth"].settings.effector_weights.texture
 
 
 @pytest.fixture
@@ -55,12 +55,12 @@ def test_an_appended_or_linked_field_is_calibrated_and_carries_its_values(librar
     assert samples_of(field) is not None
     if link:
         with pytest.raises(RuntimeError, match="linked"):
-            bpy.ops.seeing_wind.fit_field(field="Wind")
+            bpy.ops.seeing_wind.apply_to_field(field="Wind")
         with pytest.raises(RuntimeError, match="linked"):
             bpy.ops.seeing_wind.conform(field="Wind")
     else:
-        bpy.context.scene.seeing_wind.field_resolution = 5
-        assert bpy.ops.seeing_wind.fit_field() == {"FINISHED"} and field["seeing_wind_nodes"] == 5
+        bpy.context.scene.seeing_wind.field_reach = "HOLD"
+        assert bpy.ops.seeing_wind.apply_to_field() == {"FINISHED"} and field["seeing_wind_reach"] == "HOLD"
 
 
 def test_of_several_fields_the_selected_or_named_one_is_meant(library) -> None:

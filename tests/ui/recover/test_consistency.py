@@ -64,7 +64,7 @@ def snapshot() -> dict:
             "curves": keyframes(obj) + (keyframes(key) if key else []),
             "modifiers": [(modifier.name, modifier.show_viewport) for modifier in obj.modifiers],
             "hidden": (obj.hide_viewport, obj.hide_render, obj.is_shadow_catcher),
-            "weights": [round(m.settings.effector_weights.wind, 4) for m in obj.modifiers if m.type == "CLOTH"],
+            "weights": [round(m.settings.effector_weights.texture, 4) for m in obj.modifiers if m.type == "CLOTH"],
         }
     scene = bpy.context.scene
     return {"settings": plain(scene.seeing_wind), "objects": objects, "render": (scene.render.engine, scene.render.film_transparent)}
@@ -113,7 +113,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("bake there", lambda: ops.bake()),
         ("remove edit", lambda: ops.remove_edit()),
         ("load", lambda: setattr(bpy.context.scene.seeing_wind, "frame_start", 3) or ops.build_scene()),
-        ("fit", lambda: setattr(bpy.context.scene.seeing_wind, "field_reach", "HOLD") or ops.fit_field()),
+        ("apply", lambda: setattr(bpy.context.scene.seeing_wind, "field_reach", "HOLD") or ops.apply_to_field()),
         ("guess", lambda: ops.use_guess()),
         ("calibrate", lambda: ops.calibrate(object="Cloth")),
         ("calibrate again", lambda: setattr(bpy.context.scene.render, "fps", 50) or ops.calibrate_again()),
