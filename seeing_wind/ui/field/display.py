@@ -109,7 +109,13 @@ def field_at_hand(context: Any) -> Any:
 
 
 def out_of_time(scene: Any) -> list[Any]:
-    """Calibrations that were made for another frame rate than the scene has now, or for a field that was felt otherwise."""
+    """Calibrations that were made for a field that was felt otherwise, or rigid bodies' for another frame rate than the scene has now.
+
+    The other solvers count a field per frame, and a picture is a frame whatever the rate.
+    """
     fps = frames_per_second(scene)
     listed = (each for each in scene.seeing_wind.calibrations if each.object is not None and each.field is not None)
-    return [each for each in listed if abs(each.fps - fps) > 1e-3 * fps or each.wind != is_wind(each.field)]
+    return [
+        each for each in listed
+        if each.wind != is_wind(each.field) or (each.object.rigid_body is not None and abs(each.fps - fps) > 1e-3 * fps)
+    ]  # fmt: skip

@@ -155,7 +155,8 @@ def _blow(obj: bpy.types.Object, sampled: SampledField, reach: str, kind: str) -
     """Texture and strength of a field, and what the panel says of it."""
     kind = kind if has_wind(obj) else FORCE
     felt, field, former = sampled.felt_as(kind), obj.field, obj.field.texture
-    atlas, followers = make_atlas(f"{obj.name} Atlas", felt), make_followers(obj, len(felt.force), SOLVER_DELAY)
+    atlas = make_atlas(f"{obj.name} Atlas", felt)
+    followers = make_followers(obj, atlas.frames, atlas.counts[1] * atlas.pixel[1], SOLVER_DELAY)
     end = reach_of(reach, felt.box)
     field.texture = make_texture(obj.name, atlas, felt.box, followers, end)
     remove_texture(former)

@@ -9,8 +9,8 @@ import numpy as np
 
 from ....engine.errors import UsageError
 from ..display import is_wind
-from .in_wind import rate_of_cloth, said_of_drag, slow_down
-from .matter import Matter
+from .in_wind import FLOW, rate_of_cloth, said_of_drag, still_air
+from .matter import WEIGHT_LIMIT, Matter
 
 CLOTH_FACTOR = 0.02
 """Blender's own constant in what cloth makes of a force."""
@@ -53,10 +53,16 @@ def _cloth_in_wind(obj: bpy.types.Object, settings: bpy.types.ClothSettings, are
         raise UsageError(f"The cloth {obj.name} runs at a speed of {settings.time_scale:g}.", "Set its Speed Multiplier to 1.")
     rate = rate_of_cloth(what.field, what.areal_density)
     weight = rate * settings.mass * vertices / (CLOTH_FACTOR * area * what.clip_fps**2)
-    said = f"Cloth: {what.areal_density:g} kg/m² in the wind. "
-    what.weigh(settings.effector_weights, weight, "Give the cloth a smaller vertex mass.")
     # a cloth's velocity is per frame
-    slow_down(bpy.context.scene, what, settings.effector_weights, weight * what.clip_fps)
+    slowing = weight * what.clip_fps / FLOW
+    # a smaller vertex mass would make the cloth so stiff for it that Blender's solver stops early and loses half of the push
+    times = max(1.0, weight / WEIGHT_LIMIT, slowing / WEIGHT_LIMIT)
+    what.weigh(settings.effector_weights, weight / times, "Give the cloth a smaller vertex mass.")
+    settings.effector_weights.all, settings.effector_weights.wind = times, slowing / times
+    still_air(bpy.context.scene, what.field)
+    said = f"Cloth: {what.areal_density:g} kg/m² in the wind. "
+    if times > 1.0:
+        said += f"Its weight All multiplies the others, as one ends at {WEIGHT_LIMIT:g}: other force fields push {times:.3g} times. "
     what.fall(settings.effector_weights)
     settings.air_damping = 0.0
     return said + said_of_drag(what.field, rate, what.clip_fps * settings.quality) + _said_of_stiffness(settings)

@@ -16,12 +16,11 @@ import bpy
 
 from ....engine.errors import UsageError
 from ..display import BLOWS, DRAG, LINEAR, share
-from .matter import WEIGHT_LIMIT, Matter
 
 SLOWS = "seeing_wind_slows"
 """Custom property of the companion that slows what moves: the field object."""
 FLOW = 10.0
-"""Of the companion; with it, weights of wind fields stay small."""
+"""Of the companion: as much as Blender takes, so that weights of wind fields stay small."""
 SPHERE = 2.0 / 3.0
 """Drag of a sphere over that of its disk, by the same law: pressure on its windward half."""
 COARSE = 0.5
@@ -48,22 +47,6 @@ def rate_of_cloth(field: bpy.types.Object, areal_density: float) -> float:
 def rate_of_spheres(field: bpy.types.Object, density: float, radius: float) -> float:
     """The same for spheres of a density [kg/m³] and radius [m]."""
     return field[DRAG] * held_speed(field) * SPHERE * math.pi * radius**2 / (density * 4.0 / 3.0 * math.pi * radius**3)
-
-
-def slow_down(scene: bpy.types.Scene, what: Matter, weights: bpy.types.EffectorWeights, rate: float) -> None:
-    """Let a solver's own velocity count as the air's does.
-
-    Args:
-        rate: weight of the velocity against the weight of the air's.
-
-    Raises:
-        UsageError: when Blender takes no such weight.
-    """
-    if rate > WEIGHT_LIMIT * FLOW:
-        weight = f"The weight of the still air would have to be {rate / FLOW:g}, Blender takes up to {WEIGHT_LIMIT:g}."
-        raise UsageError(weight, "Give what moves a smaller mass.")
-    weights.wind = rate / FLOW
-    still_air(scene, what.field)
 
 
 def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Object:

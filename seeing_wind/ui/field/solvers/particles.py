@@ -8,7 +8,7 @@ import bpy
 
 from ...scene_units import metres_per_unit
 from ..display import is_wind
-from .in_wind import rate_of_spheres, said_of_drag, slow_down
+from .in_wind import FLOW, rate_of_spheres, said_of_drag, still_air
 from .matter import Matter, matter, only_force
 
 HAIR_FACTOR = 0.01
@@ -61,8 +61,9 @@ def particles(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_m
 
 def _in_wind(system: bpy.types.ParticleSystem, what: Matter) -> str:
     radius = _radius(system.settings)
-    # a particle's velocity is per second
-    slow_down(bpy.context.scene, what, system.settings.effector_weights, system.settings.effector_weights.texture)
+    weights = system.settings.effector_weights
+    weights.wind = weights.texture / FLOW  # a particle's velocity is per second
+    still_air(bpy.context.scene, what.field)
     said = said_of_drag(what.field, rate_of_spheres(what.field, what.density, radius), what.clip_fps * (1 + system.settings.subframes))
     return f"Particles {system.name}: balls of {2000.0 * radius:.3g} mm and {what.density:g} kg/m³ in the wind. {said}"
 

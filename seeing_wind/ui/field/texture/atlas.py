@@ -29,6 +29,12 @@ class Atlas:
     strength: float
     """Of the force field, so that it is felt as the lattice has it."""
 
+    @property
+    def pixel(self) -> tuple[float, float]:
+        """Width and height of a pixel where the whole image is 2 wide and high, as Blender counts places on it."""
+        width, height = self.image.size
+        return 2.0 / width, 2.0 / height
+
 
 def make_atlas(name: str, sampled: SampledField) -> Atlas:
     """Draw and pack the image of a field; its force is what the image holds."""

@@ -28,7 +28,7 @@ class Followers:
     """Textures of one color each."""
 
     clock: bpy.types.Texture
-    """Red is the number of the current picture."""
+    """Red is how far up the image the current picture is."""
     axes: tuple[bpy.types.Texture, ...]
     """Columns of the rotation matrix, plus 1."""
     base: bpy.types.Texture
@@ -40,13 +40,14 @@ class Followers:
         return (self.clock, *self.axes, self.base)
 
 
-def make_followers(field: bpy.types.Object, frames: int, delay: int) -> Followers:
+def make_followers(field: bpy.types.Object, frames: int, height: float, delay: int) -> Followers:
     """The textures that follow a field object of so many pictures.
 
     Args:
+        height: of one picture in the image of all.
         delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before.
     """
-    picture = f"floor(min(max((ceil(frame)-{0.5 * delay}-first)/lasts+0.0001,0),{frames - 1}))"
+    picture = f"{height!r}*floor(min(max((ceil(frame)-{0.5 * delay}-first)/lasts+0.0001,0),{frames - 1}))"
     clock = _one_color(f"{field.name} Picture")
     for name, key in (("first", "seeing_wind_frame_start"), ("lasts", STRIDE)):
         _property(_driver(clock, 0, picture), name, field, f'["{key}"]')

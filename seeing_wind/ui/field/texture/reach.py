@@ -30,7 +30,7 @@ class Reach:
 
 
 def reach_of(kind: str, box: np.ndarray) -> Reach:
-    """How the field of a box (2, 3) ends. Its power, 0.5 at a radius of 1 unit, grows as the box shrinks: boxes alike fade alike."""
+    """How the field of a box (2, 3) ends. Its power is 0.5 at a radius of 1 unit, and grows as the box shrinks."""
     side = float(np.ptp(box, axis=0).max())
     return Reach(kind, FADE_WIDTH * side, 0.5 * side, float(np.clip(1.0 / max(side, 1e-9), *POWERS)))
 

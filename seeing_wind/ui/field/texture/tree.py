@@ -7,6 +7,9 @@ negative:
     color = (1 - M 0.5) + (M + 1) h - (the sum of h, plus 0.5)
 
 Image textures mix four pixels by themselves; that mixes along x and y. Along z two look-ups are mixed.
+
+What a look-up costs is the number of nodes, as Blender copies some kilobytes for each: so curves, which take a place as one color, clamp
+and scale its three coordinates at once.
 """
 
 from __future__ import annotations
@@ -22,6 +25,10 @@ from .reach import CONTINUE, FADE, Reach
 
 NOTHING = (0.5, 0.5, 0.5, 1.0)
 """The color of no force."""
+FLAT = 1e-4
+"""A box counts as no flatter than this share of its longest side."""
+LAST = 1e-4
+"""So far before the last layer [layers] a place ends, so that there is always a next layer."""
 
 
 class TextureBuilder:
@@ -64,6 +71,23 @@ class TextureBuilder:
         """Output sockets of red, green and blue."""
         return list(self.node("SeparateColor", color).outputs)[:3]
 
+    def clamped(self, place: Any, box: np.ndarray, to: np.ndarray) -> Any:
+        """Output socket of a place as one color, moved to the nearest place of a box (2, 3) round the origin, whose corners become `to`."""
+        node = self.node("CurveRGB", place)
+        node.mapping.use_clip, node.mapping.extend = False, "HORIZONTAL"
+        # Blender tabulates a curve over its points and over this range: a corner between two entries of the table would be cut off
+        node.mapping.clip_min_x, node.mapping.clip_max_x = 0.5, 0.5
+        # a place becomes a color as half of it plus a half
+        ends = 0.5 + 0.5 * np.asarray(box, dtype=float)
+        ends[1] = np.maximum(ends[1], ends[0] + FLAT * np.ptp(ends, axis=0).max())
+        # the fourth curve is for all colors, before the others
+        all_over = (ends.min(), ends.max())
+        for curve, begin, end in zip(node.mapping.curves, [*ends.T, all_over], [*to.T, all_over], strict=True):
+            for point, x, y in zip(curve.points, begin, end, strict=True):
+                point.location, point.handle_type = (x, y), "VECTOR"
+        node.mapping.update()
+        return node.outputs[0]
+
 
 def make_texture(name: str, atlas: Atlas, box: np.ndarray, followers: Followers, reach: Reach) -> bpy.types.Texture:
     """The texture of a field on a lattice.
@@ -75,14 +99,9 @@ def make_texture(name: str, atlas: Atlas, box: np.ndarray, followers: Followers,
     """
     texture = bpy.data.textures.new(name, "NONE")
     build = TextureBuilder(texture)
-    # a place becomes a color as half of it plus a half
-    place = build.split(build.node("Coordinates").outputs[0])
-    low, high = (0.5 + 0.5 * np.asarray(corner, dtype=float) for corner in box)
-    near = [build.math("MINIMUM", build.math("MAXIMUM", place[k], low[k]), high[k]) for k in range(3)]
-    cells = np.array(atlas.counts) - 1
-    x, y, z = (build.math("MULTIPLY", build.math("SUBTRACT", near[k], low[k]), cells[k] / (high[k] - low[k])) for k in range(3))
-    color = _looked_up(build, atlas, _turned_colors(build, name, atlas, followers), followers, (x, y, z))
-    left = _left(build, reach, place, near)
+    place = build.node("Coordinates").outputs[0]
+    color = _looked_up(build, place, atlas, box, _turned_colors(build, name, atlas, followers), followers)
+    left = _left(build, place, box, reach)
     build.node("Output", color if left is None else build.mixed(left, NOTHING, color))
     for k, node in enumerate(build.tree.nodes):
         node.location = (180 * (k // 4), -200 * (k % 4))
@@ -120,32 +139,30 @@ def _image_texture(name: str, image: bpy.types.Image) -> bpy.types.Texture:
     return texture
 
 
-def _looked_up(build: TextureBuilder, atlas: Atlas, color: Any, followers: Followers, where: tuple[Any, Any, Any]) -> Any:
-    """The color between the nodes of the lattice, at a place counted in nodes."""
-    (nx, ny, nz), (x, y, z) = atlas.counts, where
-    width, height = atlas.image.size
-    layer = build.math("MINIMUM", build.math("FLOOR", z), nz - 2.0)
+def _looked_up(build: TextureBuilder, place: Any, atlas: Atlas, box: np.ndarray, color: Any, followers: Followers) -> Any:
+    """The color between the nodes of the lattice; images reach from -1 to 1."""
+    nx, ny, nz = atlas.counts
+    across, along = atlas.pixel
     # a pixel's own color is in its middle
-    row = build.math("ADD", build.math("ADD", y, 0.5), build.math("MULTIPLY", build.shown(followers.clock), float(ny)))
-    up = build.math("SUBTRACT", build.math("MULTIPLY", row, 2.0 / height), 1.0)
-    found = []
-    for offset in (0.5, nx + 0.5):
-        column = build.math("ADD", build.math("ADD", x, offset), build.math("MULTIPLY", layer, float(nx)))
-        right = build.math("SUBTRACT", build.math("MULTIPLY", column, 2.0 / width), 1.0)
-        found.append(build.node("At", color, build.joined(right, up)).outputs[0])
+    first = np.array([0.5 * across - 1.0, 0.5 * along - 1.0, 0.0])
+    last = np.array([(nx - 0.5) * across - 1.0, (ny - 0.5) * along - 1.0, nz - 1.0 - LAST])
+    x, y, z = build.split(build.clamped(place, box, np.stack([first, last])))
+    layer = build.math("FLOOR", z)
+    up = build.math("ADD", y, build.shown(followers.clock))
+    right = build.math("ADD", x, build.math("MULTIPLY", layer, nx * across))
+    found = [build.node("At", color, build.joined(at, up)).outputs[0] for at in (right, build.math("ADD", right, nx * across))]
     return build.mixed(build.math("SUBTRACT", z, layer), *found)
 
 
-def _left(build: TextureBuilder, reach: Reach, place: list[Any], near: list[Any]) -> Any:
+def _left(build: TextureBuilder, place: Any, box: np.ndarray, reach: Reach) -> Any:
     """Output socket of the share that is left beside the box; None where that is all. See `reach.left_of`."""
     if reach.kind not in (FADE, CONTINUE):
         return None
-    distance = build.node("Distance", build.joined(*near), build.joined(*place)).outputs[0]
+    distance = build.node("Distance", build.clamped(place, box, box), place).outputs[0]
     if reach.kind == CONTINUE:
         start = 1.0 + reach.radius
-        far = build.math("ADD", build.math("MULTIPLY", distance, 2.0), start)
-        return build.math("POWER", build.math("DIVIDE", start, far), reach.power)
-    fade = build.node("ValToRGB", build.math("MULTIPLY", distance, 2.0 / reach.width))
+        return build.math("POWER", build.math("DIVIDE", start, build.math("ADD", distance, start)), reach.power)
+    fade = build.node("ValToRGB", build.math("MULTIPLY", distance, 1.0 / reach.width))
     fade.color_ramp.interpolation = "EASE"
     for element, grey in zip(fade.color_ramp.elements, (1.0, 0.0), strict=True):
         element.color = (grey, grey, grey, 1.0)
