@@ -34,6 +34,12 @@ def cube(name: str) -> bpy.types.Object:
     return bpy.context.object
 
 
+def changed_calibration(**values: object) -> None:
+    """Change what is kept of the first calibration."""
+    for name, value in values.items():
+        setattr(bpy.context.scene.seeing_wind.calibrations[0], name, value)
+
+
 def plain(group: bpy.types.PropertyGroup) -> dict:
     """All properties of a group as plain values, also those of collections and the names of datablocks."""
     values = {}
@@ -116,7 +122,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("apply", lambda: setattr(bpy.context.scene.seeing_wind, "field_reach", "HOLD") or ops.apply_to_field()),
         ("guess", lambda: ops.use_guess()),
         ("calibrate", lambda: ops.calibrate(object="Cloth")),
-        ("calibrate again", lambda: setattr(bpy.context.scene.render, "fps", 50) or ops.calibrate_again()),
+        ("calibrate again", lambda: changed_calibration(density=300.0, wind=True) or ops.calibrate_again()),
         ("conform", lambda: ops.conform()),
         ("composite", lambda: ops.set_up_composite(floor=True)),
     ]
