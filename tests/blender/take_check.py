@@ -31,8 +31,8 @@ from seeing_wind.ui.field.samples import read_samples, samples_of  # noqa: E402
 
 PROBES = 120
 FRAMES = 6
-BAR = (1.25, 0.025)
-"""Mean angle [degrees] and mean relative error of the size in the box: 1 degree and 2 %, and a little for waves shorter than the body."""
+BAR = (1.0, 0.02)
+"""Mean angle [degrees] and mean relative error of the size in the box."""
 
 
 def sampled(take: Path, points: np.ndarray, frame: int) -> np.ndarray:
