@@ -166,13 +166,13 @@ def arrows(scene):
     """The field object with its samples, arrows and 64 riding ones, as Recover makes them."""
     from seeing_wind.ui.field.arrows import create_arrows
     from seeing_wind.ui.field.field_object import create_field_object
-    from seeing_wind.ui.field.fit.lattice import SampledField, lattice
+    from seeing_wind.ui.field.lattice import SampledField, lattice
 
     rng = np.random.default_rng(0)
     nodes = lattice(np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]]), NODES)
     vectors = rng.normal(size=(FRAMES, len(nodes), 3)) * 100.0
     sampled = SampledField(nodes, vectors, np.ones(vectors.shape[:2]))
-    field = create_field_object(scene, "Wind", sampled, fps=24.0, density=100.0, resolution=NODES)
+    field = create_field_object(scene, "Wind", sampled, fps=24.0, density=100.0)
     riding = rng.uniform(-1.0, 1.0, (FRAMES, 64, 3))
     points = np.concatenate([np.broadcast_to(nodes, vectors.shape), riding], axis=1)
     forces = np.concatenate([vectors, rng.normal(size=(FRAMES, 64, 3)) * 100.0], axis=1)

@@ -50,7 +50,7 @@ def main(folder: Path) -> None:
         figures[name] = float(np.abs(vertices - before[name]).max())
     moved = {name: float(np.linalg.norm(vertices - vertices[0], axis=-1).max()) for name, vertices in now.items()}
     good = max(figures.values()) <= MOST and min(moved.values()) >= LEAST
-    field = next((obj for obj in bpy.context.scene.objects if obj.field is not None and obj.field.type == "WIND"), None)
+    field = next((obj for obj in bpy.context.scene.objects if obj.field is not None and obj.field.type == "TEXTURE"), None)
     print("replay: " + json.dumps({"differs_m": figures, "moved_m": moved, "blender": bpy.app.version_string}), flush=True)
     if not good or field is None:
         raise SystemExit(9)

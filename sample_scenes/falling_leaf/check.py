@@ -151,7 +151,7 @@ def report_blend(path: str) -> None:
 
     bpy.ops.wm.open_mainfile(filepath=path, load_ui=False)
     objects = [bpy.data.objects[name] for name in RIBBONS]
-    if bpy.data.objects["Recovered Wind"].field.type != "WIND":
+    if bpy.data.objects["Recovered Wind"].field.type != "TEXTURE":
         raise ValueError("the field object is no wind")
     held = objects[1].vertex_groups["Held"].index
     vertices = [vertex.index for vertex in objects[1].data.vertices if any(group.group == held for group in vertex.groups)]

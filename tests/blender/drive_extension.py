@@ -60,7 +60,7 @@ def main() -> None:
     check(scene.camera.data.background_images[0].clip == scene.active_clip, "it is seen behind the scene")
     check(bpy.ops.seeing_wind.recover(**options) == {"FINISHED"}, "recover")
     settings = scene.seeing_wind
-    check(settings.field_object.field.type == "WIND" and settings.field_object.field.shape == "POINTS", "the field object")
+    check(settings.field_object.field.type == "TEXTURE" and settings.field_object.field.shape == "POINTS", "the field object")
     check(settings.arrows_object is not None and scene.camera is settings.camera_object, "arrows and camera")
     drift = world_vertices(settings.recovered_object, 13) - world_vertices(settings.recovered_object, 1)
     check(np.allclose(drift, [0.24, 0.0, 0.12], atol=1e-5), "the recovered object follows its trajectory")

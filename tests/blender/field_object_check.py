@@ -24,8 +24,8 @@ from seeing_wind.ui.clip.clip_scene import setup_clip_scene  # noqa: E402
 from seeing_wind.ui.edit.resimulate.edit_files import export_mesh  # noqa: E402
 from seeing_wind.ui.field.arrows import create_arrows  # noqa: E402
 from seeing_wind.ui.field.field_object import create_field_object  # noqa: E402
-from seeing_wind.ui.field.fit.lattice import SampledField, fine_lattice, lattice  # noqa: E402
-from seeing_wind.ui.field.solvers.calibration import calibrate_particles  # noqa: E402
+from seeing_wind.ui.field.lattice import SampledField, fine_lattice, lattice  # noqa: E402
+from seeing_wind.ui.field.solvers.particles import calibrate_particles  # noqa: E402
 from seeing_wind.ui.scene_mesh import pinned_vertices  # noqa: E402
 
 FPS = 24.0
@@ -44,8 +44,8 @@ def swirl(points: np.ndarray, frame: float) -> np.ndarray:
     return 40.0 * (1.0 + 0.5 * frame) * flow
 
 
-def swirl_field(scene: bpy.types.Scene, resolution: int = 7, reach: str = "CONTINUE") -> bpy.types.Object:
-    """The field object of the swirl, from values where Recover asks for them; with a fade it would be worst at the faces."""
+def swirl_field(scene: bpy.types.Scene, reach: str = "CONTINUE") -> bpy.types.Object:
+    """The field object of the swirl, from values where Recover asks for them."""
     nodes = fine_lattice(BOX)
     values = np.stack([swirl(nodes, frame) for frame in range(FRAMES)])
     return create_field_object(
@@ -55,7 +55,6 @@ def swirl_field(scene: bpy.types.Scene, resolution: int = 7, reach: str = "CONTI
         fps=FPS,
         density=DENSITY,
         frame_start=FRAME_START,
-        resolution=resolution,
         reach=reach,
         take="/clips/a.take",
     )

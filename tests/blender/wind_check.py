@@ -17,7 +17,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind.ui.field.field_object import create_field_object  # noqa: E402
-from seeing_wind.ui.field.fit.lattice import SampledField, fine_lattice  # noqa: E402
+from seeing_wind.ui.field.lattice import SampledField, fine_lattice  # noqa: E402
 from seeing_wind.ui.field.solvers.calibration import calibrate_object  # noqa: E402
 
 FPS, DRAG = 25.0, 0.5 * 1.2 * 1.17
@@ -42,7 +42,7 @@ def sheet(scene: bpy.types.Scene) -> bpy.types.Object:
     bpy.ops.mesh.primitive_grid_add(size=0.2, x_subdivisions=4, y_subdivisions=4, location=(0.0, 0.0, -0.9))
     obj = bpy.context.object
     cloth = obj.modifiers.new("Cloth", "CLOTH")
-    cloth.settings.quality, cloth.settings.mass = 12, 0.02
+    cloth.settings.quality, cloth.settings.mass = 20, 0.02
     scene.use_gravity, scene.render.fps, scene.frame_end = False, int(FPS), 100
     return obj
 

@@ -26,7 +26,7 @@ def test_recover_with_relative_paths_saves_a_file(workplace, capsys) -> None:
     assert "recover  100 %" in out and "converged" in out and str(workplace / "out.blend") in out
     bpy.ops.wm.open_mainfile(filepath=str(workplace / "out.blend"))
     settings = bpy.context.scene.seeing_wind
-    assert settings.field_object.field.type == "WIND" and settings.recovered_object.data.shape_keys
+    assert settings.field_object.field.type == "TEXTURE" and settings.recovered_object.data.shape_keys
     assert bpy.context.scene.camera is not None
 
 

@@ -55,11 +55,11 @@ def set_stride(field: bpy.types.Object, stride: float) -> None:
     """
     if field.library is not None:
         raise UsageError(f"{field.name} is linked from another file.", "Conform it there, or append it here.")
-    frames = [each for each in field.modifiers if each.type == "NODES"]
-    if not any(modifier_input(each, FRAMES_PER_PICTURE) for each in frames):
+    if STRIDE not in field:
         raise UsageError(f"{field.name} was made by an earlier version.", "Press Reload in the Recover panel first.")
     field[STRIDE] = stride
-    for obj in (field, samples_of(field), *field.children):
+    field.update_tag()
+    for obj in (samples_of(field), *field.children):
         for modifier in obj.modifiers if obj is not None and obj.library is None else ():
             if modifier.type == "NODES" and modifier_input(modifier, FRAMES_PER_PICTURE) is not None:
                 set_input(modifier, FRAMES_PER_PICTURE, stride)

@@ -21,11 +21,15 @@ FORCE, WIND = "FORCE", "WIND"
 KIND, SPEEDS = "seeing_wind_kind", "seeing_wind_speeds"
 """Custom properties of a field object: what solvers feel, and, only where it has a wind, its mean and its strongest gust [m/s]."""
 
-DRAG, LINEAR, FLOW = "seeing_wind_drag", "seeing_wind_linear", "seeing_wind_flow"
+DRAG, LINEAR = "seeing_wind_drag", "seeing_wind_linear"
 """Custom properties of a field with a wind, see `solvers.in_wind`. The pressure on a plate across it over the square of the speed [kg/m³];
-the speed [m/s] at which Blender's drag, which is linear, is right, and how far it is off in the mean; the flow by which a body's own
-velocity counts as the air's does, and how much that varies over the box."""
+the speed [m/s] at which Blender's drag, which is linear, is right, and how far it is off in the mean."""
 
+BLOWS = "seeing_wind_blows"
+"""Custom property of a field object: 1 where solvers feel a wind, else 0; for drivers."""
+
+NODES = "seeing_wind_nodes"
+"""Custom property of a field object: nodes of its lattice along x, y and z."""
 
 STRIDE = "seeing_wind_stride"
 """Custom property of a field object: scene frames that one of its pictures lasts; 1 unless it was conformed to the scene's frame rate."""
@@ -38,7 +42,7 @@ def frames_per_second(scene: Any) -> float:
 
 def stride_of(field: Any) -> float:
     """Scene frames that a picture of a field lasts."""
-    return field.get(STRIDE, 1.0)
+    return field[STRIDE]
 
 
 def said_of_speed(field: Any, scene: Any) -> str:
@@ -89,15 +93,13 @@ def said_of_fit(field: Any) -> str:
     if error is None:
         return ""
     what = "wind" if is_wind(field) else "field"
-    said = f"{field['seeing_wind_nodes']} nodes, feels {100.0 * error[1]:.1f} % and {error[0]:.1f}° off the recovered {what}"
-    if not is_wind(field):
-        return said
-    return f"{said}; what moves with the wind within {100.0 * field[FLOW][1]:.0f} % of its speed"
+    nodes = " x ".join(f"{count}" for count in field[NODES])
+    return f"{nodes} nodes; between them solvers feel about {100.0 * error[1]:.1f} % and {error[0]:.1f}° off the recovered {what}"
 
 
 def is_field(obj: Any) -> bool:
     """Whether an object is a recovered field: of this scene's own Recover, appended, or linked."""
-    return obj is not None and "seeing_wind_density" in obj and obj.field is not None and obj.field.type == "WIND"
+    return obj is not None and "seeing_wind_density" in obj and obj.field is not None and obj.field.type == "TEXTURE"
 
 
 def field_at_hand(context: Any) -> Any:
@@ -107,7 +109,13 @@ def field_at_hand(context: Any) -> Any:
 
 
 def out_of_time(scene: Any) -> list[Any]:
-    """Calibrations that were made for another frame rate than the scene has now, or for a field that was felt otherwise."""
+    """Calibrations that were made for a field that was felt otherwise, or rigid bodies' for another frame rate than the scene has now.
+
+    The other solvers count a field per frame, and a picture is a frame whatever the rate.
+    """
     fps = frames_per_second(scene)
     listed = (each for each in scene.seeing_wind.calibrations if each.object is not None and each.field is not None)
-    return [each for each in listed if abs(each.fps - fps) > 1e-3 * fps or each.wind != is_wind(each.field)]
+    return [
+        each for each in listed
+        if each.wind != is_wind(each.field) or (each.object.rigid_body is not None and abs(each.fps - fps) > 1e-3 * fps)
+    ]  # fmt: skip

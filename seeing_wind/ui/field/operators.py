@@ -56,20 +56,20 @@ def matter_of(given: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-class SEEING_WIND_OT_fit_field(DirectOperator, bpy.types.Operator):
-    """Make the native force field anew from the values that it carries, with the nodes, the reach and the kind that are set here"""
+class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
+    """Make the native force field anew from the values that it carries, with the reach and the kind that are set here"""
 
-    bl_idname = "seeing_wind.fit_field"
-    bl_label = "Fit Field"
+    bl_idname = "seeing_wind.apply_to_field"
+    bl_label = "Apply to Field"
 
     field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
 
     def act(self, context):
-        """A few seconds; needs neither the take nor the engine."""
-        from .field_object import fit_again  # needs NumPy
+        """Needs neither the take nor the engine."""
+        from .field_object import make_again  # needs NumPy
 
         field, settings = chosen_field(context, self.field), context.scene.seeing_wind
-        fit_again(field, settings.field_resolution, settings.field_reach, settings.field_kind)
+        make_again(field, settings.field_reach, settings.field_kind)
         return f"{field.name}: {said_of_fit(field)}"
 
 
@@ -241,5 +241,6 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
 
 
 CLASSES = (
-    SEEING_WIND_OT_fit_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_conform, SEEING_WIND_OT_export_field,
+    SEEING_WIND_OT_apply_to_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_conform,
+    SEEING_WIND_OT_export_field,
 )  # fmt: skip

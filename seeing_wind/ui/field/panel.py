@@ -47,7 +47,7 @@ class FieldTab(Tab):
             layout.operator("seeing_wind.conform", icon="TIME")
         if stride_of(field) != 1.0:
             layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
-        self._nodes(context, settings, field)
+        self._felt(context, settings, field)
         if settings.arrows_object is not None and settings.arrows_object.parent == field:
             self._arrows(context, settings.arrows_object)
         column = layout.column()
@@ -69,18 +69,16 @@ class FieldTab(Tab):
             box.operator("seeing_wind.calibrate_again", icon="FILE_REFRESH")
         column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
 
-    def _nodes(self, context, settings, field):
-        """How the native field follows the recovered one."""
+    def _felt(self, context, settings, field):
+        """What solvers feel, and how near it is to the recovered field."""
         column = self.layout.column()
         if has_wind(field):
             column.prop(settings, "field_kind")
-        column.prop(settings, "field_resolution")
         column.prop(settings, "field_reach")
         kind = settings.field_kind if has_wind(field) else field.get(KIND)
-        set_here = (settings.field_resolution or field.get("seeing_wind_nodes"), settings.field_reach, kind)
         row = column.row()
-        row.alert = set_here != (field.get("seeing_wind_nodes"), field.get("seeing_wind_reach"), field.get(KIND))
-        row.operator("seeing_wind.fit_field", icon="FORCE_WIND")
+        row.alert = (settings.field_reach, kind) != (field.get("seeing_wind_reach"), field.get(KIND))
+        row.operator("seeing_wind.apply_to_field", icon="FORCE_TEXTURE")
         if said_of_fit(field):
             draw_text(column, context, said_of_fit(field), "INFO")
 

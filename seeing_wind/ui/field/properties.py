@@ -4,7 +4,7 @@ No postponed annotations here: Blender reads these annotations as property defin
 """
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..property_kinds import choice
 
@@ -24,21 +24,16 @@ class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
 
 
 class FieldSettings:
-    """How finely the field object follows the recovered field."""
+    """What solvers feel of the field object, and where."""
 
-    field_resolution: IntProperty(
-        name="Field Nodes", default=0, min=0, max=12,
-        description="Wind sources along the field object's longest side: more follow the field closer and play slower. "
-        "0: as many as it needs",
-    )  # fmt: skip
     field_kind: choice("Solvers Feel", "What Blender's own solvers feel of a field that was recovered as a wind", [
         ("WIND", "Wind", "Air that moves: it pushes the faces of cloth, and slows what is faster than it. For cloth and particles"),
         ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body. For rigid bodies and hair, too"),
     ])  # fmt: skip
     field_reach: choice("Beside the Box", "What becomes of the wind beside the box in which it was recovered", [
         ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
-        ("HOLD", "Hold", "As strong as at the box's nearest place; a native field holds it for about one box's length"),
-        ("CONTINUE", "Continue", "Left to the falloff of the wind sources: weaker with distance, and never nothing"),
+        ("HOLD", "Hold", "As strong as at the box's nearest place, however far away"),
+        ("CONTINUE", "Continue", "Weaker with distance, and never nothing"),
     ])  # fmt: skip
     real_time: BoolProperty(
         options={"HIDDEN"}, description="The clip's motion goes by at its own speed, whatever the frame rate; else a picture a frame"

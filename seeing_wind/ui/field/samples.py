@@ -1,8 +1,7 @@
 """The field on a lattice, for Geometry Nodes: a hidden mesh with the field's values, and the node group *Sample Wind* that reads it.
 
-The values are the engine's own, at its own lattice; the wind sources of the field object are only fitted to them. They are a child of the
-field object that moves, turns and changes strength with it. *Sample Wind* is marked as an asset: it can be dropped into any node tree, and
-its only link to one field is the object that it is given.
+The values are the engine's own, at its own lattice. They are a child of the field object that moves, turns and changes strength with it.
+*Sample Wind* is marked as an asset: it can be dropped into any node tree, and its only link to one field is the object that it is given.
 """
 
 from __future__ import annotations
@@ -13,9 +12,9 @@ import bpy
 import numpy as np
 
 from .display import CARRIED, SAMPLES_MARK
-from .fit.choose import CONTINUE, FADE, FADE_WIDTH
-from .fit.lattice import SampledField
+from .lattice import SampledField
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
+from .texture.reach import CONTINUE, FADE, Reach
 
 SAMPLE_WIND = "Sample Wind"
 FORCE, VELOCITY, COUNT, SURE, REACH = "force", "velocity", "lattice_count", "confidence", "reach"
@@ -65,16 +64,9 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     return obj
 
 
-def set_reach(samples: bpy.types.Object, reach: str, power: float) -> None:
-    """Say how *Sample Wind* ends beside the box: the attribute `REACH` is the width of the fade, and the power and radius of a falloff.
-
-    Args:
-        reach: FADE, HOLD or CONTINUE, see `fit.choose`.
-        power: falloff of the field object's sources, by which a wind that continues weakens from the middle of the box.
-    """
-    sampled = read_samples(samples)
-    side = float(np.ptp(sampled.box, axis=0).max())
-    row = (side * FADE_WIDTH if reach == FADE else FOR_EVER, power if reach == CONTINUE else 0.0, 0.5 * side)
+def set_reach(samples: bpy.types.Object, reach: Reach) -> None:
+    """Say how *Sample Wind* ends beside the box: the attribute `REACH` is the width of the fade, and the power and radius of a falloff."""
+    row = (reach.width if reach.kind == FADE else FOR_EVER, reach.power if reach.kind == CONTINUE else 0.0, reach.radius)
     values = np.tile(np.asarray(row, dtype=np.float32), len(samples.data.vertices))
     samples.data.attributes[REACH].data.foreach_set("vector", values)
     samples.data.update_tag()
@@ -169,7 +161,7 @@ def _build(group: GroupBuilder) -> bpy.types.NodeTree:
 
 
 def _left(group: GroupBuilder, place: Any, low: Any, high: Any, reach: Any) -> Any:
-    """Share of the wind that is left at a place beside the box: `fit.choose.faded`, times the falloff of a wind that continues."""
+    """Share of the wind that is left at a place beside the box: `texture.reach.left_of`."""
     nearest = group.vector("MINIMUM", group.vector("MAXIMUM", place, low), high)
     distance = group.vector("LENGTH", group.vector("SUBTRACT", place, nearest))
     width, power, radius = group.split(reach)

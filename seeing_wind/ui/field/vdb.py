@@ -28,9 +28,9 @@ def available() -> bool:
 def write_vdb(scene: bpy.types.Scene, field: bpy.types.Object, folder: Path) -> list[Path]:
     """Write `wind_0002.vdb` and so on, one per scene frame in which solvers feel the field, as the field object now stands and blows.
 
-    A volume object that shows frame N in scene frame N is then in step with them. The values are the engine's own at its lattice, no sum
-    of wind sources. Cells are in scene units, values in N/m³ and, where the field has a wind, m/s, with the field object's strength
-    applied; each grid says its unit.
+    A volume object that shows frame N in scene frame N is then in step with them. The values are the engine's own at its lattice.
+    Cells are in scene units, values in N/m³ and, where the field has a wind, m/s, with the field object's strength applied; each grid says
+    its unit.
 
     Raises:
         UsageError: when this Blender has no OpenVDB, or the field's values are gone.

@@ -10,6 +10,7 @@ import re
 import bpy
 
 from ..field.node_groups import FRAMES_PER_PICTURE, get_input, modifier_input, set_input
+from ..field.texture.tree import remove_texture
 
 OF_RESULTS = ("First Frame", "Length", FRAMES_PER_PICTURE)
 """Inputs of our modifiers that follow from the results; the others (density, slice, confidence shown) are the user's."""
@@ -35,6 +36,8 @@ def renew(former: bpy.types.Object, new: bpy.types.Object) -> bpy.types.Object:
     _take_place(former, new)
     if new.field is not None and new.field.type != "NONE" and former.field is not None:
         _copy(new.field, former.field)
+        replaced, former.field.texture = former.field.texture, new.field.texture
+        remove_texture(replaced)
     for key, value in new.items():
         if key.startswith("seeing_wind"):
             former[key] = value

@@ -18,7 +18,7 @@ from ..field.arrows import create_arrows
 from ..field.conform import conform
 from ..field.display import is_field
 from ..field.field_object import create_field_object
-from ..field.fit.lattice import SampledField
+from ..field.lattice import SampledField
 from ..field.legend import create_legend
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
@@ -87,7 +87,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     collection = _collection(scene, settings.field_object)
     wind = create_field_object(
         scene, "Recovered Wind", SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes), fps=field.fps, density=field.density,
-        frame_start=settings.frame_start, resolution=settings.field_resolution, reach=settings.field_reach, take=folder,
+        frame_start=settings.frame_start, reach=settings.field_reach, take=folder,
         kind=settings.field_kind, speeds=(blown.mean, blown.gust) if blown else (0.0, 0.0), drag=blown.drag if blown else 0.0,
         collection=collection,
     )  # fmt: skip

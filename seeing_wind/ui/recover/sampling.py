@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...engine.take import Take, alive
-from ..field.fit.lattice import fine_lattice, lattice
+from ..field.lattice import fine_lattice, lattice
 from ..job import worker
 from ..job.take_reading import field_summary, trajectory
 from ..job.worker_command import command, environment

@@ -109,10 +109,10 @@ def test_calibrate_takes_the_active_object_and_reports(scene):
         bpy.ops.seeing_wind.calibrate()
     cloth = obj.modifiers.new("Cloth", "CLOTH")
     assert bpy.ops.seeing_wind.calibrate(density=200.0) == {"FINISHED"}
-    weight = cloth.settings.effector_weights.wind
+    weight = cloth.settings.effector_weights.texture
     assert bpy.ops.seeing_wind.calibrate(object=obj.name) == {"FINISHED"}
     # the recovered density is 700: a heavier sheet feels less
-    assert cloth.settings.effector_weights.wind / weight == pytest.approx(200.0 / 700.0, rel=1e-5)
+    assert cloth.settings.effector_weights.texture / weight == pytest.approx(200.0 / 700.0, rel=1e-5)
     with pytest.raises(RuntimeError, match="no object 'Nobody'"):
         bpy.ops.seeing_wind.calibrate(object="Nobody")
     bpy.data.objects.remove(scene.seeing_wind.field_object)

@@ -12,7 +12,7 @@ import pytest
 from seeing_wind.ui.field.conform import set_stride
 from seeing_wind.ui.field.display import out_of_time, said_of_speed
 from seeing_wind.ui.field.field_object import create_field_object
-from seeing_wind.ui.field.fit.lattice import SampledField, fine_lattice
+from seeing_wind.ui.field.lattice import SampledField, fine_lattice
 from seeing_wind.ui.field.samples import samples_of
 from seeing_wind.ui.field.solvers.calibration import calibrate_object
 from tests.ui.jobs import cube, recover
@@ -26,7 +26,7 @@ def numbered(scene: bpy.types.Scene, force: float = 0.0) -> bpy.types.Object:
     values = np.zeros((FRAMES, len(nodes), 3))
     values[..., 2] = force or np.arange(FRAMES)[:, None]
     sampled = SampledField(nodes, values, np.ones(values.shape[:2]))
-    return create_field_object(scene, "Wind", sampled, fps=FPS, density=DENSITY, frame_start=START, resolution=5, reach="HOLD")
+    return create_field_object(scene, "Wind", sampled, fps=FPS, density=DENSITY, frame_start=START, reach="HOLD")
 
 
 def felt(field: bpy.types.Object, scene: bpy.types.Scene, frame: float) -> float:
@@ -93,9 +93,9 @@ def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> Non
     assert bpy.ops.seeing_wind.conform() == {"FINISHED"}
     assert np.allclose([[shown(obj, t) for t in times] for obj in (settings.recovered_object, box)], before, atol=1e-4)
     assert scene.frame_end == settings.frame_start + 15
-    # what is loaded and fitted later keeps it
+    # what is loaded and made again later keeps it
     bpy.ops.seeing_wind.build_scene()
-    bpy.ops.seeing_wind.fit_field()
+    bpy.ops.seeing_wind.apply_to_field()
     assert settings.field_object["seeing_wind_stride"] == 1.25
     assert np.allclose([shown(settings.recovered_object, t) for t in times], before[0], atol=1e-4)
     # keyframes of the strength are read at the time of each picture

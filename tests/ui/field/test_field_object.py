@@ -9,13 +9,12 @@ from mathutils import Euler, Vector
 
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui.field.arrows import create_arrows, ramp_colours
-from seeing_wind.ui.field.field_object import create_field_object, fit_again
-from seeing_wind.ui.field.fit.choose import CONTINUE, FADE, HOLD, RESOLUTIONS, beside, fit_field
-from seeing_wind.ui.field.fit.kernels import evaluate, paired_directions
-from seeing_wind.ui.field.fit.lattice import SampledField, differences, fine_lattice, lattice
+from seeing_wind.ui.field.field_object import create_field_object, make_again
+from seeing_wind.ui.field.lattice import SampledField, differences, fine_lattice, lattice
 from seeing_wind.ui.field.node_groups import set_input
 from seeing_wind.ui.field.samples import read_samples, samples_of
-from seeing_wind.ui.field.solvers.calibration import calibrate_particles
+from seeing_wind.ui.field.solvers.particles import calibrate_particles
+from seeing_wind.ui.field.texture.reach import CONTINUE, FADE, HOLD, beside, left_of, reach_of
 
 DEGREES, RELATIVE = 2.0, 0.05
 
@@ -32,41 +31,43 @@ def sampled(half_size: float, length: float) -> SampledField:
     return SampledField(nodes, curved(nodes, half_size, length), np.ones((1, len(nodes))))
 
 
-@pytest.mark.parametrize("half_size", [0.03, 0.4, 4.0])
+@pytest.mark.parametrize("half_size", [0.03, 0.4, 40.0])
 @pytest.mark.parametrize("reach", [FADE, HOLD, CONTINUE])
-def test_the_error_that_a_fit_says_is_the_one_it_has(half_size: float, reach: str):
-    """At places that neither the fit nor its own measurement saw, against the field itself."""
-    fit = fit_field(sampled(half_size, 2.5), 7, reach)
-    elsewhere = half_size * np.random.default_rng(3).uniform([-1.0, -1.0, -0.7], [1.0, 1.0, 0.7], (500, 3))
-    found = evaluate(fit.places, fit.vectors, elsewhere, fit.power)
-    angle, size = differences(found, curved(elsewhere, half_size, 2.5))
-    assert fit.angle == pytest.approx(angle, rel=0.35) and fit.size == pytest.approx(size, rel=0.35)
-    assert angle < 3.0 and size < 0.06
+def test_solvers_feel_the_lattice_inside_and_beside_its_box(scene, checks, half_size: float, reach: str):
+    """Place by place, in three pictures, and turned as the object is. What feels it is heavy and stays where it is."""
+    nodes = lattice(half_size * np.array([[-1.0, -0.5, -0.7], [1.0, 0.5, 0.7]]), 5)
+    values = np.random.default_rng(0).normal(size=(3, len(nodes), 3))
+    known = SampledField(nodes, values, np.ones(values.shape[:2]))
+    field = create_field_object(scene, "Wind", known, fps=24.0, density=1e5, frame_start=4, reach=reach)
+    turn = Euler((0.4, -1.0, 2.0)).to_matrix()
+    field.rotation_euler = turn.to_euler()
+    rng = np.random.default_rng(1)
+    places = np.concatenate([rng.uniform(-1.2, 1.2, (60, 3)), rng.uniform(-4.0, 4.0, (30, 3)), known.box / half_size]) * half_size
+    share = left_of(reach_of(reach, known.box), beside(known.box, places))
+    for frame, picture in ((1, 0), (5, 1), (50, 2)):
+        truth = known.at(places)[picture] * share[:, None] @ np.array(turn).T
+        _, found = checks["released_accelerations"](scene, field, places @ np.array(turn).T, frame)
+        assert np.allclose(1e5 * found, truth, atol=2e-3)
+    assert (share[-2:] == 1.0).all() and (share.min() == 1.0) == (reach == HOLD)
 
 
-def test_nodes_are_as_many_as_the_field_needs():
-    chosen = [fit_field(sampled(0.4, length), 0, CONTINUE) for length in (8.0, 1.8, 1.2)]
-    assert chosen[0].resolution == RESOLUTIONS[0] < chosen[1].resolution < chosen[2].resolution, "finer waves, more nodes"
-    assert all(fit.angle < 1.0 and fit.size < 0.02 for fit in chosen[:2])
-    # noise has no sources at all: more nodes do not help it, and are not taken
-    nodes = fine_lattice(np.array([[0.0] * 3, [1.0] * 3]))
-    noise = np.random.default_rng(0).normal(size=(2, len(nodes), 3))
-    assert fit_field(SampledField(nodes, noise, np.ones((2, len(nodes)))), 0, CONTINUE).resolution < RESOLUTIONS[-1]
+def test_a_field_fades_over_the_same_share_of_its_box_at_every_size():
+    for side in (0.1, 1.0, 10.0):
+        box = np.array([[0.0] * 3, [side, 0.5 * side, side]])
+        away = side * np.array([0.0, 0.1, 0.3, 0.75, 2.0])
+        fades, continues = (left_of(reach_of(kind, box), away) for kind in (FADE, CONTINUE))
+        assert fades[0] == continues[0] == 1.0 and (np.diff(fades) <= 0.0).all() and (np.diff(continues) < 0.0).all()
+        assert fades[2] == pytest.approx(0.648) and (fades[3:] == 0.0).all() and 0.1 < continues[-1] < 0.9
 
 
-def test_the_wind_beside_the_box_fades_holds_or_continues():
-    field, rng = sampled(0.4, 2.5), np.random.default_rng(5)
-    inside = np.linalg.norm(field.force, axis=-1).mean()
-    around = rng.uniform(-8.0, 8.0, (4000, 3)) * 0.4
-    far = beside(field.box, around)
-    left = {}
-    for reach in (FADE, HOLD, CONTINUE):
-        fit = fit_field(field, 9, reach)
-        strength = np.linalg.norm(evaluate(fit.places, fit.vectors, around, fit.power)[0], axis=-1) / inside
-        left[reach] = [strength[(far > low * 0.8) & (far < high * 0.8)].mean() for low, high in ((0.05, 0.2), (0.6, 1.0), (1.5, 3.0))]
-    assert left[FADE][0] > 0.4 and left[FADE][1] < 0.25 and left[FADE][2] < 0.1
-    assert 0.8 < left[HOLD][0] < 1.2 and 0.6 < left[HOLD][1] < 1.3
-    assert left[CONTINUE][2] > 3.0 * left[FADE][2]
+@pytest.mark.parametrize("length", [4.0, 1.5])
+def test_the_error_that_a_lattice_says_is_the_one_it_has(length: float):
+    """At places between the nodes, against the field itself."""
+    known = sampled(0.4, length)
+    elsewhere = np.random.default_rng(3).uniform(*known.box, (2000, 3))
+    angle, size = differences(known.at(elsewhere), curved(elsewhere, 0.4, length))
+    said = known.error_between_nodes()
+    assert said[0] == pytest.approx(angle, rel=0.2) and said[1] == pytest.approx(size, rel=0.2)
 
 
 def test_a_lattice_is_thinned_as_far_as_it_says_the_same():
@@ -76,15 +77,6 @@ def test_a_lattice_is_thinned_as_far_as_it_says_the_same():
     angle, size = differences(smooth.thinned().at(places), smooth.at(places))
     assert angle < 0.5 and size < 0.01
     assert np.allclose(smooth.at(smooth.box[:1] - 1.0), smooth.force[:, :1]), "beside the box its nearest place counts"
-
-
-def test_two_unit_vectors_encode_a_magnitude():
-    vectors = np.random.default_rng(0).normal(size=(3, 5, 3))
-    vectors[0, 0] = 0.0
-    strength = 0.5 * np.linalg.norm(vectors, axis=-1).max()
-    pairs = paired_directions(vectors, strength)
-    assert np.allclose(np.linalg.norm(pairs, axis=-1), 1.0)
-    assert np.allclose(strength * pairs.reshape(3, 5, 2, 3).sum(axis=2), vectors, atol=1e-12)
 
 
 def test_lattice_fills_a_flat_box_evenly():
@@ -168,25 +160,72 @@ def test_field_is_refused_when_arrays_do_not_agree(scene):
     assert not bpy.data.objects and not bpy.data.meshes
 
 
-def test_fitting_again_keeps_place_strength_and_values(scene, checks):
-    """With other nodes and another reach; native particles and the arrows' drivers feel the user's strength as before."""
-    field = checks["swirl_field"](scene, 5)
-    said = tuple(field["seeing_wind_error"])
+def test_another_reach_keeps_place_strength_and_values(scene, checks):
+    """Native particles and the arrows' drivers feel the user's strength as before, and nothing of the former texture is left."""
+    field = checks["swirl_field"](scene)
     field.field.strength *= 1.5
     field.location.x += 0.25
     before = read_samples(samples_of(field)).force
-    fit_again(field, 9, HOLD)
-    assert (field["seeing_wind_nodes"], field["seeing_wind_reach"]) == (9, "HOLD")
-    fit_again(field, 9, CONTINUE)
-    assert field["seeing_wind_reach"] == "CONTINUE" and tuple(field["seeing_wind_error"]) < said
+    parts = [len(each) for each in (bpy.data.textures, bpy.data.images, bpy.data.meshes, bpy.data.node_groups)]
+    for reach in (HOLD, CONTINUE):
+        make_again(field, reach)
+        assert field["seeing_wind_reach"] == reach
+    assert parts == [len(each) for each in (bpy.data.textures, bpy.data.images, bpy.data.meshes, bpy.data.node_groups)]
     assert np.array_equal(read_samples(samples_of(field)).force, before)
-    assert [modifier.type for modifier in field.modifiers] == ["NODES"] and len(bpy.data.meshes) == 2
+    assert [modifier.type for modifier in field.modifiers] == ["NODES"]
     # the home of the probes is where the field stands now
     points = np.array([[0.45, 0.0, 0.5], [0.3, -0.3, 0.8]])
     places, found = checks["released_accelerations"](scene, field, points, checks["FRAME_START"] + 2)
     truth = 1.5 * checks["swirl"](places - [0.25, 0.0, 0.0], 2) / checks["DENSITY"]
     angle, size = checks["worst_errors"](found, truth)
     assert angle < 0.5 and size < 0.01
+
+
+def test_keyed_strength_and_direction_are_felt_frame_by_frame(scene, checks):
+    """The strength doubles and the field turns round Z while particles fly: each frame has its own."""
+    nodes = lattice(np.array([[-9.0] * 3, [9.0] * 3]), 3)
+    values = np.broadcast_to([30.0, 0.0, 0.0], (2, len(nodes), 3))
+    field = create_field_object(scene, "Wind", SampledField(nodes, values, np.ones((2, len(nodes)))), fps=24.0, density=10.0)
+    start = field.field.strength
+    for frame in range(1, 8):
+        field.field.strength = start * frame
+        field.field.keyframe_insert("strength", frame=frame)
+        field.rotation_euler.z = 0.3 * frame
+        field.keyframe_insert("rotation_euler", index=2, frame=frame)
+    for frame in (2, 5):
+        _, found = checks["released_accelerations"](scene, field, np.zeros((3, 3)), frame)
+        # the step to a frame has what stands there
+        now = frame + 1
+        assert np.allclose(found, 3.0 * now * np.array([np.cos(0.3 * now), np.sin(0.3 * now), 0.0]), rtol=1e-3, atol=1e-3)
+
+
+def test_several_solvers_feel_one_field_at_once(scene, checks):
+    """Blender works on objects side by side; texture nodes were not made for that, and a step or two in ten thousand is off."""
+    field = checks["swirl_field"](scene)
+    rng, emitters = np.random.default_rng(0), []
+    mesh = bpy.data.meshes.new("Emitter")
+    mesh.from_pydata(rng.uniform(*checks["BOX"], (500, 3)).tolist(), [], [])
+    for _ in range(4):
+        emitter = bpy.data.objects.new("Emitter", mesh)
+        scene.collection.objects.link(emitter)
+        settings = emitter.modifiers.new("Particles", "PARTICLE_SYSTEM").particle_system.settings
+        settings.count, settings.emit_from, settings.use_emit_random, settings.lifetime = 500, "VERT", False, 100.0
+        settings.normal_factor, settings.frame_start, settings.frame_end = 0.0, 1, 1
+        calibrate_particles(settings, field)
+        emitters.append(emitter)
+    for frame in range(1, 12):
+        scene.frame_set(frame)
+    places = []
+    for emitter in emitters:
+        system = emitter.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0]
+        places.append(np.array([particle.location[:] for particle in system.particles]))
+    far = np.linalg.norm(places[0] - np.array(mesh_places(mesh)), axis=1).mean()
+    apart = np.linalg.norm(np.array(places) - np.median(places, axis=0), axis=-1)
+    assert (apart > 1e-4 * far).mean() < 0.02 and apart.max() < 0.3 * far
+
+
+def mesh_places(mesh: bpy.types.Mesh) -> list[tuple[float, float, float]]:
+    return [tuple(vertex.co) for vertex in mesh.vertices]
 
 
 def test_calibration_refuses_what_blender_cannot_weigh(scene, checks):
@@ -264,7 +303,7 @@ def test_density_and_slice_choose_arrows(scene):
 
 
 def test_arrows_and_their_colours_follow_strength_and_the_field_object(scene, checks):
-    field = checks["swirl_field"](scene, 4)
+    field = checks["swirl_field"](scene)
     points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
     arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (2, 2, 1)), length=0.5, peak=5.0, parent=field)
     before = _drawn(arrows)[0]
@@ -277,7 +316,7 @@ def test_arrows_and_their_colours_follow_strength_and_the_field_object(scene, ch
     assert np.allclose(ramp_colours(np.array([1.0])), [[1.0, 0.0, 0.0]])
 
 
-# -- what Recover makes by itself: as many nodes as the field needs, and a fade beside the box ---------------------------------------
+# -- what Recover makes: values at the engine's lattice, and a fade beside the box ---------------------------------------------------
 
 
 def waves(points: np.ndarray, frame: int) -> np.ndarray:
@@ -306,4 +345,4 @@ def test_particles_far_from_the_filmed_body_are_left_alone(scene, checks, wavy):
     away = np.array([[0.3, 2.5, 0.5], [-3.0, 0.0, 0.5], [0.3, 0.0, 4.0]])
     _, found = checks["released_accelerations"](scene, wavy, np.concatenate([inside, away]), 1)
     strength = np.linalg.norm(found, axis=1)
-    assert strength[2:].max() < 0.12 * strength[:2].mean()
+    assert strength[2:].max() < 1e-4 * strength[:2].mean()

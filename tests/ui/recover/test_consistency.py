@@ -34,6 +34,12 @@ def cube(name: str) -> bpy.types.Object:
     return bpy.context.object
 
 
+def changed_calibration(**values: object) -> None:
+    """Change what is kept of the first calibration."""
+    for name, value in values.items():
+        setattr(bpy.context.scene.seeing_wind.calibrations[0], name, value)
+
+
 def plain(group: bpy.types.PropertyGroup) -> dict:
     """All properties of a group as plain values, also those of collections and the names of datablocks."""
     values = {}
@@ -64,7 +70,7 @@ def snapshot() -> dict:
             "curves": keyframes(obj) + (keyframes(key) if key else []),
             "modifiers": [(modifier.name, modifier.show_viewport) for modifier in obj.modifiers],
             "hidden": (obj.hide_viewport, obj.hide_render, obj.is_shadow_catcher),
-            "weights": [round(m.settings.effector_weights.wind, 4) for m in obj.modifiers if m.type == "CLOTH"],
+            "weights": [round(m.settings.effector_weights.texture, 4) for m in obj.modifiers if m.type == "CLOTH"],
         }
     scene = bpy.context.scene
     return {"settings": plain(scene.seeing_wind), "objects": objects, "render": (scene.render.engine, scene.render.film_transparent)}
@@ -113,10 +119,10 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("bake there", lambda: ops.bake()),
         ("remove edit", lambda: ops.remove_edit()),
         ("load", lambda: setattr(bpy.context.scene.seeing_wind, "frame_start", 3) or ops.build_scene()),
-        ("fit", lambda: setattr(bpy.context.scene.seeing_wind, "field_reach", "HOLD") or ops.fit_field()),
+        ("apply", lambda: setattr(bpy.context.scene.seeing_wind, "field_reach", "HOLD") or ops.apply_to_field()),
         ("guess", lambda: ops.use_guess()),
         ("calibrate", lambda: ops.calibrate(object="Cloth")),
-        ("calibrate again", lambda: setattr(bpy.context.scene.render, "fps", 50) or ops.calibrate_again()),
+        ("calibrate again", lambda: changed_calibration(density=300.0, wind=True) or ops.calibrate_again()),
         ("conform", lambda: ops.conform()),
         ("composite", lambda: ops.set_up_composite(floor=True)),
     ]

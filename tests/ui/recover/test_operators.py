@@ -22,7 +22,7 @@ pytestmark = pytest.mark.usefixtures("stand_in")
 def test_recover_builds_the_scene(workplace, scene) -> None:
     assert recover(workplace) == {"FINISHED"}
     settings = scene.seeing_wind
-    assert settings.field_object.field.type == "WIND" and settings.field_object["seeing_wind_density"] == 700.0
+    assert settings.field_object.field.type == "TEXTURE" and settings.field_object["seeing_wind_density"] == 700.0
     assert scene.camera is settings.camera_object and scene.camera.data.background_images[0].clip.size[0] == 96
     assert (scene.frame_start, scene.frame_end) == (1, 13) and scene.render.fps == 24
     recovered = settings.recovered_object
@@ -197,7 +197,7 @@ def test_results_survive_undo_save_and_load(workplace, scene, tmp_path) -> None:
     assert scene.seeing_wind.field_object is None and now(scene)["recover"].state == "idle"
     bpy.ops.ed.redo()
     scene = bpy.context.scene
-    assert scene.seeing_wind.field_object.field.type == "WIND" and now(scene)["recover"].state == "done"
+    assert scene.seeing_wind.field_object.field.type == "TEXTURE" and now(scene)["recover"].state == "done"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))

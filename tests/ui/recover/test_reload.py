@@ -130,4 +130,4 @@ def test_what_was_deleted_is_made_anew(recovered, name: str) -> None:
     bpy.ops.seeing_wind.build_scene()
     assert all(obj is not None and obj.name in recovered.objects for obj in made(recovered))
     field = recovered.seeing_wind.field_object
-    assert field.field.type == "WIND" and field.field.shape == "POINTS" and recovered.seeing_wind.arrows_object.parent == field
+    assert field.field.type == "TEXTURE" and field.field.shape == "POINTS" and recovered.seeing_wind.arrows_object.parent == field

@@ -1,6 +1,10 @@
 """Blender's own solvers in the field: matter of density rho accelerates by f / rho.
 
-calibration    particles, hair, cloth, rigid bodies: their effector weights
+calibration    all solvers of an object, one after the other
+matter         what a calibration needs, and the weight of a field
+particles      particles and hair
+cloth          cloth
+rigid_body     rigid bodies
 in_wind        cloth and particles in moving air
 physics_nodes  Blender 5.2's physics nodes: a companion object that feeds them
 """

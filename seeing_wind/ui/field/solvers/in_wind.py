@@ -1,8 +1,8 @@
 """Blender's cloth and particles in a wind: they are pushed by the air's velocity relative to their own, w = u - v, over their own area.
 
-Blender's wind pushes a face by 0.02 W A ((S / fps - F v) . n) n, and a particle by W (S - F v): W is the effector weight, S the field's
-strength, A the area, n the normal, fps frames per second of the scene, v the velocity (of cloth per frame, of particles per second), F the
-field's flow times its falloff (measured in Blender 4.5). With S = u and F = 1 that is w, so bodies reach the wind's speed and no more.
+Blender's texture force field with S = u pushes a face by 0.02 W A (u . n) n, and a particle by W u. It knows nothing of v; that is what a
+companion of the field object does, a wind of no strength: its *Flow* F pushes a face by -0.02 W' F A (v . n) n, with v of cloth per frame,
+and a particle by -W' F v. W and W' are the weights of texture and of wind fields (measured in Blender 4.5 and 5.2).
 
 The drag of air is quadratic, half rho C |w| (w . n) n; Blender's is linear, so the factor |w| is held at one speed: that at which a body at
 rest in this wind feels the same in the mean (`field_object.linear_drag`). Nothing pushes along a face, where air rubs only lightly.
@@ -15,8 +15,12 @@ import math
 import bpy
 
 from ....engine.errors import UsageError
-from ..display import DRAG, FLOW, LINEAR, share
+from ..display import BLOWS, DRAG, LINEAR, share
 
+SLOWS = "seeing_wind_slows"
+"""Custom property of the companion that slows what moves: the field object."""
+FLOW = 10.0
+"""Of the companion: as much as Blender takes, so that weights of wind fields stay small."""
 SPHERE = 2.0 / 3.0
 """Drag of a sphere over that of its disk, by the same law: pressure on its windward half."""
 COARSE = 0.5
@@ -45,9 +49,27 @@ def rate_of_spheres(field: bpy.types.Object, density: float, radius: float) -> f
     return field[DRAG] * held_speed(field) * SPHERE * math.pi * radius**2 / (density * 4.0 / 3.0 * math.pi * radius**3)
 
 
-def let_flow(field: bpy.types.Object, clip_fps: float, scene_fps: float) -> None:
-    """Let a body's own velocity count as the air's does: cloth moves per frame, and a frame is a picture of the clip."""
-    field.field.flow = field[FLOW][0] * clip_fps / scene_fps
+def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Object:
+    """The companion of a field object that slows what moves in its wind, made and linked to the scene where there is none."""
+    found = next((obj for obj in scene.objects if obj.get(SLOWS) == field), None)
+    if found is not None:
+        return found
+    obj = bpy.data.objects.new(f"{field.name} Still Air", None)
+    obj[SLOWS] = field
+    home = next((each for each in field.users_collection if each.library is None), scene.collection)
+    home.objects.link(obj)
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0], object=obj, active_object=obj):
+        bpy.ops.object.forcefield_toggle()
+    air = obj.field
+    air.type, air.shape, air.strength, air.falloff_power, air.wind_factor, air.noise = "WIND", "POINT", 0.0, 0.0, 1.0, 0.0
+    air.use_absorption, air.apply_to_rotation = False, False
+    obj.parent, obj.empty_display_size, obj.hide_select = field, 0.01, True
+    # only where solvers feel the wind, and not the force
+    driver = obj.driver_add("field.flow").driver
+    variable = driver.variables.new()
+    variable.name, variable.targets[0].id, variable.targets[0].data_path = "blows", field, f'["{BLOWS}"]'
+    driver.expression = f"{FLOW:g}*blows"
+    return obj
 
 
 def said_of_drag(field: bpy.types.Object, rate: float, substeps_per_second: float) -> str:
@@ -55,7 +77,7 @@ def said_of_drag(field: bpy.types.Object, rate: float, substeps_per_second: floa
     speed, off = held_speed(field), 100.0 * field[LINEAR][1]
     said = (
         f"Blender's drag is linear: right at {speed:.2g} m/s relative to the air, {off:.0f} % off on what stands still in this wind, "
-        f"twice too strong at {0.5 * speed:.2g} m/s; what moves with the wind is right within {100.0 * field[FLOW][1]:.0f} % of its speed"
+        f"twice too strong at {0.5 * speed:.2g} m/s"
     )
     if rate > COARSE * substeps_per_second:
         said += f". Its steps are too coarse for so light a body: take {math.ceil(rate / (COARSE * substeps_per_second))} times as many"

@@ -1,4 +1,4 @@
-"""A field on a regular lattice, as the engine gave it: what Geometry Nodes and exports read, and what wind sources are fitted to."""
+"""A field on a regular lattice, as the engine gave it: what solvers, Geometry Nodes and exports read. NumPy only."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....engine.errors import UsageError
-from ..display import FORCE, WIND
+from ...engine.errors import UsageError
+from .display import FORCE, WIND
 
 CELLS = 24
 """Cells along a box's longest side at which the engine is asked. On a recovered field with waves shorter than the body, linear
@@ -110,7 +110,7 @@ class SampledField:
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
 
     def felt_as(self, kind: str) -> SampledField:
-        """The field that the sources are to carry: its velocity in place of the force where `kind` is WIND."""
+        """The field that solvers are to feel: its velocity in place of the force where `kind` is WIND."""
         return self if kind != WIND else SampledField(self.points, self.velocity, self.confidence)
 
     def at(self, places: np.ndarray) -> np.ndarray:
@@ -139,6 +139,17 @@ class SampledField:
             if angle >= ENOUGH[0] or size >= ENOUGH[1]:
                 return self
         return coarse.thinned()
+
+    def error_between_nodes(self) -> tuple[float, float]:
+        """How far linear interpolation is off the field: mean angle [degrees] and mean relative error of the size, estimated.
+
+        Each second node is left out, and what the others say there is compared with its value. At twice the spacing that error is four
+        times as large; over all nodes its mean is then three times that over the whole box at the own spacing.
+        """
+        keep = np.arange(len(self.points)).reshape(self.counts)[tuple(slice(None, None, 2 if count % 2 else 1) for count in self.counts)]
+        coarse = SampledField(self.points[keep.ravel()], self.force[:, keep.ravel()], self.confidence[:, keep.ravel()])
+        angle, size = differences(coarse.at(self.points), self.force)
+        return angle / 3.0, size / 3.0
 
 
 def _sides(box: np.ndarray) -> np.ndarray:

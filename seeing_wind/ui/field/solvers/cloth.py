@@ -1,0 +1,99 @@
+"""Blender's cloth in a field object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from ....engine.errors import UsageError
+from ..display import is_wind
+from .in_wind import FLOW, rate_of_cloth, said_of_drag, still_air
+from .matter import WEIGHT_LIMIT, Matter
+
+CLOTH_FACTOR = 0.02
+"""Blender's own constant in what cloth makes of a force."""
+STIFF = 4.0
+"""Above this stiffness over mass per substep² Blender's cloth solver stops early and loses percents of the force (measured: 7 % at 12)."""
+
+
+def cloth(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool) -> Iterator[str]:
+    """The cloth of an object, and a line that says what was set."""
+    modifier = next((modifier for modifier in obj.modifiers if modifier.type == "CLOTH"), None)
+    if modifier is None:
+        return
+    settings = modifier.settings
+    area, vertices = _area_before(obj, modifier)
+    if is_wind(what.field):
+        yield _cloth_in_wind(obj, settings, area, vertices, what)
+        return
+    mass = settings.mass * vertices
+    weight = mass / (CLOTH_FACTOR * area * what.density * what.clip_fps**2 * settings.time_scale**2)
+    what.weigh(settings.effector_weights, weight, "Give the cloth a smaller vertex mass, or name a higher density.")
+    what.fall(settings.effector_weights, settings.time_scale)
+    settings.air_damping = 0.0
+    line = (
+        f"Cloth: right for the whole sheet of {vertices} vertices; calibrate again when its mesh or mass changes. Blender pushes faces but "
+        "weighs vertices, so vertices at the rim feel half, those inside a little more than their share"
+    )
+    yield line + _said_of_stiffness(settings)
+
+
+def _said_of_stiffness(settings: bpy.types.ClothSettings) -> str:
+    if settings.tension_stiffness <= STIFF * settings.mass * settings.quality**2:
+        return ""
+    enough = int(np.ceil(np.sqrt(settings.tension_stiffness / (STIFF * settings.mass))))
+    return f". It is so stiff for its mass that the solver stops early: raise Quality Steps to {enough}"
+
+
+def _cloth_in_wind(obj: bpy.types.Object, settings: bpy.types.ClothSettings, area: float, vertices: int, what: Matter) -> str:
+    """A sheet of the areal density, whatever its vertices weigh in Blender: only what pushes over what is pushed counts."""
+    if settings.time_scale != 1.0:
+        raise UsageError(f"The cloth {obj.name} runs at a speed of {settings.time_scale:g}.", "Set its Speed Multiplier to 1.")
+    rate = rate_of_cloth(what.field, what.areal_density)
+    weight = rate * settings.mass * vertices / (CLOTH_FACTOR * area * what.clip_fps**2)
+    # a cloth's velocity is per frame
+    slowing = weight * what.clip_fps / FLOW
+    # a smaller vertex mass would make the cloth so stiff for it that Blender's solver stops early and loses half of the push
+    times = max(1.0, weight / WEIGHT_LIMIT, slowing / WEIGHT_LIMIT)
+    what.weigh(settings.effector_weights, weight / times, "Give the cloth a smaller vertex mass.")
+    settings.effector_weights.all, settings.effector_weights.wind = times, slowing / times
+    still_air(bpy.context.scene, what.field)
+    said = f"Cloth: {what.areal_density:g} kg/m² in the wind. "
+    if times > 1.0:
+        said += f"Its weight All multiplies the others, as one ends at {WEIGHT_LIMIT:g}: other force fields push {times:.3g} times. "
+    what.fall(settings.effector_weights)
+    settings.air_damping = 0.0
+    return said + said_of_drag(what.field, rate, what.clip_fps * settings.quality) + _said_of_stiffness(settings)
+
+
+def _area_before(obj: bpy.types.Object, cloth: bpy.types.Modifier) -> tuple[float, int]:
+    """Area [scene units²] and vertices of the mesh that a cloth modifier gets, in the world.
+
+    Raises:
+        UsageError: when it has no faces.
+    """
+    behind = list(obj.modifiers)[obj.modifiers.find(cloth.name) :]
+    shown = [modifier.show_viewport for modifier in behind]
+    for modifier in behind:
+        modifier.show_viewport = False
+    try:
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        evaluated = obj.evaluated_get(depsgraph)
+        mesh = evaluated.to_mesh()
+        mesh.calc_loop_triangles()
+        places = np.empty((len(mesh.vertices), 3), dtype=np.float32)
+        corners = np.empty((len(mesh.loop_triangles), 3), dtype=np.int32)
+        mesh.vertices.foreach_get("co", places.reshape(-1))
+        mesh.loop_triangles.foreach_get("vertices", corners.reshape(-1))
+        matrix = np.array(evaluated.matrix_world)[:3, :3]
+        evaluated.to_mesh_clear()
+    finally:
+        for modifier, was in zip(behind, shown, strict=True):
+            modifier.show_viewport = was
+    a, b, c = (places[corners[:, k]] @ matrix.T for k in range(3))
+    area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    if not area > 0.0:
+        raise UsageError(f"The cloth {obj.name} has no faces.", "Wind pushes faces: use a mesh with some.")
+    return area, len(places)

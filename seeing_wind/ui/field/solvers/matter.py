@@ -1,0 +1,80 @@
+"""What a calibration needs to know, and the weights by which an object feels a field object."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+
+from ....engine.errors import UsageError
+from ..display import frames_per_second, stride_of
+
+WEIGHT_LIMIT = 200.0
+"""Largest effector weight that Blender takes."""
+FRAME_GRAVITY = 1.0e-3
+"""Hair and cloth fall by this times the scene's gravity per frame², whatever the frame rate."""
+SHIRTING = 0.12
+"""Areal density of cotton [kg/m²]."""
+
+
+@dataclass(frozen=True)
+class Matter:
+    """What a field object is to feel like."""
+
+    field: bpy.types.Object
+    density: float
+    """kg/m³."""
+    clip_fps: float
+    """Scene frames in a second of the clip."""
+    scene_fps: float
+    alone: bool
+    """Feel no effector but those of the field object's collection."""
+    areal_density: float
+    """Of cloth in a wind [kg/m²]."""
+
+    def weigh(self, weights: bpy.types.EffectorWeights, weight: float, mend: str) -> None:
+        """Set the weight of texture force fields.
+
+        Raises:
+            UsageError: when Blender takes no such weight.
+        """
+        if not 0.0 < weight <= WEIGHT_LIMIT:
+            raise UsageError(f"The field's weight would have to be {weight:g}, Blender takes up to {WEIGHT_LIMIT:g}.", mend)
+        weights.all, weights.texture = 1.0, weight
+        if self.alone:
+            weights.collection = self.field.users_collection[0]
+
+    def fall(self, weights: bpy.types.EffectorWeights, speed: float = 1.0) -> None:
+        """Make a solver that counts gravity per frame² fall as fast as the clip; gravity that is off stays off."""
+        if weights.gravity:
+            weights.gravity = min(1.0 / (FRAME_GRAVITY * (self.clip_fps * speed) ** 2), WEIGHT_LIMIT)
+
+
+def matter(
+    scene: bpy.types.Scene, field: bpy.types.Object | None, density: float | None = None, alone: bool = False,
+    areal_density: float = SHIRTING,
+) -> Matter:  # fmt: skip
+    """Gather what a calibration needs.
+
+    Args:
+        density: [kg/m³]; None takes that of the recovered material.
+        areal_density: [kg/m²].
+
+    Raises:
+        UsageError: when `field` is no field object or the density is not above zero.
+    """
+    if field is None or "seeing_wind_density" not in field:
+        name = field.name if field is not None else "This"
+        raise UsageError(f"{name} is no recovered force field.", "Choose the object that Recover made.")
+    density = field["seeing_wind_density"] if density is None else density
+    if not density > 0.0:
+        raise UsageError(f"The density {density:g} must be above zero.", "Give kg/m³, or 0 in the panel for the recovered material.")
+    if not areal_density > 0.0:
+        raise UsageError(f"The areal density {areal_density:g} must be above zero.", "Cotton has 0.12 kg/m².")
+    return Matter(field, density, field["seeing_wind_fps"] * stride_of(field), frames_per_second(scene), alone, areal_density)
+
+
+def only_force(solver: str) -> str:
+    """What is said of a solver that feels no speed."""
+    why = "Of a wind Blender lets only cloth and particles feel the speed"
+    return f"{solver}: not set. {why}: let solvers feel the Force, then Apply to Field"

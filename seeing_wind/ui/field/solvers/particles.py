@@ -1,0 +1,84 @@
+"""Blender's particles and hair in a field object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+
+from ...scene_units import metres_per_unit
+from ..display import is_wind
+from .in_wind import FLOW, rate_of_spheres, said_of_drag, still_air
+from .matter import Matter, matter, only_force
+
+HAIR_FACTOR = 0.01
+"""Blender's own constant in what hair makes of a force."""
+
+
+def calibrate_particles(
+    settings: bpy.types.ParticleSettings,
+    field: bpy.types.Object,
+    *,
+    mass: float | None = None,
+    density: float | None = None,
+    alone: bool = False,
+) -> None:
+    """Let a particle system feel a field object: every particle accelerates by f / density [m/s²].
+
+    Args:
+        settings: changed: mass, the weight of texture force fields, the time step (one frame = one picture of the clip).
+        field: made by `create_field_object`.
+        mass: of a particle [kg]; None keeps the present one. It does not change the acceleration.
+        density: [kg/m³]; None takes that of the recovered material.
+        alone: feel no effector but those in the field object's collection.
+
+    Raises:
+        UsageError: when `field` is no field object, or the volume mass / density is beyond Blender's weights.
+    """
+    what = matter(bpy.context.scene, field, density, alone)
+    if mass is not None:
+        settings.mass = mass
+    per_mass = 1.0 / what.density if not is_wind(field) else rate_of_spheres(field, what.density, _radius(settings))
+    what.weigh(settings.effector_weights, settings.mass * per_mass, "Give the particles a smaller mass.")
+    settings.physics_type = "NEWTON"
+    settings.use_multiply_size_mass = False
+    settings.timestep = 1.0 / what.clip_fps
+    settings.drag_factor = settings.damping = 0.0
+
+
+def particles(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool) -> Iterator[str]:
+    """Particle systems and hair of an object, a line for each."""
+    for system in obj.particle_systems:
+        if system.settings.type == "HAIR":
+            yield only_force(f"Hair {system.name}") if is_wind(what.field) else _hair(system, what)
+            continue
+        calibrate_particles(system.settings, what.field, density=what.density, alone=what.alone)
+        if is_wind(what.field):
+            yield _in_wind(system, what)
+        else:
+            yield f"Particles {system.name}: matter of {what.density:g} kg/m³, drag off (it is in the field already)"
+
+
+def _in_wind(system: bpy.types.ParticleSystem, what: Matter) -> str:
+    radius = _radius(system.settings)
+    weights = system.settings.effector_weights
+    weights.wind = weights.texture / FLOW  # a particle's velocity is per second
+    still_air(bpy.context.scene, what.field)
+    said = said_of_drag(what.field, rate_of_spheres(what.field, what.density, radius), what.clip_fps * (1 + system.settings.subframes))
+    return f"Particles {system.name}: balls of {2000.0 * radius:.3g} mm and {what.density:g} kg/m³ in the wind. {said}"
+
+
+def _radius(settings: bpy.types.ParticleSettings) -> float:
+    """Of a particle as it is drawn [m]."""
+    return settings.particle_size * metres_per_unit(bpy.context.scene)
+
+
+def _hair(system: bpy.types.ParticleSystem, what: Matter) -> str:
+    if not system.use_hair_dynamics or system.cloth is None:
+        return f"Hair {system.name}: does not move until Hair Dynamics is on; switch it on and calibrate again"
+    settings, weights = system.cloth.settings, system.settings.effector_weights  # the cloth's own weights count for nothing here
+    weight = settings.mass / (HAIR_FACTOR * what.density * what.clip_fps**2 * settings.time_scale**2)
+    what.weigh(weights, weight, "Give the hair a smaller mass, or name a higher density.")
+    what.fall(weights, settings.time_scale)
+    settings.air_damping = 0.0
+    return f"Hair {system.name}: strands of {what.density:g} kg/m³; the roots are held"

@@ -1,0 +1,90 @@
+"""Small textures of one color each that follow the scene: the current picture, and how the field object is turned.
+
+Blender reads the numbers in texture nodes once and keeps them, but a texture that a node shows is read anew every time. So what changes
+is the color of such a texture, driven by plain arithmetic, which needs no leave to run scripts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+
+from ..display import STRIDE
+
+COLOR = "color_ramp.elements[0].color"
+"""Where such a texture keeps its color, which Blender keeps from being negative."""
+
+ROWS = (
+    ("1-2*(y*y+z*z)", "2*(x*y-w*z)", "2*(x*z+w*y)"),
+    ("2*(x*y+w*z)", "1-2*(x*x+z*z)", "2*(y*z-w*x)"),
+    ("2*(x*z-w*y)", "2*(y*z+w*x)", "1-2*(x*x+y*y)"),
+)
+"""The rotation matrix of a unit quaternion."""
+
+
+@dataclass(frozen=True)
+class Followers:
+    """Textures of one color each."""
+
+    clock: bpy.types.Texture
+    """Red is how far up the image the current picture is."""
+    axes: tuple[bpy.types.Texture, ...]
+    """Columns of the rotation matrix, plus 1."""
+    base: bpy.types.Texture
+    """1 minus half the sum of the rotation matrix' columns."""
+
+    @property
+    def all(self) -> tuple[bpy.types.Texture, ...]:
+        """Every one of them."""
+        return (self.clock, *self.axes, self.base)
+
+
+def make_followers(field: bpy.types.Object, frames: int, height: float, delay: int) -> Followers:
+    """The textures that follow a field object of so many pictures.
+
+    Args:
+        height: of one picture in the image of all.
+        delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before.
+    """
+    picture = f"{height!r}*floor(min(max((ceil(frame)-{0.5 * delay}-first)/lasts+0.0001,0),{frames - 1}))"
+    clock = _one_color(f"{field.name} Picture")
+    for name, key in (("first", "seeing_wind_frame_start"), ("lasts", STRIDE)):
+        _property(_driver(clock, 0, picture), name, field, f'["{key}"]')
+    axes = tuple(_turned(field, f"{field.name} {'XYZ'[k]}", [f"1+({ROWS[i][k]})" for i in range(3)]) for k in range(3))
+    base = _turned(field, f"{field.name} Turned", [f"1-0.5*({'+'.join(f'({entry})' for entry in row)})" for row in ROWS])
+    return Followers(clock, axes, base)
+
+
+def _one_color(name: str) -> bpy.types.Texture:
+    texture = bpy.data.textures.new(name, "BLEND")
+    texture.use_color_ramp = True
+    elements = texture.color_ramp.elements
+    while len(elements) > 1:
+        elements.remove(elements[-1])
+    return texture
+
+
+def _driver(texture: bpy.types.Texture, channel: int, expression: str) -> bpy.types.Driver:
+    driver = texture.driver_add(COLOR, channel).driver
+    driver.expression = expression
+    return driver
+
+
+def _property(driver: bpy.types.Driver, name: str, obj: bpy.types.ID, path: str) -> None:
+    variable = driver.variables.new()
+    variable.name, variable.targets[0].id, variable.targets[0].data_path = name, obj, path
+
+
+def _turned(field: bpy.types.Object, name: str, expressions: list[str]) -> bpy.types.Texture:
+    """A texture whose color follows the rotation of an object in the world."""
+    texture = _one_color(name)
+    for channel, expression in enumerate(expressions):
+        driver = _driver(texture, channel, expression)
+        for part in "wxyz":
+            variable = driver.variables.new()
+            variable.name, variable.type = part, "TRANSFORMS"
+            target = variable.targets[0]
+            target.id, target.transform_type, target.transform_space = field, f"ROT_{part.upper()}", "WORLD_SPACE"
+            target.rotation_mode = "QUATERNION"
+    return texture

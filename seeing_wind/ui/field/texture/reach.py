@@ -1,0 +1,51 @@
+"""What becomes of a field beside the box in which it is known: the same in the texture that solvers feel and in *Sample Wind*."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FADE, HOLD, CONTINUE = "FADE", "HOLD", "CONTINUE"
+"""It fades to nothing, holds the value of the box's nearest place, or weakens with the distance and never ends."""
+
+FADE_WIDTH = 0.75
+"""Of the box's longest side: over this distance beside it the field fades."""
+
+POWERS = (0.05, 10.0)
+"""Of the falloff of a field that continues; Blender's slider ends at 10."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How a field of one size ends. Lengths in scene units."""
+
+    kind: str
+    width: float
+    """Over which a field that fades does so."""
+    radius: float
+    """Half the box's longest side."""
+    power: float
+    """A field that continues has ((1 + radius) / (1 + radius + distance)) ** power of its strength."""
+
+
+def reach_of(kind: str, box: np.ndarray) -> Reach:
+    """How the field of a box (2, 3) ends. Its power is 0.5 at a radius of 1 unit, and grows as the box shrinks."""
+    side = float(np.ptp(box, axis=0).max())
+    return Reach(kind, FADE_WIDTH * side, 0.5 * side, float(np.clip(1.0 / max(side, 1e-9), *POWERS)))
+
+
+def left_of(reach: Reach, distance: np.ndarray) -> np.ndarray:
+    """Share of the field that is left at distances from the box: 1 at its faces."""
+    if reach.kind == HOLD:
+        return np.ones_like(distance)
+    if reach.kind == CONTINUE:
+        near = 1.0 + reach.radius
+        return (near / (near + distance)) ** reach.power
+    t = np.clip(distance / reach.width, 0.0, 1.0)
+    return 1.0 - t * t * (3.0 - 2.0 * t)
+
+
+def beside(box: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Distance of places (P, 3) from a box (2, 3): (P,), 0 inside."""
+    return np.linalg.norm(np.maximum(np.maximum(box[0] - places, places - box[1]), 0.0), axis=-1)
