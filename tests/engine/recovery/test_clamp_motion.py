@@ -84,12 +84,12 @@ def test_noise_does_not_hide_a_clamp_that_sways(filmed):
     assert motion.largest == pytest.approx(np.linalg.norm(SWAY), rel=0.05)
 
 
-def test_a_slow_drift_as_small_as_the_noise_is_seen():
+def test_a_slow_drift_of_a_few_times_the_noise_is_seen():
     body = post()
-    way = np.linspace(0.0, 5e-4, 60)[:, None, None] * np.array([1.0, 0.0, 0.0])
+    way = np.linspace(0.0, 2e-3, 60)[:, None, None] * np.array([1.0, 0.0, 0.0])
     x = body.x + way + np.random.default_rng(0).normal(0.0, 5e-4, (60, len(body.x), 3))
     motion = clamp_motion(body, points(body, x), FPS)
-    assert motion.largest == pytest.approx(5e-4, rel=0.3)
+    assert motion.largest == pytest.approx(2e-3, rel=0.1)
 
 
 def test_held_places_that_move_apart_are_no_one_clamp(filmed):

@@ -24,7 +24,7 @@ RIDES = 0.99
 """A point shows the clamp when so much of its weight is on held particles."""
 SHORTEST = 8
 """Pictures below which the noise of the clamp's motion cannot be measured."""
-CLEAR = 1.0
+CLEAR = 3.0
 """Size of a motion (root mean square, relative to the noise of one picture) from which it is believed."""
 RIGID = 0.5
 """Most that the held points may move against each other, beyond their noise, relative to how far they move together."""
