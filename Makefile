@@ -28,6 +28,7 @@ help:
 	@echo "make test-quadrants  the solver's tests and a quick recovery with kernels compiled by Quadrants instead of Taichi"
 	@echo "make farm-test  a batch on two nodes of a Ray cluster, one killed, and its Open Job Description run by openjd-cli"
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
+	@echo "make benchmark-shells  how long a shell of 1,024 and of 10,000 vertices takes"
 	@echo "make benchmark-compilers  Quadrants beside Taichi"
 	@echo "make docs       the documentation as a site in build/docs; a broken link, anchor or picture is an error"
 	@echo "make references docs/reference/cli.md and materials.md from the options and the material library"
@@ -137,6 +138,9 @@ benchmark-mpm: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[benchmark-mpm]"
 	$(PY) benchmarks/mpm.py
 
+benchmark-shells: setup
+	PYTHONPATH=$(CURDIR) $(ENGINE)/bin/python benchmarks/shell_speed.py
+
 # The solver's two compilers; a quarter of an hour on two idle cores.
 benchmark-compilers: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[quadrants]"
@@ -173,4 +177,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help docs references setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-compilers benchmark-report cli-reference screenshots clean
+.PHONY: help docs references setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots clean

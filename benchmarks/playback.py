@@ -222,7 +222,7 @@ def draw_seconds(panel: type) -> float:
     scene = bpy.context.scene
     context = SimpleNamespace(
         scene=scene, region=None, preferences=bpy.context.preferences, space_data=None, active_object=None, object=None,
-        area=None, window_manager=bpy.context.window_manager,
+        selected_objects=[], area=None, window_manager=bpy.context.window_manager,
     )  # fmt: skip
     if hasattr(panel, "poll") and not panel.poll(context):
         return 0.0
