@@ -18,7 +18,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]  #
 import render  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
-from seeing_wind.ui.field.solvers.calibration import calibrate_particles  # noqa: E402
+from seeing_wind.ui.field.solvers.particles import calibrate_particles  # noqa: E402
 
 RIBBON = (0.05, 0.26)
 """Width and length of the inserted ribbon [m]."""

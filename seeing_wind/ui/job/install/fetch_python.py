@@ -108,7 +108,7 @@ def download(url: str) -> Iterator[bytes]:
             if here // 1_000_000 > told:
                 told = here // 1_000_000
                 of = f" of {whole // 1_000_000}" if whole else ""
-                say(type="progress", fraction=0.8 * here / whole if whole else 0.0, message=f"Downloading Python: {told}{of} MB")
+                say(type="progress", fraction=0.8 * (here / whole) if whole else 0.0, message=f"Downloading Python: {told}{of} MB")
             yield piece
         if here < whole:
             raise ConnectionError(f"{here} of {whole} bytes came")
