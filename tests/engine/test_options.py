@@ -71,6 +71,8 @@ def test_every_option_of_a_stage_is_on_the_command_line_once(verb: str) -> None:
     [
         (BodyEdit, {"mass_scale": -1.0}, "here: mass_scale must be above 0; this is -1."),
         (BodyEdit, {"density": 0}, "here: density must be above 0 kg/m³; this is 0."),
+        (BodyEdit, {"mass": 1e300}, "here: mass must be at least 1e-09 and at most 1000000000 kg; this is 1e+300."),
+        (BodyEdit, {"thickness": 1e-200}, "here: thickness must be at least 1e-06 and at most 1 m; this is 1e-200."),
         (BodyEdit, {"law": "jelly"}, "here: law must be neo_hookean or corotated or von_mises or viscoplastic; this is 'jelly'."),
         (BodyEdit, {"start_frame": -1}, "here: start_frame must be at least 0; this is -1."),
         (ColliderEdit, {"friction": -0.5}, "here: friction must be at least 0; this is -0.5."),

@@ -63,7 +63,7 @@ def test_every_value_goes_in_and_comes_out_again(settings, tmp_path) -> None:
     for group, cls in groups(settings):
         for one in panel_options(cls):
             low = one.minimum if one.above is None else one.above
-            some = {float: (low or 0.0) + 1.0, int: int(low or 0) + 1, bool: True, str: str(file)}[one.kind]
+            some = {float: round((low or 0.0) + 1.0, 3), int: int(low or 0) + 1, bool: True, str: str(file)}[one.kind]
             value = next(reversed(one.choices)) if one.choices else "paper" if one.name == "material" else some
             value = [value + each for each in range(one.count)] if one.count else value
             give(group, one, value)

@@ -72,8 +72,9 @@ class BuildSettings:
     """What a vision-language model calls the material, if the numbers above are its own; `estimated_by` names object and model."""
     estimated_by: str | None = None
     thickness: float | None = option(
-        None, help="depth of the body behind the visible surface", unit="m", above=0.0, metavar="M", group=BODY, panel="main", start=0.01,
-        typical=(None, 1.0), digits=5, otherwise="read from the sides that a measured depth shows, or guessed from the silhouette",
+        None, help="depth of the body behind the visible surface", unit="m", minimum=1e-6, metavar="M", group=BODY, panel="main",
+        start=0.01, typical=(None, 1.0), digits=5,
+        otherwise="read from the sides that a measured depth shows, or guessed from the silhouette",
     )  # fmt: skip
     particles: int | None = option(
         None, help="about how many particles stand for the body: more see finer bends and take longer", minimum=8, maximum=100_000,

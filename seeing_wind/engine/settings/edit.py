@@ -32,8 +32,8 @@ class BodyEdit:
         maximum=MOST_LOSS, otherwise="the material's", panel="", digits=3,
     )  # fmt: skip
     mass: float | None = option(
-        None, help="mass of the whole body, instead of a density", unit="kg", above=0.0, otherwise="from the density", panel="main",
-        start=0.1, typical=(None, 1000.0), digits=6,
+        None, help="mass of the whole body, instead of a density", unit="kg", minimum=1e-9, maximum=1e9, panel="main",
+        otherwise="from the density", start=0.1, typical=(None, 1000.0), digits=6,
     )  # fmt: skip
     mass_scale: float = option(
         1.0, label="Mass Factor", help="factor on the mass: 2 doubles it, half the acceleration in the same wind", above=0.0, panel="main",
@@ -64,12 +64,12 @@ class BodyEdit:
         None, help="whether the body is a thin shell", otherwise="a shell if its mesh is open and its material comes as a sheet", panel=""
     )
     areal_density: float | None = option(
-        None, help="mass of a shell over its area", unit="kg/m²", above=0.0, otherwise="the material's", panel="main", digits=4,
-        start=0.12, typical=(None, 2.0),
+        None, help="mass of a shell over its area", unit="kg/m²", minimum=1e-4, maximum=1e4, otherwise="the material's", panel="main",
+        digits=4, start=0.12, typical=(None, 2.0),
     )
     thickness: float | None = option(
-        None, help="thickness of a shell", unit="m", above=0.0, otherwise="the material's", panel="main", digits=5, start=3e-4,
-        typical=(None, 0.01),
+        None, help="thickness of a shell", unit="m", minimum=1e-6, maximum=1.0, otherwise="the material's", panel="main",
+        digits=5, start=3e-4, typical=(None, 0.01),
     )
     tensile_stiffness: float | None = option(
         None, label="Stretching", help="force over width and strain of a shell", unit="N/m", above=0.0, otherwise="the material's",

@@ -30,7 +30,7 @@ class RecoverSettings:
 
     gravity: tuple[float, float, float] = option(
         GRAVITY, help="known acceleration along world X, Y, Z that is not part of the field", unit="m/s²", metavar=("GX", "GY", "GZ"),
-        group=SOLVE, one_of="gravity", panel="main", typical=(-20.0, 20.0),
+        minimum=-1e4, maximum=1e4, group=SOLVE, one_of="gravity", panel="main", typical=(-20.0, 20.0),
     )  # fmt: skip
     clamp_depth: float = 0.0
     """Where a held part begins to be held: so many grid cells (1.6 particle spacings each) below the border of what is marked as held."""
