@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -14,14 +15,14 @@ import pytest
 
 from seeing_wind.engine.command.lock import NAME, TakeInUse, held
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.take import Take
 
 ROOT = Path(__file__).parents[2]
 HOLDER = """
 import sys
 from seeing_wind.engine.command.lock import held
-from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.take import Take
 with held(Take(sys.argv[1]), "recover", NoProgress()):
     print("held", flush=True)
@@ -108,6 +109,26 @@ def test_a_link_in_the_place_of_the_lock_is_not_written_through(tmp_path: Path) 
         with pytest.raises(TakeError, match="no regular file"), held(take, "recover", NoProgress()):
             pass
     assert (tmp_path / "precious").read_text() == "kept"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows keeps a file that is open")
+@pytest.mark.parametrize("again", [False, True])
+def test_a_take_that_is_removed_under_its_holder_is_told(tmp_path: Path, again: bool) -> None:
+    said: list[dict] = []
+    folder = tmp_path / "a.take"
+    with held(Take(folder), "recover", Progress(said.append)):
+        shutil.rmtree(folder)
+        if again:
+            with held(Take(folder), "recover", NoProgress()):
+                pass
+    assert ["removed or replaced" in message["message"] for message in said] == [True]
+
+
+def test_a_take_that_stays_is_no_cause_of_a_warning(tmp_path: Path) -> None:
+    said: list[dict] = []
+    with held(Take(tmp_path), "recover", Progress(said.append)):
+        pass
+    assert said == []
 
 
 def test_what_dead_processes_were_writing_is_cleared(tmp_path: Path) -> None:

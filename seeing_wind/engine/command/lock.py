@@ -38,7 +38,7 @@ def held(take: Take, verb: str, progress: Progress) -> Iterator[Take]:
 
     Args:
         verb: told to others.
-        progress: warned where the file system knows no locks; then nothing is held.
+        progress: warned where the file system knows no locks, so that nothing is held, and where somebody removed the lock meanwhile.
 
     Raises:
         TakeInUse: another process holds it; the message says who, and since when.
@@ -61,6 +61,11 @@ def held(take: Take, verb: str, progress: Progress) -> Iterator[Take]:
             take.clear_leftovers()
             try:
                 yield take
+                if not _is_at(file, take.file(NAME)):
+                    progress.warn(
+                        f"{take.path} was removed or replaced while `{verb}` wrote to it: what it had held before is lost, and another "
+                        f"job may have written to it. Run `{verb}` again if something is missing."
+                    )
             finally:
                 _sign(file, {})
     finally:
@@ -87,6 +92,14 @@ def _opened(path: Path) -> IO[bytes]:
         file.close()
         raise TakeError(f"{path} is no regular file.", "Remove it, or choose another folder with --take.")
     return file
+
+
+def _is_at(file: IO[bytes], path: Path) -> bool:
+    """Whether an open file is still the one at `path`."""
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.stat())
+    except OSError:
+        return False
 
 
 def _lock(file: IO[bytes]) -> None:
