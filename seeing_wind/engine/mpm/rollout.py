@@ -190,6 +190,7 @@ def rollout(
 def body_rollout(
     body: Body, state: State, acceleration: np.ndarray, gradient: np.ndarray | None, progress: Progress, first_frame: int
 ) -> Trajectory:
+    """`rollout` of one large or conditioned body on all cores: acceleration (T, N, 3) [m/s²], gradient (T, N, 3, 3) [1/s²]."""
     start, frames = body.checked(state), len(acceleration)
     x, v, C, F = (np.empty((frames + 1, *array.shape)) for array in (start.x, start.v, start.C, start.F))
     path = Trajectory(x, v, C, F, np.zeros(frames, np.int64))

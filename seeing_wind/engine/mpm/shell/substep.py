@@ -136,6 +136,7 @@ def advance(
 def equations_of(
     shell: Shell, state: State, dt: float, gravity: np.ndarray, frame: int, load: Load | None, obstacles: tuple[Obstacle, ...]
 ) -> tuple[_Equations, Contact]:
+    """What Newton's method solves for the positions at the end of a substep of dt [s] in frame `frame`, and what the shell then touches."""
     b = 2.0 * dt / 3.0
     coast, velocity = (4.0 * state.x - state.x_before) / 3.0, (4.0 * state.v - state.v_before) / 3.0
     push, drag = (np.zeros_like(state.x), None) if load is None else load(state.x, state.v, frame)
