@@ -2,7 +2,7 @@
 
 JSON lines on stdout and nothing else: progress, warning, error, and one result at the end. Logs go to stderr. Ctrl-C in a terminal
 (SIGINT) stops at the next safe point, and so does the pipe of a parent (`command.cancelling`). Exit code 0 done, 1 failed with a message,
-2 wrong usage, 130 cancelled. What a report lacks fails no job: it is in the result's `warnings`.
+2 wrong usage, 3 done but for what the result's `warnings` name (a picture or a video; the field is there), 130 cancelled.
 """
 
 from __future__ import annotations
@@ -28,11 +28,9 @@ os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_PICTURE))
 
 from .command import cancelling  # noqa: E402
 from .command.arguments import parser  # noqa: E402
-from .errors import MissingPackage, SeeingWindError  # noqa: E402
+from .errors import CANCELLED, DONE_WITH_WARNINGS, MissingPackage, SeeingWindError  # noqa: E402
 from .progress import Cancelled, Progress  # noqa: E402
 from .records import Outcome  # noqa: E402
-
-CANCELLED = 130
 
 OPENCV_NO_MEMORY = -4
 """`code` of an OpenCV error where memory ran out."""
@@ -107,7 +105,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             protocol, SeeingWindError(f"Unexpected {type(error).__name__}: {error}.", "This is a defect: please report it with the log.")
         )
     protocol.send({"type": "result", **result, "seconds": round(time.perf_counter() - started, 2)})
-    return 0 if result["outcome"] != Outcome.DIVERGED else 1
+    if result["outcome"] == Outcome.DIVERGED:
+        return 1
+    return DONE_WITH_WARNINGS if result.get("warnings") else 0
 
 
 def out_of_memory(error: Exception) -> bool:

@@ -63,6 +63,8 @@ class Take:
                 f"The path of the take is too long for this Windows: {self.path.absolute()}.",
                 "Choose a folder with a shorter path, or switch long paths on in Windows.",
             )
+        if self.path.exists() and not self.path.is_dir():
+            raise TakeError(f"{self.path} is there already and is no folder.", "Choose another folder with --take.")
         try:
             self.path.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self.path):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ..engine.errors import SeeingWindError, UsageError
+from ..engine.errors import CANCELLED, DONE_WITH_WARNINGS, SeeingWindError, UsageError
 from ..engine.progress import Cancelled
 from .job import console, takes, worker
 from .job.install.choices import asked_model
@@ -59,9 +59,9 @@ def _do(python: str, each: Job, made: bool, out: console.Console) -> None:
         out.show(message)
 
     def must(code: int) -> None:
-        if code == worker.CANCELLED:
+        if code == CANCELLED:
             raise Cancelled
-        if code:
+        if code not in (0, DONE_WITH_WARNINGS):
             raise SeeingWindError(said[-1] if said else f"The engine ended with exit code {code}.")
 
     for verb, *options in [] if made else each.calls():
@@ -116,7 +116,7 @@ def run_verb(python: str, verb: str, options: list[str], show: Show) -> int:
     call = command(python, verb, *options)
     key = asked_model()[2] if any(option.startswith("--material-endpoint") for option in options) else ""
     last = worker.wait(worker.run(call, cwd=os.getcwd(), env=environment(key) | {"PYTHONSAFEPATH": "1"}), show)
-    return last["code"] if last["code"] in (0, 1, 2) else worker.CANCELLED if last["outcome"] == "cancelled" else 1
+    return last["code"] if last["code"] in (0, 1, 2, DONE_WITH_WARNINGS) else CANCELLED if last["outcome"] == "cancelled" else 1
 
 
 def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -> int:
@@ -130,7 +130,7 @@ def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -
     settings = scene.seeing_wind
     last = worker.wait(sampling.sampling(python, source), show)
     if last["outcome"] != "done":
-        return worker.CANCELLED if last["outcome"] == "cancelled" else 1
+        return CANCELLED if last["outcome"] == "cancelled" else 1
     results.build(scene, source, clip)
     takes.show(settings, source, "loaded")
     if edit is not None:

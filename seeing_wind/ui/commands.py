@@ -1,7 +1,8 @@
 """`blender --command seeing_wind VERB ...`: the worker's verbs and options, unchanged, with Blender's scene on top.
 
 `recover`, `recover-trajectories` and `resimulate` also take `--save FILE.blend`; `batch JOBS.toml` does many of them, and `bake` makes a
-file of takes that are there, see `batch`. Exit codes are the worker's: 0 done, 1 failed, 2 wrong usage, 130 cancelled.
+file of takes that are there, see `batch`. Exit codes are the worker's: 0 done, 1 failed, 2 wrong usage, 3 done with warnings, 130
+cancelled.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import bpy
 
-from ..engine.errors import SeeingWindError, UsageError
+from ..engine.errors import DONE_WITH_WARNINGS, SeeingWindError, UsageError
 from . import batch
 from .job import console
 from .job.install.environment import engine_python
@@ -48,8 +49,8 @@ def main(argv: list[str]) -> int:
         if "-h" in options or "--help" in options:
             return subprocess.run(command(python, verb, *options), env=environment(), check=False).returncode
         code = batch.run_verb(python, verb, options, out.show)
-        if code == 0 and save:
-            code = _save(python, verb, options, save, out)
+        if code in (0, DONE_WITH_WARNINGS) and save:
+            code = _save(python, verb, options, save, out) or code
         return code
     except SeeingWindError as error:
         out.show({"type": "error", "message": error.message, "hint": error.hint})

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.errors import UsageError
+from seeing_wind.engine.errors import DONE_WITH_WARNINGS, UsageError
 from seeing_wind.engine.field import GustField
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.records import Observation
@@ -104,6 +104,27 @@ def test_a_file_that_is_no_video(engine, tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("not a video\n" * 100)
     error = engine("recover", tmp_path / "text.mp4", "--take", tmp_path / "t.take", "--box", 1, 1, 9, 9, expect=1)[-2]
     assert error["type"] == "error" and "text.mp4" in error["message"]
+
+
+def test_a_further_view_that_is_not_there_is_told_before_the_work(engine, square: Path, tmp_path: Path) -> None:
+    box = ["--box", 12, 10, 32, 30]
+    missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", tmp_path / "no.mp4", "c.json", "m.png", expect=1)[-2]
+    assert "no.mp4" in missing["message"]
+    missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", square, tmp_path / "c.json", "m.png", expect=2)[-2]
+    assert "c.json, which is no file" in missing["message"] and not (tmp_path / "t.take").exists()
+
+
+def test_a_take_that_is_a_file(engine, square: Path) -> None:
+    error = engine("recover", square, "--take", square, "--box", 12, 10, 32, 30, expect=1)[-2]
+    assert "is no folder" in error["message"] and "--take" in error["hint"]
+
+
+def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, square: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.take" / "report.png").mkdir(parents=True)
+    quick = ["--distance", 2, "--iterations", 1, "--representation", "point", "--frames", "0:4"]
+    result = engine("recover", square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, *quick, expect=DONE_WITH_WARNINGS)[-1]
+    assert result["type"] == "result" and any("report.png" in warning for warning in result["warnings"])
+    assert (tmp_path / "t.take" / "field.safetensors").is_file()
 
 
 def test_one_picture_is_no_clip(engine, tmp_path: Path) -> None:

@@ -148,6 +148,6 @@ def test_a_full_disk_leaves_no_body_without_a_stamp(edit: Namespace, monkeypatch
 def test_a_folder_that_cannot_be_written_is_told_before_anything_is_simulated(edit: Namespace, monkeypatch: pytest.MonkeyPatch) -> None:
     Path(edit.take).write_text("a file")
     stages: list[str] = []
-    with pytest.raises(TakeError, match="cannot be written"):
+    with pytest.raises(TakeError, match="is no folder"):
         verbs.resimulate(edit, Progress(lambda message: stages.append(message["stage"])))
     assert not stages

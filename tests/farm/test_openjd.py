@@ -12,7 +12,7 @@ import pytest
 from quick import QUICK, ROOT, clip, trajectories
 
 from seeing_wind.engine.command.batch.jobs import read_jobs
-from seeing_wind.engine.command.batch.openjd import write_bundle
+from seeing_wind.engine.command.batch.openjd import ENGINE, write_bundle
 from seeing_wind.engine.errors import ClipError, UsageError
 from seeing_wind.engine.progress import NoProgress
 
@@ -101,7 +101,7 @@ def test_frames_and_folders(workplace, tmp_path_factory) -> None:
     template, said = bundle_of(workplace)
     assert said["frames"] == 5 + 3
     recover = template["steps"][0]["script"]["actions"]["onRun"]["args"]
-    assert recover == ["-m", "seeing_wind.engine", "recover", "{{Param.Folder1}}/far.avi", "--take", "{{Param.Folder}}/far.take"]
+    assert recover == ["-c", ENGINE, "recover", "{{Param.Folder1}}/far.avi", "--take", "{{Param.Folder}}/far.take"]
     assert {each["name"] for each in template["parameterDefinitions"]} == {"Folder", "Folder1", "Python", "Engine", "Edition", "Blender"}
     (workplace / "square.avi").write_bytes(b"no clip")
     (workplace / "jobs.toml").write_text(table.format("broken", "square.avi"))

@@ -12,6 +12,7 @@ from typing import Any
 import hypothesis
 from hypothesis import strategies as st
 
+from seeing_wind.engine.errors import DONE_WITH_WARNINGS
 from tests.faults.counts import COUNTS, draws
 from tests.faults.inputs import FAMILIES, VALUES, Family
 from tests.faults.worker import Run, Worker
@@ -39,7 +40,7 @@ def faults_of(run: Run) -> list[str]:
     found = []
     if run.traceback:
         found.append(f"traceback: {run.error.get('message')} {run.stderr[-1500:]}")
-    if run.code not in (0, 1, 2):
+    if run.code not in (0, 1, 2, DONE_WITH_WARNINGS):
         found.append(f"exit code {run.code} after {run.seconds:.1f} s: {run.stderr[-500:]}")
     elif not run.result:
         found.append("no result")
@@ -55,7 +56,7 @@ def faults_of(run: Run) -> list[str]:
 def _nonsense(run: Run) -> list[str]:
     """What no one may call a result."""
     residual = run.result.get("residual", {})
-    if run.code or not residual:
+    if run.code in (1, 2) or not residual:
         return []
     limit = 1.0 if run.result["residual_unit"] == "m" else 30.0
     wrong = not math.isfinite(residual["max"]) or residual["max"] > limit

@@ -1,7 +1,8 @@
 """Speaks the worker's protocol without an engine: `fake_worker.py BEHAVIOUR [arguments ignored]`, standard library only.
 
-Behaviours: done, error, crash (Python exception), die (kills itself), mute (exit 1, says nothing), hang (stops when it is asked), stubborn
-(no request and no SIGTERM stops it), chatty (lines that are no messages), offspring (leaves a child that holds the pipes).
+Behaviours: done, warned (a video is missing, exit 3), error, crash (Python exception), die (kills itself), mute (exit 1, says nothing),
+hang (stops when it is asked), stubborn (no request and no SIGTERM stops it), chatty (lines that are no messages), offspring (leaves a child
+that holds the pipes).
 SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` take.
 """
 
@@ -57,6 +58,10 @@ def main() -> int:
         work(SECONDS)
         send(type="warning", message="Stiffness capped at 1e5 Pa instead of 2e9 Pa.")
         send(type="result", outcome="converged", residual=0.21, iterations=7, seconds=SECONDS)
+    elif behaviour == "warned":
+        send(type="warning", message="overlay.mp4: This OpenCV has no codec.")
+        send(type="result", outcome="converged", warnings=["overlay.mp4: This OpenCV has no codec."], seconds=SECONDS)
+        return 3
     elif behaviour == "error":
         send(type="progress", stage="observe", fraction=0.1, message="reading")
         send(

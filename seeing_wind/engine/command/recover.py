@@ -85,6 +85,11 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
 
     # What is wrong is told before the work begins, and before a folder is made.
     require_clip(arguments.clip)
+    for clip, *files in arguments.view:
+        require_clip(clip)
+        for name in files:
+            if not Path(name).is_file():
+                raise UsageError(f"--view names {name}, which is no file.", "Give each further view a clip, a camera and a mask.")
     adjusted(find(arguments.material), **properties_of(arguments))
     settings = settings_of(RecoverSettings, arguments, clamp_depth=PAINTED_DEPTH)
     check_solve(settings, clip=True, views=len(arguments.view))

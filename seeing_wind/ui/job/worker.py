@@ -26,7 +26,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import IO, Any
 
 from ...engine import systems
-from ...engine.errors import SeeingWindError
+from ...engine.errors import CANCELLED, DONE_WITH_WARNINGS, SeeingWindError
 from ...engine.progress import CANCEL_BY_STDIN
 
 Message = dict[str, Any]
@@ -39,8 +39,6 @@ KILL_GRACE = 0.2
 """Seconds between ending the process politely and killing it."""
 LOG_LINES = 60
 """Lines of the worker's stderr kept for an error message."""
-CANCELLED = 130
-"""The worker's exit code after a cancel, as a shell reports SIGINT."""
 
 
 def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: float = CANCEL_GRACE) -> Messages:
@@ -207,7 +205,7 @@ def _end(process: subprocess.Popen[str], at_once: bool) -> None:
 
 
 def _farewell(code: int, cancelled: bool, log: deque[str]) -> Message:
-    outcome = "done" if code == 0 else "cancelled" if cancelled or code in (CANCELLED, -signal.SIGINT) else "failed"
+    outcome = "done" if code in (0, DONE_WITH_WARNINGS) else "cancelled" if cancelled or code in (CANCELLED, -signal.SIGINT) else "failed"
     return {"type": "exit", "code": code, "outcome": outcome, "log": "\n".join(log)}
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from seeing_wind.engine.errors import DONE_WITH_WARNINGS
 from seeing_wind.ui.job import worker as job
 
 WORKER = Path(__file__).resolve().parents[1] / "fake_worker.py"
@@ -47,6 +48,11 @@ def test_messages_arrive_in_order_and_end_with_the_exit() -> None:
     assert fractions == sorted(fractions) and fractions[0] == 0.0 and fractions[-1] == 1.0
     assert kinds(seen, "warning") and kinds(seen, "result")[0]["outcome"] == "converged"
     assert seen[-1] == {"type": "exit", "code": 0, "outcome": "done", "log": "log line of the worker"}
+
+
+def test_a_job_that_lacks_a_picture_is_done() -> None:
+    last = collect(start("warned"))[-1]
+    assert last["outcome"] == "done" and last["code"] == DONE_WITH_WARNINGS
 
 
 def test_an_empty_list_is_yielded_while_the_worker_is_silent() -> None:

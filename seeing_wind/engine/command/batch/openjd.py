@@ -34,6 +34,15 @@ if edition() != sys.argv[1]:
     sys.exit(1)
 """
 
+ENGINE = """\
+import sys
+from seeing_wind.engine.__main__ import main
+from seeing_wind.engine.errors import DONE_WITH_WARNINGS
+code = main(sys.argv[1:])
+sys.exit(0 if code == DONE_WITH_WARNINGS else code)
+"""
+"""The engine, for a farm that takes every exit code but 0 for a failure and would hold back the steps that come next."""
+
 
 def write_bundle(jobs: list[Job], path: Path, folder: Path, progress: Progress) -> dict[str, Any]:
     """Write template.json and parameters.json into `folder` for the jobs of the file `path`, those too that are done here: what is
@@ -142,7 +151,7 @@ class Bundle:
 
     def _engine(self, call: list[str]) -> dict[str, Any]:
         words = [self._path(Path(word)) if _is_path(word) else word for word in call]
-        return _action("{{Param.Python}}", ["-m", "seeing_wind.engine", *words])
+        return _action("{{Param.Python}}", ["-c", ENGINE, *words])
 
     def _path(self, path: Path) -> str:
         """A path from the parameter of its folder; one outside the jobs' folder makes a parameter of the folder that it is in."""

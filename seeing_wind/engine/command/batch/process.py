@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ... import systems
-from ...errors import SeeingWindError
+from ...errors import DONE_WITH_WARNINGS, SeeingWindError
 from ...progress import CANCEL_BY_STDIN
 from ...records import Outcome
 
@@ -71,7 +71,7 @@ def messages_of(words: Sequence[str], threads: int | None = None) -> Generator[l
                 error = {"message": "The solve diverged.", "hint": " ".join(message.get("notes", ()))}
             elif message:
                 yield [message]
-        if process.returncode != 0:
+        if process.returncode not in (0, DONE_WITH_WARNINGS):
             raise _failure(process.returncode, error, log)
     finally:
         _stop(process)
