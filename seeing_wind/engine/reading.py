@@ -221,11 +221,15 @@ SHAPES: dict[str, dict[str, str]] = {
     },
     "Recovery": {
         "force_density": "T N 3", "deviation": "T N", "x": "P N 3", "F": "P N 3 3", "v0": "N 3", "residual": "P", "stiffness": "N",
+        "section": "2", "section_axes": "2 3", "held_covariance": "4 4",
     },
 }  # fmt: skip
 """Shapes of the arrays in the records of a take: a letter is the same number wherever it stands in a record."""
 
-FINITE = {"Body": ("particles.x", "particles.volume", "surface.vertices"), "Recovery": ("force_density", "x", "F", "v0")}
+FINITE = {
+    "Body": ("particles.x", "particles.volume", "surface.vertices"),
+    "Recovery": ("force_density", "x", "F", "v0", "section", "section_axes", "held_covariance"),
+}
 """Arrays that hold no NaN and no infinity in any sound take."""
 
 POINTS_AT = {"surface.triangles": "V", "surface.attachment.index": "N", "gaussians.attachment.index": "N", "keypoints.index": "N"}

@@ -264,6 +264,14 @@ class Recovery:
     """(N,) factor on Young's modulus besides, of a held body whose section is stiffer one way than the other; None is one everywhere."""
     clamp_depth: float = 0.0
     """As in the settings: where the held part began to be held."""
+    cell: float = 0.0
+    """Grid spacing of the simulation [m]."""
+    section: np.ndarray | None = None
+    """(2,) a and b of `recovery.solve.stiffness`, where the clip tells the stiffness."""
+    section_axes: np.ndarray | None = None
+    """(2, 3) the directions u and v that they belong to."""
+    held_covariance: np.ndarray | None = None
+    """(4, 4) of log E, clamp depth [grid cells], a and b, by the fit itself."""
     substeps: int | None = None
     """Per frame. A solver's damping hangs on them: the same force swings a body differently with others."""
     clamp_moves: bool = False

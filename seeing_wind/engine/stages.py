@@ -27,12 +27,15 @@ if TYPE_CHECKING:
     from .progress import Journal
     from .records import Material, Particles, PointTargets
     from .recovery.paper.losses import MotionLoss
+    from .recovery.solve.known_body import KnownBody
 
 R = TypeVar("R")
 
 VERSION = 13
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
+TRAJECTORY = "trajectory.npz"
+"""The motion that the field of the take was recovered with."""
 SOLVED, FITTED = "solve.npz", "fitted.safetensors"
 """A solve whose field is not there yet, and that field for the moment before both take their places."""
 
@@ -149,6 +152,11 @@ def recover_stage(
     from .recovery.journal import TakeJournal
     from .recovery.paper.schedule import recover_by_descent
 
+    known = None
+    if settings.body is not None:
+        known, upstream = known_body(settings.body), stamp_of(upstream, Path(settings.body, TRAJECTORY))
+    told = settings
+    settings = dataclasses.replace(settings, body=None)  # a project can be moved: what counts is what the other take holds
     stamp = stamp_of("recover", VERSION, upstream, settings)
     # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it. Until the field is
     # there, it has a file of its own, too: a trajectory belongs to the field beside it. Engines before that left another solve's there.
@@ -167,13 +175,13 @@ def recover_stage(
                 made = loss() if loss is not None else None
                 recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made, journal)
             else:
-                recovery = recover(particles, material, targets, fps, settings, progress, journal)
+                recovery = recover(particles, material, targets, fps, settings, progress, journal, known)
             seconds["recover"] = time.perf_counter() - started
             if recovery.outcome == Outcome.DIVERGED:
                 return recovery, None, seconds
             take.withdraw("solve")
             take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": _array(fps)})
-            take.finish("solve", solved, to_mapping(settings))
+            take.finish("solve", solved, to_mapping(told))
     with TakeJournal(take, stamp, progress) as journal:
         field = _fitted(recovery, particles, material, fps, settings, progress, journal, seconds)
         with take.writing(FITTED) as path:
@@ -182,10 +190,22 @@ def recover_stage(
         take.withdraw("recover")
         take.file("wind.safetensors").unlink(missing_ok=True)  # it belongs to the field that goes
         if take.file(SOLVED).is_file():
-            systems.replace(take.file(SOLVED), take.file("trajectory.npz"))
+            systems.replace(take.file(SOLVED), take.file(TRAJECTORY))
         systems.replace(take.file(FITTED), take.file("field.safetensors"))
-        take.finish("recover", stamp, to_mapping(settings))
+        take.finish("recover", stamp, to_mapping(told))
     return recovery, field, seconds
+
+
+def known_body(folder: str) -> KnownBody:
+    """The held body as the take in `folder` found it.
+
+    Raises:
+        UsageError: no take with a recovery, or one that did not tell the body's stiffness.
+        TakeError: a damaged take.
+    """
+    from .recovery.solve.known_body import KnownBody
+
+    return KnownBody.of(read_recovery(require_take(folder)), folder)
 
 
 def _fitted(
@@ -226,6 +246,10 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
     Raises:
         UsageError: with the reason.
     """
+    if settings.body is not None:
+        known_body(settings.body)
+    if settings.schedule == "paper" and (settings.still is not None or settings.body is not None):
+        raise UsageError("--still and --body belong to the default schedule.", "Leave them out, or leave out --schedule paper.")
     if settings.objective == "tracking":
         return
     if not clip:
@@ -279,12 +303,12 @@ def read_body(take: Take) -> Body:
 
 def read_recovery(take: Take) -> Recovery:
     """The recovery of a take."""
-    return from_arrays(Recovery, take.read_arrays("trajectory.npz"))
+    return from_arrays(Recovery, take.read_arrays(TRAJECTORY))
 
 
 def _read_solve(take: Take) -> Recovery:
     """The last solve: in its own file while it has no field, else that of the field."""
-    return from_arrays(Recovery, take.read_arrays(SOLVED if take.file(SOLVED).is_file() else "trajectory.npz"))
+    return from_arrays(Recovery, take.read_arrays(SOLVED if take.file(SOLVED).is_file() else TRAJECTORY))
 
 
 def require_take(path: str) -> Take:

@@ -75,7 +75,8 @@ def property_of(one: Option, **common: Any) -> object:
     if one.kind is bool:
         return BoolProperty(default=one.default, **about | common)
     if one.kind is str:
-        return StringProperty(**about | ({"subtype": "FILE_PATH", "options": PATH} if one.file else {}) | common)
+        path = {"subtype": "DIR_PATH" if one.folder else "FILE_PATH", "options": PATH} if one.file or one.folder else {}
+        return StringProperty(**about | path | common)
     return NUMBERS[one.kind, one.count is not None](**about | _limits(one) | common)
 
 
@@ -121,7 +122,7 @@ def value_of(group: bpy.types.bpy_struct, one: Option) -> Any:
         return None
     if one.choices:
         return None if value == PRESET else value.lower()
-    if one.file:
+    if one.file or one.folder:
         return absolute(value) if value else None
     if one.kind is float:
         return single(value) if one.count is None else tuple(single(each) for each in value)

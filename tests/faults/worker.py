@@ -86,6 +86,11 @@ class Worker:
             }  # fmt: skip
             print(json.dumps(job), file=self._process.stdin, flush=True)
             answer = self._answer()
-            texts = [(Path(out) / name).read_text(encoding="utf-8", errors="replace") for name in ("stdout", "stderr")]
+            texts = [_text(Path(out) / name) for name in ("stdout", "stderr")]
         lines = [line for line in texts[0].splitlines() if line.endswith("}")]  # a killed job leaves half a line
         return Run(answer["code"], [json.loads(line) for line in lines], texts[1], answer["seconds"])
+
+
+def _text(path: Path) -> str:
+    """What a job has written; nothing, of one that was killed before it had opened the file."""
+    return path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""

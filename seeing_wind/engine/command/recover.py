@@ -129,6 +129,9 @@ def _recover_into(
         body, _ = with_views(body, observation, sights, progress)
         take.withdraw("report")  # which writes that file, too
         write_gaussians(take, body.gaussians, write_ply)
+    if settings.still is not None:
+        first, last = (frame - observation.first_frame for frame in settings.still)
+        settings = dataclasses.replace(settings, still=(first, last))
     upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
     loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
     recovery, field, solve_seconds = recover_stage(

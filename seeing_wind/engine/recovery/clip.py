@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from ..errors import ObjectError
+from ..errors import ObjectError, UsageError
 from ..mpm.model import Model
 from ..mpm.state import Trajectory
 from ..progress import Journal, Progress
@@ -22,6 +22,7 @@ from .diagnostics.posterior import missed_acceleration, posterior_deviation, uns
 from .diagnostics.remarks import astray, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
 from .prior.basis import SpatialBasis, spatial_basis
 from .prior.learning import Expected
+from .solve.section import section_axes
 from .solve.stiffness import Stiffness, covariance_with, remark, scaled, youngs_modulus
 from .solve.window import FULL_KNOT, Found, WindowSolver
 from .targets.objective import Objective
@@ -49,6 +50,25 @@ def windows(frames: int) -> list[tuple[int, int]]:
     count = 1 if frames <= WINDOW else math.ceil((frames - OVERLAP) / (WINDOW - OVERLAP))
     hop = (frames - OVERLAP) / count if count > 1 else frames
     return [(round(hop * k), min(frames, round(hop * (k + 1)) + (OVERLAP if count > 1 else 0))) for k in range(count)]
+
+
+def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
+    """(T,) bool, of a clip of T frames.
+
+    Raises:
+        UsageError: when it has none of those that are said to be still, or no others.
+    """
+    still = np.zeros(frames, dtype=bool)
+    if settings.still is not None:
+        first, last = settings.still
+        still[max(first, 0) : last + 1] = True
+        if not still.any() or still.all():
+            whole = "all frames of the clip" if still.any() else "none of them"
+            raise UsageError(
+                f"--still {first}:{last} is {whole}: it has the frames 0 to {frames - 1}.",
+                "Name the frames in which the air is still; in the others a force is looked for.",
+            )
+    return still
 
 
 @dataclass(frozen=True)
@@ -80,6 +100,8 @@ class Clip:
     notes: list[str]
     stiffness: Stiffness
     """Free until a window told it."""
+    still: np.ndarray
+    """(T,) bool: frames without a force."""
 
     def solved(self) -> list[Kept]:
         """The windows one after the other."""
@@ -102,7 +124,7 @@ class Clip:
             start = kept[-1].trajectory.state(-1) if kept else None
             solver = WindowSolver(
                 self.particles, self.model.from_frame(begin), self.objective.between(begin, end), basis, expected, start,
-                self.settings.iterations, self.progress, tell, self.stiffness, journal=self.journal,
+                self.settings.iterations, self.progress, tell, self.still[begin:end], self.stiffness, journal=self.journal,
             )  # fmt: skip
             frames = cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin
             found = self.journal.once("window", Kept, partial(_solved, solver, frames), begin, end, start, self.stiffness)
@@ -180,7 +202,8 @@ class Clip:
         deviation = np.concatenate([one.deviation for one in kept])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):
-                deviation = np.hypot(deviation, missed_acceleration(one.targets, x, self.fps)[:, None])
+                missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
+                deviation = np.hypot(deviation, missed[:, None])
         self.notes += remark(self.stiffness, self.model)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
@@ -198,6 +221,10 @@ class Clip:
             stiffness_deviation=self.stiffness.deviation if self.stiffness.known else None,
             stiffness=self.stiffness.spread(self.particles) if self.stiffness.known else None,
             clamp_depth=self.settings.clamp_depth + self.stiffness.deeper,
+            cell=self.model.dx,
+            section=self.stiffness.q[2:] if self.stiffness.known else None,
+            section_axes=section_axes(self.particles) if self.stiffness.known else None,
+            held_covariance=self.stiffness.covariance if self.stiffness.known else None,
             substeps=scaled(self.model, self.stiffness.s).substeps,
         )
 

@@ -12,12 +12,14 @@ from scipy.spatial import cKDTree
 from ..errors import ObjectError, UsageError
 from ..field.torch_threads import one_torch_thread
 from ..mpm.laws.constitutive import LAWS
+from ..mpm.model import Model
 from ..mpm.model_for import DEFAULT_SPEED, model_for
 from ..progress import Journal, Progress
 from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
-from .clip import Clip
+from .clip import Clip, still_frames
 from .diagnostics.remarks import moving_clamp_remark
+from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free
 from .targets.clamp_motion import clamp_motion
 from .targets.objective import Channels, Objective
@@ -35,6 +37,7 @@ def recover(
     settings: RecoverSettings,
     progress: Progress,
     journal: Journal = Journal(),
+    known: KnownBody | None = None,
 ) -> Recovery:
     """Find the force density that makes the simulated body move as observed.
 
@@ -46,12 +49,14 @@ def recover(
         settings: gravity, and the number of iterations at most.
         progress: told of every part of the work; asked for cancelling at least twice a second.
         journal: keeps what is found on the way; its stamp must tell all other arguments.
+        known: the body as another clip told it.
 
     Returns:
         The force density on the particles per frame, its posterior deviation, and the simulated motion; notes name what is poorly known.
 
     Raises:
-        UsageError: targets that contradict each other, or are not finite where visible.
+        UsageError: targets that contradict each other, or are not finite where visible; still frames that the clip does not have; a known
+            body for one that is not held or flows.
         ObjectError: fewer than three pictures, a body that cannot be simulated (all held, particles in one place), or points that no
             force explains.
         SimulationError: when the simulation breaks down even at the start.
@@ -85,11 +90,23 @@ def recover(
     )  # fmt: skip
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
-    stiffness = Stiffness(free=is_free(particles, model, settings))
-    clip = Clip(particles, model, Objective(channels), fps, settings, progress, journal, notes + model_notes, stiffness)
+    objective = Objective(channels)
+    clip = Clip(
+        particles, model, objective, fps, settings, progress, journal, notes + model_notes, _stiffness(particles, model, settings, known),
+        still_frames(settings, objective.frames),
+    )  # fmt: skip
     views = len(sources) if isinstance(sources[0], TrackTargets) else 0
     found = clip.result(clip.solved(), material, views, began)
     return found if moving is None else moving.carried(found, material.density, np.asarray(settings.gravity), model.gravity)
+
+
+def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, known: KnownBody | None) -> Stiffness:
+    free = is_free(particles, model, settings)
+    if known is None:
+        return Stiffness(free)
+    if not particles.pinned.any() or model.plastic:
+        raise UsageError("--body is for a held elastic body; this one is free, or it flows.", "Leave it out, or mark what is held.")
+    return known.believed(particles, model, free)
 
 
 def _fastest(targets: PointTargets, fps: float) -> float:

@@ -64,6 +64,8 @@ class Option:
     """Of the options that share this word at most one may be given. The panel has a mode to choose among them."""
     file: bool = False
     """The path of a file."""
+    folder: bool = False
+    """The path of a folder."""
     otherwise: str = ""
     """What holds where it is None."""
     panel: str = "more"
@@ -107,7 +109,7 @@ class Option:
             value = self.form.read(text) if self.form else self.kind(text)
         except ValueError:
             raise self._wrong(called, self.form.must if self.form else f"be {KINDS[self.kind]}", text) from None
-        if self.file and not text.strip():
+        if (self.file or self.folder) and not text.strip():
             raise UsageError(f"{called}: '{text}' is no path.", self.sentence())
         if self.form is None:
             self.check(value, called)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..conventions import GRAVITY
-from .option import option
+from .option import RANGE, option
 
 SOLVE = "the solve"
 COMPARED = "other ways of solving, to compare with"
@@ -37,6 +37,15 @@ class RecoverSettings:
     stiffness: str = option(
         "free", label="Stiffness Found", help="whether the stiffness of a held elastic body is known", group=SOLVE,
         choices={"free": "it is found with the force, where the motion tells it", "given": "it is the material's"},
+    )  # fmt: skip
+    body: str | None = option(
+        None, label="Same Body As", metavar="DIR", group=SOLVE, folder=True,
+        help="take of another recovery of the same held body, to begin with the stiffness and the clamp that were found there",
+    )  # fmt: skip
+    still: tuple[int, int] | None = option(
+        None, label="Still Air", minimum=0, metavar="A:B", form=RANGE, group=SOLVE, otherwise="none", start=(0, 20),
+        help="first and last frame, counted as the clip's, in which the air is still: no force is looked for in them, and how the body "
+        "swings by itself tells its stiffness",
     )  # fmt: skip
     representation: str = option(
         "causal_triplane", help="how the field is kept", group=COMPARED, panel="",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ...engine.errors import UsageError
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of, words_of
 from ..clip.inputs.clips import files_of
 from ..clip.object.options import object_options
@@ -60,6 +61,7 @@ class RecoverRequest:
         marked: tuple[dict[str, Any], tuple[SceneInput, ...]],
     ) -> RecoverRequest:  # fmt: skip
         """The request of a scene of which `scene_values`, `take_folder`, `clip_options` and `object_options` are known already."""
+        existing_take(values["body"])
         return cls(
             take, clip[0], ObserveSettings(**marked[0] | clip[1]), BuildSettings(**part_of(values, BuildSettings)),
             RecoverSettings(**part_of(values, RecoverSettings, gravity=_gravity(scene, values))),
@@ -75,15 +77,19 @@ class RecoverRequest:
         """All that is read, but for what is made from the scene."""
         named = [getattr(self.observe, name) for name in FILES]
         given = [Path(path) for path in named if path is not None and Path(path).parent != self.take / INPUTS]
+        if self.recover.body is not None:
+            given.append(Path(self.recover.body, "trajectory.npz"))
         return [*files_of(self.clip), *given, *(Path(path) for view in self.views for path in view)]
 
     def digest(self) -> str:
         """Changes whenever the recovery would be another one. Files count by name only, so that a project can be moved."""
         names = {name: os.path.basename(getattr(self.observe, name) or "") or None for name in FILES}
+        body = os.path.basename(self.recover.body or "") or None
         files = [os.stat(path) for path in self.files()]
         views = [os.path.basename(path) for view in self.views for path in view]
         return digest_of(
-            os.path.basename(self.clip), dataclasses.replace(self.observe, **names), self.build, self.recover, views,
+            os.path.basename(self.clip), dataclasses.replace(self.observe, **names), self.build,
+            dataclasses.replace(self.recover, body=body), views,
             [(entry.st_size, entry.st_mtime_ns) for entry in files],
             tuple(each.stamp for each in self.inputs),  # what is made from the scene counts by what it is made of
             *([self.wind] if self.wind != WindSettings() else []),  # so that what was recovered before there was a choice stays done
@@ -93,6 +99,12 @@ class RecoverRequest:
         """Make the files that are made from the scene. Raises SeeingWindError where mask, tracks or proxy hold nothing."""
         for each in self.inputs:
             each.write(self.take / INPUTS / each.name)
+
+
+def existing_take(folder: str | None) -> None:
+    """Raises UsageError when a take is named that holds no recovery."""
+    if folder is not None and not all(Path(folder, name).is_file() for name in ("field.safetensors", "trajectory.npz")):
+        raise UsageError(f"{folder} holds no recovered field.", "Choose the take of another recovery, or clear Same Body As.")
 
 
 FILES = [one.name for one in options_of(ObserveSettings).values() if one.file]

@@ -27,12 +27,13 @@ def posterior_deviation(forward: Forward, covariance: np.ndarray) -> np.ndarray:
         covariance: (n, n) posterior covariance of the unknowns.
     """
     knots, modes, _ = forward.shape
+    nothing = np.zeros((modes, modes))  # where the air is still
     field = covariance[: forward.size, : forward.size].reshape(knots, modes, 3, knots, modes, 3)
     per_component = np.einsum("kmilni->kmln", field) / 3.0
     deviation = []
     for weights in forward.hats:
         active = np.flatnonzero(weights)
-        block = sum(weights[k] * weights[j] * per_component[k, :, j] for k in active for j in active)
+        block = sum((weights[k] * weights[j] * per_component[k, :, j] for k in active for j in active), nothing)
         deviation.append(np.sqrt(np.maximum(np.einsum("pm,mn,pn->p", forward.basis.phi, block, forward.basis.phi), 0.0)))
     return np.stack(deviation)
 

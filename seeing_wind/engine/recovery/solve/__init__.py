@@ -5,5 +5,6 @@
     warm_start.py    receding-horizon control, where a segment begins
     gauss_newton.py  the dense solve                  forward.py    unknowns in, trajectories and Jacobians out
     stiffness.py     Young's modulus and the clamp as unknowns      section.py  how stiffness is spread over a section
+    known_body.py    both, from another clip of the same body
     solver.py        what `first_field` asks of `window`
 """

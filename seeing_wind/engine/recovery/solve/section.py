@@ -24,6 +24,29 @@ FARTHEST = 2.0
 
 def section_shapes(particles: Particles) -> np.ndarray:
     """(u² - v²) / 2 and u v on the particles of a body that is held somewhere, (2, N)."""
+    across, values, axes = _section(particles)
+    # What is spread within a particle's own cell counts, too: of one layer it is all there is.
+    u, v = (across @ axis / np.sqrt(value + particles.spacing**2 / 12.0) for axis, value in zip(axes, values))
+    return np.clip(np.stack([(u**2 - v**2) / 2.0, u * v]), -FARTHEST, FARTHEST)
+
+
+def section_axes(particles: Particles) -> np.ndarray:
+    """(2, 3) the unit vectors along which u and v are measured."""
+    return _section(particles)[2]
+
+
+def turned(axes: np.ndarray, onto: np.ndarray) -> np.ndarray:
+    """(2, 2) what makes a and b, told along some `axes` (2, 3), those along other ones that span nearly the same plane.
+
+    a and b are the entries of the symmetric matrix [[a, b], [b, -a]] / 2 of a section's stiffness.
+    """
+    turn = onto @ axes.T
+    told = [turn @ shape @ turn.T for shape in (np.diag([0.5, -0.5]), np.array([[0.0, 0.5], [0.5, 0.0]]))]
+    return np.stack([[one[0, 0] - one[1, 1], one[0, 1] + one[1, 0]] for one in told], axis=1)
+
+
+def _section(particles: Particles) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Places across the axis (N, 3) [m], the section's variances along its principal axes (2,) [m²], and these (2, 3), widest first."""
     x, free = particles.x, ~particles.pinned
     if free.all() or not free.any():
         raise ValueError("only a body that is held in part has an axis to bend about")
@@ -32,6 +55,4 @@ def section_shapes(particles: Particles) -> np.ndarray:
     axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
     across = (x - middle) - np.outer((x - middle) @ axis, axis)
     values, vectors = np.linalg.eigh(across[free].T @ across[free] / free.sum())
-    # What is spread within a particle's own cell counts, too: of one layer it is all there is.
-    u, v = (across @ vectors[:, k] / np.sqrt(values[k] + particles.spacing**2 / 12.0) for k in (2, 1))
-    return np.clip(np.stack([(u**2 - v**2) / 2.0, u * v]), -FARTHEST, FARTHEST)
+    return across, values[2:0:-1], vectors[:, 2:0:-1].T

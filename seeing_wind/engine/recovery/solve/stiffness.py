@@ -10,12 +10,12 @@ J (n, m) their derivatives by the other unknowns theta, P the precision of theta
     q = (s, d, a, b)    s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
                         a, b ~ N(0, SECTION_SPREAD²), sizes of the section's two shapes
     C = dr/dq           (m, 4), central differences through the simulator
-    Q                   the diagonal matrix of these priors' precisions
+    Q                   the precision of q's prior: diagonal, or what another clip of the same body left (`known_body`)
 
 a Gauss-Newton step for all
 
     [ J J' + P   J C      ] [d theta]       [ J r + P theta ]
-    [ (J C)'     C'C + Q  ] [d q    ]  =  - [ C'r + Q q     ]
+    [ (J C)'     C'C + Q  ] [d q    ]  =  - [ C'r + Q (q - E q) ]
 
 and after it theta alone is solved for again. s scales both of Lamé's parameters and the viscosity: Poisson's ratio and the retardation
 time stay. The damping is the material's: found with the rest it took nothing from the errors (docs/notebook/held_bodies.md).
@@ -24,7 +24,7 @@ time stay. The damping is the material's: found with the rest it took nothing fr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -58,33 +58,53 @@ COARSE_ROUNDS, FINE_ROUNDS = 5, 2
 """Joint steps at most, each with a solve for theta after it."""
 
 
+PRIOR = np.diag([SPREAD**2, DEPTH_SPREAD**2, SECTION_SPREAD**2, SECTION_SPREAD**2])
+"""(4, 4) covariance of q before the clip is seen."""
+
+
 @dataclass(frozen=True)
 class Stiffness:
     """What is held to be true of s, d, a and b."""
 
     free: bool
     """Still to be found; else they stay."""
-    s: float = 0.0
-    deviation: float = SPREAD
-    """Standard deviation of s, by the fit itself."""
-    deeper: float = 0.0
-    """d [grid cells]."""
-    uneven: tuple[float, float] = (0.0, 0.0)
-    """a and b."""
+    q: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    """(4,) s, d [grid cells], a and b."""
+    covariance: np.ndarray = field(default_factory=lambda: PRIOR)
+    """(4, 4) of q, by the fit itself."""
+    expected: np.ndarray = field(default_factory=lambda: np.zeros(4))
+    """(4,) mean of q's prior."""
+    precision: np.ndarray = field(default_factory=lambda: np.linalg.inv(PRIOR))
+    """(4, 4) of q's prior."""
+
+    @staticmethod
+    def believed(expected: np.ndarray, covariance: np.ndarray, free: bool) -> Stiffness:
+        """What another clip of the same body tells beforehand: q (4,) and its covariance (4, 4)."""
+        return Stiffness(free, expected, covariance, expected, np.linalg.inv(covariance))
+
+    @property
+    def s(self) -> float:
+        """log(E / E given)."""
+        return float(self.q[0])
+
+    @property
+    def deeper(self) -> float:
+        """d [grid cells]."""
+        return float(self.q[1])
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of s."""
+        return math.sqrt(self.covariance[0, 0])
 
     @property
     def known(self) -> bool:
-        """Whether the clip tells it."""
+        """Whether this clip, or one before, tells it."""
         return self.deviation <= FIXED * SPREAD
 
-    @property
-    def q(self) -> np.ndarray:
-        """(4,) s, d, a and b."""
-        return np.array([self.s, self.deeper, *self.uneven])
-
-    def at(self, q: np.ndarray, deviation: float) -> Stiffness:
+    def at(self, q: np.ndarray, covariance: np.ndarray) -> Stiffness:
         """The same with other values (4,)."""
-        return replace(self, s=float(q[0]), deeper=float(q[1]), uneven=(float(q[2]), float(q[3])), deviation=deviation)
+        return replace(self, q=q, covariance=covariance)
 
     def settled(self) -> Stiffness:
         """The same from now on."""
@@ -99,14 +119,12 @@ class Stiffness:
 
     def spread(self, body: Particles) -> np.ndarray | None:
         """(N,) factor on the particles' stiffness besides e^s; None where it is even."""
-        return np.exp(np.array(self.uneven) @ section_shapes(body)) if any(self.uneven) else None
+        return np.exp(self.q[2:] @ section_shapes(body)) if self.q[2:].any() else None
 
     def penalty(self) -> float:
         """What q adds to the cost, twice their negative log prior."""
-        return float(self.q @ _PRECISION @ self.q)
-
-
-_PRECISION = np.diag([SPREAD**-2, DEPTH_SPREAD**-2, SECTION_SPREAD**-2, SECTION_SPREAD**-2])
+        off = self.q - self.expected
+        return float(off @ self.precision @ off)
 
 
 def is_free(particles: Particles, model: Model, settings: RecoverSettings) -> bool:
@@ -170,6 +188,8 @@ class Joint:
     """(4, 4) C'C + Q."""
     gradient: np.ndarray
     """(n + 4,) right side, its sign turned."""
+    prior: np.ndarray
+    """(4, 4) Q."""
 
     @staticmethod
     def about(
@@ -183,8 +203,8 @@ class Joint:
         here = white(np.zeros(len(there.q)))
         C = np.stack([(white(step) - white(-step)) / (2.0 * step.sum()) for step in np.diag(OFFSETS)], axis=1)
         jacobian = solution.point.jacobian.astype(np.float64)
-        pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + _PRECISION @ there.q])
-        return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + _PRECISION, pull)
+        pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + there.precision @ (there.q - there.expected)])
+        return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + there.precision, pull, there.precision)
 
     @property
     def _count(self) -> int:
@@ -195,13 +215,8 @@ class Joint:
         """(4, 4) of q when nothing but the priors is known of theta."""
         # What theta's freedom leaves of `own` is positive definite but for rounding, and no less than the prior.
         left: np.ndarray = self.own - self.coupling.T @ np.linalg.solve(self.normal, self.coupling)
-        values, vectors = np.linalg.eigh(0.5 * (left + left.T) - _PRECISION)
-        return np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + _PRECISION)
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of s."""
-        return math.sqrt(self.covariance[0, 0])
+        values, vectors = np.linalg.eigh(0.5 * (left + left.T) - self.prior)
+        return np.linalg.inv((vectors * np.maximum(values, 0.0)) @ vectors.T + self.prior)
 
     def step(self) -> np.ndarray:
         """(4,) the Gauss-Newton step of q."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -81,7 +81,9 @@ class WindowSolver:
     progress: Progress
     tell: Callable[[float, str, float | None], None]
     """Told the fraction done, what is being done, and the misfit in the observations' standard deviations (root mean square)."""
-    stiffness: Stiffness = Stiffness(free=False)
+    still: np.ndarray
+    """(T,) bool: the window's frames without a force."""
+    stiffness: Stiffness = field(default_factory=partial(Stiffness, free=False))
     joint: Joint | None = None
     """Of the last solve with the stiffness free."""
     journal: Journal = Journal()
@@ -165,15 +167,16 @@ class WindowSolver:
             before = self.stiffness
             about = partial(Joint.about, forward, self.particles, self.objective, prior.precision(), solution, before)
             joint = self.journal.once("joint", Joint, about, solution.theta, before)
-            known = before.at(before.q, joint.deviation).known
-            after = before.q + shortened(joint.step()) if known else np.zeros(len(before.q))
+            known = before.at(before.q, joint.covariance).known
+            after = before.q + shortened(joint.step()) if known else before.expected.copy()
             after[0] = min(after[0], stiffest(self.model))
             changed = self._towards(after - before.q, forward, prior, solution, joint, SHARES if known else (1.0,))
             if changed is None:
                 # Nothing lowers the cost: far from a minimum the clip says nothing of the stiffness, at one it has been said.
-                if before.s == 0.0 and known and abs(after[0]) > joint.deviation:
+                begun = before.s == before.expected[0]
+                if begun and known and abs(after[0] - before.s) > math.sqrt(joint.covariance[0, 0]):
                     break
-                self.stiffness, self.joint = before.at(before.q, joint.deviation), joint
+                self.stiffness, self.joint = before.at(before.q, joint.covariance), joint
                 break
             self.stiffness, forward, theta = changed
             self.joint = joint
@@ -192,7 +195,7 @@ class WindowSolver:
         before = self.stiffness
         most = solution.cost + before.penalty() if len(shares) > 1 else np.inf
         for share in shares if dq.any() else ():
-            there = before.at(before.q + share * dq, joint.deviation)
+            there = before.at(before.q + share * dq, joint.covariance)
             changed = replace(forward, model=there.of(self.model, self.particles), rough=self._rough(there))
             theta = solution.theta + share * joint.follow(dq)
             for _ in range(FOLLOWING):
@@ -235,9 +238,9 @@ class WindowSolver:
         if self.start is not None:
             velocity, gradient = velocity[:0], gradient[:0]
         x = self.particles.x
-        model = model or self._model()
+        model, weights = model or self._model(), hats(frames, knot) * ~self.still[:frames, None]
         return Forward(
-            model, self._rough(), x, basis, hats(frames, knot), knot, velocity, gradient, self.progress, self.start, self.journal
+            model, self._rough(), x, basis, weights, knot, velocity, gradient, self.progress, self.start, self.journal
         )
 
     def solve(

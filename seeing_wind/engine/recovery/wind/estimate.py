@@ -79,8 +79,9 @@ class Problem:
 
     @property
     def size(self) -> float:
-        """Root mean square acceleration [m/s²]."""
-        return float(np.sqrt((self.measured**2).sum(axis=1).mean()))
+        """Root mean square acceleration [m/s²] over the frames that tell of one."""
+        squares = (self.measured**2).sum(axis=1)
+        return float(np.sqrt(squares.sum() / max(np.count_nonzero(squares), 1)))
 
     def noise(self, shares: tuple[float, float]) -> np.ndarray:
         """(T, D) standard deviation of the data [m/s²]."""

@@ -16,7 +16,7 @@ solve takes it for zero (`recovery.prior.stretch`). Of a stiff body what remains
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +66,11 @@ class Felt:
         both = np.einsum("eq,teab->tqab", pairs, slope, optimize=True) / self.mass
         modes = self.phi.shape[1]
         return np.einsum("tdja,tjkab->tdkb", self.seen, both.reshape(len(both), modes, modes, 3, 3))
+
+    def without(self, still: np.ndarray) -> Felt:
+        """The same without the frames `still` (T,), whose force tells of no wind."""
+        heard = ~still[:, None]
+        return replace(self, measured=self.measured * heard, seen=self.seen * heard[..., None, None])
 
     def uniform(self) -> np.ndarray:
         """(T, 3) a first wind [m/s]: along each frame's net force, and as strong over the surface that faces it as that force needs."""

@@ -13,6 +13,7 @@ from ...progress import Journal, Progress
 from ...records import Body, Material, Particles, Recovery
 from ...settings import RecoverSettings, WindSettings
 from ...take import Take, stamp_of
+from ..clip import still_frames
 from ..journal import TakeJournal
 from ..prior.basis import spatial_basis
 from .drag import AIR
@@ -64,7 +65,8 @@ def wind_stage(
     if settings.field == "force":
         clear(take)
         return Wind(None, {}, [])
-    stamp = stamp_of("wind", VERSION, settings, take.file("trajectory.npz"), solving.representation, solving.seed, solving.gravity)
+    given = (solving.representation, solving.seed, solving.gravity, solving.still)
+    stamp = stamp_of("wind", VERSION, settings, take.file("trajectory.npz"), *given)
     if take.is_done("wind", stamp) and take.file(TOLD).is_file():
         told = take.read_json(TOLD)
         return Wind(load_field(take.file(FIELD)) if told["field"] == "wind" else None, told, told["notes"])
@@ -110,8 +112,11 @@ def _found(
 ) -> tuple[Estimate, dict[str, Any]]:
     mass = material.density * particles.volume * ~particles.pinned
     basis = spatial_basis(particles.x, mass, MODES).up_to(DEGREE)
-    felt = felt_by(recovery, particles, material.density, surface_of(body, particles), basis, fps, AIR)
+    still = still_frames(solving, len(recovery.force_density))
+    felt = felt_by(recovery, particles, material.density, surface_of(body, particles), basis, fps, AIR).without(still)
     found = journal.once("wind", Estimate, lambda: wind_of(felt, basis, recovery.x, progress), felt.measured)
+    moving = ~still[:, None]
+    found = replace(found, velocity=found.velocity * moving[..., None], deviation=found.deviation * moving)
     against = objection(found, recovery, particles, material.density, fps, solving.gravity)
     if against and settings.field == "wind":
         raise ObjectError(f"No wind can be recovered. {against}", "Use --field force, or check material, scale, gravity and what is held.")
