@@ -30,6 +30,7 @@ help:
 	@echo "make benchmark-mpm  the solver's speed beside other simulators"
 	@echo "make benchmark-shells  how long a shell of 1,024 and of 10,000 vertices takes"
 	@echo "make benchmark-compilers  Quadrants beside Taichi"
+	@echo "make sensitivity  what each number of the recovery is worth: halved and doubled, one at a time; an hour"
 	@echo "make docs       the documentation as a site in build/docs; a broken link, anchor or picture is an error"
 	@echo "make references docs/reference/cli.md and materials.md from the options and the material library"
 	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
@@ -141,6 +142,10 @@ benchmark-mpm: setup
 benchmark-shells: setup
 	PYTHONPATH=$(CURDIR) $(ENGINE)/bin/python benchmarks/shell_speed.py
 
+# What each number of the recovery is worth, on TRUTH="one.npz two.npz"; some seconds per number, file and factor. Resumable.
+sensitivity: setup
+	PYTHONPATH=$(CURDIR) $(ENGINE)/bin/python benchmarks/sensitivity.py $(or $(TRUTH),tests/engine/recovery/genesis_post.npz) $(RUN)
+
 # The solver's two compilers; a quarter of an hour on two idle cores.
 benchmark-compilers: setup
 	@$(PY) -m pip install --quiet --disable-pip-version-check -e ".[quadrants]"
@@ -177,4 +182,4 @@ screenshots: setup
 clean:
 	rm -rf build
 
-.PHONY: help docs references setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots clean
+.PHONY: help docs references sensitivity setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots clean
