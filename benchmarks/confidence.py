@@ -26,9 +26,9 @@ from seeing_wind.engine.field import ForceField, load_field  # noqa: E402
 from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
+from seeing_wind.engine.record_arrays import read_recovery  # noqa: E402
 from seeing_wind.engine.records import as_found  # noqa: E402
 from seeing_wind.engine.recovery.resimulate.in_field import continued  # noqa: E402
-from seeing_wind.engine.stages import read_recovery  # noqa: E402
 from seeing_wind.engine.take import Take  # noqa: E402
 
 SCENES = ("sheet", "banner", "pole", "clay")

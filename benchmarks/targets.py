@@ -21,11 +21,12 @@ sys.path[:0] = [str(HERE.parent)]  # a script of the source tree: it runs with t
 from seeing_wind.engine.field.distillation import distill  # noqa: E402
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
+from seeing_wind.engine.record_arrays import from_arrays, read_body  # noqa: E402
 from seeing_wind.engine.records import Body, Observation, PointTargets, TrackTargets  # noqa: E402
 from seeing_wind.engine.recovery import recover  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
-from seeing_wind.engine.stages import read_body, track_targets  # noqa: E402
-from seeing_wind.engine.take import Take, from_arrays  # noqa: E402
+from seeing_wind.engine.stages import track_targets  # noqa: E402
+from seeing_wind.engine.take import Take  # noqa: E402
 
 ALONG = 10.0
 """Standard deviation of a lifted point along the view, over that across it."""

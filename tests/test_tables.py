@@ -21,7 +21,7 @@ from paper_tables.rows import VERSION, all_rows, short_rows  # noqa: E402
 
 from seeing_wind.engine.command.arguments import parser  # noqa: E402
 from seeing_wind.engine.records import Camera  # noqa: E402
-from seeing_wind.engine.stages import VERSION as ENGINE  # noqa: E402
+from seeing_wind.engine.take import VERSION as ENGINE  # noqa: E402
 
 
 def test_every_table_and_kind_of_object_has_its_rows():

@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from seeing_wind.engine.stages import VERSION as ENGINE
+from seeing_wind.engine.take import VERSION as ENGINE
 
 from .rows import Row
 

@@ -16,9 +16,10 @@ import numpy as np
 
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.record_arrays import from_arrays
 from seeing_wind.engine.records import Body
-from seeing_wind.engine.stages import VERSION as ENGINE
-from seeing_wind.engine.take import Take, from_arrays
+from seeing_wind.engine.take import VERSION as ENGINE
+from seeing_wind.engine.take import Take
 
 from .metrics import lpips, psnr, ssim
 from .objects import THINGS

@@ -17,17 +17,16 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Iterator
-from enum import StrEnum
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import UnionType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, TypeVar
 
 import numpy as np
 
 from . import systems
-from .errors import TakeError
-from .reading import LARGEST_TAKE, check_record, parse_json, read_arrays, read_json, read_toml
+from .errors import TakeError, UsageError
+from .progress import Progress
+from .reading import LARGEST_TAKE, read_arrays, read_json, read_toml
 from .settings import toml_text
 
 R = TypeVar("R")
@@ -37,6 +36,9 @@ BLOCK = 2**24
 
 FORMAT = 1
 """Version of the take's layout."""
+
+VERSION = 13
+"""Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 LONGEST_NAME = 80
 """Characters kept free behind a take's folder for the names of its files, those written aside included."""
@@ -166,6 +168,17 @@ class Take:
         """Whether `stage` was finished with exactly these inputs and settings."""
         return self.description().get("stages", {}).get(stage, {}).get("stamp") == stamp
 
+    def kept(self, stage: str, stamp: str, read: Callable[[], R], progress: Progress) -> R | None:
+        """What an earlier run left of `stage`, None if it has to be done: not finished, of other inputs, or its files are damaged."""
+        if not self.is_done(stage, stamp):
+            return None
+        progress.begin(stage, "already done")
+        try:
+            return read()
+        except TakeError as error:
+            progress.warn(f"The stage {stage} is done again: {error.message}")
+            return None
+
     def finish(self, stage: str, stamp: str, settings: dict[str, Any]) -> None:
         """Write the stamp of a finished stage and its settings, last of all. Stamps of later stages stay: their inputs are in them."""
         with self.finishing(stage, stamp, settings):
@@ -188,6 +201,18 @@ class Take:
             description["stages"][stage]["stamp"] = ""
             with self.writing("take.toml") as path:
                 path.write_text(toml_text(description), encoding="utf-8")
+
+
+def require_take(path: str) -> Take:
+    """A take that has a recovered field.
+
+    Raises:
+        UsageError: when there is none at `path`.
+    """
+    take = Take(path)
+    if not take.file("field.safetensors").is_file():
+        raise UsageError(f"{path} holds no recovered field.", "Run `recover` with --take for this folder first.")
+    return take
 
 
 def json_text(values: dict[str, Any]) -> str:
@@ -245,73 +270,3 @@ def stamp_of(*parts: Any) -> str:
             digest.update(repr(part).encode())
         digest.update(b"\0")
     return digest.hexdigest()[:16]
-
-
-# -- records as arrays --------------------------------------------------------------------------------------------------------
-
-
-def to_arrays(record: Any, prefix: str = "") -> dict[str, np.ndarray]:
-    """A record (see `records`) as flat named arrays, nested records joined with dots, None and lists of strings as JSON."""
-    arrays: dict[str, np.ndarray] = {}
-    for field in dataclasses.fields(record):
-        value, key = getattr(record, field.name), prefix + field.name
-        if dataclasses.is_dataclass(value):
-            arrays.update(to_arrays(value, key + "."))
-        elif isinstance(value, np.ndarray):
-            arrays[key] = value
-        else:
-            arrays[key] = np.array(json.dumps(value))
-    return arrays
-
-
-def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -> R:
-    """The inverse of `to_arrays`.
-
-    Raises:
-        TakeError: when a field is missing (a take of another version), or is not what `to_arrays` writes or does not fit the others (a
-            damaged take).
-    """
-    hints: dict[str, Any] = get_type_hints(cls)
-    values: dict[str, Any] = {}
-    for field in dataclasses.fields(cls):  # type: ignore[arg-type]
-        key, kind = prefix + field.name, hints[field.name]
-        if dataclasses.is_dataclass(kind):
-            values[field.name] = from_arrays(kind, arrays, key + ".")  # type: ignore[arg-type]
-        elif key not in arrays and field.default is not dataclasses.MISSING:
-            continue  # a take from before the field was there
-        elif key not in arrays:
-            raise TakeError(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
-        elif np.ndarray in (kind, *get_args(kind)) and arrays[key].dtype.kind != "U":  # None is JSON
-            values[field.name] = arrays[key]
-        else:
-            try:
-                values[field.name] = _plain(str(arrays[key]), kind)
-            except ValueError as error:
-                raise TakeError(f"The take's {key} cannot be read: {error}.", "It is damaged: run `recover` again.") from error
-    record = cls(**values)
-    try:
-        check_record(record)
-    except ValueError as error:
-        raise TakeError(f"The take's {error}.", "It is damaged: run `recover` again.") from error
-    return record
-
-
-def _plain(text: str, kind: Any) -> Any:
-    """The value of the type `kind` that is written in JSON. Raises ValueError where it is none."""
-    value = parse_json(text)
-    if isinstance(kind, type) and issubclass(kind, StrEnum):
-        return kind(value)
-    if not _fits(value, kind):
-        raise ValueError(f"{text[:40]} is no {getattr(kind, '__name__', kind)}")
-    return tuple(value) if get_origin(kind) is tuple else value
-
-
-def _fits(value: Any, kind: Any) -> bool:
-    """Whether what JSON gave is of the type `kind`: a plain one, None, a list or tuple of one of them, or a choice of these."""
-    if isinstance(kind, UnionType):
-        return any(_fits(value, one) for one in get_args(kind))
-    if get_origin(kind) in (list, tuple):
-        return isinstance(value, list) and all(_fits(item, get_args(kind)[0]) for item in value)
-    if kind in (int, float):
-        return isinstance(value, (int, kind)) and not isinstance(value, bool)
-    return isinstance(value, kind)

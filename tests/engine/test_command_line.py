@@ -18,11 +18,12 @@ from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import DONE_WITH_WARNINGS, UsageError
 from seeing_wind.engine.field import GustField
 from seeing_wind.engine.progress import NoProgress, Progress
+from seeing_wind.engine.record_arrays import from_arrays
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
 from seeing_wind.engine.settings.tables import read_edit
 from seeing_wind.engine.stages import observe_stage
-from seeing_wind.engine.take import Take, from_arrays
+from seeing_wind.engine.take import Take
 from tests.faults.worker import Worker
 
 FLAT = np.full((48, 64, 3), 90, dtype=np.uint8)

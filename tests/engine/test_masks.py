@@ -9,7 +9,8 @@ import pytest
 
 from seeing_wind.engine.errors import TakeError
 from seeing_wind.engine.masks import Masks, areas
-from seeing_wind.engine.take import Take, from_arrays, to_arrays
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays
+from seeing_wind.engine.take import Take
 
 
 def some() -> np.ndarray:

@@ -12,10 +12,12 @@ import pytest
 
 from seeing_wind.engine.errors import TakeError
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
+from seeing_wind.engine.record_arrays import read_recovery, to_arrays
 from seeing_wind.engine.records import Material, Recovery
+from seeing_wind.engine.recovery.stage import FITTED, SOLVED, recover_stage
 from seeing_wind.engine.settings import ObserveSettings
-from seeing_wind.engine.stages import FITTED, SOLVED, observation_stamp, read_recovery, recover_stage
-from seeing_wind.engine.take import Take, stamp_of, to_arrays
+from seeing_wind.engine.stages import observation_stamp
+from seeing_wind.engine.take import Take, stamp_of
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
 
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import TakeError
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.settings import BuildSettings
-from seeing_wind.engine.take import Take, from_arrays, stamp_of, to_arrays
+from seeing_wind.engine.take import Take, stamp_of
 
 
 def recovery() -> Recovery:

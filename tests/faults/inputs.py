@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from seeing_wind.engine.take import toml_text
+from seeing_wind.engine.settings import toml_text
 
 from .calls import ARRAYS, EXPORT, READERS, RECOVER, SAMPLE, SIMULATE, SOLVE, STOP, TAKE_FILES, prepared
 from .pictures import pictures_say, ranges_say

@@ -13,8 +13,9 @@ from seeing_wind.engine.field.analytic import GustField
 from seeing_wind.engine.field.confidence import ConfidenceMap
 from seeing_wind.engine.field.representations.triplane import CausalTriPlane, ForceFieldTriPlane
 from seeing_wind.engine.materials import find
+from seeing_wind.engine.record_arrays import to_arrays
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Outcome, Particles, Recovery, Surface
-from seeing_wind.engine.take import Take, to_arrays
+from seeing_wind.engine.take import Take
 
 WIDTH, HEIGHT, FRAMES, FPS = 64, 48, 6, 24.0
 BOX = np.array([[-0.1, -0.1, -0.1], [0.2, 0.2, 0.2]])

@@ -56,8 +56,9 @@ def recover(options: list[str]) -> None:
     """A flat square of particles that drifts to the right."""
     from seeing_wind.engine.conventions import front_view
     from seeing_wind.engine.masks import Masks
+    from seeing_wind.engine.record_arrays import to_arrays
     from seeing_wind.engine.records import Attachment, Camera, Particles, Surface
-    from seeing_wind.engine.take import Take, stamp_of, to_arrays
+    from seeing_wind.engine.take import Take, stamp_of
 
     take = Take(options[options.index("--take") + 1])
     side = np.linspace(-0.2, 0.2, 4)

@@ -14,7 +14,7 @@ from ..materials import adjusted, find
 from ..progress import Progress
 from ..records import Outcome
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
-from ..stages import build_stage, check_solve, observe_stage, picture_loss, recover_stage, track_targets, write_gaussians
+from ..stages import build_stage, check_solve, observe_stage, picture_loss, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import properties_of, settings_of
 from .lock import held
@@ -105,6 +105,7 @@ def _recover_into(
     from ..look.multiview import with_views
     from ..observe import observe
     from ..observe.object.motion.views import lifted_together, view_targets
+    from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
 
     seconds = dict[str, float]()
@@ -154,6 +155,7 @@ def _recover_into(
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover-trajectories TRUTH.npz --take DIR`."""
+    from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
     from .trajectories import read_trajectories
 

@@ -9,8 +9,7 @@ from typing import Any
 from ..errors import SeeingWindError
 from ..progress import Cancelled, Progress
 from ..records import Outcome, Recovery
-from ..stages import VERSION, finished
-from ..take import Take, stamp_of
+from ..take import VERSION, Take, stamp_of
 
 Result = dict[str, Any]
 
@@ -60,7 +59,7 @@ def _report_stage(take: Take, level: str, clip: str, draw: Callable[[], dict[str
     recovered, wind = (stages.get(stage, {}).get("stamp", "") for stage in ("recover", "wind"))
     stamp = stamp_of("report", VERSION, recovered, level, clip, *([wind] if wind else []))
     if all(take.file(name).is_file() for name in _products(level, clip)):
-        kept = finished(take, "report", stamp, lambda: take.read_json("report.json"), progress)
+        kept = take.kept("report", stamp, lambda: take.read_json("report.json"), progress)
         if kept is not None:
             return kept
     progress.begin("report", "drawing the report")

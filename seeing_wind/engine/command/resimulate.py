@@ -11,9 +11,9 @@ import numpy as np
 
 from ..errors import TakeError, UsageError
 from ..progress import Progress
+from ..record_arrays import read_body, read_recovery
 from ..settings.tables import read_edit
-from ..stages import read_body, read_recovery, require_take
-from ..take import Take, json_text, npz, stamp_of
+from ..take import Take, json_text, npz, require_take, stamp_of
 from .lock import held
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from typing import Any
 
 from ..errors import SeeingWindError, UsageError
 from ..progress import Progress
-from ..stages import require_take
-from ..take import Take
+from ..take import Take, require_take
 from .batch.verb import batch
 from .observe import observe
 from .recover import asked_model, recover, recover_trajectories

@@ -1,6 +1,7 @@
 """From observed motion to the force field that made it.
 
-    recover.py      body, targets and settings to a force    journal.py    what a crash does not cost
+    stage.py        the stage: a force and its field         journal.py    what a crash does not cost
+    recover.py      body, targets and settings to a force
     clip.py         the whole clip, window by window         diagnostics/  what the user should know about a solution
     solve/          Gauss-Newton through the simulator       resimulate/   a recovered field on other bodies
     prior/          what is believed of a force beforehand

@@ -27,7 +27,8 @@ from safetensors.numpy import save
 
 from ..errors import ObjectError, SimulationError, TakeError, UsageError
 from ..progress import Journal, Loop, Progress
-from ..take import Take, from_arrays, stamp_of, to_arrays
+from ..record_arrays import from_arrays, to_arrays
+from ..take import Take, stamp_of
 
 R = TypeVar("R")
 Arrays = dict[str, np.ndarray]

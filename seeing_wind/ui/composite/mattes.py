@@ -14,7 +14,8 @@ import numpy as np
 
 from ...engine.errors import TakeError
 from ...engine.masks import Masks
-from ...engine.take import Take, from_arrays
+from ...engine.record_arrays import from_arrays
+from ...engine.take import Take
 from ..bake.animation import make_linear, remove_curves
 from ..scene_units import metres_per_unit
 

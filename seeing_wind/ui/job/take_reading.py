@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...engine.errors import TakeError
-from ...engine.take import Take, from_arrays
+from ...engine.record_arrays import from_arrays
+from ...engine.take import Take
 
 if TYPE_CHECKING:
     from ...engine.records import Camera, Surface

@@ -17,9 +17,9 @@ from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.clip.camera import read_camera
 from seeing_wind.engine.observe.clip.lens import Lens
 from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Camera
 from seeing_wind.engine.settings import ObserveSettings
-from seeing_wind.engine.take import from_arrays, to_arrays
 
 BENT = (-0.25, 0.06, 0.002, -0.003, 0.0)
 CAMERA = Camera(220, 160, 200.0, 205.0, 108.0, 81.0, front_view(2.0), BENT)

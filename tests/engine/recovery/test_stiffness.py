@@ -10,6 +10,7 @@ from seeing_wind.engine.command.arguments import parser, settings_of
 from seeing_wind.engine.mpm.damping import retardation_of
 from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS_HELD, model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found
 from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
@@ -18,7 +19,6 @@ from seeing_wind.engine.recovery.solve import window as windows
 from seeing_wind.engine.recovery.solve.section import section_shapes
 from seeing_wind.engine.recovery.solve.stiffness import FIXED, SPREAD, is_free, scaled, stiffest, youngs_modulus
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
-from seeing_wind.engine.take import from_arrays, to_arrays
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
 TOO_STIFF = replace(RUBBER, youngs_modulus=1.3 * RUBBER.youngs_modulus)

@@ -26,9 +26,9 @@ from ...mpm.autograd import simulate
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
 from ...progress import Journal, Progress
+from ...record_arrays import from_arrays, to_arrays
 from ...records import Material, Outcome, Particles, PointTargets, Recovery
 from ...settings import RecoverSettings
-from ...take import from_arrays, to_arrays
 from .field import DescentField, descent_field
 from .losses import MotionLoss, Targets, TrackingLoss
 from .start import first_look

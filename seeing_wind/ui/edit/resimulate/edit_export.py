@@ -10,8 +10,9 @@ import numpy as np
 
 from ....engine.conventions import GRAVITY
 from ....engine.errors import TakeError, UsageError
+from ....engine.record_arrays import from_arrays
 from ....engine.records import Attachment
-from ....engine.take import Take, from_arrays
+from ....engine.take import Take
 from ...bake.animation import values_over
 from ...bake.at_rest import at_rest
 from ...job.take_reading import field_summary

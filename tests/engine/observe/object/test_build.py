@@ -13,10 +13,10 @@ from seeing_wind.engine.observe.object.motion.keypoints import place, ride
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Body
 from seeing_wind.engine.settings import BuildSettings
 from seeing_wind.engine.stages import build_body
-from seeing_wind.engine.take import from_arrays, to_arrays
 
 
 def test_plate_to_body(plate) -> None:

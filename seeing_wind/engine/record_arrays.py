@@ -1,0 +1,98 @@
+"""Records (see `records`) as named arrays, as the NPZ files of a take keep them, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from enum import StrEnum
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from .errors import TakeError
+from .reading import check_record, parse_json
+from .records import Body, Recovery
+from .take import Take
+
+R = TypeVar("R")
+
+TRAJECTORY = "trajectory.npz"
+"""Of a take: the motion that its field was recovered with."""
+
+
+def to_arrays(record: Any, prefix: str = "") -> dict[str, np.ndarray]:
+    """A record (see `records`) as flat named arrays, nested records joined with dots, None and lists of strings as JSON."""
+    arrays: dict[str, np.ndarray] = {}
+    for field in dataclasses.fields(record):
+        value, key = getattr(record, field.name), prefix + field.name
+        if dataclasses.is_dataclass(value):
+            arrays.update(to_arrays(value, key + "."))
+        elif isinstance(value, np.ndarray):
+            arrays[key] = value
+        else:
+            arrays[key] = np.array(json.dumps(value))
+    return arrays
+
+
+def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -> R:
+    """The inverse of `to_arrays`.
+
+    Raises:
+        TakeError: when a field is missing (a take of another version), or is not what `to_arrays` writes or does not fit the others (a
+            damaged take).
+    """
+    hints: dict[str, Any] = get_type_hints(cls)
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+        key, kind = prefix + field.name, hints[field.name]
+        if dataclasses.is_dataclass(kind):
+            values[field.name] = from_arrays(kind, arrays, key + ".")  # type: ignore[arg-type]
+        elif key not in arrays and field.default is not dataclasses.MISSING:
+            continue  # a take from before the field was there
+        elif key not in arrays:
+            raise TakeError(f"The take lacks {key}.", "It was written by another version: run `recover` again.")
+        elif np.ndarray in (kind, *get_args(kind)) and arrays[key].dtype.kind != "U":  # None is JSON
+            values[field.name] = arrays[key]
+        else:
+            try:
+                values[field.name] = _plain(str(arrays[key]), kind)
+            except ValueError as error:
+                raise TakeError(f"The take's {key} cannot be read: {error}.", "It is damaged: run `recover` again.") from error
+    record = cls(**values)
+    try:
+        check_record(record)
+    except ValueError as error:
+        raise TakeError(f"The take's {error}.", "It is damaged: run `recover` again.") from error
+    return record
+
+
+def _plain(text: str, kind: Any) -> Any:
+    """The value of the type `kind` that is written in JSON. Raises ValueError where it is none."""
+    value = parse_json(text)
+    if isinstance(kind, type) and issubclass(kind, StrEnum):
+        return kind(value)
+    if not _fits(value, kind):
+        raise ValueError(f"{text[:40]} is no {getattr(kind, '__name__', kind)}")
+    return tuple(value) if get_origin(kind) is tuple else value
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    """Whether what JSON gave is of the type `kind`: a plain one, None, a list or tuple of one of them, or a choice of these."""
+    if isinstance(kind, UnionType):
+        return any(_fits(value, one) for one in get_args(kind))
+    if get_origin(kind) in (list, tuple):
+        return isinstance(value, list) and all(_fits(item, get_args(kind)[0]) for item in value)
+    if kind in (int, float):
+        return isinstance(value, (int, kind)) and not isinstance(value, bool)
+    return isinstance(value, kind)
+
+
+def read_body(take: Take) -> Body:
+    """The body of a take. Raises TakeError where the take has none (recovered from trajectories)."""
+    return from_arrays(Body, take.read_arrays("particles.npz"))
+
+
+def read_recovery(take: Take) -> Recovery:
+    """The recovery of a take."""
+    return from_arrays(Recovery, take.read_arrays(TRAJECTORY))

@@ -1,0 +1,139 @@
+"""Stage *recover*: targets become a motion and a field, both kept in the take. It resumes where it stopped."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import systems
+from ..progress import Journal, Progress
+from ..record_arrays import TRAJECTORY, from_arrays, read_recovery, to_arrays
+from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
+from ..settings import RecoverSettings, to_mapping
+from ..take import VERSION, Take, require_take, stamp_of
+from .journal import TakeJournal
+from .recover import recover
+from .solve.known_body import KnownBody
+
+if TYPE_CHECKING:
+    from ..field import ForceField
+    from .paper.losses import MotionLoss
+
+SOLVED, FITTED = "solve.npz", "fitted.safetensors"
+"""A solve whose field is not there yet, and that field for the moment before both take their places."""
+
+
+def recover_stage(
+    take: Take,
+    particles: Particles,
+    material: Material,
+    targets: PointTargets | list[TrackTargets],
+    fps: float,
+    upstream: str,
+    settings: RecoverSettings,
+    progress: Progress,
+    loss: Callable[[], Callable[[float], MotionLoss]] | None = None,
+) -> tuple[Recovery, ForceField | None, dict[str, float]]:
+    """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, distil into the representation, refine it.
+
+    Args:
+        loss: for objectives other than tracking; see `picture_loss`.
+
+    Returns:
+        the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds
+        that solve, distillation and refinement took.
+    """
+    from ..field import load_field
+    from .paper.schedule import recover_by_descent
+
+    known = None
+    if settings.body is not None:
+        known, upstream = known_body(settings.body), stamp_of(upstream, Path(settings.body, TRAJECTORY))
+    told = settings
+    settings = dataclasses.replace(settings, body=None)  # a project can be moved: what counts is what the other take holds
+    stamp = stamp_of("recover", VERSION, upstream, settings)
+    # The solve has a stamp of its own: it is long, and a job cancelled while the field is fitted need not repeat it. Until the field is
+    # there, it has a file of its own, too: a trajectory belongs to the field beside it. Engines before that left another solve's there.
+    solved = stamp_of("recover", VERSION, upstream, dataclasses.replace(settings, refine=0))
+    if take.file(SOLVED).is_file() or take.is_done("solve", solved):
+        kept = take.kept("recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
+        if kept is not None:
+            return *kept, {}
+    seconds: dict[str, float] = {}
+    recovery = take.kept("solve", solved, lambda: _read_solve(take), progress)
+    if recovery is None:
+        progress.begin("recover", "recovering the force")
+        started = time.perf_counter()
+        with TakeJournal(take, solved, progress) as journal:
+            if settings.schedule == "paper":
+                made = loss() if loss is not None else None
+                recovery = recover_by_descent(particles, material, targets, fps, settings, progress, made, journal)
+            else:
+                recovery = recover(particles, material, targets, fps, settings, progress, journal, known)
+            seconds["recover"] = time.perf_counter() - started
+            if recovery.outcome == Outcome.DIVERGED:
+                return recovery, None, seconds
+            take.withdraw("solve")
+            take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": np.array(fps)})
+            take.finish("solve", solved, to_mapping(told))
+    with TakeJournal(take, stamp, progress) as journal:
+        field = _fitted(recovery, particles, material, fps, settings, progress, journal, seconds)
+        with take.writing(FITTED) as path:
+            field.save(path)
+        # A full disk stops either of the stamps, before both files are renamed or after: what is there belongs together.
+        take.withdraw("recover")
+        take.file("wind.safetensors").unlink(missing_ok=True)  # it belongs to the field that goes
+        if take.file(SOLVED).is_file():
+            systems.replace(take.file(SOLVED), take.file(TRAJECTORY))
+        systems.replace(take.file(FITTED), take.file("field.safetensors"))
+        take.finish("recover", stamp, to_mapping(told))
+    return recovery, field, seconds
+
+
+def known_body(folder: str) -> KnownBody:
+    """The held body as the take in `folder` found it.
+
+    Raises:
+        UsageError: no take with a recovery, or one that did not tell the body's stiffness.
+        TakeError: a damaged take.
+    """
+    return KnownBody.of(read_recovery(require_take(folder)), folder)
+
+
+def _fitted(
+    recovery: Recovery,
+    particles: Particles,
+    material: Material,
+    fps: float,
+    settings: RecoverSettings,
+    progress: Progress,
+    journal: Journal,
+    seconds: dict[str, float],
+) -> ForceField:
+    """The field that holds the recovered forces, refined if the settings say so; adds the seconds that either took."""
+    from ..field import distill
+    from .paper.refinement import refine
+
+    progress.begin("distill", "fitting the field")
+    started = time.perf_counter()
+    field = distill(recovery, particles, fps, settings.representation, settings.seed, progress, journal)
+    seconds["distill"] = time.perf_counter() - started
+    if settings.refine:
+        progress.begin("refine", "refining the field")
+        started = time.perf_counter()
+        refined = refine(field, recovery, particles, material, settings, progress, journal)
+        field, seconds["refine"] = refined.field, time.perf_counter() - started
+        if refined.before:
+            off = f"{1e3 * refined.after:.3g} mm ({1e3 * refined.before:.3g} mm before)"
+            progress.update(1.0, f"the field's own simulation strays {off} from the recovered motion")
+    return field
+
+
+def _read_solve(take: Take) -> Recovery:
+    """The last solve: in its own file while it has no field, else that of the field."""
+    return from_arrays(Recovery, take.read_arrays(SOLVED if take.file(SOLVED).is_file() else TRAJECTORY))
