@@ -1,14 +1,13 @@
 """The engine: from a clip to a force field to a re-simulation. Importing this package imports nothing heavy.
 
-    stages.py   observe -> build -> recover -> resimulate, each kept in the take     command/  the command line
+    stages.py   observe -> build, each kept in the take     command/  the command line
     observe/    from a clip to an observation, and to a body of particles
     recovery/   from observed motion to the force that made it, and on to other bodies; `paper`: the paper's own way
     field/      force fields                    mpm/    the solver and its derivatives     look/   pictures
-    shell/      thin things: cloth, leaves, paper
 
 The ground floor, which Blender's process may import too: conventions.py (units, axes, names of clips), errors.py, progress.py,
-settings/ (one definition per option), records.py and masks.py (what stages hand on), materials.py, take.py (the folder of a clip),
-reading.py (files from outside), systems.py (what Linux, macOS and Windows do differently).
+settings/ (one definition per option), records.py and masks.py (what stages hand on), record_arrays.py (records as a take keeps them), materials.py,
+take.py (the folder of a clip), reading.py (files from outside), systems.py (what Linux, macOS and Windows do differently).
 """
 
 __version__ = "0.1.0"
