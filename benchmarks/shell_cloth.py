@@ -190,7 +190,8 @@ def cloth(scene: Scene, vertices: np.ndarray, faces: np.ndarray, held: np.ndarra
         pos=warp.vec3(0.0, 0.0, 0.0), rot=warp.quat_identity(), scale=1.0, vel=warp.vec3(0.0, 0.0, 0.0),
         vertices=[warp.vec3(*map(float, vertex)) for vertex in vertices], indices=faces.ravel().tolist(), density=scene.areal_density,
         tri_ke=mu, tri_ka=scene.tensile_stiffness * NU / (1.0 - NU**2) + mu, tri_kd=0.0,
-        edge_ke=hinge, edge_kd=lag * hinge / (edge * height), add_springs=True, spring_ke=0.0, spring_kd=0.5 / (FPS * count) * mu * 4.0 / np.sqrt(3.0),
+        edge_ke=hinge, edge_kd=lag * hinge / (edge * height),
+        add_springs=True, spring_ke=0.0, spring_kd=0.5 / (FPS * count) * mu * 4.0 / np.sqrt(3.0),
     )  # fmt: skip
     for vertex in np.flatnonzero(held):
         builder.particle_mass[vertex] = 0.0
