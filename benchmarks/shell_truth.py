@@ -12,21 +12,17 @@ from __future__ import annotations
 
 import argparse
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from wind_truth import engine, errors
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT)]  # a script of the source tree: it runs with the package installed or not
-
-from benchmarks.wind_truth import engine, errors  # noqa: E402
-from seeing_wind.engine.materials import Sheet  # noqa: E402
-from seeing_wind.engine.mpm.shell import advance_frame, at_rest, shell_of, substeps_for  # noqa: E402
-from seeing_wind.engine.reading import read_arrays  # noqa: E402
-from seeing_wind.engine.recovery.wind.drag import vertex_drag  # noqa: E402
+from seeing_wind.engine.materials import Sheet
+from seeing_wind.engine.mpm.shell import advance_frame, at_rest, shell_of, substeps_for
+from seeing_wind.engine.reading import read_arrays
+from seeing_wind.engine.recovery.wind.drag import vertex_drag
 
 Truth = dict[str, np.ndarray]
 
