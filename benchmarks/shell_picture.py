@@ -1,6 +1,6 @@
 """Draws docs/shell.png: a square of cotton held at two neighbouring corners, every fourth frame of its fall.
 
-python benchmarks/shell_picture.py [--columns 24]
+    python benchmarks/shell_picture.py [--columns 24]
 """
 
 from __future__ import annotations
