@@ -1,0 +1,120 @@
+"""Sheets of cloth that another engine moves in known winds: benchmarks/shell_scenes.py FOLDER [SCENE ...] [--picture]
+
+Needs Newton 1.8 and SciPy (`pip install newton scipy`, in an environment of their own) and nothing of this project. Newton's cloth feels
+gravity and the drag of the air, which benchmarks/shell_cloth.py computes for each face, 64 times a frame, and adds as a force.
+
+Writes FOLDER/SCENE.npz: what `recover-trajectories` reads of a shell (x (T+1,V,3) m, faces (F,3), areal_density kg/m², thickness m, E Pa,
+nu, damping, fixed (V,), fps, gravity, name), and the truth: wind (T,V,3) m/s at the vertices and force (T,V,3) N of the air on them, both
+as means over each frame. Every sheet begins flat, unstrained and at rest.
+
+The scenes dev_... are for development, r_... for reports: nothing in the engine was chosen on these. A scene's name with `_heavy` is the
+same sheet with twice the areal density in the same wind. `benchmarks/shell_checks.py` compares Newton's cloth with closed forms.
+"""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from shell_cloth import Scene, Vortex, Wave, Wind, hanging, lattice, leaf, simulate, turned
+
+FRAMES = 90
+
+
+def none(x: np.ndarray) -> np.ndarray:
+    """Nothing is held."""
+    return np.zeros(len(x), bool)
+
+
+LIGHT = {
+    "dev_flag": Scene(
+        lambda: lattice(0.6, 0.4, 0.03), lambda x: x[:, 0] < 1e-6,
+        Wind((4.0, 0.8, 0.2), (
+            Wave((0.5, 1.2, 0.2), (3.0, 0.0, 1.0), 8.0, 0.4), Wave((0.3, 0.7, -0.3), (1.0, 2.0, 5.0), 13.0, 2.0),
+            Wave((0.8, -0.5, 0.0), (0.5, 1.0, 0.0), 4.0, 1.0))),
+        0.12, 2000.0, 4e-4),
+    "dev_curtain": Scene(
+        lambda: hanging(0.8, 0.6, 0.036), lambda x: x[:, 2] > -1e-6,
+        Wind((0.3, 1.6, 0.0), (
+            Wave((0.1, 1.3, 0.2), (4.0, 0.0, 2.0), 5.0, 0.3), Wave((0.3, 0.8, 0.1), (0.0, 0.0, 4.0), -7.0, 1.2),
+            Wave((0.2, 0.9, 0.1), (0.0, 0.0, 0.0), 3.0, 0.0))),
+        0.18, 2500.0, 5e-4),
+    "dev_fall": Scene(
+        lambda: turned(lattice(0.45, 0.3, 0.022), (1.2, 0.2, 0.3)), none,
+        Wind((0.8, 0.5, 0.6), (
+            Wave((0.6, 0.4, 0.5), (2.5, 0.0, 1.5), 5.0, 0.4), Wave((-0.3, 0.6, 0.4), (0.0, 3.0, -2.0), 8.0, 1.5))),
+        0.1, 1500.0, 1.5e-3),
+    "dev_leaf": Scene(
+        lambda: turned(leaf(0.20, 0.12, 0.0085), (1.0, 0.0, 0.0)), lambda x: x[:, 0] < 0.01,
+        Wind((0.6, 1.6, 1.2), (
+            Wave((0.4, 0.9, 0.9), (3.0, 1.0, 0.0), 7.0, 0.2), Wave((0.5, -0.3, 0.8), (0.0, 5.0, 6.0), 10.0, 1.7))),
+        0.3, 3000.0, 5e-3),
+    "r_flag": Scene(
+        lambda: lattice(0.9, 0.6, 0.034), lambda x: x[:, 0] < 1e-6,
+        Wind((5.0, -0.6, 0.3), (
+            Wave((0.6, 1.6, 0.1), (2.0, 0.5, -1.5), 9.0, 1.4), Wave((0.2, 0.9, 0.4), (4.5, 0.0, 3.0), 17.0, 0.2),
+            Wave((1.0, 0.6, 0.2), (0.3, 0.0, 0.3), 3.0, 2.2)), (Vortex(1.5, 0.3, (-2.0, 0.5, 0.3), (2.5, -0.2, 0.0)),)),
+        0.16, 2400.0, 5e-4),
+    "r_curtain": Scene(
+        lambda: hanging(1.0, 0.5, 0.031), lambda x: x[:, 2] > -1e-6,
+        Wind((-0.4, 1.2, 0.1), (
+            Wave((0.3, 1.0, 0.2), (2.0, 1.0, 3.0), 4.0, 2.3), Wave((0.1, 1.1, -0.2), (-5.0, 0.0, 1.0), 6.0, 0.5)),
+            (Vortex(1.2, 0.25, (-1.0, 0.2, 0.0), (0.9, 0.0, 0.0)),)),
+        0.11, 1800.0, 4e-4),
+    "r_fall": Scene(
+        lambda: turned(lattice(0.32, 0.32, 0.019), (0.9, -0.4, -0.2)), none,
+        Wind((-0.5, 0.9, 0.9), (
+            Wave((0.5, 0.5, 0.6), (1.5, 3.0, 0.0), 6.0, 1.1), Wave((0.7, -0.4, 0.3), (0.0, 1.0, 3.5), -4.0, 0.3)),
+            (Vortex(1.0, 0.35, (0.6, -0.8, 0.0), (-0.4, 0.7, 0.0)),)),
+        0.14, 2000.0, 1e-3),
+    "r_leaf": Scene(
+        lambda: turned(leaf(0.26, 0.12, 0.0090), (0.6, 0.0, 0.4)), lambda x: np.linalg.norm(x, axis=1) < 0.02,
+        Wind((1.0, 1.2, 1.6), (
+            Wave((0.5, 1.2, 0.6), (1.0, 4.0, 2.0), 9.0, 0.9), Wave((0.4, 0.6, 1.0), (0.5, 0.5, 0.5), 5.0, 2.6)),
+            (Vortex(1.3, 0.25, (-1.0, -0.6, 0.2), (1.0, 0.6, 0.0)),)),
+        0.24, 3500.0, 6e-3),
+}  # fmt: skip
+SCENES = LIGHT | {f"{name}_heavy": replace(scene, areal_density=2.0 * scene.areal_density) for name, scene in LIGHT.items()}
+
+
+def picture(found: dict[str, np.ndarray], path: Path) -> None:
+    """Five moments of the scene, with the wind at some vertices."""
+    from matplotlib import pyplot
+
+    x, wind = found["x"], found["wind"]
+    figure = pyplot.figure(figsize=(20, 4.5))
+    for number, t in enumerate(np.linspace(0, len(wind) - 1, 5).round().astype(int)):
+        axes = figure.add_subplot(1, 5, number + 1, projection="3d", title=f"frame {t}")
+        axes.plot_trisurf(*x[t].T, triangles=found["faces"], color="tab:orange", edgecolor="black", linewidth=0.15)
+        some = slice(None, None, max(1, len(x[t]) // 40))
+        axes.quiver(*x[t][some].T, *(0.04 * wind[t][some]).T, color="tab:blue", linewidth=0.8)
+        axes.set_aspect("equal")
+    figure.tight_layout()
+    figure.savefig(path, dpi=70)
+    pyplot.close(figure)
+
+
+def main() -> None:
+    """Simulate the scenes named, or all."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, metavar="FOLDER")
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", default=list(SCENES), help=f"some of: {', '.join(SCENES)}")
+    parser.add_argument("--picture", action="store_true", help="also FOLDER/SCENE.png (needs Matplotlib)")
+    options = parser.parse_args()
+    unknown = sorted(set(options.scenes) - set(SCENES))
+    if unknown:
+        parser.error(f"no scene {', '.join(unknown)}; there are {', '.join(SCENES)}")
+    options.folder.mkdir(parents=True, exist_ok=True)
+    for name in options.scenes:
+        found = simulate(SCENES[name], FRAMES)
+        np.savez_compressed(options.folder / f"{name}.npz", name=name, **found)
+        if options.picture:
+            picture(found, options.folder / f"{name}.png")
+        way = np.linalg.norm(np.diff(found["x"], axis=0), axis=2).sum(axis=0).mean()
+        print(f"{name}: {len(found['fixed'])} vertices, {found['fixed'].sum()} held; way of a vertex {way:.2f} m", flush=True)
+
+
+if __name__ == "__main__":
+    main()
