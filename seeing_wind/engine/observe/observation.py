@@ -273,7 +273,7 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress)
         return picture if scale == 1.0 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
 
     def large(found: np.ndarray) -> np.ndarray:
-        return found if scale == 1.0 else cv2.resize(found.astype(np.float32), full, interpolation=cv2.INTER_LINEAR) > 0.5
+        return found if scale == 1.0 else cv2.resize(found.astype(np.uint8) * 255, full, interpolation=cv2.INTER_LINEAR) >= 128
 
     behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
     first = small(mask.astype(np.uint8) * 255) >= 128

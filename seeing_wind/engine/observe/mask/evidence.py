@@ -6,9 +6,10 @@ A sum of such evidence is smoothed along the picture's edges (guided filter, He 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from .background import Plate
 from .motion import Window, cut, window_of
@@ -62,7 +63,7 @@ class Colors:
     def __init__(self, inside: np.ndarray, outside: np.ndarray) -> None:
         """`inside` (N, 3) and `outside` (M, 3) uint8: samples of both."""
         counts = [np.bincount(self._bins(part), minlength=COLORS**3).reshape(3 * (COLORS,)) for part in (inside, outside)]
-        density = [gaussian_filter(one.astype(np.float64), 0.7) / max(one.sum(), 1) + 2e-5 for one in counts]
+        density = [_smoothed(one, 0.7, range(3)) / max(one.sum(), 1) + 2e-5 for one in counts]
         self._odds = np.clip(np.log(density[0] / density[1]), -COLOR_SURE, COLOR_SURE).ravel().astype(np.float32)
 
     @staticmethod
@@ -110,9 +111,19 @@ class Looks:
 
     @staticmethod
     def _learnt(classes: np.ndarray, usual: np.ndarray) -> np.ndarray:
-        counts = gaussian_filter(np.bincount(classes, minlength=usual.size).reshape(usual.shape).astype(float), (0.6, 0.0))
+        counts = _smoothed(np.bincount(classes, minlength=usual.size).reshape(usual.shape), 0.6, (0,))
         weight = SAMPLES * counts.sum() + 10.0
         return (counts + weight * usual) / (counts.sum() + weight)
+
+
+def _smoothed(counts: np.ndarray, bins: float, axes: Iterable[int]) -> np.ndarray:
+    """A histogram blurred by `bins` along some of its axes, float64; SciPy's filter is the same, but slow to import."""
+    size, smooth = 2 * round(4.0 * bins) + 1, counts.astype(np.float64)
+    for axis in axes:
+        rows = np.ascontiguousarray(np.moveaxis(smooth, axis, 0).reshape(smooth.shape[axis], -1))
+        rows = cv2.GaussianBlur(rows, (1, size), sigmaX=bins, sigmaY=bins, borderType=cv2.BORDER_REFLECT)
+        smooth = np.moveaxis(rows.reshape(np.moveaxis(smooth, axis, 0).shape), 0, axis)
+    return smooth
 
 
 def _classes(away: np.ndarray, light: np.ndarray, noise: float) -> np.ndarray:

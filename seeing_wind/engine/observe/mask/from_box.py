@@ -8,7 +8,7 @@ import numpy as np
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ..clip.stored import Frames
-from .background import Plate
+from .background import Plate, largest
 from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of
@@ -24,6 +24,9 @@ MOVES = 0.04
 
 LATER = (1, 2, 3, 5, 8, 12, 17, 23)
 """Pictures whose motion against picture 0 is looked at."""
+
+MOTION_PIXELS = 100_000
+"""Size of a window beyond which its motion is sought in a smaller copy."""
 
 LEAST_MOTION = 1.0
 """Pixels that the object moves and the background, whose texture and grain mislead the flow, does not."""
@@ -102,25 +105,33 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     Dense flow (Kroeger 2016) to some of the next pictures, believed where the flow back returns to its start and explains the pixel better
     than standing still does. What differs from picture 0 in none of them stands still.
     """
-    first = cut(frames[0], window)
-    gray, solver = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY), cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    size = window[2] - window[0], window[3] - window[1]
+    scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
+    small = max(8, round(size[0] * scale)), max(8, round(size[1] * scale))
+
+    def seen(t: int) -> np.ndarray:
+        return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
+
+    first, solver = seen(0), cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
     y, x = np.mgrid[: gray.shape[0], : gray.shape[1]].astype(np.float32)
     moved, changed = np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int32)
     for t in (t for t in LATER if t < len(frames)):
-        crop = cut(frames[t], window)
+        crop = seen(t)
         later = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
         there, back = solver.calc(gray, later, None), solver.calc(later, gray, None)
         at_x, at_y = x + there[..., 0], y + there[..., 1]
         returns = cv2.remap(back, at_x, at_y, cv2.INTER_LINEAR) + there
-        still = cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0).max(axis=2)
+        still = largest(cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0))
         flown = cv2.remap(crop, at_x, at_y, cv2.INTER_LINEAR)
-        left = cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0).max(axis=2)
-        sure = (np.hypot(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
-        moved = np.maximum(moved, np.where(sure, np.hypot(there[..., 0], there[..., 1]), 0.0))
+        left = largest(cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0))
+        sure = (cv2.magnitude(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
+        moved = np.maximum(moved, np.where(sure, cv2.magnitude(there[..., 0], there[..., 1]), np.float32(0.0)))
         changed += still > 6.0 * noise
-    size = max(3, int(0.04 * min(gray.shape))) | 1
-    share = cv2.blur((moved > LEAST_MOTION).astype(np.float32), (size, size))
-    return np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
+    across = max(3, int(0.04 * min(gray.shape))) | 1
+    share = cv2.blur((moved > LEAST_MOTION * scale).astype(np.float32), (across, across))
+    odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
+    return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
 
 
 def _left(picture: np.ndarray, plate: Plate, window: Window) -> np.ndarray:

@@ -16,7 +16,7 @@ TEMPLATE = 40
 FLOW_PIXELS = 260_000
 """Window size beyond which flow is computed on a smaller copy, to keep a frame under half a second."""
 
-FOLLOWED_PIXELS = 100_000
+FOLLOWED_PIXELS = 30_000
 """The same where the motion only has to be about right: a silhouette and anchored tracks find their places by themselves."""
 
 
