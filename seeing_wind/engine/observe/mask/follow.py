@@ -9,7 +9,7 @@ from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
 from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
-from .motion import FOLLOWED_PIXELS, Flow, FlowSolver, Window, body_shift, cut, paste, window_of
+from .motion import Flow, FlowSolver, Window, body_shift, cut, paste, window_of
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -23,6 +23,9 @@ PARTLY = 0.75
 
 CARRIED = 2.0
 """Most log odds for the silhouette that was carried on where the background is known: what is wrong in it goes away again."""
+
+FILTERS = 8
+"""Pixels that filters reach beyond what they are asked for."""
 
 BESIDE_PLATE = 0.3
 """Weight of colours where the background is known."""
@@ -45,7 +48,7 @@ class MaskFollower:
         self._progress = progress
         self._plate = plate
         self._looks = Looks(picture, plate, mask) if plate is not None else None
-        self._solver = FlowSolver(FOLLOWED_PIXELS)
+        self._solver = FlowSolver(rough=True)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(picture, window_of(mask, 24))
         self._colors = Colors(picture[mask], around[~near])
@@ -117,9 +120,20 @@ class MaskFollower:
         return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
 
     def _silhouette(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
+        if not carried.any():
+            return carried
+        band = band_of(float(carried.sum()))
+        # Farther away than three bands, no evidence outweighs the silhouette's.
+        near = window_of(carried, int(3 * band) + FILTERS)
+        found = np.zeros_like(carried)
+        around = (near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1])
+        paste(found, self._cut_out(picture, cut(carried, near, cv2.BORDER_CONSTANT), around, band), near)
+        return found
+
+    def _cut_out(self, picture: np.ndarray, carried: np.ndarray, where: Window, band: float) -> np.ndarray:
         crop = cut(picture, where)
         visible = cut(np.ones(picture.shape[:2], bool), where, cv2.BORDER_CONSTANT)
-        odds = against_shape(carried, band_of(float(carried.sum())))
+        odds = against_shape(carried, band)
         colors = self._colors.odds(crop)
         if self._plate is None or self._looks is None:
             odds += colors

@@ -25,7 +25,7 @@ MOVES = 0.04
 LATER = (1, 2, 3, 5, 8, 12, 17, 23)
 """Pictures whose motion against picture 0 is looked at."""
 
-MOTION_PIXELS = 100_000
+MOTION_PIXELS = 150_000
 """Size of a window beyond which its motion is sought in a smaller copy."""
 
 LEAST_MOTION = 1.0
@@ -62,11 +62,14 @@ def mask_in_box(
     inside = _pixels_of(box, *picture.shape[:2])
     margin = max(20, (window_of(inside, 0)[2] - window_of(inside, 0)[0]) // 2, (window_of(inside, 0)[3] - window_of(inside, 0)[1]) // 2)
     x0, y0, x1, y1 = window_of(inside, margin)
-    window = (max(x0, 0), max(y0, 0), min(x1, picture.shape[1]), min(y1, picture.shape[0]))
+    x0, y0 = max(x0, 0), max(y0, 0)
+    window = (x0, y0, min(x1, picture.shape[1]), min(y1, picture.shape[0]))
     crop, boxed = cut(picture, window), cut(inside, window)
     motion = behind = None
     if plate is not None and frames is not None:
-        motion, behind = moving_odds(frames, window, plate.noise), _left(picture, plate, window)
+        motion, behind = np.zeros(boxed.shape, np.float32), _left(picture, plate, window)
+        near = window_of(boxed, NEARBY)
+        paste(motion, moving_odds(frames, (near[0] + x0, near[1] + y0, near[2] + x0, near[3] + y0), plate.noise), near)
     found = _begun(crop, boxed, motion, behind, progress)
     if found.sum() < LEAST_PIXELS and motion is not None:
         # A box that GrabCut empties holds something too small or too alike: trust what changes.
