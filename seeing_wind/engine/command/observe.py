@@ -18,7 +18,7 @@ from .lock import held
 
 PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 
-FILM_SIDE = 854
+FILM_SIDE = 640
 """Pixels of the film's longer side, at most: it is there to see what is followed, and most of its time goes into writing it."""
 
 

@@ -27,7 +27,7 @@ from .clip.stored import Frames
 from .mask.background import Plate, clean_plate, median_plate, plate_behind, seen_first, stands_still
 from .mask.first_mask import point_list, read_mask
 from .mask.follow import MaskFollower
-from .mask.from_box import NEARBY, moving_odds, refined
+from .mask.from_box import NEARBY, Moving, moving_in, refined
 from .mask.motion import window_of
 from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
 from .tracks.centroid import centroid_track
@@ -108,10 +108,11 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
     plate = median_plate(clip.frames, progress) if still else None
     median = None if plate is None else plate.color
     progress.update(0.08, "finding the object")
-    mask = first_outline(settings, clip.frames, plate, lens, progress)
+    moving = None if plate is None else moving_in(clip.frames, plate.noise)
+    mask = first_outline(settings, clip.frames, plate, moving, lens, progress)
     progress.update(0.1, "following the object")
-    if plate is not None:
-        mask, plate = _with_background(clip.frames, mask, plate, settings, around, progress)
+    if plate is not None and moving is not None:
+        mask, plate = _with_background(clip.frames, mask, plate, moving, settings, around, progress)
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     masks, tracks = _follow(clip, mask, plate, lens, settings, progress)
@@ -171,7 +172,8 @@ def _marked_area(settings: ObserveSettings, height: int, width: int) -> np.ndarr
         return read_mask(settings.mask, height, width)
     area = np.zeros((height, width), np.uint8)
     if settings.box is not None and np.isfinite(settings.box).all():
-        x0, y0, x1, y1 = (int(value) for value in np.clip(settings.box, 0, max(height, width)))
+        low, high = np.floor(settings.box[:2]), np.ceil(settings.box[2:])
+        x0, y0, x1, y1 = (int(value) for value in np.clip([*low, *high], 0, max(height, width)))
         area[y0 : y1 + 1, x0 : x1 + 1] = 1
     elif settings.box is None and settings.points is not None:
         for x, y in np.round(point_list(settings.points, height, width)).astype(int):
@@ -242,14 +244,14 @@ def _follow(
 
 
 def _with_background(
-    frames: Frames, mask: np.ndarray, plate: Plate, settings: ObserveSettings, around: np.ndarray, progress: Progress
+    frames: Frames, mask: np.ndarray, plate: Plate, moving: Moving, settings: ObserveSettings, around: np.ndarray, progress: Progress
 ) -> tuple[np.ndarray, Plate]:
     """The outline of picture 0 and the background, each found again by the other: the object, followed, shows what is behind it."""
     boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
     # What a box cut off of a small object was found outside it.
     allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
     median = plate.color
-    motion = moving_odds(frames, window_of(allowed, NEARBY), plate.noise) if boxed else None
+    motion = moving(window_of(allowed, NEARBY)) if boxed else None
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
     if motion is not None:
         mask = refined(frames[0], mask, plate, allowed, motion)
@@ -265,7 +267,8 @@ def _with_background(
 def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress) -> Masks:
     """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large."""
     x0, y0, x1, y1 = window_of(mask, 0)
-    scale = min(1.0, float(np.sqrt(ROUGH_PIXELS / ((x1 - x0) * (y1 - y0)))))
+    # Halving is several times quicker than other factors.
+    scale = 0.5 ** max(0, round(0.5 * np.log2((x1 - x0) * (y1 - y0) / ROUGH_PIXELS)))
     full = mask.shape[::-1]
     size = (round(full[0] * scale), round(full[1] * scale))
 

@@ -9,7 +9,7 @@ from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
 from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
-from .motion import Flow, FlowSolver, Window, body_shift, cut, paste, window_of
+from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, window_of
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -157,10 +157,7 @@ class MaskFollower:
             dx, dy = (int(value) for value in np.round(self.velocity if self._steps > 1 else shift))
             self._shape_window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
             return
-        center = np.array([np.nonzero(found)[1].mean() + where[0], np.nonzero(found)[0].mean() + where[1]])
-        x0, y0, _, _ = self._shape_window
-        rows, columns = np.nonzero(self._shape)
-        self.velocity = center - [columns.mean() + x0, rows.mean() + y0]
+        self.velocity = (middle_of(found) + where[:2]) - (middle_of(self._shape) + self._shape_window[:2])
         local = window_of(found, 0)
         self._shape_window = (local[0] + where[0], local[1] + where[1], local[2] + where[0], local[3] + where[1])
         self._shape = cut(found, local)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import cv2
 import numpy as np
 
@@ -44,7 +47,7 @@ NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, --points X,Y
 
 
 def mask_in_box(
-    picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None, progress: Progress, frames: Frames | None = None
+    picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None, progress: Progress, moving: Moving | None = None
 ) -> np.ndarray:
     """The object (H, W) bool inside `box` (x0, y0, x1, y1) [px]; what surrounds the box is background.
 
@@ -53,7 +56,7 @@ def mask_in_box(
     Args:
         picture: (H, W, 3) uint8 RGB, picture 0.
         plate: the background; None where the camera moves, and then only colours count.
-        frames: (T+1, H, W, 3) uint8 RGB, the clip; None where there is but one picture.
+        moving: see `moving_in`; None where there is but one picture.
 
     Raises:
         UsageError: a box outside the picture or without area.
@@ -66,10 +69,10 @@ def mask_in_box(
     window = (x0, y0, min(x1, picture.shape[1]), min(y1, picture.shape[0]))
     crop, boxed = cut(picture, window), cut(inside, window)
     motion = behind = None
-    if plate is not None and frames is not None:
+    if plate is not None and moving is not None:
         motion, behind = np.zeros(boxed.shape, np.float32), _left(picture, plate, window)
         near = window_of(boxed, NEARBY)
-        paste(motion, moving_odds(frames, (near[0] + x0, near[1] + y0, near[2] + x0, near[3] + y0), plate.noise), near)
+        paste(motion, moving((near[0] + x0, near[1] + y0, near[2] + x0, near[3] + y0)), near)
     found = _begun(crop, boxed, motion, behind, progress)
     if found.sum() < LEAST_PIXELS and motion is not None:
         # A box that GrabCut empties holds something too small or too alike: trust what changes.
@@ -100,6 +103,15 @@ def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) 
     inside = np.zeros((height, width), bool)
     inside[y0 : y1 + 1, x0 : x1 + 1] = True
     return inside
+
+
+Moving = Callable[[Window], np.ndarray]
+"""`moving_odds` of a window, in a clip."""
+
+
+def moving_in(frames: Frames, noise: float) -> Moving:
+    """The clip's `moving_odds`, each window's found once."""
+    return cache(lambda window: moving_odds(frames, window, noise))
 
 
 def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:

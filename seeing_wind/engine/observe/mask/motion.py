@@ -44,6 +44,12 @@ def window_of(mask: np.ndarray, margin: int) -> Window:
     return int(columns[0]) - margin, int(rows[0]) - margin, int(columns[-1]) + margin + 1, int(rows[-1]) + margin + 1
 
 
+def middle_of(mask: np.ndarray) -> np.ndarray:
+    """The centroid x, y (2,) [px] of `mask` (H, W) bool, which is not empty."""
+    moments = cv2.moments(mask.astype(np.uint8), binaryImage=True)
+    return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+
+
 def cut(picture: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
     """The part of `picture` (H, W, ...) in `window`; outside the picture its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
     height, width = picture.shape[:2]
