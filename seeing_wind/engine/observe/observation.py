@@ -25,6 +25,7 @@ from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, camera_turns, steadied, turning
 from .clip.stored import Frames
 from .mask.background import Plate, clean_plate, median_plate, plate_behind, seen_first, stands_still
+from .mask.evidence import Looks
 from .mask.first_mask import point_list, read_mask
 from .mask.follow import MaskFollower
 from .mask.from_box import NEARBY, Moving, moving_in, refined
@@ -45,6 +46,9 @@ SILHOUETTE = 0.02
 
 ROUGH_PIXELS = 25_000
 """Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
+
+LEARNT = 9
+"""Pictures over the clip from which it is learnt how the object differs from the background."""
 
 ROUND_POINT = 0.25
 """About how far the object may reach from a point on it, in units of the picture's shorter side."""
@@ -111,11 +115,12 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
     moving = None if plate is None else moving_in(clip.frames, plate.noise)
     mask = first_outline(settings, clip.frames, plate, moving, lens, progress)
     progress.update(0.1, "following the object")
+    looks = None
     if plate is not None and moving is not None:
-        mask, plate = _with_background(clip.frames, mask, plate, moving, settings, around, progress)
+        mask, plate, looks = _with_background(clip.frames, mask, plate, moving, settings, around, progress)
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
-    masks, tracks = _follow(clip, mask, plate, lens, settings, progress)
+    masks, tracks = _follow(clip, mask, plate, looks, lens, settings, progress)
     tell_defects(clip.frames, masks, progress)
     progress.update(0.95, "background")
     background = clean_plate(clip.frames, masks, median, progress)
@@ -203,7 +208,7 @@ def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
 
 
 def _follow(
-    clip: Clip, mask: np.ndarray, plate: Plate | None, lens: Lens, settings: ObserveSettings, progress: Progress
+    clip: Clip, mask: np.ndarray, plate: Plate | None, looks: Looks | None, lens: Lens, settings: ObserveSettings, progress: Progress
 ) -> tuple[Masks, _Tracks]:
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
     frames = clip.frames
@@ -220,7 +225,7 @@ def _follow(
     carried: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
         network_masks(settings.mask_model, frames, mask, progress)
         if settings.mask_model
-        else _carry(frames, len(frames), mask, plate, progress, 0.3, 0.9)
+        else _carry(frames, len(frames), mask, plate, progress, 0.3, 0.9, looks)
     )
 
     def followed() -> Iterator[np.ndarray]:
@@ -245,8 +250,8 @@ def _follow(
 
 def _with_background(
     frames: Frames, mask: np.ndarray, plate: Plate, moving: Moving, settings: ObserveSettings, around: np.ndarray, progress: Progress
-) -> tuple[np.ndarray, Plate]:
-    """The outline of picture 0 and the background, each found again by the other: the object, followed, shows what is behind it."""
+) -> tuple[np.ndarray, Plate, Looks | None]:
+    """The outline of picture 0, the background and how the object differs from it, each found again by the other: the object, followed, shows what is behind it."""
     boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
     # What a box cut off of a small object was found outside it.
     allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
@@ -255,13 +260,17 @@ def _with_background(
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
     if motion is not None:
         mask = refined(frames[0], mask, plate, allowed, motion)
+    looks = None
     if not settings.mask_model:
         masks = _roughly(frames, mask, plate, progress)
         if areas(masks)[1:].any():
             plate = plate_behind(frames, masks, plate, median, progress)
+            seen = np.flatnonzero(areas(masks))
+            some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
+            looks = Looks(plate, ((frames[int(t)], masks[int(t)]) for t in some))
     if motion is not None:
-        mask = refined(frames[0], mask, plate, allowed, motion)
-    return mask, plate
+        mask = refined(frames[0], mask, plate, allowed, motion, looks)
+    return mask, plate, looks
 
 
 def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress) -> Masks:
@@ -285,11 +294,18 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress)
 
 
 def _carry(
-    pictures: Iterable[np.ndarray], count: int, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
+    pictures: Iterable[np.ndarray],
+    count: int,
+    mask: np.ndarray,
+    plate: Plate | None,
+    progress: Progress,
+    start: float,
+    end: float,
+    looks: Looks | None = None,
 ) -> Iterator[tuple[np.ndarray, MaskFollower]]:
     """The masks of pictures 1 to T of `count` and the follower in its state after each; reports progress from `start` to `end`."""
     rest = iter(pictures)
-    follower = MaskFollower(next(rest), mask, plate, progress)
+    follower = MaskFollower(next(rest), mask, plate, progress, looks)
     for t, picture in enumerate(rest, start=1):
         progress.update(start + (end - start) * t / count, f"following the object, frame {t} of {count - 1}")
         yield follower.advance(picture), follower

@@ -83,17 +83,18 @@ class Looks:
     the clip, so shares of classes are counted: eleven bounds of difference, each with and without a change of light.
     """
 
-    def __init__(self, picture: np.ndarray | None = None, plate: Plate | None = None, mask: np.ndarray | None = None) -> None:
-        """`mask` (H, W) bool: the object in `picture` (H, W, 3) uint8 before `plate`; without them, what is usual."""
-        front, behind = self._usual(*FRONT, 1.0), self._usual(*BEHIND, 0.5)
-        if picture is not None and plate is not None and mask is not None:
+    def __init__(self, plate: Plate | None = None, seen: Iterable[tuple[np.ndarray, np.ndarray]] = ()) -> None:
+        """`seen`: pictures (H, W, 3) uint8 before `plate`, each with the object (H, W) bool in it; without them, what is usual."""
+        inside, beside = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
+        for picture, mask in seen if plate is not None else ():
             window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
             classes, known = _classes(*plate.compared(picture, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
             shape = _unshaded(cut(mask, window, cv2.BORDER_CONSTANT), classes % 3 > 0).astype(np.uint8)
             # The rim is both.
-            inside = (cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known
-            beside = (cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & known
-            front, behind = self._learnt(classes[inside], front), self._learnt(classes[beside], behind)
+            inside.append(classes[(cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known])
+            beside.append(classes[(cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & known])
+        front = self._learnt(np.concatenate(inside), self._usual(*FRONT, 1.0))
+        behind = self._learnt(np.concatenate(beside), self._usual(*BEHIND, 0.5))
         self._odds = np.clip(np.log(front / behind), -SURE, SURE).astype(np.float32).ravel()
 
     def odds(self, away: np.ndarray, light: np.ndarray, noise: float) -> np.ndarray:

@@ -43,11 +43,16 @@ class MaskFollower:
         hidden: the object was not found in the newest picture.
     """
 
-    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture."""
+    def __init__(
+        self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, looks: Looks | None = None
+    ) -> None:
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
+
+        `looks`: how the object differs from the plate; None learns it from picture 0.
+        """
         self._progress = progress
         self._plate = plate
-        self._looks = Looks(picture, plate, mask) if plate is not None else None
+        self._looks = looks if looks is not None or plate is None else Looks(plate, [(picture, mask)])
         self._solver = FlowSolver(rough=True)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(picture, window_of(mask, 24))

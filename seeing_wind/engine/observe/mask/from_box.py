@@ -175,7 +175,9 @@ def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behin
     return grab_cut(crop, trimap, 5, progress)
 
 
-def refined(picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray) -> np.ndarray:
+def refined(
+    picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray, looks: Looks | None = None
+) -> np.ndarray:
     """The object in `picture` (H, W, 3), picture 0, found again with the background known, within `allowed` (H, W) bool.
 
     `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` with NEARBY pixels round it.
@@ -185,7 +187,7 @@ def refined(picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.nda
     crop, shape = cut(picture, window), cut(mask, window, cv2.BORDER_CONSTANT)
     near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     colors = Colors(crop[shape], crop[~near]).odds(crop)
-    odds, known = against_plate(picture, plate, window, Looks(picture, plate, mask), STILL_PART)
+    odds, known = against_plate(picture, plate, window, looks or Looks(plate, [(picture, mask)]), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors + 0.5 * np.maximum(motion, 0.0), colors + motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
