@@ -1,4 +1,4 @@
-"""Processor seconds of the verb `observe` on a made clip: benchmarks/observe_time.py [--against TREE] [--rounds N] [--clip CLIP X0 Y0 X1 Y1]
+"""Processor seconds of the verb `observe` on a made clip: benchmarks/observe_time.py [--against TREE] [--rounds N]
 
 A painted flower (outline_scenes.py) of 1280x720 sways for 90 frames. With --against, another checkout of this repository (`git worktree
 add`) is run in turns with this one, and the ratio is printed: processor seconds, because another program on the machine would
@@ -56,7 +56,8 @@ def seconds_of(tree: Path, clip: Path, box: tuple[float, ...], folder: Path) -> 
     command = [sys.executable, "-m", "seeing_wind.engine", "observe", str(clip), "--take", str(folder / "a.take"), "--box", *numbers]
     started = time.perf_counter()
     with open(folder / "log", "wb") as log:
-        job = subprocess.Popen([*command, "--distance", "1"], stdout=log, stderr=log, cwd=folder, env={**os.environ, "PYTHONPATH": str(tree)})
+        place = {**os.environ, "PYTHONPATH": str(tree)}
+        job = subprocess.Popen([*command, "--distance", "1"], stdout=log, stderr=log, cwd=folder, env=place)
         _, status, usage = os.wait4(job.pid, 0)
         job.returncode = os.waitstatus_to_exitcode(status)
     if job.returncode:

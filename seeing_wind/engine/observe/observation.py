@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,12 +23,12 @@ from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, camera_turns, steadied, turning
 from .clip.stored import Frames
-from .mask.background import Plate, clean_plate, median_plate, plate_behind, seen_first, stands_still
+from .mask.background import Plate, clean_plate, median_plate, stands_still
+from .mask.by_turns import with_background
 from .mask.evidence import Looks
 from .mask.first_mask import point_list, read_mask
-from .mask.follow import MaskFollower
-from .mask.from_box import NEARBY, Moving, moving_in, refined
-from .mask.motion import window_of
+from .mask.follow import MaskFollower, carried
+from .mask.from_box import moving_in
 from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
 from .tracks.centroid import centroid_track
 from .tracks.file import read_tracks
@@ -42,13 +41,6 @@ FEW_PATCHES = 900
 
 SILHOUETTE = 0.02
 """A turning body's silhouette has its centroid off the body's own by about this part of its size."""
-
-
-ROUGH_PIXELS = 25_000
-"""Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
-
-LEARNT = 9
-"""Pictures over the clip from which it is learnt how the object differs from the background."""
 
 ROUND_POINT = 0.25
 """About how far the object may reach from a point on it, in units of the picture's shorter side."""
@@ -117,7 +109,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
     progress.update(0.1, "following the object")
     looks = None
     if plate is not None and moving is not None:
-        mask, plate, looks = _with_background(clip.frames, mask, plate, moving, settings, around, progress)
+        mask, plate, looks = with_background(clip.frames, mask, plate, moving, settings, around, progress)
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     masks, tracks = _follow(clip, mask, plate, looks, lens, settings, progress)
@@ -222,15 +214,15 @@ def _follow(
     # A body of a few patches or corners is followed by its silhouette where they are lost: new ones would be as few.
     reseed = len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
     points = Generations(frames[0], mask, corners, reseed=reseed)
-    carried: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
+    steps: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
         network_masks(settings.mask_model, frames, mask, progress)
         if settings.mask_model
-        else _carry(frames, len(frames), mask, plate, progress, 0.3, 0.9, looks)
+        else carried(frames, len(frames), mask, plate, progress, 0.3, 0.9, looks)
     )
 
     def followed() -> Iterator[np.ndarray]:
         yield mask
-        for t, (new, follower) in enumerate(carried, start=1):
+        for t, (new, follower) in enumerate(steps, start=1):
             points.advance(frames[t], follower.flow, new)
             yield new
 
@@ -246,69 +238,6 @@ def _follow(
     if enough[seen].all():
         return masks, found
     return masks, _with_centroid(frames, masks, plate, found, enough, progress)
-
-
-def _with_background(
-    frames: Frames, mask: np.ndarray, plate: Plate, moving: Moving, settings: ObserveSettings, around: np.ndarray, progress: Progress
-) -> tuple[np.ndarray, Plate, Looks | None]:
-    """The outline of picture 0, the background and how the object differs from it, each found again by the other: the object, followed, shows what is behind it."""
-    boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
-    # What a box cut off of a small object was found outside it.
-    allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
-    median = plate.color
-    motion = moving(window_of(allowed, NEARBY)) if boxed else None
-    plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
-    if motion is not None:
-        mask = refined(frames[0], mask, plate, allowed, motion)
-    looks = None
-    if not settings.mask_model:
-        masks = _roughly(frames, mask, plate, progress)
-        if areas(masks)[1:].any():
-            plate = plate_behind(frames, masks, plate, median, progress)
-            seen = np.flatnonzero(areas(masks))
-            some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
-            looks = Looks(plate, ((frames[int(t)], masks[int(t)]) for t in some))
-    if motion is not None:
-        mask = refined(frames[0], mask, plate, allowed, motion, looks)
-    return mask, plate, looks
-
-
-def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress) -> Masks:
-    """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large."""
-    x0, y0, x1, y1 = window_of(mask, 0)
-    # Halving is several times quicker than other factors.
-    scale = 0.5 ** max(0, round(0.5 * np.log2((x1 - x0) * (y1 - y0) / ROUGH_PIXELS)))
-    full = mask.shape[::-1]
-    size = (round(full[0] * scale), round(full[1] * scale))
-
-    def small(picture: np.ndarray) -> np.ndarray:
-        return picture if scale == 1.0 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-
-    def large(found: np.ndarray) -> np.ndarray:
-        return found if scale == 1.0 else cv2.resize(found.astype(np.uint8) * 255, full, interpolation=cv2.INTER_LINEAR) >= 128
-
-    behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
-    first = small(mask.astype(np.uint8) * 255) >= 128
-    carried = _carry((small(picture) for picture in frames), len(frames), first, behind, progress, 0.1, 0.3)
-    return Masks.of(itertools.chain([mask], (large(new) for new, _ in carried)))
-
-
-def _carry(
-    pictures: Iterable[np.ndarray],
-    count: int,
-    mask: np.ndarray,
-    plate: Plate | None,
-    progress: Progress,
-    start: float,
-    end: float,
-    looks: Looks | None = None,
-) -> Iterator[tuple[np.ndarray, MaskFollower]]:
-    """The masks of pictures 1 to T of `count` and the follower in its state after each; reports progress from `start` to `end`."""
-    rest = iter(pictures)
-    follower = MaskFollower(next(rest), mask, plate, progress, looks)
-    for t, picture in enumerate(rest, start=1):
-        progress.update(start + (end - start) * t / count, f"following the object, frame {t} of {count - 1}")
-        yield follower.advance(picture), follower
 
 
 def _tell_lost(seen: np.ndarray, progress: Progress) -> None:

@@ -85,12 +85,12 @@ def test_a_shadow_is_background_unless_the_object_looks_so() -> None:
     window = (0, 0, 60, 60)
     odds, known = against_plate(shaded, plate, window, Looks())
     assert known.all() and (odds[25:35, 25:35] < -1.0).mean() > 0.95
-    gray, _ = against_plate(shaded, plate, window, Looks(shaded, plate, mask))
+    gray, _ = against_plate(shaded, plate, window, Looks(plate, [(shaded, mask)]))
     assert np.median(gray[25:35, 25:35]) > odds[25:35, 25:35].max(), "a thing that is the wall's colour, only darker, would be lost"
     red = shaded.copy()
     red[mask] = (180, 30, 30)
     # The shadow was taken for a part of the thing, and is not.
-    odds, _ = against_plate(red, plate, window, Looks(red, plate, dark < 1.0))
+    odds, _ = against_plate(red, plate, window, Looks(plate, [(red, dark < 1.0)]))
     assert odds[25:35, 25:35].min() > 2.0
     assert np.median(odds[(dark < 1.0) & ~cv2.dilate(mask.astype(np.uint8), np.ones((5, 5))).astype(bool)]) < -1.0
 
@@ -102,7 +102,7 @@ def test_what_a_codec_leaves_round_a_thing_is_not_the_thing() -> None:
     picture = plate.color.copy()
     picture[trace], picture[mask] = (98, 90, 84), (200, 40, 40)
     usual, _ = against_plate(picture, plate, (0, 0, 80, 80), Looks())
-    learnt, _ = against_plate(picture, plate, (0, 0, 80, 80), Looks(picture, plate, mask))
+    learnt, _ = against_plate(picture, plate, (0, 0, 80, 80), Looks(plate, [(picture, mask)]))
     beside = trace & ~cv2.dilate(mask.astype(np.uint8), np.ones((9, 9))).astype(bool)
     assert np.median(usual[beside]) > 0.0 > np.median(learnt[beside]) + 1.0
     assert learnt[33:47, 33:47].min() > 3.0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import cv2
 import numpy as np
 
@@ -167,3 +169,21 @@ class MaskFollower:
         self._shape_window = (local[0] + where[0], local[1] + where[1], local[2] + where[0], local[3] + where[1])
         self._shape = cut(found, local)
         self._template = cut(picture, self._shape_window).copy()
+
+
+def carried(
+    pictures: Iterable[np.ndarray],
+    count: int,
+    mask: np.ndarray,
+    plate: Plate | None,
+    progress: Progress,
+    start: float,
+    end: float,
+    looks: Looks | None = None,
+) -> Iterator[tuple[np.ndarray, MaskFollower]]:
+    """The masks of pictures 1 to T of `count` and the follower in its state after each; reports progress from `start` to `end`."""
+    rest = iter(pictures)
+    follower = MaskFollower(next(rest), mask, plate, progress, looks)
+    for t, picture in enumerate(rest, start=1):
+        progress.update(start + (end - start) * t / count, f"following the object, frame {t} of {count - 1}")
+        yield follower.advance(picture), follower
