@@ -19,7 +19,7 @@ SAMPLES = 4
 EVERY = 10
 LENGTH = 0.36
 """Of the stem from the clamp to the head [m]."""
-LENS, DISTANCE = 50.0, 0.75
+LENS, DISTANCE = 50.0, 0.62
 """Focal length of a sensor of 36 mm [mm], and metres from the camera to the flower."""
 SWAY = 0.16
 """Turn of the head at a value of 1 [rad]."""
@@ -80,14 +80,14 @@ def leaf(side, at):
 def head(rng):
     """Points and faces of ruffled petals on a ball's upper part."""
     points, faces = [], []
-    for ring, (count, tilt, size) in enumerate(((11, 1.35, 0.045), (10, 0.95, 0.042), (8, 0.55, 0.036), (5, 0.2, 0.03))):
+    for ring, (count, tilt, size) in enumerate(((11, 1.2, 0.05), (10, 0.85, 0.052), (8, 0.5, 0.052), (5, 0.2, 0.05))):
         for k in range(count):
             turn = 2.0 * math.pi * (k + 0.37 * ring) / count + rng.uniform(-0.15, 0.15)
             out, up = np.array([math.cos(turn), math.sin(turn), 0.0]), np.array([0.0, 0.0, 1.0])
             side = np.cross(up, out)
             base, s, c = len(points), np.linspace(0.0, 1.0, 7), np.linspace(-1.0, 1.0, 11)
             for a in s:
-                bend = tilt * (0.6 + 0.5 * a)
+                bend = tilt * (0.5 + 0.6 * a)
                 for b in c:
                     ruffle = 0.004 * a * a * math.sin(9.0 * b + 5.0 * turn + ring)
                     reach = size * a * (1.0 - 0.12 * math.sin(4.0 * b) ** 2)
