@@ -86,7 +86,8 @@ class Looks:
     def __init__(self, plate: Plate | None = None, seen: Iterable[tuple[np.ndarray, np.ndarray]] = ()) -> None:
         """`seen`: pictures (H, W, 3) uint8 before `plate`, each with the object (H, W) bool in it; without them, what is usual."""
         inside, beside = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
-        for picture, mask in seen if plate is not None else ():
+        for picture, mask in seen:
+            assert plate is not None  # without one, nothing can be seen before it
             window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
             classes, known = _classes(*plate.compared(picture, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
             shape = _unshaded(cut(mask, window, cv2.BORDER_CONSTANT), classes % 3 > 0).astype(np.uint8)

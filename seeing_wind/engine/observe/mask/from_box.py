@@ -74,7 +74,7 @@ def mask_in_box(
         near = window_of(boxed, NEARBY)
         paste(motion, moving((near[0] + x0, near[1] + y0, near[2] + x0, near[3] + y0)), near)
     found = _begun(crop, boxed, motion, behind, progress)
-    if found.sum() < LEAST_PIXELS and motion is not None:
+    if found.sum() < LEAST_PIXELS and motion is not None and behind is not None:
         # A box that GrabCut empties holds something too small or too alike: trust what changes.
         found = (motion + behind > 0.0) & boxed
     mask = np.zeros(inside.shape, bool)
