@@ -18,7 +18,7 @@ from .lock import held
 
 PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 
-FILM_SIDE = 854
+FILM_SIDE = 640
 """Pixels of the film's longer side, at most: it is there to see what is followed, and most of its time goes into writing it."""
 
 
@@ -51,26 +51,28 @@ def _draw(take: Take, seen: Any, proposed: np.ndarray | None, verdicts: list[Any
     """The picture of frame 0 with the verdicts, the film, and the proposed place as a mask."""
     import cv2
 
+    from ..observe.clip.camera import resized
     from ..observe.clip.frames import read_clip
     from ..observe.clip.lens import Lens
     from ..observe.clip.pictures import write_png
     from ..observe.clip.video import video_writer
-    from ..observe.preview.drawing import drawn, with_verdicts
+    from ..observe.preview.drawing import Canvas, with_verdicts
 
     with take.writing(PICTURE) as path:
-        first = with_verdicts(drawn(seen, seen.image, 0, proposed), verdicts)
+        first = with_verdicts(Canvas(seen, proposed, seen.image.shape[:2]).drawn(seen.image, 0), verdicts)
         write_png(path, cv2.cvtColor(first, cv2.COLOR_RGB2BGR))
     if proposed is not None:
         with take.writing(HELD) as path:
             write_png(path, proposed.astype(np.uint8) * 255)
-    frames = read_clip(seen.clip, (seen.first_frame, seen.first_frame + seen.frames), seen.fps, progress).frames
-    lens, scale = Lens(seen.camera), min(1.0, FILM_SIDE / max(frames.shape[1:3]))
+    scale = min(1.0, FILM_SIDE / max(seen.image.shape[:2]))
     # Codecs want even sides.
-    width, height = (2 * max(round(0.5 * scale * side - 0.25), 1) for side in frames.shape[2:0:-1])
+    height, width = (2 * max(round(0.5 * scale * side - 0.25), 1) for side in seen.image.shape[:2])
+    last = seen.first_frame + seen.frames
+    frames = read_clip(seen.clip, (seen.first_frame, last), seen.fps, progress, resized=lambda *_: (height, width)).frames
+    film, lens = Canvas(seen, proposed, (height, width)), Lens(resized(seen.camera, height, width))
     with contextlib.ExitStack() as together:
         path = together.enter_context(take.writing(FILM))
         writer = together.enter_context(video_writer(path, seen.fps, (width, height)))
         for t in range(len(frames)):
             progress.update(t / len(frames), f"drawing, frame {t} of {len(frames) - 1}")
-            picture = drawn(seen, lens.straight_one(np.array(frames[t])), t, proposed)
-            writer.write(cv2.cvtColor(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2BGR))
+            writer.write(cv2.cvtColor(film.drawn(lens.straight_one(frames[t]), t), cv2.COLOR_RGB2BGR))

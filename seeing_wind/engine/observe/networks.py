@@ -20,7 +20,7 @@ from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import first_mask, point_list
-from .mask.from_box import mask_in_box
+from .mask.from_box import Moving, mask_in_box
 from .mask.motion import Flow, FlowSolver, window_of
 from .tracks.tracker import find_corners
 
@@ -62,13 +62,15 @@ def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tu
     return predict_depth(settings.depth_model, clip.frames[0], focal, progress), settings.depth_model
 
 
-def first_outline(settings: ObserveSettings, frames: Frames, plate: Plate | None, lens: Lens, progress: Progress) -> np.ndarray:
+def first_outline(
+    settings: ObserveSettings, frames: Frames, plate: Plate | None, moving: Moving | None, lens: Lens, progress: Progress
+) -> np.ndarray:
     """The object (H, W) bool in the first of the straightened `frames` (T+1, H, W, 3).
 
-    From words, else as `first_mask` finds it; cut by a network if one is named.
+    From words or a box, else as `first_mask` finds it; cut by a network if one is named. `moving` belongs to `plate`, see `moving_in`.
 
     Raises:
-        ObjectError, UsageError: as `first_mask`. ModelError, MissingPackage: a network that cannot be used.
+        ObjectError, UsageError: as `first_mask` and `mask_in_box`. ModelError, MissingPackage: a network that cannot be used.
     """
     box, picture = settings.box, frames[0]
     if settings.prompt is not None and settings.detector_model is not None:
@@ -87,7 +89,7 @@ def first_outline(settings: ObserveSettings, frames: Frames, plate: Plate | None
             raise ObjectError(f"{settings.mask_model} finds nothing there.", "Mark it more closely, or give --mask with a PNG.")
         return mask
     if box is not None and settings.mask is None:
-        return mask_in_box(picture, box, plate, progress, frames)
+        return mask_in_box(picture, box, plate, progress, moving)
     mask = first_mask(settings, frames, plate, progress)
     # A mask or a depth map of the user's is over the filmed picture; what moves was found in the straightened one.
     return lens.straight_map(mask) if settings.mask is not None or settings.depth is not None else mask

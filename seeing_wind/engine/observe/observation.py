@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,11 +23,12 @@ from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, camera_turns, steadied, turning
 from .clip.stored import Frames
-from .mask.background import Plate, clean_plate, median_plate, plate_behind, seen_first, stands_still
+from .mask.background import Plate, clean_plate, median_plate, stands_still
+from .mask.by_turns import with_background
+from .mask.evidence import Looks
 from .mask.first_mask import point_list, read_mask
-from .mask.follow import MaskFollower
-from .mask.from_box import NEARBY, moving_odds, refined
-from .mask.motion import window_of
+from .mask.follow import MaskFollower, carried
+from .mask.from_box import moving_in
 from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
 from .tracks.centroid import centroid_track
 from .tracks.file import read_tracks
@@ -41,10 +41,6 @@ FEW_PATCHES = 900
 
 SILHOUETTE = 0.02
 """A turning body's silhouette has its centroid off the body's own by about this part of its size."""
-
-
-ROUGH_PIXELS = 25_000
-"""Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
 
 ROUND_POINT = 0.25
 """About how far the object may reach from a point on it, in units of the picture's shorter side."""
@@ -108,13 +104,15 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
     plate = median_plate(clip.frames, progress) if still else None
     median = None if plate is None else plate.color
     progress.update(0.08, "finding the object")
-    mask = first_outline(settings, clip.frames, plate, lens, progress)
+    moving = None if plate is None else moving_in(clip.frames, plate.noise)
+    mask = first_outline(settings, clip.frames, plate, moving, lens, progress)
     progress.update(0.1, "following the object")
-    if plate is not None:
-        mask, plate = _with_background(clip.frames, mask, plate, settings, around, progress)
+    looks = None
+    if plate is not None and moving is not None:
+        mask, plate, looks = with_background(clip.frames, mask, plate, moving, settings, around, progress)
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
-    masks, tracks = _follow(clip, mask, plate, lens, settings, progress)
+    masks, tracks = _follow(clip, mask, plate, looks, lens, settings, progress)
     tell_defects(clip.frames, masks, progress)
     progress.update(0.95, "background")
     background = clean_plate(clip.frames, masks, median, progress)
@@ -171,7 +169,8 @@ def _marked_area(settings: ObserveSettings, height: int, width: int) -> np.ndarr
         return read_mask(settings.mask, height, width)
     area = np.zeros((height, width), np.uint8)
     if settings.box is not None and np.isfinite(settings.box).all():
-        x0, y0, x1, y1 = (int(value) for value in np.clip(settings.box, 0, max(height, width)))
+        low, high = np.floor(settings.box[:2]), np.ceil(settings.box[2:])
+        x0, y0, x1, y1 = (int(value) for value in np.clip([*low, *high], 0, max(height, width)))
         area[y0 : y1 + 1, x0 : x1 + 1] = 1
     elif settings.box is None and settings.points is not None:
         for x, y in np.round(point_list(settings.points, height, width)).astype(int):
@@ -201,7 +200,7 @@ def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
 
 
 def _follow(
-    clip: Clip, mask: np.ndarray, plate: Plate | None, lens: Lens, settings: ObserveSettings, progress: Progress
+    clip: Clip, mask: np.ndarray, plate: Plate | None, looks: Looks | None, lens: Lens, settings: ObserveSettings, progress: Progress
 ) -> tuple[Masks, _Tracks]:
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
     frames = clip.frames
@@ -215,15 +214,15 @@ def _follow(
     # A body of a few patches or corners is followed by its silhouette where they are lost: new ones would be as few.
     reseed = len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
     points = Generations(frames[0], mask, corners, reseed=reseed)
-    carried: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
+    steps: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
         network_masks(settings.mask_model, frames, mask, progress)
         if settings.mask_model
-        else _carry(frames, len(frames), mask, plate, progress, 0.3, 0.9)
+        else carried(frames, len(frames), mask, plate, progress, 0.3, 0.9, looks)
     )
 
     def followed() -> Iterator[np.ndarray]:
         yield mask
-        for t, (new, follower) in enumerate(carried, start=1):
+        for t, (new, follower) in enumerate(steps, start=1):
             points.advance(frames[t], follower.flow, new)
             yield new
 
@@ -239,57 +238,6 @@ def _follow(
     if enough[seen].all():
         return masks, found
     return masks, _with_centroid(frames, masks, plate, found, enough, progress)
-
-
-def _with_background(
-    frames: Frames, mask: np.ndarray, plate: Plate, settings: ObserveSettings, around: np.ndarray, progress: Progress
-) -> tuple[np.ndarray, Plate]:
-    """The outline of picture 0 and the background, each found again by the other: the object, followed, shows what is behind it."""
-    boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
-    # What a box cut off of a small object was found outside it.
-    allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
-    median = plate.color
-    motion = moving_odds(frames, window_of(allowed, NEARBY), plate.noise) if boxed else None
-    plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
-    if motion is not None:
-        mask = refined(frames[0], mask, plate, allowed, motion)
-    if not settings.mask_model:
-        masks = _roughly(frames, mask, plate, progress)
-        if areas(masks)[1:].any():
-            plate = plate_behind(frames, masks, plate, median, progress)
-    if motion is not None:
-        mask = refined(frames[0], mask, plate, allowed, motion)
-    return mask, plate
-
-
-def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress) -> Masks:
-    """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large."""
-    x0, y0, x1, y1 = window_of(mask, 0)
-    scale = min(1.0, float(np.sqrt(ROUGH_PIXELS / ((x1 - x0) * (y1 - y0)))))
-    full = mask.shape[::-1]
-    size = (round(full[0] * scale), round(full[1] * scale))
-
-    def small(picture: np.ndarray) -> np.ndarray:
-        return picture if scale == 1.0 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-
-    def large(found: np.ndarray) -> np.ndarray:
-        return found if scale == 1.0 else cv2.resize(found.astype(np.float32), full, interpolation=cv2.INTER_LINEAR) > 0.5
-
-    behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
-    first = small(mask.astype(np.uint8) * 255) >= 128
-    carried = _carry((small(picture) for picture in frames), len(frames), first, behind, progress, 0.1, 0.3)
-    return Masks.of(itertools.chain([mask], (large(new) for new, _ in carried)))
-
-
-def _carry(
-    pictures: Iterable[np.ndarray], count: int, mask: np.ndarray, plate: Plate | None, progress: Progress, start: float, end: float
-) -> Iterator[tuple[np.ndarray, MaskFollower]]:
-    """The masks of pictures 1 to T of `count` and the follower in its state after each; reports progress from `start` to `end`."""
-    rest = iter(pictures)
-    follower = MaskFollower(next(rest), mask, plate, progress)
-    for t, picture in enumerate(rest, start=1):
-        progress.update(start + (end - start) * t / count, f"following the object, frame {t} of {count - 1}")
-        yield follower.advance(picture), follower
 
 
 def _tell_lost(seen: np.ndarray, progress: Progress) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from ..masks import Masks
 from ..records import Camera, Observation
 from ..settings import ObserveSettings
-from .clip.camera import read_camera
+from .clip.camera import read_camera, resized
 from .clip.depth import read_depth
 from .clip.frames import Clip
 from .clip.lens import Lens
@@ -103,17 +103,13 @@ class WorkingSize:
         return replace(settings, **changes)  # type: ignore[arg-type]
 
     def _camera(self, camera: Camera) -> dict[str, object]:
-        cx, cy = self.inward(np.array([camera.cx, camera.cy]))
-        values: dict[str, object] = {
-            "width": self.work[1], "height": self.work[0],
-            "fx": camera.fx / self._factor[0], "fy": camera.fy / self._factor[1], "cx": cx, "cy": cy,
-            "camera_to_world": np.asarray(camera.camera_to_world).tolist(),
-        }  # fmt: skip
-        return values | dict(zip(LENS, camera.distortion))
+        camera = resized(camera, *self.work)
+        values = {name: getattr(camera, name) for name in ("width", "height", "fx", "fy", "cx", "cy")}
+        return {**values, "camera_to_world": np.asarray(camera.camera_to_world).tolist(), **dict(zip(LENS, camera.distortion))}
 
     def observation(self, seen: Observation, clip: Clip) -> Observation:
         """What was seen in the smaller copy of `clip`, in the file's own pixels."""
-        camera = self._full(seen.camera)
+        camera = resized(seen.camera, *self.file)
         size = self.file[::-1]
         image = Lens(camera).straight_one(clip.as_filmed(0))
         background = cv2.resize(seen.background, size, interpolation=cv2.INTER_CUBIC)
@@ -137,12 +133,6 @@ class WorkingSize:
 
     def _larger(self, mask: np.ndarray) -> np.ndarray:
         return cv2.resize(mask.astype(np.uint8) * np.uint8(255), self.file[::-1], interpolation=cv2.INTER_LINEAR) >= 128
-
-    def _full(self, camera: Camera) -> Camera:
-        cx, cy = self.outward(np.array([camera.cx, camera.cy]))
-        return replace(
-            camera, width=self.file[1], height=self.file[0], fx=camera.fx * self._factor[0], fy=camera.fy * self._factor[1], cx=cx, cy=cy
-        )
 
 
 def _filled(depth: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import pytest
 
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.observe.clip.camera import find_camera, read_camera
+from seeing_wind.engine.observe.clip.camera import find_camera, read_camera, resized
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -84,6 +84,22 @@ def write(folder: Path, values: object) -> str:
 def test_file_with_further_keys(tmp_path: Path) -> None:
     camera = read_camera(write(tmp_path, {**good(), "lens": "35 mm", "fps": 30}), 640, 480, 5)
     assert camera.fx == 700.0 and np.allclose(camera.camera_to_world, front_view(2.0))
+
+
+def test_a_camera_without_the_objects_depth_is_told(tmp_path: Path) -> None:
+    told: list[dict] = []
+    _, distance = camera_for(ObserveSettings(camera=write(tmp_path, good())), progress=Progress(told.append))
+    assert distance == pytest.approx(2.0), "that of the world's origin"
+    assert [one for one in told if one["type"] == "warning" and "not the object's depth" in one["message"]]
+
+
+def test_a_resized_camera_shows_the_same_places(tmp_path: Path) -> None:
+    camera = read_camera(write(tmp_path, good()), 640, 480, 5)
+    point = np.array([[0.3, 0.1, -0.2]])
+    xy, small = camera.project(point)[0], resized(camera, 240, 160)
+    assert (small.width, small.height) == (160, 240)
+    # A quarter of the way into the picture stays a quarter, counted from the outer edge of its first pixel.
+    assert np.allclose((small.project(point)[0] + 0.5) / [160, 240], (xy + 0.5) / [640, 480])
 
 
 def test_same_matrix_every_frame_is_a_still_camera(tmp_path: Path) -> None:

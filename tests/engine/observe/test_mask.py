@@ -29,6 +29,15 @@ def test_box_follows_the_silhouette(disc: Scene, disc_seen: Observation) -> None
     assert iou[0] > 0.95 and iou.min() > 0.93
 
 
+@pytest.mark.parametrize("count", [2, 3, 8, 31])
+def test_the_background_is_the_lower_median(count: int) -> None:
+    frames = np.random.default_rng(count).integers(0, 256, (count, 40, 30, 3)).astype(np.uint8)
+    plate = median_plate(frames, NoProgress())
+    assert np.array_equal(plate.color, np.sort(frames, axis=0)[(count - 1) // 2])
+    away = np.abs(frames.astype(int) - plate.color)
+    assert np.array_equal(plate.reliable, (np.sort(away, axis=0)[(count - 1) // 2] <= 5).all(axis=2))
+
+
 def test_loose_box(disc: Scene) -> None:
     x0, y0, x1, y1 = disc.box
     seen = observe(disc.path, ObserveSettings(box=(x0 - 9.5, y0 - 8.2, x1 + 8, y1 + 9), distance=1.0), NoProgress())

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scenes import Scene, moving_body, painted_scene
+from scenes import Scene, moving_body, noise, painted_scene
 from scipy.interpolate import RBFInterpolator
 
 from seeing_wind.engine.errors import UsageError
@@ -211,3 +211,20 @@ def test_real_ball_falls_with_g(shared: Path) -> None:
     acceleration = 2 * np.polyfit(t[use], points[use], 2)[0]
     assert np.linalg.norm(acceleration) == pytest.approx(9.8, rel=0.05)
     assert np.degrees(np.arccos(-acceleration[2] / np.linalg.norm(acceleration))) < 5.0
+
+
+def test_a_pattern_that_fades_hands_over_to_the_silhouette(tmp_path: Path) -> None:
+    t = np.arange(16)
+    pattern = noise(np.random.default_rng(4), (160, 220), (60, 20, 10), (250, 160, 90), 1.6)
+
+    def body(picture: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        own = np.roll(pattern, (5 * picture, 4 * picture), (0, 1))
+        return own if picture < 11 else np.broadcast_to(pattern.mean(axis=(0, 1)), own.shape)
+
+    scene = painted_scene(tmp_path, np.stack([60 + 4.0 * t, 60 + 2.0 * t], axis=1), 0.0 * t, 34.0, body)
+    told: list[dict] = []
+    seen = observe(scene.path, ObserveSettings(box=scene.box, distance=1.0), Progress(told.append))
+    assert any("Too few points" in message["message"] for message in told if message["type"] == "warning")
+    assert not seen.on_centroid[:-1].any() and seen.on_centroid[-1]
+    assert seen.visible[12:, -1].all() and not seen.visible[:8, -1].any()
+    assert np.linalg.norm(seen.xy[12:, -1] - scene.centers[12:], axis=1).max() < 4.0

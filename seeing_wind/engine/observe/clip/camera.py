@@ -37,6 +37,13 @@ BENT = 0.5
 KEYS = ("width", "height", "fx", "fy", "cx", "cy", "camera_to_world")
 
 
+def resized(camera: Camera, height: int, width: int) -> Camera:
+    """The same camera with pictures of `height` and `width` [px]; pixel centres are at integers in both."""
+    across, down = width / camera.width, height / camera.height
+    cx, cy = (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5
+    return replace(camera, width=width, height=height, fx=camera.fx * across, fy=camera.fy * down, cx=cx, cy=cy)
+
+
 def find_camera(
     settings: ObserveSettings, width: int, height: int, pictures: int, first_frame: int, depth: float | None, progress: Progress
 ) -> tuple[Camera, float]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import distance_transform_edt
 
 from ...errors import UsageError
 from ...progress import Progress
@@ -67,6 +66,8 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
         )
     if part < 0.98:
         progress.warn(f"{100 * (1 - part):.0f} % of the object's pixels have no depth in {name}; they take the nearest known one.")
+    from scipy.ndimage import distance_transform_edt  # slow to import, and most clips have no map
+
     # Only depths on the object itself may fill its rim: the nearest pixel outside could belong to the wall behind it.
     rows, columns = distance_transform_edt(~(known & mask), return_distances=False, return_indices=True)
     return np.where(mask, depth[rows, columns], np.float32(np.inf)).astype(np.float32)

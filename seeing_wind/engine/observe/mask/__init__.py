@@ -6,5 +6,6 @@
     evidence.py    what speaks for each pixel, in log odds
     follow.py      carried through the clip
     motion.py      how the object moved between two frames
+    by_turns.py    picture 0 and the background, each found by the other
     background.py  what is behind it, and where that is known
 """

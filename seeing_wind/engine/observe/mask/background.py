@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -56,7 +57,7 @@ class Plate:
     def difference(self, picture: np.ndarray) -> np.ndarray:
         """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise; 0 where unreliable."""
         away = cv2.absdiff(picture, self.color).astype(np.float32)
-        return np.where(self.reliable, _largest(cv2.GaussianBlur(away, (0, 0), 0.8)), np.float32(0.0))
+        return np.where(self.reliable, largest(cv2.GaussianBlur(away, (0, 0), 0.8)), np.float32(0.0))
 
     def compared(self, picture: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """How `picture` (H, W, 3) differs from the background in `window`, also where that is not reliable, grain averaged out first.
@@ -66,13 +67,13 @@ class Plate:
             all channels, a shadow that went, -1 where it is darker, one that came, else 0.
         """
         now, behind = (cv2.GaussianBlur(cut(whole, window), (0, 0), 1.0).astype(np.float32) for whole in (picture, self.color))
-        away = _largest(cv2.absdiff(now, behind))
+        away = largest(cv2.absdiff(now, behind))
         behind += 4.0
         ratio = (now + 4.0) / behind
         middle = cv2.transform(ratio, np.full((1, 3), 1.0 / 3.0, np.float32))
         # In the dark, a codec's rounding tints as much as a colour does.
         grain = 0.6 * self.noise / _smallest(behind)
-        alike = _largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle + grain
+        alike = largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle + grain
         # A shadow is soft and lets through what is behind it; a gray thing's own pattern and edges are neither.
         alike &= np.abs(middle - cv2.GaussianBlur(middle, (0, 0), 3.0)) < SHADOW_SOFT + grain
         alike &= cut(self.reliable, window, cv2.BORDER_CONSTANT) & (middle > SHADOW[0]) & (middle < SHADOW[1])
@@ -83,7 +84,7 @@ class Plate:
         return self.compared(picture, window)[1] != 0
 
 
-def _largest(picture: np.ndarray) -> np.ndarray:
+def largest(picture: np.ndarray) -> np.ndarray:
     """The largest of three channels (H, W, 3) -> (H, W); NumPy's reduction over so short an axis is twenty times slower."""
     first, second, third = cv2.split(picture)
     return cv2.max(cv2.max(first, second), third)
@@ -126,13 +127,13 @@ def median_plate(frames: Frames, progress: Progress) -> Plate:
     """The temporal median of `frames` (T+1, H, W, 3) uint8, trusted where half of the time stays close to it."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
     color = np.empty(frames.shape[1:], np.uint8)
-    spread = np.empty(frames.shape[1:3], np.float32)
+    spread = np.empty(frames.shape[1:3], np.uint8)
     for part in _row_blocks(color, len(chosen)):
         progress.check()
         block = np.stack([frames[t, part] for t in chosen])
         middle = _median(block)
         color[part] = middle
-        spread[part] = _largest(_median(np.maximum(block, middle) - np.minimum(block, middle)))
+        spread[part] = largest(_median(np.maximum(block, middle) - np.minimum(block, middle)))
     steady = spread <= STEADY
     noise = 1.5 * float(np.median(spread[steady])) + 1.0 if steady.any() else STEADY
     return Plate(color, steady, noise)
@@ -145,9 +146,37 @@ def _row_blocks(picture: np.ndarray, count: int) -> Iterator[slice]:
 
 
 def _median(block: np.ndarray) -> np.ndarray:
-    """The lower median over the first axis of a uint8 array; bytes sort many times faster than np.median's floats."""
+    """The lower median over the first axis of a uint8 array, by a sorting network: whole planes are compared, twenty times faster."""
+    planes, spare = [plane.copy() for plane in block], np.empty_like(block[0])
     middle = (len(block) - 1) // 2
-    return np.partition(block, middle, axis=0)[middle]
+    for low, high in _exchanges(len(block), middle):
+        np.minimum(planes[low], planes[high], out=spare)
+        np.maximum(planes[low], planes[high], out=planes[high])
+        planes[low], spare = spare, planes[low]
+    return planes[middle]
+
+
+@cache
+def _exchanges(count: int, wanted: int) -> list[tuple[int, int]]:
+    """Pairs (low, high) of places to be put in order, one after the other, so that the `wanted` of `count` values is in its place.
+
+    Those of Batcher's odd-even mergesort (Batcher 1968; Knuth, volume 3, 5.2.2, algorithm M) on which that place depends.
+    """
+    pairs, run = list[tuple[int, int]](), 1
+    while run < count:
+        apart = run
+        while apart >= 1:
+            for start in range(apart % run, count - apart, 2 * apart):
+                together = (low for low in range(start, min(start + apart, count - apart)))
+                pairs += [(low, low + apart) for low in together if low // (2 * run) == (low + apart) // (2 * run)]
+            apart //= 2
+        run *= 2
+    needed, kept = {wanted}, list[tuple[int, int]]()
+    for pair in reversed(pairs):
+        if needed & {*pair}:
+            needed |= {*pair}
+            kept.append(pair)
+    return kept[::-1]
 
 
 def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarray) -> Plate:
@@ -160,7 +189,7 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0; around: (H, W) bool, where it may be.
     """
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
-    away = _largest(cv2.GaussianBlur(cv2.absdiff(np.array(frames[0]), plate.color), (0, 0), 0.8)) > 4.0 * plate.noise
+    away = largest(cv2.GaussianBlur(cv2.absdiff(np.array(frames[0]), plate.color), (0, 0), 0.8)) > 4.0 * plate.noise
     stayed = cv2.morphologyEx((~away & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     near = (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0) | around
     doubtful = (away | ~plate.reliable) & ~near
@@ -172,7 +201,7 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
         first = np.array(frames[0][part])
         agree = np.zeros(first.shape[:2], np.int32)
         for t in chosen:
-            agree += _largest(cv2.absdiff(np.ascontiguousarray(frames[int(t)][part]), first)) < 5.0 * plate.noise
+            agree += largest(cv2.absdiff(np.ascontiguousarray(frames[int(t)][part]), first)) < 5.0 * plate.noise
         seen = doubtful[part] & (agree >= FIRST_SIGHTS)
         color, reliable = color.copy(), reliable.copy()
         color[part] = np.where(seen[..., None], cv2.GaussianBlur(first, (0, 0), 0.7), color[part])
@@ -192,7 +221,7 @@ def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray
         off = cv2.dilate(mask.astype(np.uint8), grow) == 0
         leaves += off
         passed |= ~off
-        agree += off & (_largest(cv2.absdiff(np.array(frames[t]), color)) < 4.0 * before.noise)
+        agree += off & (largest(cv2.absdiff(np.array(frames[t]), color)) < 4.0 * before.noise)
     # Three sights of a pixel are the least of which a median can drop one that is wrong. Where they do not agree, the object was missed.
     steady = (leaves >= 3) & (agree > STEADY_PART * leaves)
     return Plate(color, (before.reliable & ~passed) | (passed & steady), before.noise)

@@ -6,9 +6,10 @@ A sum of such evidence is smoothed along the picture's edges (guided filter, He 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from .background import Plate
 from .motion import Window, cut, window_of
@@ -62,7 +63,7 @@ class Colors:
     def __init__(self, inside: np.ndarray, outside: np.ndarray) -> None:
         """`inside` (N, 3) and `outside` (M, 3) uint8: samples of both."""
         counts = [np.bincount(self._bins(part), minlength=COLORS**3).reshape(3 * (COLORS,)) for part in (inside, outside)]
-        density = [gaussian_filter(one.astype(np.float64), 0.7) / max(one.sum(), 1) + 2e-5 for one in counts]
+        density = [_smoothed(one, 0.7, range(3)) / max(one.sum(), 1) + 2e-5 for one in counts]
         self._odds = np.clip(np.log(density[0] / density[1]), -COLOR_SURE, COLOR_SURE).ravel().astype(np.float32)
 
     @staticmethod
@@ -82,17 +83,19 @@ class Looks:
     the clip, so shares of classes are counted: eleven bounds of difference, each with and without a change of light.
     """
 
-    def __init__(self, picture: np.ndarray | None = None, plate: Plate | None = None, mask: np.ndarray | None = None) -> None:
-        """`mask` (H, W) bool: the object in `picture` (H, W, 3) uint8 before `plate`; without them, what is usual."""
-        front, behind = self._usual(*FRONT, 1.0), self._usual(*BEHIND, 0.5)
-        if picture is not None and plate is not None and mask is not None:
+    def __init__(self, plate: Plate | None = None, seen: Iterable[tuple[np.ndarray, np.ndarray]] = ()) -> None:
+        """`seen`: pictures (H, W, 3) uint8 before `plate`, each with the object (H, W) bool in it; without them, what is usual."""
+        inside, beside = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
+        for picture, mask in seen:
+            assert plate is not None  # without one, nothing can be seen before it
             window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
             classes, known = _classes(*plate.compared(picture, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
             shape = _unshaded(cut(mask, window, cv2.BORDER_CONSTANT), classes % 3 > 0).astype(np.uint8)
             # The rim is both.
-            inside = (cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known
-            beside = (cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & known
-            front, behind = self._learnt(classes[inside], front), self._learnt(classes[beside], behind)
+            inside.append(classes[(cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known])
+            beside.append(classes[(cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & known])
+        front = self._learnt(np.concatenate(inside), self._usual(*FRONT, 1.0))
+        behind = self._learnt(np.concatenate(beside), self._usual(*BEHIND, 0.5))
         self._odds = np.clip(np.log(front / behind), -SURE, SURE).astype(np.float32).ravel()
 
     def odds(self, away: np.ndarray, light: np.ndarray, noise: float) -> np.ndarray:
@@ -110,9 +113,19 @@ class Looks:
 
     @staticmethod
     def _learnt(classes: np.ndarray, usual: np.ndarray) -> np.ndarray:
-        counts = gaussian_filter(np.bincount(classes, minlength=usual.size).reshape(usual.shape).astype(float), (0.6, 0.0))
+        counts = _smoothed(np.bincount(classes, minlength=usual.size).reshape(usual.shape), 0.6, (0,))
         weight = SAMPLES * counts.sum() + 10.0
         return (counts + weight * usual) / (counts.sum() + weight)
+
+
+def _smoothed(counts: np.ndarray, bins: float, axes: Iterable[int]) -> np.ndarray:
+    """A histogram blurred by `bins` along some of its axes, float64; SciPy's filter is the same, but slow to import."""
+    size, smooth = 2 * round(4.0 * bins) + 1, counts.astype(np.float64)
+    for axis in axes:
+        rows = np.ascontiguousarray(np.moveaxis(smooth, axis, 0).reshape(smooth.shape[axis], -1))
+        rows = cv2.GaussianBlur(rows, (1, size), sigmaX=bins, sigmaY=bins, borderType=cv2.BORDER_REFLECT)
+        smooth = np.moveaxis(rows.reshape(np.moveaxis(smooth, axis, 0).shape), 0, axis)
+    return smooth
 
 
 def _classes(away: np.ndarray, light: np.ndarray, noise: float) -> np.ndarray:

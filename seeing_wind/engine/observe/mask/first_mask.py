@@ -1,4 +1,4 @@
-"""Which pixels of picture 0 are the object: from a PNG, a box round it, a depth map's extent, or what moves."""
+"""Which pixels of picture 0 are the object: from a PNG, points on it, a depth map's extent, or what moves."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..clip.pictures import read_picture
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .from_box import NEITHER, mask_in_box, numbers
+from .from_box import NEITHER, numbers
 
 SEED = 0.012
 """Radius of the disc round a point that is surely the object, in units of the picture's shorter side."""
@@ -27,19 +27,17 @@ LARGEST_OF_POINTS = 0.6
 def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, progress: Progress) -> np.ndarray:
     """The object (H, W) bool in the first of `frames` (T+1, H, W, 3) uint8 RGB.
 
-    `settings.mask` comes first, then `settings.box`, then `settings.points`, then the extent of a depth map that is infinite off the
+    `settings.mask` comes first, then `settings.points`, then the extent of a depth map that is infinite off the
     object, then the one thing that differs from `plate`, the background of a camera that stands still (None when it moves).
 
     Raises:
         ObjectError: nothing there, or too little.
-        UsageError: a mask of another size or unreadable, a box or a point outside the picture, a box without area.
+        UsageError: a mask of another size or unreadable, or a point outside the picture.
     """
     picture = frames[0]
     height, width = picture.shape[:2]
     if settings.mask is not None:
         mask = read_mask(settings.mask, height, width)
-    elif settings.box is not None:
-        mask = mask_in_box(picture, settings.box, plate, progress, frames)
     elif settings.points is not None:
         mask = mask_from_points(picture, point_list(settings.points, height, width), plate, progress)
     elif settings.depth is not None and not np.isfinite(depth := read_depth(settings.depth, height, width)).all():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import cv2
 import numpy as np
 
@@ -9,7 +11,7 @@ from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
 from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
-from .motion import FOLLOWED_PIXELS, Flow, FlowSolver, Window, body_shift, cut, paste, window_of
+from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, window_of
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -23,6 +25,9 @@ PARTLY = 0.75
 
 CARRIED = 2.0
 """Most log odds for the silhouette that was carried on where the background is known: what is wrong in it goes away again."""
+
+FILTERS = 8
+"""Pixels that filters reach beyond what they are asked for."""
 
 BESIDE_PLATE = 0.3
 """Weight of colours where the background is known."""
@@ -40,12 +45,17 @@ class MaskFollower:
         hidden: the object was not found in the newest picture.
     """
 
-    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture."""
+    def __init__(
+        self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, looks: Looks | None = None
+    ) -> None:
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
+
+        `looks`: how the object differs from the plate; None learns it from picture 0.
+        """
         self._progress = progress
         self._plate = plate
-        self._looks = Looks(picture, plate, mask) if plate is not None else None
-        self._solver = FlowSolver(FOLLOWED_PIXELS)
+        self._looks = looks if looks is not None or plate is None else Looks(plate, [(picture, mask)])
+        self._solver = FlowSolver(rough=True)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(picture, window_of(mask, 24))
         self._colors = Colors(picture[mask], around[~near])
@@ -117,9 +127,20 @@ class MaskFollower:
         return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
 
     def _silhouette(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
+        if not carried.any():
+            return carried
+        band = band_of(float(carried.sum()))
+        # Farther away than three bands, no evidence outweighs the silhouette's.
+        near = window_of(carried, int(3 * band) + FILTERS)
+        found = np.zeros_like(carried)
+        around = (near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1])
+        paste(found, self._cut_out(picture, cut(carried, near, cv2.BORDER_CONSTANT), around, band), near)
+        return found
+
+    def _cut_out(self, picture: np.ndarray, carried: np.ndarray, where: Window, band: float) -> np.ndarray:
         crop = cut(picture, where)
         visible = cut(np.ones(picture.shape[:2], bool), where, cv2.BORDER_CONSTANT)
-        odds = against_shape(carried, band_of(float(carried.sum())))
+        odds = against_shape(carried, band)
         colors = self._colors.odds(crop)
         if self._plate is None or self._looks is None:
             odds += colors
@@ -143,11 +164,26 @@ class MaskFollower:
             dx, dy = (int(value) for value in np.round(self.velocity if self._steps > 1 else shift))
             self._shape_window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
             return
-        center = np.array([np.nonzero(found)[1].mean() + where[0], np.nonzero(found)[0].mean() + where[1]])
-        x0, y0, _, _ = self._shape_window
-        rows, columns = np.nonzero(self._shape)
-        self.velocity = center - [columns.mean() + x0, rows.mean() + y0]
+        self.velocity = (middle_of(found) + where[:2]) - (middle_of(self._shape) + self._shape_window[:2])
         local = window_of(found, 0)
         self._shape_window = (local[0] + where[0], local[1] + where[1], local[2] + where[0], local[3] + where[1])
         self._shape = cut(found, local)
         self._template = cut(picture, self._shape_window).copy()
+
+
+def carried(
+    pictures: Iterable[np.ndarray],
+    count: int,
+    mask: np.ndarray,
+    plate: Plate | None,
+    progress: Progress,
+    start: float,
+    end: float,
+    looks: Looks | None = None,
+) -> Iterator[tuple[np.ndarray, MaskFollower]]:
+    """The masks of pictures 1 to T of `count` and the follower in its state after each; reports progress from `start` to `end`."""
+    rest = iter(pictures)
+    follower = MaskFollower(next(rest), mask, plate, progress, looks)
+    for t, picture in enumerate(rest, start=1):
+        progress.update(start + (end - start) * t / count, f"following the object, frame {t} of {count - 1}")
+        yield follower.advance(picture), follower

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import cv2
 import numpy as np
 
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ..clip.stored import Frames
-from .background import Plate
+from .background import Plate, largest
 from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of
@@ -24,6 +27,9 @@ MOVES = 0.04
 
 LATER = (1, 2, 3, 5, 8, 12, 17, 23)
 """Pictures whose motion against picture 0 is looked at."""
+
+MOTION_PIXELS = 150_000
+"""Size of a window beyond which its motion is sought in a smaller copy."""
 
 LEAST_MOTION = 1.0
 """Pixels that the object moves and the background, whose texture and grain mislead the flow, does not."""
@@ -41,7 +47,7 @@ NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, --points X,Y
 
 
 def mask_in_box(
-    picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None, progress: Progress, frames: Frames | None = None
+    picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None, progress: Progress, moving: Moving | None = None
 ) -> np.ndarray:
     """The object (H, W) bool inside `box` (x0, y0, x1, y1) [px]; what surrounds the box is background.
 
@@ -50,7 +56,7 @@ def mask_in_box(
     Args:
         picture: (H, W, 3) uint8 RGB, picture 0.
         plate: the background; None where the camera moves, and then only colours count.
-        frames: (T+1, H, W, 3) uint8 RGB, the clip; None where there is but one picture.
+        moving: see `moving_in`; None where there is but one picture.
 
     Raises:
         UsageError: a box outside the picture or without area.
@@ -59,13 +65,16 @@ def mask_in_box(
     inside = _pixels_of(box, *picture.shape[:2])
     margin = max(20, (window_of(inside, 0)[2] - window_of(inside, 0)[0]) // 2, (window_of(inside, 0)[3] - window_of(inside, 0)[1]) // 2)
     x0, y0, x1, y1 = window_of(inside, margin)
-    window = (max(x0, 0), max(y0, 0), min(x1, picture.shape[1]), min(y1, picture.shape[0]))
+    x0, y0 = max(x0, 0), max(y0, 0)
+    window = (x0, y0, min(x1, picture.shape[1]), min(y1, picture.shape[0]))
     crop, boxed = cut(picture, window), cut(inside, window)
     motion = behind = None
-    if plate is not None and frames is not None:
-        motion, behind = moving_odds(frames, window, plate.noise), _left(picture, plate, window)
+    if plate is not None and moving is not None:
+        motion, behind = np.zeros(boxed.shape, np.float32), _left(picture, plate, window)
+        near = window_of(boxed, NEARBY)
+        paste(motion, moving((near[0] + x0, near[1] + y0, near[2] + x0, near[3] + y0)), near)
     found = _begun(crop, boxed, motion, behind, progress)
-    if found.sum() < LEAST_PIXELS and motion is not None:
+    if found.sum() < LEAST_PIXELS and motion is not None and behind is not None:
         # A box that GrabCut empties holds something too small or too alike: trust what changes.
         found = (motion + behind > 0.0) & boxed
     mask = np.zeros(inside.shape, bool)
@@ -96,31 +105,48 @@ def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) 
     return inside
 
 
+Moving = Callable[[Window], np.ndarray]
+"""`moving_odds` of a window, in a clip."""
+
+
+def moving_in(frames: Frames, noise: float) -> Moving:
+    """The clip's `moving_odds`, each window's found once."""
+    return cache(lambda window: moving_odds(frames, window, noise))
+
+
 def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     """Log odds (h, w) in `window` by what picture 0 shows there moving, before a background that stands still.
 
     Dense flow (Kroeger 2016) to some of the next pictures, believed where the flow back returns to its start and explains the pixel better
     than standing still does. What differs from picture 0 in none of them stands still.
     """
-    first = cut(frames[0], window)
-    gray, solver = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY), cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    size = window[2] - window[0], window[3] - window[1]
+    scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
+    small = max(8, round(size[0] * scale)), max(8, round(size[1] * scale))
+
+    def seen(t: int) -> np.ndarray:
+        return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
+
+    first, solver = seen(0), cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
     y, x = np.mgrid[: gray.shape[0], : gray.shape[1]].astype(np.float32)
     moved, changed = np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int32)
     for t in (t for t in LATER if t < len(frames)):
-        crop = cut(frames[t], window)
+        crop = seen(t)
         later = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
         there, back = solver.calc(gray, later, None), solver.calc(later, gray, None)
         at_x, at_y = x + there[..., 0], y + there[..., 1]
         returns = cv2.remap(back, at_x, at_y, cv2.INTER_LINEAR) + there
-        still = cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0).max(axis=2)
+        still = largest(cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0))
         flown = cv2.remap(crop, at_x, at_y, cv2.INTER_LINEAR)
-        left = cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0).max(axis=2)
-        sure = (np.hypot(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
-        moved = np.maximum(moved, np.where(sure, np.hypot(there[..., 0], there[..., 1]), 0.0))
+        left = largest(cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0))
+        sure = (cv2.magnitude(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
+        moved = np.maximum(moved, np.where(sure, cv2.magnitude(there[..., 0], there[..., 1]), np.float32(0.0)))
         changed += still > 6.0 * noise
-    size = max(3, int(0.04 * min(gray.shape))) | 1
-    share = cv2.blur((moved > LEAST_MOTION).astype(np.float32), (size, size))
-    return np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
+    across = max(3, int(0.04 * min(gray.shape))) | 1
+    share = cv2.blur((moved > LEAST_MOTION * scale).astype(np.float32), (across, across))
+    odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)
+    return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
 
 
 def _left(picture: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
@@ -149,7 +175,9 @@ def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behin
     return grab_cut(crop, trimap, 5, progress)
 
 
-def refined(picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray) -> np.ndarray:
+def refined(
+    picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray, looks: Looks | None = None
+) -> np.ndarray:
     """The object in `picture` (H, W, 3), picture 0, found again with the background known, within `allowed` (H, W) bool.
 
     `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` with NEARBY pixels round it.
@@ -159,7 +187,7 @@ def refined(picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.nda
     crop, shape = cut(picture, window), cut(mask, window, cv2.BORDER_CONSTANT)
     near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     colors = Colors(crop[shape], crop[~near]).odds(crop)
-    odds, known = against_plate(picture, plate, window, Looks(picture, plate, mask), STILL_PART)
+    odds, known = against_plate(picture, plate, window, looks or Looks(plate, [(picture, mask)]), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors + 0.5 * np.maximum(motion, 0.0), colors + motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE

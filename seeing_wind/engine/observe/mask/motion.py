@@ -16,7 +16,7 @@ TEMPLATE = 40
 FLOW_PIXELS = 260_000
 """Window size beyond which flow is computed on a smaller copy, to keep a frame under half a second."""
 
-FOLLOWED_PIXELS = 100_000
+ROUGH_PIXELS = 30_000
 """The same where the motion only has to be about right: a silhouette and anchored tracks find their places by themselves."""
 
 
@@ -42,6 +42,12 @@ def window_of(mask: np.ndarray, margin: int) -> Window:
     """The bounding box of `mask` (H, W) bool, `margin` pixels wider on each side."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return int(columns[0]) - margin, int(rows[0]) - margin, int(columns[-1]) + margin + 1, int(rows[-1]) + margin + 1
+
+
+def middle_of(mask: np.ndarray) -> np.ndarray:
+    """The centroid x, y (2,) [px] of `mask` (H, W) bool, which is not empty."""
+    moments = cv2.moments(mask.astype(np.uint8), binaryImage=True)
+    return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
 
 
 def cut(picture: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
@@ -121,11 +127,15 @@ def body_shift(
 class FlowSolver:
     """Dense inverse search flow (Kroeger 2016) round a known shift, on the object's window only."""
 
-    def __init__(self, pixels: int = FLOW_PIXELS) -> None:
-        """`pixels`: window size beyond which flow is computed on a smaller copy."""
-        self._pixels = pixels
+    def __init__(self, *, rough: bool = False) -> None:
+        """`rough`: the motion only has to be about right."""
+        self._pixels = ROUGH_PIXELS if rough else FLOW_PIXELS
         self._solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
         self._solver.setFinestScale(0)
+        if rough:
+            self._solver.setPatchStride(4)
+            self._solver.setGradientDescentIterations(16)
+            self._solver.setVariationalRefinementIterations(2)
 
     def between(self, before: np.ndarray, after: np.ndarray, window: Window, shift: np.ndarray) -> Flow:
         """Flow in `window` of the gray picture `before` (H, W) uint8 to `after`, the object moving by about `shift` (2,) [px]."""

@@ -20,22 +20,39 @@ NICE = (1.0, 2.0, 5.0)
 """Leading digits of a scale bar's length."""
 
 
-def drawn(seen: Observation, picture: np.ndarray, t: int, proposed: np.ndarray | None) -> np.ndarray:
-    """`picture` (H, W, 3) uint8 RGB, picture t of the clip, with all that was seen in it."""
-    canvas = picture.copy()
-    width = max(1, round(min(canvas.shape[:2]) / 400))
-    _outline(canvas, np.asarray(seen.masks[t]), OUTLINE, width)
-    for held, color in ((seen.pin, HELD), (proposed, PROPOSED)):
-        if held is not None and held.any():
+class Canvas:
+    """What was seen in a clip, to be drawn over pictures of it in any size."""
+
+    def __init__(self, seen: Observation, proposed: np.ndarray | None, size: tuple[int, int]) -> None:
+        """`proposed` (H, W) bool: where the object seems to be held; `size`: height and width [px] of the pictures to draw over."""
+        self._seen = seen
+        self._shape = size[::-1]
+        scale = np.array(self._shape) / (seen.camera.width, seen.camera.height)
+        self._xy = (seen.xy + 0.5) * scale - 0.5
+        self._width = max(1, round(min(size) / 400))
+        held = [(place, color) for place, color in ((seen.pin, HELD), (proposed, PROPOSED)) if place is not None and place.any()]
+        self._held = [(self._resized(place), color) for place, color in held]
+        depth = seen.depth[np.isfinite(seen.depth)]
+        self._pixels_per_metre = float(seen.camera.fx * scale[0] / np.median(depth)) if len(depth) else 0.0
+
+    def drawn(self, picture: np.ndarray, t: int) -> np.ndarray:
+        """`picture` (h, w, 3) uint8 RGB, picture t of the clip, straightened, with all that was seen in it."""
+        canvas, width = picture.copy(), self._width
+        _outline(canvas, self._resized(np.asarray(self._seen.masks[t])), OUTLINE, width)
+        for held, color in self._held:
             canvas[held] = (0.4 * canvas[held] + 0.6 * np.array(color)).astype(np.uint8)
             _outline(canvas, cv2.dilate(held.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, color, width)
-    for k in np.flatnonzero(seen.visible[t]):
-        since = [s for s in range(max(0, t - TAIL), t + 1) if seen.visible[s, k]]
-        path = np.round(seen.xy[since, k]).astype(np.int32)
-        cv2.polylines(canvas, [path.reshape(-1, 1, 2)], False, TRACK, width, cv2.LINE_AA)
-        cv2.circle(canvas, (int(path[-1, 0]), int(path[-1, 1])), width + 1, TRACK, -1, cv2.LINE_AA)
-    _scale_bar(canvas, _pixels_per_metre(seen), width)
-    return canvas
+        since = max(0, t - TAIL)
+        seen, paths = self._seen.visible[since : t + 1], np.round(self._xy[since : t + 1]).astype(np.int32)
+        points = np.flatnonzero(seen[-1])
+        cv2.polylines(canvas, [paths[seen[:, k], k].reshape(-1, 1, 2) for k in points], False, TRACK, width, cv2.LINE_AA)
+        for x, y in paths[-1, points]:
+            cv2.circle(canvas, (int(x), int(y)), width + 1, TRACK, -1, cv2.LINE_AA)
+        _scale_bar(canvas, self._pixels_per_metre, width)
+        return canvas
+
+    def _resized(self, mask: np.ndarray) -> np.ndarray:
+        return cv2.resize(mask.astype(np.uint8) * 255, self._shape, interpolation=cv2.INTER_AREA) >= 128
 
 
 def with_verdicts(picture: np.ndarray, verdicts: Sequence[Verdict]) -> np.ndarray:
@@ -64,11 +81,6 @@ def _wrapped(text: str, width: int, size: float) -> list[str]:
 def _outline(canvas: np.ndarray, mask: np.ndarray, color: tuple[int, int, int], width: int) -> None:
     lines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(canvas, lines, -1, color, width, cv2.LINE_AA)
-
-
-def _pixels_per_metre(seen: Observation) -> float:
-    depth = seen.depth[np.isfinite(seen.depth)]
-    return float(seen.camera.fx / np.median(depth)) if len(depth) else 0.0
 
 
 def _scale_bar(canvas: np.ndarray, pixels_per_metre: float, width: int) -> None:

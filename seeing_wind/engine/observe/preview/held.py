@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ...records import Observation
 
@@ -55,6 +54,8 @@ def proposed_place(seen: Observation) -> np.ndarray | None:
     rows, columns = np.nonzero(kept)
     if not len(rows):
         return None
+    from scipy.spatial import cKDTree  # slow to import, and most of what is held reaches the picture's edge
+
     near, index = cKDTree(points).query(np.stack([columns, rows], axis=1), k=min(3, len(points)))
     quiet = np.mean(swing[index.reshape(len(rows), -1)], axis=1) < STILL * np.percentile(swing, 90)
     place = np.zeros_like(first)

@@ -24,7 +24,9 @@ CONVERGED = 0.01
 CORRELATED = 4.0
 """How many neighbouring residual pixels share one error (blur, the codec's blocks): the variance of a position grows by it."""
 
-_OFFSETS = np.stack(np.meshgrid(np.arange(-HALF, HALF + 1.0), np.arange(-HALF, HALF + 1.0)), axis=-1).reshape(-1, 2)
+_OFFSETS = np.stack(np.meshgrid(*2 * (np.arange(-HALF, HALF + 1, dtype=np.float32),)), axis=-1).reshape(-1, 2)
+"""Single precision throughout a patch: OpenCV samples no finer, and it is twice as fast."""
+_NEAR = np.exp(-0.5 * (_OFFSETS**2).sum(axis=1) / (0.6 * HALF) ** 2).astype(np.float32)
 
 
 def smooth(picture: np.ndarray) -> np.ndarray:
@@ -75,13 +77,11 @@ class Alignment:
 
 def cut_patches(picture: np.ndarray, mask: np.ndarray, xy: np.ndarray) -> Patches:
     """Templates round points (K, 2) [px] of the smoothed `picture` (H, W), weighted by `mask` (H, W) float32 in 0..1."""
-    grid = xy[:, None, :] + _OFFSETS
-    raw = sample(picture, grid).astype(np.float64)
-    gaussian = np.exp(-0.5 * (_OFFSETS**2).sum(axis=1) / (0.6 * HALF) ** 2)
-    weight = gaussian * sample(mask, grid) + 1e-9
+    grid = xy.astype(np.float32)[:, None, :] + _OFFSETS
+    weight = _NEAR * sample(mask, grid) + np.float32(1e-9)
     weight /= weight.sum(axis=1, keepdims=True)
-    values, deviation = _normalise(raw, weight)
-    step = np.array([[0.5, 0.0], [0.0, 0.5]])
+    values, deviation = _normalise(sample(picture, grid), weight)
+    step = np.array([[0.5, 0.0], [0.0, 0.5]], np.float32)
     gx = (sample(picture, grid + step[0]) - sample(picture, grid - step[0])) / deviation
     gy = (sample(picture, grid + step[1]) - sample(picture, grid - step[1])) / deviation
     u, v = _OFFSETS[:, 0], _OFFSETS[:, 1]
@@ -91,12 +91,12 @@ def cut_patches(picture: np.ndarray, mask: np.ndarray, xy: np.ndarray) -> Patche
         share = (steepest * (weight * known)[:, None, :]).sum(axis=2) / (weight * known**2).sum(axis=1)[:, None]
         steepest = steepest - share[:, :, None] * known[:, None, :]
     weighted = steepest * weight[:, None, :]
-    hessian = np.matmul(weighted, np.swapaxes(steepest, 1, 2))
+    hessian = np.matmul(weighted, np.swapaxes(steepest, 1, 2)).astype(np.float64)
     # A little damping of the four shape parameters (in units of their effect at the patch's rim) keeps flat patches from shearing.
     hessian += np.diag([1e-6, 1e-6, 2e-2, 2e-2, 2e-2, 2e-2]) * np.trace(hessian[:, :2, :2], axis1=1, axis2=2)[:, None, None]
     inverse = np.linalg.inv(hessian + 1e-12 * np.eye(6))
-    descent = np.matmul(inverse, weighted)
-    spread = np.matmul(descent, np.swapaxes(descent, 1, 2))[:, :2, :2]
+    descent = np.matmul(inverse.astype(np.float32), weighted)
+    spread = np.matmul(descent[:, :2], np.swapaxes(descent[:, :2], 1, 2)).astype(np.float64)
     return Patches(values, weight, descent, spread)
 
 
@@ -133,5 +133,5 @@ def align(patches: Patches, picture: np.ndarray, xy: np.ndarray, affine: np.ndar
 
 
 def _values(picture: np.ndarray, xy: np.ndarray, affine: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    grid = np.matmul(_OFFSETS, np.swapaxes(affine, 1, 2)) + xy[:, None, :]
-    return _normalise(sample(picture, grid).astype(np.float64), weight)[0]
+    grid = np.matmul(_OFFSETS, np.swapaxes(affine, 1, 2).astype(np.float32)) + xy.astype(np.float32)[:, None, :]
+    return _normalise(sample(picture, grid), weight)[0]

@@ -9,7 +9,7 @@ from ...masks import Masks
 from ...progress import NoProgress, Progress
 from ..clip.opencv_threads import one_thread
 from ..clip.stored import Frames
-from ..mask.motion import Flow, FlowSolver, window_of
+from ..mask.motion import Flow, FlowSolver, middle_of, window_of
 
 MARGIN = 16
 """Pixels round the silhouette in which flow is computed."""
@@ -33,14 +33,9 @@ def dense_flow(frames: Frames, masks: Masks, progress: Progress | None = None) -
             progress.update(t / len(frames), f"dense flow, frame {t} of {len(frames) - 1}")
             after, next_gray = masks[t + 1], cv2.cvtColor(frames[t + 1], cv2.COLOR_RGB2GRAY)
             if before.any():
-                shift = _centroid(after) - _centroid(before) if after.any() else np.zeros(2)
+                shift = middle_of(after) - middle_of(before) if after.any() else np.zeros(2)
                 flows.append(solver.between(gray, next_gray, window_of(before, MARGIN), shift))
             else:
                 flows.append(None)
             before, gray = after, next_gray
     return flows
-
-
-def _centroid(mask: np.ndarray) -> np.ndarray:
-    rows, columns = np.nonzero(mask)
-    return np.array([columns.mean(), rows.mean()])

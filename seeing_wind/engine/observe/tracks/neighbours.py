@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 NEIGHBOURS = 12
 
@@ -28,8 +27,9 @@ def predict(
     if len(known) < 2:
         return now.copy(), previous.copy(), np.zeros(count, int)
     reach_count = min(NEIGHBOURS + 1, len(known))
-    distance, index = cKDTree(rest[known]).query(rest, k=reach_count)
-    index = known[index]
+    distance = np.linalg.norm(rest[:, None] - rest[known], axis=2)  # of hundreds of points: a tree would take longer
+    near = np.argpartition(distance, reach_count - 1, axis=1)[:, :reach_count]
+    distance, index = np.take_along_axis(distance, near, axis=1), known[near]
     weight = ((distance < reach) & (index != np.arange(count)[:, None])).astype(np.float64)
     weight *= 1.0 / (1.0 + (distance / (0.5 * reach)) ** 2)
     predicted, affine = _fit(rest, now, index, weight, previous, reach)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from ..mask.motion import Flow
+from ..mask.motion import Flow, middle_of
 from .anchor import HALF, Patches, align, cut_patches, sample, smooth
 from .neighbours import disagreement, predict
 
@@ -137,12 +137,6 @@ class _View:
         return (xy + 0.5) * self.scale - 0.5
 
 
-def _middle(mask: np.ndarray) -> np.ndarray:
-    """Centroid x, y of `mask` (H, W)."""
-    rows, columns = np.nonzero(mask)
-    return np.array([columns.mean(), rows.mean()])
-
-
 class Tracker:
     """Follows points from picture 0 on.
 
@@ -166,7 +160,7 @@ class Tracker:
         self._reach = max(30.0, 0.5 * float(np.sqrt(inside.sum())))
         self._affine = np.tile(np.eye(2), (count, 1, 1))
         self._unseen = np.zeros(count, int)
-        self._center = _middle(inside)
+        self._center = middle_of(inside)
         self._xy = self._rest.copy()
         self._sigma = np.full(count, FLOOR)
         self.visible = np.ones(count, bool)
@@ -191,7 +185,7 @@ class Tracker:
             self.visible = np.zeros(len(self._xy), bool)
             self._unseen = self._unseen + 1
             return
-        center, before = _middle(mask), self._center
+        center, before = middle_of(mask), self._center
         self._center = center
         if flow is None or not self.visible.any():
             back = (self._unseen > 0) & (self._unseen <= FORGOTTEN)

@@ -13,6 +13,7 @@ from scenes import Scene
 
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.observe import observe
+from seeing_wind.engine.observe.preview.drawing import Canvas
 from seeing_wind.engine.observe.preview.held import proposed_place
 from seeing_wind.engine.observe.preview.verdicts import Verdict, judged
 from seeing_wind.engine.progress import NoProgress
@@ -140,6 +141,17 @@ def test_the_verb_leaves_picture_film_and_verdicts(disc: Scene, shown: tuple[Pat
     assert green.sum() > 50 and (green & (rim > 0)).sum() > 0.9 * green.sum()
     film = cv2.VideoCapture(str(take / "preview.mp4"))
     assert film.get(cv2.CAP_PROP_FRAME_COUNT) == len(disc.frames)
+
+
+def test_the_film_shows_the_outline_at_its_own_size(disc: Scene, disc_seen: Observation) -> None:
+    size = (disc.frames.shape[1] // 2, disc.frames.shape[2] // 2)
+    small = cv2.resize(disc.frames[7], size[::-1], interpolation=cv2.INTER_AREA)
+    over = Canvas(dataclasses.replace(disc_seen, visible=np.zeros_like(disc_seen.visible)), None, size).drawn(small, 7)
+    red, level, blue = np.moveaxis(over.astype(int), 2, 0)
+    rows, columns = np.nonzero((level > red + 90) & (level > blue + 90) & (over != small).any(axis=2))
+    middle, radius = (disc.centers[7] + 0.5) / 2 - 0.5, 17.0
+    away = np.hypot(columns - middle[0], rows - middle[1])
+    assert len(away) > 50 and np.abs(away - radius).max() < 2.5
 
 
 def test_recover_goes_on_from_it(disc: Scene, shown: tuple[Path, dict]) -> None:

@@ -135,7 +135,7 @@ def _squarely(rest: np.ndarray, surface: Surface, moved: np.ndarray, camera: Cam
     ray = corners.mean(axis=1) - camera.pose(frame)[:3, 3]
     cosine = -(normal * ray).sum(axis=1) / np.linalg.norm(ray, axis=1)
     facing = np.flatnonzero(cosine > 0.0)
-    if not len(facing):
+    if not len(facing) or not len(rest):
         return np.zeros(len(rest))
     near = cKDTree(surface.vertices[surface.triangles[facing]].mean(axis=1)).query(rest, k=min(NEAR, len(facing)))[1]
     return cosine[facing][near.reshape(len(rest), -1)].mean(axis=1)

@@ -1,0 +1,76 @@
+"""The outline of picture 0 and the background, found by turns: the one says where the other is."""
+
+from __future__ import annotations
+
+import itertools
+
+import cv2
+import numpy as np
+
+from ...masks import Masks, areas
+from ...progress import Progress
+from ...settings import ObserveSettings
+from ..clip.stored import Frames
+from .background import Plate, plate_behind, seen_first
+from .evidence import Looks
+from .follow import carried
+from .from_box import NEARBY, Moving, refined
+from .motion import window_of
+
+ROUGH_PIXELS = 40_000
+"""Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
+
+LEARNT = 9
+"""Pictures over the clip from which it is learnt how the object differs from the background."""
+
+
+def with_background(
+    frames: Frames, mask: np.ndarray, plate: Plate, moving: Moving, settings: ObserveSettings, around: np.ndarray, progress: Progress
+) -> tuple[np.ndarray, Plate, Looks | None]:
+    """The outline of picture 0, the background, and how the object differs from it, each found again by the others.
+
+    The object, followed roughly, shows what is behind it.
+
+    Args:
+        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0; plate: the background; moving: see `moving_in`.
+        around: (H, W) bool, where a mask, box or points say that the object is.
+    """
+    boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
+    # What a box cut off of a small object was found outside it.
+    allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
+    median = plate.color
+    motion = moving(window_of(allowed, NEARBY)) if boxed else None
+    plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
+    if motion is not None:
+        mask = refined(frames[0], mask, plate, allowed, motion)
+    looks = None
+    if not settings.mask_model:
+        masks = _roughly(frames, mask, plate, progress)
+        if areas(masks)[1:].any():
+            plate = plate_behind(frames, masks, plate, median, progress)
+            seen = np.flatnonzero(areas(masks))
+            some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
+            looks = Looks(plate, ((frames[int(t)], masks[int(t)]) for t in some))
+    if motion is not None:
+        mask = refined(frames[0], mask, plate, allowed, motion, looks)
+    return mask, plate, looks
+
+
+def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress) -> Masks:
+    """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large."""
+    x0, y0, x1, y1 = window_of(mask, 0)
+    # Halving is several times quicker than other factors.
+    scale = 0.5 ** max(0, round(0.5 * np.log2((x1 - x0) * (y1 - y0) / ROUGH_PIXELS)))
+    full = mask.shape[::-1]
+    size = (round(full[0] * scale), round(full[1] * scale))
+
+    def small(picture: np.ndarray) -> np.ndarray:
+        return picture if scale == 1.0 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+
+    def large(found: np.ndarray) -> np.ndarray:
+        return found if scale == 1.0 else cv2.resize(found.astype(np.uint8) * 255, full, interpolation=cv2.INTER_LINEAR) >= 128
+
+    behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
+    first = small(mask.astype(np.uint8) * 255) >= 128
+    steps = carried((small(picture) for picture in frames), len(frames), first, behind, progress, 0.1, 0.3)
+    return Masks.of(itertools.chain([mask], (large(new) for new, _ in steps)))
