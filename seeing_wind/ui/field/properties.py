@@ -27,8 +27,8 @@ class FieldSettings:
     """What solvers feel of the field object, and where."""
 
     field_kind: choice("Solvers Feel", "What Blender's own solvers feel of a field that was recovered as a wind", [
-        ("WIND", "Wind", "Air that moves: it pushes the faces of cloth, and slows what is faster than it. For cloth and particles"),
-        ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body. For rigid bodies and hair, too"),
+        ("WIND", "Wind", "Air that moves: it pushes bodies by their own surface, and slows what is faster than it"),
+        ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body and its speed"),
     ])  # fmt: skip
     field_reach: choice("Beside the Box", "What becomes of the wind beside the box in which it was recovered", [
         ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
