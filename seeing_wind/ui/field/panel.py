@@ -6,6 +6,7 @@ from ..job.panel_pieces import Tab, draw_text, panels
 from .display import (
     ARROWS_MATERIAL,
     KIND,
+    LOOP,
     field_at_hand,
     has_wind,
     in_figures,
@@ -47,6 +48,8 @@ class FieldTab(Tab):
             layout.operator("seeing_wind.conform", icon="TIME")
         if stride_of(field) != 1.0:
             layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
+        if LOOP in field:
+            layout.prop(field, f'["{LOOP}"]', text="Loop")
         self._felt(context, settings, field)
         if settings.arrows_object is not None and settings.arrows_object.parent == field:
             self._arrows(context, settings.arrows_object)

@@ -65,7 +65,7 @@ def panels(tab: type[Tab], order: int) -> tuple[type, ...]:
     """
     made = []
     for space in ("VIEW_3D", "CLIP_EDITOR"):
-        name = f"SEEING_WIND_PT_{space.lower()}_{tab.step or tab.bl_label.lower()}"
+        name = f"SEEING_WIND_PT_{space.lower()}_{tab.step or tab.bl_label.lower().replace(' ', '_')}"
         body = {
             "bl_idname": name,
             "bl_space_type": space,

@@ -2,8 +2,8 @@
 
 Blender's texture force field with S = u pushes a face by 0.02 W A (u . n) n, a particle or rigid body by W u, and a point of a hair by
 0.01 W u. It knows nothing of v; that is what a companion of the field object does, a wind of no strength: its *Flow* F pushes a face by
--0.02 W' F A (v . n) n, a particle or rigid body by -W' F v, and a point of a hair by -0.01 W' F v, with v of cloth and hair per frame. W and
-W' are the weights of texture and of wind fields (measured in Blender 4.5 and 5.2).
+-0.02 W' F A (v . n) n, a particle or rigid body by -W' F v, and a point of a hair by -0.01 W' F v, with v of cloth and hair per frame.
+W and W' are the weights of texture and of wind fields (measured in Blender 4.5 and 5.2).
 
 The drag of air is quadratic, half rho C |w| (w . n) n; Blender's is linear, so the factor |w| is held at one speed: that at which a body at
 rest in this wind feels the same in the mean (`field_object.linear_drag`). Nothing pushes along a face, where air rubs only lightly.
@@ -55,8 +55,8 @@ def drag_of_surface(field: bpy.types.Object, surface: float) -> float:
     """The drag of a body that is turned every way over its velocity relative to the air, in the mean [kg/s].
 
     Args:
-        surface: all of it [m²], both sides of what is flat. A piece of area A at an angle a to the wind resists by A cos²(a), a third of A in
-            the mean, and one of two is in the lee: a sixth. For a ball it is exactly `SPHERE`.
+        surface: all of it [m²], both sides of what is flat. A piece of area A at an angle a to the wind resists by A cos²(a), a third of A
+            in the mean, and one of two is in the lee: a sixth. For a ball it is exactly `SPHERE`.
     """
     return field[DRAG] * held_speed(field) * surface / 6.0
 

@@ -65,7 +65,7 @@ def _in_wind(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_ma
         line += f"Its mass is {body.mass:.3g} kg, so that the one weight of all rigid bodies suits it. "
     line += said_of_drag(what.field, drag / body.mass, what.clip_fps * world.substeps_per_frame)
     if others:
-        line += f". Blender has one weight for all rigid bodies: {others} are pushed as bodies of {shared:.3g} m²; Set Mass suits each of them"
+        line += f". Blender has one weight for all rigid bodies: {others} are pushed as bodies of {shared:.3g} m²; Set Mass suits each"
     return line
 
 

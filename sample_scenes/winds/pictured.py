@@ -1,0 +1,58 @@
+"""The preview of a wind: its arrows in the plane of the two longest sides of its box, weak to strong. NumPy only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from seeing_wind.ui.field.arrows import ramp_colours
+from seeing_wind.ui.field.lattice import SampledField
+
+SIZE = 256
+"""Of the picture [px]."""
+ARROWS = 9
+"""Along each side."""
+GROUND = (0.035, 0.045, 0.06)
+THICK = 1.6
+"""Half of a line [px]."""
+
+
+def pictured(sampled: SampledField) -> np.ndarray:
+    """(SIZE, SIZE, 4) float32, the lowest row first: the wind's mean over its pictures in the middle of the box."""
+    low, high = sampled.box
+    # an upright plane, or the level one where the box is flat
+    across, up = (0, 2) if (high - low)[2] > 0.35 * (high - low)[1] else (0, 1)
+    if (high - low)[across] < (high - low)[1] and up == 2:
+        across = 1
+    share = (np.arange(ARROWS) + 0.5) / ARROWS
+    places = np.tile(0.5 * (low + high), (ARROWS**2, 1))
+    grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
+    places[:, [across, up]] = low[[across, up]] + grid * (high - low)[[across, up]]
+    wind = SampledField(sampled.points, sampled.velocity, sampled.confidence).at(places).mean(axis=0)
+    speed = np.linalg.norm(wind, axis=1)
+    strength = speed / max(float(speed.max()), 1e-9)
+    picture = np.ones((SIZE, SIZE, 4), dtype=np.float32)
+    picture[..., :3] = GROUND
+    length = 0.9 * SIZE / ARROWS
+    ways = wind[:, [across, up]] / max(float(speed.max()), 1e-9)
+    for k in np.argsort(strength):  # the strongest on top
+        at, way = SIZE * grid[k], ways[k]
+        tip, tail = at + 0.5 * length * way, at - 0.5 * length * way
+        side = 0.28 * np.array([-way[1], way[0]]) * length
+        back = tip - 0.38 * length * way
+        colour = ramp_colours(strength[k]) ** (1 / 2.2)
+        for begin, end in ((tail, tip), (tip, back + side), (tip, back - side)):
+            _line(picture, begin, end, colour)
+    return picture
+
+
+def _line(picture: np.ndarray, begin: np.ndarray, end: np.ndarray, colour: np.ndarray) -> None:
+    """Blend a line with soft edges into the picture."""
+    low = np.clip(np.floor(np.minimum(begin, end) - 3.0).astype(int), 0, SIZE)
+    high = np.clip(np.ceil(np.maximum(begin, end) + 4.0).astype(int), 0, SIZE)
+    rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]]
+    offset, along = np.stack([columns, rows], axis=-1) - begin, end - begin
+    t = np.clip((offset @ along) / max(float(along @ along), 1e-9), 0.0, 1.0)
+    away = np.linalg.norm(offset - t[..., None] * along, axis=-1)
+    cover = np.clip(THICK + 0.5 - away, 0.0, 1.0)[..., None]
+    part = picture[low[1] : high[1], low[0] : high[0], :3]
+    part[:] = (1.0 - cover) * part + cover * colour
