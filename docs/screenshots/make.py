@@ -30,6 +30,10 @@ PHOTOGRAPH = ("import", "-window", "root")
 BEHAVIOUR = {"running": "hang", "cancelled": "hang", "resumed": "hang", "failed": "error"}
 SETTLED = 2.0
 """Seconds until a window that a processor draws shows what was done."""
+CLIP_AND_OBJECT = 20
+"""Notches of the mouse wheel that take these two panels out of sight."""
+ALL = 100
+"""Notches of the mouse wheel from the uppermost panel to the end of the last."""
 steps = iter(())
 
 
@@ -62,12 +66,13 @@ def press(name: str, **options) -> None:
         operator("INVOKE_DEFAULT" if not options else "EXEC_DEFAULT", **options)
 
 
-def scroll(pixels: int) -> None:
-    """Move the panels up, from their top."""
+def scroll(notches: int) -> None:
+    """Turn the mouse wheel over the panels, from their top."""
     with bpy.context.temp_override(**{**window(), "region": sidebar()}):
-        bpy.ops.view2d.scroll_up(deltay=20000)
-        if pixels:
-            bpy.ops.view2d.scroll_down(deltay=pixels)
+        for _ in range(5):
+            bpy.ops.view2d.scroll_up(page=True)
+        for _ in range(notches):
+            bpy.ops.view2d.scroll_down()
 
 
 def photograph(step: str):
@@ -148,21 +153,20 @@ def tour(folder: Path):
     press("recover")
     yield from done("recover")
     look(scene, 0.2)
+    scroll(CLIP_AND_OBJECT)
     yield from photograph("3_recovered")
     runpy.run_path(str(ROOT / "sample_scenes" / "common" / "whole_job.py"), run_name="tour")["insert_beside"](scene, known)
     look(scene, 0.2)
-    scroll(560)
+    scroll(ALL)
     yield from photograph("4_edit")
     press("resimulate")
     yield from done("resimulate")
     press("bake")
     yield from done("bake")
     scene.frame_set((scene.frame_start + scene.frame_end) // 2)
-    scroll(1100)
     yield from photograph("5_baked")
     press("set_up_composite", samples=16, shutter=0.0)
     window()["area"].spaces.active.region_3d.view_perspective = "CAMERA"
-    scroll(20000)
     yield from photograph("6_composite")
     press("render_composite", filepath=str(PICTURES / f"{folder.name}_7_rendered.png"), still=True)
     while bpy.app.is_job_running("RENDER"):
@@ -196,6 +200,10 @@ def main() -> None:
     global steps
     bpy.context.preferences.view.show_splash = False
     bpy.context.preferences.view.ui_scale = 0.85
+    if Path(SHOT).is_dir():  # the later panels are open, too
+        for cls in ui.CLASSES:
+            if issubclass(cls, bpy.types.Panel):
+                cls.bl_options = set()
     ui.register()
     bpy.context.window_manager.windows[0].screen.show_statusbar = False
     steps = tour(Path(SHOT)) if Path(SHOT).is_dir() else stand_in()
