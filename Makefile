@@ -23,7 +23,7 @@ help:
 	@echo "make quick-recover-matrix  the same at the lowest and newest versions that are admitted, on Python 3.11 and 3.13"
 	@echo "make setup      only make the environments that these need"
 	@echo "make extension  build/seeing_wind-*.zip for Blender"
-	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
+	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each, VIDEO=1 for their videos, too"
 	@echo "make tables     the paper's tables, an hour or two; SHORT=1 for two rows, ROW=NAME for one"
 	@echo "make test-quadrants  the solver's tests and a quick recovery with kernels compiled by Quadrants instead of Taichi"
 	@echo "make farm-test  a batch on two nodes of a Ray cluster, one killed, and its Open Job Description run by openjd-cli"
@@ -101,7 +101,7 @@ demo: setup
 
 # In BLENDER= if that is set, else in the one on the PATH, else in the bpy wheel.
 scenes: setup
-	$(PY) sample_scenes/whole_jobs.py --out build/$(if $(SHORT),short_scenes --quick,scenes)
+	$(PY) sample_scenes/whole_jobs.py --out build/$(if $(SHORT),short_scenes --quick,scenes) $(if $(VIDEO),--video)
 
 lint: setup
 	$(PY) -m ruff check seeing_wind tests sample_scenes scripts benchmarks docs __init__.py

@@ -12,7 +12,7 @@ PANEL, WIDE = 900, 420
 SHOWN = {
     "idle": ("falling_leaf_0_new", PANEL), "running": ("running", PANEL), "cancelled": ("cancelled", PANEL), "resumed": ("resumed", PANEL),
     "failed": ("failed", PANEL), "object": ("falling_leaf_2_object", WIDE), "done": ("falling_leaf_3_recovered", WIDE),
-    "baked": ("falling_leaf_5_baked", WIDE), "composite": ("falling_leaf_6_composite", WIDE),
+    "field": ("falling_leaf_4_edit", WIDE), "baked": ("falling_leaf_5_baked", WIDE), "composite": ("falling_leaf_6_composite", WIDE),
 }  # fmt: skip
 """By the name in the guide: which picture, and where it begins."""
 

@@ -1,4 +1,4 @@
-"""The preview of a wind: its arrows in the plane of the two longest sides of its box, weak to strong. NumPy only."""
+"""The preview of a wind: its arrows in the plane of the two longest sides of its box, and below them its speed over time. NumPy only."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ import numpy as np
 from seeing_wind.ui.field.arrows import ramp_colours
 from seeing_wind.ui.field.lattice import SampledField
 
-SIZE = 256
+SIZE = 192
 """Of the picture [px]."""
-ARROWS = 9
+ARROWS = 7
 """Along each side."""
+STRONG = 9.0
+"""m/s at which colours and curves end: winds can be compared."""
+STRIP = 40
+"""Height of the curve below the arrows [px]."""
 GROUND = (0.035, 0.045, 0.06)
 THICK = 1.6
 """Half of a line [px]."""
@@ -29,20 +33,28 @@ def pictured(sampled: SampledField) -> np.ndarray:
     places[:, [across, up]] = low[[across, up]] + grid * (high - low)[[across, up]]
     wind = SampledField(sampled.points, sampled.velocity, sampled.confidence).at(places).mean(axis=0)
     speed = np.linalg.norm(wind, axis=1)
-    strength = speed / max(float(speed.max()), 1e-9)
+    strength = np.clip(speed / STRONG, 0.0, 1.0)
     picture = np.ones((SIZE, SIZE, 4), dtype=np.float32)
     picture[..., :3] = GROUND
-    length = 0.9 * SIZE / ARROWS
+    length, above = 0.9 * SIZE / ARROWS, np.array([SIZE, SIZE - STRIP])
     ways = wind[:, [across, up]] / max(float(speed.max()), 1e-9)
     for k in np.argsort(strength):  # the strongest on top
-        at, way = SIZE * grid[k], ways[k]
+        at, way = above * grid[k] + [0, STRIP], ways[k]
         tip, tail = at + 0.5 * length * way, at - 0.5 * length * way
         side = 0.28 * np.array([-way[1], way[0]]) * length
         back = tip - 0.38 * length * way
         colour = ramp_colours(strength[k]) ** (1 / 2.2)
         for begin, end in ((tail, tip), (tip, back + side), (tip, back - side)):
             _line(picture, begin, end, colour)
+    _curve(picture, np.linalg.norm(sampled.velocity, axis=-1).mean(axis=1))
     return picture
+
+
+def _curve(picture: np.ndarray, speeds: np.ndarray) -> None:
+    """Speeds (T,) [m/s] as columns along the lower edge."""
+    for column in range(SIZE):
+        strong = min(speeds[column * len(speeds) // SIZE] / STRONG, 1.0)
+        picture[: round(strong * (STRIP - 6)), column, :3] = 0.75 * ramp_colours(np.array(strong)) ** (1 / 2.2)
 
 
 def _line(picture: np.ndarray, begin: np.ndarray, end: np.ndarray, colour: np.ndarray) -> None:

@@ -55,12 +55,19 @@ def catalog(path: str) -> str:
     return str(uuid.uuid5(SPACE, path))
 
 
+def rounded(values: np.ndarray) -> np.ndarray:
+    """To a thousandth of the largest value, so that the file stays small."""
+    step = max(float(np.abs(values).max()), 1e-9) / 1024.0
+    return np.round(values / step) * step
+
+
 def shelved(each: Shelved, folder: Path) -> dict:
     """The asset of a wind that make.py recovered into `folder`; returns its line of the index."""
     with np.load(folder / "on_the_shelf.npz", allow_pickle=False) as kept:
         rows = {name: kept[name] for name in kept.files}
     told = wind_told(Take(folder / "wind.take"))
-    sampled = SampledField(rows["nodes"], rows["force_density"], rows["wind_confidence"], rows["wind_velocity"])
+    force, velocity, sure = (rounded(rows[name]) for name in ("force_density", "wind_velocity", "wind_confidence"))
+    sampled = SampledField(rows["nodes"], force, sure, velocity)
     obj = create_field_object(
         bpy.context.scene, each.name, sampled, fps=FPS, density=float(rows["density"]), reach=HOLD if each.everywhere else FADE, kind=WIND,
         speeds=(told.mean, told.gust), drag=told.drag, loops=each.loops,

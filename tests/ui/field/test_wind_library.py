@@ -129,7 +129,7 @@ def test_assets_have_catalogs_tags_previews_and_the_browser_lists_them(library) 
         assert catalogs[about.catalog_id] == f"Recovered Winds/{catalog}" and "wind" in [tag.name for tag in about.tags]
         assert "2.5 m/s (Beaufort 2)" in about.description and "1 % and 2°" in about.description
         pixels = np.array(obj.preview.image_pixels_float[:]).reshape(-1, 4)
-        assert obj.preview.image_size[:] == (256, 256) and np.ptp(pixels[:, :3]) > 0.5
+        assert obj.preview.image_size[:] == (192, 192) and np.ptp(pixels[:, :3]) > 0.5
     libraries = bpy.context.preferences.filepaths.asset_libraries
     before = len(libraries)
     for _ in range(2):
