@@ -36,6 +36,8 @@ class ClipTab(Tab):
         column.prop(settings, "camera_mode")
         if settings.camera_mode in ("AUTO", "FOV", "JSON"):
             column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
+        if settings.camera_mode in ("AUTO", "FOV"):
+            column.prop(settings, "focal_length", text="35 mm Equivalent")
         column.prop(settings, "frame_start")
         column.operator("seeing_wind.match_scene", icon="SCENE_DATA")
         _draw_views(self.layout, settings, self.bl_space_type)

@@ -167,3 +167,11 @@ def test_a_clip_chosen_in_a_saved_file_is_named_beside_it_and_nothing_stands_in_
     scene.render.fps = 50
     bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4"))
     assert not scene.objects["Cube"].hide_get() and not scene.objects["Cube"].hide_render
+
+
+def test_the_field_of_view_can_be_given_as_a_focal_length(scene, stand_in):
+    settings = scene.seeing_wind
+    settings.focal_length = 18.0
+    assert settings.fov == pytest.approx(90.0, abs=1e-3)
+    settings.fov = 2.0 * np.degrees(np.arctan(18.0 / 50.0))
+    assert settings.focal_length == pytest.approx(50.0, rel=1e-5)
