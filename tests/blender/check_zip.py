@@ -1,4 +1,4 @@
-"""What is in the extension's archive: all of the package, its winds, the licence and the manifest, and nothing else. usage: check_zip.py ZIP"""
+"""What is in the extension's archive: all of the package, its winds, licence and manifest, and nothing else. usage: check_zip.py ZIP"""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class ClipSettings:
     """What only the scene has."""
 
     focal_length: FloatProperty(
-        name="35 mm Equivalent (mm)", get=_focal_length, set=_set_focal_length, min=0.5, max=2000.0, precision=1, step=100,
+        name="35 mm Equivalent (mm)", get=_focal_length, set=_set_focal_length, default=38.6, min=0.5, max=2000.0, precision=1, step=100,
         description="The field of view as a focal length: of a lens that shows as much on a sensor 36 mm wide",
     )  # fmt: skip
     views: CollectionProperty(type=SEEING_WIND_PG_view)
