@@ -162,16 +162,17 @@ def draw_engine(layout, context, button: bool = True) -> None:
         draw_failure(layout, context, status.engine.problem, button)
 
 
-def draw_override(column, settings, name: str, otherwise: str = "") -> None:
+def draw_override(column, settings, name: str, otherwise: str = "", text: str = "") -> None:
     """A property; where it has a tick before it, both in one row.
 
     Args:
         otherwise: the value that is used without the tick, where it is known.
+        text: a shorter name, where its own would be cut off.
     """
     if f"use_{name}" not in settings.bl_rna.properties:
         column.prop(settings, name)
         return
-    row = column.row(heading=settings.bl_rna.properties[name].name)
+    row = column.row(heading=text or settings.bl_rna.properties[name].name)
     row.prop(settings, f"use_{name}", text="")
     sub = row.row()
     ticked = getattr(settings, f"use_{name}")
