@@ -21,17 +21,15 @@ THICK = 1.6
 
 
 def pictured(sampled: SampledField) -> np.ndarray:
-    """(SIZE, SIZE, 4) float32, the lowest row first: the wind's mean over its pictures in the middle of the box."""
+    """(SIZE, SIZE, 4) float32, the lowest row first: the wind in the middle of its time and box."""
     low, high = sampled.box
-    # an upright plane, or the level one where the box is flat
-    across, up = (0, 2) if (high - low)[2] > 0.35 * (high - low)[1] else (0, 1)
-    if (high - low)[across] < (high - low)[1] and up == 2:
-        across = 1
+    across, up = sorted(np.argsort(high - low)[1:].tolist())
     share = (np.arange(ARROWS) + 0.5) / ARROWS
     places = np.tile(0.5 * (low + high), (ARROWS**2, 1))
     grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
     places[:, [across, up]] = low[[across, up]] + grid * (high - low)[[across, up]]
-    wind = SampledField(sampled.points, sampled.velocity, sampled.confidence).at(places).mean(axis=0)
+    middle = slice(len(sampled.velocity) // 2, len(sampled.velocity) // 2 + 1)
+    wind = SampledField(sampled.points, sampled.velocity[middle], sampled.confidence[middle]).at(places)[0]
     speed = np.linalg.norm(wind, axis=1)
     strength = np.clip(speed / STRONG, 0.0, 1.0)
     picture = np.ones((SIZE, SIZE, 4), dtype=np.float32)

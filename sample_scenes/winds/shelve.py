@@ -17,7 +17,7 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]  # the source tree
 
 from pictured import SIZE, pictured  # noqa: E402
-from winds import FPS, WINDS, Shelved  # noqa: E402
+from winds import FPS, OVERLAP, WINDS, Shelved  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
 from seeing_wind.engine.take import Take  # noqa: E402
@@ -55,6 +55,16 @@ def catalog(path: str) -> str:
     return str(uuid.uuid5(SPACE, path))
 
 
+def off_in_the_box(each: Shelved, rows: dict[str, np.ndarray]) -> float:
+    """Mean angle to the known wind over all nodes [degrees]: away from its path a plate tells little of a wind that differs there."""
+    found = rows["wind_velocity"]
+    begin = OVERLAP if len(found) > OVERLAP else 0  # those before are mixed with later ones
+    known = np.stack([each.wind(rows["nodes"], (t + 0.5) / FPS) for t in range(begin, len(found))])
+    sizes = np.linalg.norm(known, axis=-1) * np.linalg.norm(found[begin:], axis=-1)
+    cosine = (known * found[begin:]).sum(axis=-1) / np.maximum(sizes, 1e-12)
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))).mean())
+
+
 def rounded(values: np.ndarray) -> np.ndarray:
     """To a thousandth of the largest value, so that the file stays small."""
     step = max(float(np.abs(values).max()), 1e-9) / 1024.0
@@ -78,7 +88,8 @@ def shelved(each: Shelved, folder: Path) -> dict:
     size, angle = (float(value) for value in rows["off"])
     about.description = (
         f"{each.description}. {said_of_wind(obj)}. {'Goes round' if each.loops else 'Blows once'} in "
-        f"{len(sampled.force) / FPS:.2g} s; recovered from a plate that it carries, {size:.0f} % and {angle:.0f}° off the known wind"
+        f"{len(sampled.force) / FPS:.2g} s; recovered from a plate that it carries, {size:.0f} % and {angle:.0f}° off the known wind there, "
+        f"{off_in_the_box(each, rows):.0f}° in the mean over its box"
     )
     about.author, about.catalog_id = "Seeing Wind", catalog(f"{ROOT_CATALOG}/{each.catalog}")
     for tag in ("wind", *each.tags):
