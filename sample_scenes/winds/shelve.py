@@ -56,7 +56,7 @@ def catalog(path: str) -> str:
 
 
 def off_in_the_box(each: Shelved, rows: dict[str, np.ndarray]) -> float:
-    """Mean angle to the known wind over all nodes [degrees]: away from its path a plate tells little of a wind that differs there."""
+    """Mean angle to the known wind over all nodes [degrees]: away from its path a plate tells little of what differs there."""
     found = rows["wind_velocity"]
     begin = OVERLAP if len(found) > OVERLAP else 0  # those before are mixed with later ones
     known = np.stack([each.wind(rows["nodes"], (t + 0.5) / FPS) for t in range(begin, len(found))])
@@ -88,8 +88,8 @@ def shelved(each: Shelved, folder: Path) -> dict:
     size, angle = (float(value) for value in rows["off"])
     about.description = (
         f"{each.description}. {said_of_wind(obj)}. {'Goes round' if each.loops else 'Blows once'} in "
-        f"{len(sampled.force) / FPS:.2g} s; recovered from a plate that it carries, {size:.0f} % and {angle:.0f}° off the known wind there, "
-        f"{off_in_the_box(each, rows):.0f}° in the mean over its box"
+        f"{len(sampled.force) / FPS:.2g} s; recovered from a plate that it carries, {size:.0f} % and {angle:.0f}° off the known wind "
+        f"there, {off_in_the_box(each, rows):.0f}° in the mean over its box"
     )
     about.author, about.catalog_id = "Seeing Wind", catalog(f"{ROOT_CATALOG}/{each.catalog}")
     for tag in ("wind", *each.tags):
