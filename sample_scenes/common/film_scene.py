@@ -41,6 +41,8 @@ def shown(strips, title: str, films: list[str], frame: int) -> int:
     for column, film in enumerate(films):
         strip = strips.new_movie(f"{title} {column}", film, 1 + column, frame, fit_method="ORIGINAL")
         across, up = strip.elements[0].orig_width, strip.elements[0].orig_height
+        if not across or not up:
+            raise SystemExit(f"film: {film} is no video that Blender can read; make it again")
         size = min(SLOT / across, 360 / up)
         strip.transform.scale_x = strip.transform.scale_y = size
         strip.transform.offset_x, strip.transform.offset_y = (column - 1) * SLOT, -10
