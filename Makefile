@@ -23,7 +23,7 @@ help:
 	@echo "make quick-recover-matrix  the same at the lowest and newest versions that are admitted, on Python 3.11 and 3.13"
 	@echo "make setup      only make the environments that these need"
 	@echo "make extension  build/seeing_wind-*.zip for Blender"
-	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each"
+	@echo "make scenes     the whole job on all sample scenes, half an hour; SHORT=1 for a small one of each, VIDEO=1 for their videos, too"
 	@echo "make tables     the paper's tables, an hour or two; SHORT=1 for two rows, ROW=NAME for one"
 	@echo "make test-quadrants  the solver's tests and a quick recovery with kernels compiled by Quadrants instead of Taichi"
 	@echo "make farm-test  a batch on two nodes of a Ray cluster, one killed, and its Open Job Description run by openjd-cli"
@@ -34,7 +34,9 @@ help:
 	@echo "make docs       the documentation as a site in build/docs; a broken link, anchor or picture is an error"
 	@echo "make references docs/reference/cli.md and materials.md from the options and the material library"
 	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
-	@echo "make screenshots SHOOT=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
+	@echo "make screenshots BLENDER=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
+	@echo "make winds      the wind library anew: a dozen winds recovered, half an hour"
+	@echo "make film       build/film.mp4: clip, arrows and composite side by side, of what make demo and make scenes left"
 	@echo "make clean      remove build/"
 
 setup: $(VENV)/.complete $(TESTS)/.complete
@@ -69,7 +71,7 @@ build/clip/clip.mp4: | setup
 	$(PY) sample_scenes/falling_leaf/make.py --out build/clip --frames 10 --size 320x180 --samples 4
 
 # The worker is the engine in its own environment, as in a user's Blender.
-demo scenes: export SEEING_WIND_PYTHON := $(CURDIR)/$(ENGINE)/bin/python
+demo scenes winds: export SEEING_WIND_PYTHON := $(CURDIR)/$(ENGINE)/bin/python
 
 # The other compiler that the kernels run on, in an environment of its own: the engine's, with Quadrants.
 QUADRANTS := .venv-quadrants
@@ -99,7 +101,7 @@ demo: setup
 
 # In BLENDER= if that is set, else in the one on the PATH, else in the bpy wheel.
 scenes: setup
-	$(PY) sample_scenes/whole_jobs.py --out build/$(if $(SHORT),short_scenes --quick,scenes)
+	$(PY) sample_scenes/whole_jobs.py --out build/$(if $(SHORT),short_scenes --quick,scenes) $(if $(VIDEO),--video)
 
 lint: setup
 	$(PY) -m ruff check seeing_wind tests sample_scenes scripts benchmarks docs __init__.py
@@ -176,10 +178,17 @@ benchmark-report: setup
 	$(PY) benchmarks/report_share.py $(RUN)
 
 screenshots: setup
-	@[ -n "$(SHOOT)" ] || { echo "SHOOT= names a program that shows Blender's window and photographs it, see docs/screenshots/make.sh" >&2; exit 2; }
-	bash docs/screenshots/make.sh $(SHOOT) $(STATE)
+	@[ -n "$(BLENDER)" ] || { echo "BLENDER= names a Blender of which a window can be shown and photographed, see docs/screenshots/make.sh" >&2; exit 2; }
+	bash docs/screenshots/make.sh $(BLENDER) $(SHOTS)
+
+# The library of winds that the extension carries, and the films of what `make demo` and `make scenes` left.
+winds: setup
+	$(PY) sample_scenes/winds/make.py --out seeing_wind/ui/field/library/winds --takes build/wind_takes
+
+film: setup
+	$(PY) sample_scenes/film.py --demo $(DEMO) --scenes build/scenes --out build/film.mp4
 
 clean:
 	rm -rf build
 
-.PHONY: help docs references sensitivity setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots clean
+.PHONY: help docs references sensitivity setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots winds film clean

@@ -1,14 +1,22 @@
-"""Cut the sidebar, with some of the view beside it, out of a picture of the window: crop.py WINDOW.png OUT.png"""
+"""Cut what the guide shows out of pictures of the window: crop.py FOLDER OUT"""
 
 import sys
+from pathlib import Path
 
 from PIL import Image
 
-LEFT, TOP, RIGHT, BOTTOM = 900, 45, 1600, 1000
+TOP, RIGHT, BOTTOM = 45, 1600, 1000
 """Pixels of a window of 1600 x 1000 with the 3D view over all of it."""
+PANEL, WIDE = 900, 420
+"""Left edge: the sidebar with some of the view beside it, or where the view shows something."""
+SHOWN = {
+    "idle": ("falling_leaf_0_new", PANEL), "running": ("running", PANEL), "cancelled": ("cancelled", PANEL), "resumed": ("resumed", PANEL),
+    "failed": ("failed", PANEL), "object": ("falling_leaf_2_object", WIDE), "done": ("falling_leaf_3_recovered", WIDE),
+    "field": ("falling_leaf_4_edit", WIDE), "baked": ("falling_leaf_5_baked", WIDE), "composite": ("falling_leaf_6_composite", WIDE),
+}  # fmt: skip
+"""By the name in the guide: which picture, and where it begins."""
 
-WIDE = 420
-"""Left edge where the view shows something."""
-
-left = WIDE if sys.argv[2].endswith(("done.png", "field.png")) else LEFT
-Image.open(sys.argv[1]).convert("RGB").crop((left, TOP, RIGHT, BOTTOM)).save(sys.argv[2], optimize=True)
+folder, out = Path(sys.argv[1]), Path(sys.argv[2])
+for name, (picture, left) in SHOWN.items():
+    if (folder / f"{picture}.png").is_file():
+        Image.open(folder / f"{picture}.png").convert("RGB").crop((left, TOP, RIGHT, BOTTOM)).save(out / f"{name}.png", optimize=True)

@@ -5,7 +5,6 @@
 DIR holds clip/ and wind.take/ as demo.py made them. Everything is done with the operators that the panel has.
 """
 
-import json
 import sys
 from pathlib import Path
 
@@ -13,9 +12,7 @@ import bpy
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]  # the source tree: seeing_wind, and common/render.py
-
-import render  # noqa: E402
+sys.path.insert(0, str(HERE.parents[1]))  # the source tree
 
 import seeing_wind.ui as ui  # noqa: E402
 from seeing_wind.ui.field.solvers.particles import calibrate_particles  # noqa: E402
@@ -28,6 +25,8 @@ MATERIAL = {"material": "leaf", "density": 400.0, "youngs_modulus": 1.0e5}
 """As heavy as the leaf, so that the same wind carries it; stiff enough not to tear where it is held."""
 BESIDE = 0.27
 """The ribbons hang that far apart [m]."""
+SAMPLES = 16
+"""Of Cycles, per pixel."""
 SEEDS = 60
 """Native particles: few and bright enough to be seen as what they are, not as noise of the picture."""
 
@@ -42,11 +41,12 @@ def main(folder: Path) -> None:
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
     add_seeds(scene)
-    dress(scene)
+    # make.py's camera has no shutter: its pictures are sharp
+    done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0))
     scene.frame_set(scene.frame_start)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "demo.blend"), compress=True)
     say("rendering edited.mp4")
-    render_over_clip(scene, folder)
+    done(bpy.ops.seeing_wind.render_composite(filepath=str(folder / "edited.mp4")))
 
 
 def say(what: str) -> None:
@@ -149,32 +149,6 @@ def add_seeds(scene) -> None:
     for frame in range(scene.frame_start, scene.frame_end + 1):  # fills the point cache
         scene.frame_set(frame)
     bpy.ops.ptcache.bake_all(bake=True)
-
-
-# -- the picture ------------------------------------------------------------------------------------------------------------------
-
-
-def dress(scene) -> None:
-    """Light as in the clip; what explains the field stays out of renders."""
-    render.light(scene)
-    scene.render.film_transparent = True
-    settings = scene.seeing_wind
-    for helper in (settings.arrows_object, settings.field_object, settings.recovered_object):
-        helper.hide_render = True
-
-
-def render_over_clip(scene, folder: Path) -> None:
-    """Render what was inserted over the clip's own pictures into edited.mp4; the saved file does not get the plane with the clip."""
-    camera = json.loads((folder / "clip" / "camera.json").read_text())
-    film = bpy.data.images.load(str(folder / "clip" / "clip.mp4"))
-    material = render.image_material("clip", film)
-    user = next(node for node in material.node_tree.nodes if node.type == "TEX_IMAGE").image_user
-    user.frame_duration, user.frame_start, user.frame_offset, user.use_auto_refresh = scene.frame_end, scene.frame_start, 0, True
-    render.hang_backdrop(scene.camera, camera, material)
-    fps = scene.render.fps / scene.render.fps_base
-    render.settings(scene, camera, scene.frame_end, fps, samples=12)
-    render.video_output(scene, folder / "edited.mp4")
-    bpy.ops.render.render(animation=True)
 
 
 if __name__ == "__main__":

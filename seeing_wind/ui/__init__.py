@@ -47,6 +47,8 @@ from .edit.resimulate import panel as resimulate_panel
 from .field import operators as field_operators
 from .field import panel as field_panel
 from .field import properties as field_properties
+from .field.library import operators as library_operators
+from .field.library import panel as library_panel
 from .job import operator as job_operator
 from .job import status, takes
 from .job.install import environment
@@ -61,6 +63,7 @@ FEATURES = (
     object_properties, object_operators, object_preview, object_panel,
     recover_operators, recover_panel,
     field_properties, field_operators, field_panel,
+    library_operators, library_panel,
     edit_properties, edit_operators, edit_panel,
     resimulate_operators, resimulate_panel,
     bake_operators, bake_panel,

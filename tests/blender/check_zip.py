@@ -1,4 +1,4 @@
-"""What is in the extension's archive: all of the package, the licence and the manifest, and nothing else. usage: check_zip.py ZIP"""
+"""What is in the extension's archive: all of the package, its winds, licence and manifest, and nothing else. usage: check_zip.py ZIP"""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ def check(archive: str) -> None:
     """Raises AssertionError for a missing or a superfluous file."""
     names = {name for name in zipfile.ZipFile(archive).namelist() if not name.endswith("/")}
     package = {p.relative_to(ROOT).as_posix() for p in (ROOT / "seeing_wind").rglob("*") if p.suffix in (".py", ".toml", ".txt", ".lock")}
+    package |= {p.relative_to(ROOT).as_posix() for p in (ROOT / "seeing_wind" / "ui" / "field" / "library" / "winds").iterdir()}
     missing = (package | {"__init__.py", "blender_manifest.toml"}) - names
     surplus = {name for name in names if name not in AT_ROOT and not name.startswith("seeing_wind/")}
     if missing or surplus:

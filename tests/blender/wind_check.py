@@ -1,4 +1,4 @@
-"""Cloth and particles of a real Blender in a field that carries a wind; the tests in tests/ui use the same functions.
+"""Cloth, particles, rigid bodies and hair of a real Blender in a field that carries a wind; the tests in tests/ui use the same functions.
 
     blender -b --factory-startup --python-exit-code 9 --python tests/blender/wind_check.py
 
@@ -24,6 +24,8 @@ FPS, DRAG = 25.0, 0.5 * 1.2 * 1.17
 SPEED = 1.5
 U = np.array([0.0, 0.0, SPEED])
 """m/s."""
+BALL = 2.0 / 3.0 * np.pi * 0.1**2
+"""Of a ball of 10 cm, in place of the area of a plate across [m²]: the integral of cos² over its windward half."""
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 
 
@@ -77,6 +79,47 @@ def dust_speeds(obj: bpy.types.Object, scene: bpy.types.Scene, frames: int) -> n
     return np.array(speeds)
 
 
+def ball(scene: bpy.types.Scene, radius: float = 0.1, mass: float = 0.005) -> bpy.types.Object:
+    """A rigid ball near the lower end of the box."""
+    bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, segments=64, ring_count=32, location=(0.0, 0.0, -0.9))
+    obj = bpy.context.object
+    if scene.rigidbody_world is None:
+        bpy.ops.rigidbody.world_add()
+    bpy.ops.rigidbody.object_add()
+    obj.rigid_body.mass = mass
+    scene.use_gravity, scene.render.fps, scene.frame_end = False, int(FPS), 100
+    return obj
+
+
+def strands(scene: bpy.types.Scene) -> tuple[bpy.types.Object, bpy.types.ParticleSystem]:
+    """Hairs of 2 m and 1 cm along X, without stiffness, so that their ends drift with the wind."""
+    mesh = bpy.data.meshes.new("Hair")
+    mesh.from_pydata([(0.0, 0.0, -0.5), (0.01, 0.0, -0.5), (0.0, 0.01, -0.5)], [], [(0, 1, 2)])
+    obj = bpy.data.objects.new("Hair", mesh)
+    scene.collection.objects.link(obj)
+    system = obj.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system
+    settings = system.settings
+    settings.type, settings.count, settings.emit_from, settings.use_emit_random = "HAIR", 3, "VERT", False
+    settings.normal_factor, settings.object_align_factor, settings.hair_length, settings.hair_step = 0.0, (0.5, 0.0, 0.0), 0.5, 3
+    settings.root_radius = settings.tip_radius = 1.0
+    scene.use_gravity, scene.render.fps, scene.frame_end = False, int(FPS), 100
+    bpy.context.view_layer.update()
+    system.use_hair_dynamics = True
+    cloth = system.cloth.settings
+    cloth.pin_stiffness, cloth.bending_stiffness, cloth.quality = 0.0, 0.0, 20
+    return obj, system
+
+
+def tip_heights(obj: bpy.types.Object, scene: bpy.types.Scene, frames: int) -> np.ndarray:
+    """Mean height of the hairs' tips (frames,) over where they start, from frame 1 on."""
+    found = []
+    for frame in range(1, frames + 1):
+        scene.frame_set(frame)
+        system = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0]
+        found.append(np.mean([particle.hair_keys[-1].co[2] for particle in system.particles]))
+    return np.array(found) - found[0]
+
+
 def drag_way(rate: float, frames: int) -> tuple[np.ndarray, np.ndarray]:
     """Way [m] and speed [m/s] (frames,) of what starts at rest under a linear drag: v = u (1 - exp(-rate t))."""
     t = np.arange(frames) / FPS
@@ -100,7 +143,7 @@ def check_vdb(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
 
 
 def main() -> None:
-    """Measure both."""
+    """Measure all four."""
     scene = bpy.context.scene
     for obj in list(scene.objects):
         bpy.data.objects.remove(obj)
@@ -113,9 +156,19 @@ def main() -> None:
     print(calibrate_object(scene, grains, field, density=5.0)[0])
     speed = drag_way(DRAG * SPEED / (2.0 * 5.0 * 0.01), 30)[1]
     late = dust_speeds(grains, scene, 30)[-1] / speed[-1] - 1.0
+    thrown = ball(scene)
+    print(calibrate_object(scene, thrown, field)[0])
+    rolled = (places(thrown, scene, 26)[:, 2] + 0.9)[[5, 25]] / drag_way(DRAG * SPEED * BALL / 0.005, 26)[0][[5, 25]] - 1.0
+    hair, _ = strands(scene)
+    print(calibrate_object(scene, hair, field, density=30.0)[0])
+    swept = tip_heights(hair, scene, 26)
+    blown = swept[5] / drag_way(DRAG * SPEED / (30.0 * 0.01), 26)[0][5] - 1.0
+    print(f"rigid body: {100 * rolled[0]:.1f} % off its way after 5 frames, {100 * rolled[1]:.1f} % after 25")
+    print(f"hair, its tip: {100 * blown:.1f} % off after 5 frames")
     print(f"cloth: {100 * off[0]:.1f} % off its way after 5 frames, {100 * off[1]:.1f} % after 25")
     print(f"particles: {100 * late:.1f} % off the speed at the end")
     assert np.abs(off).max() < 0.06 and abs(late) < 0.08
+    assert np.abs(rolled).max() < 0.06 and abs(blown) < 0.08
 
 
 if __name__ == "__main__":

@@ -49,7 +49,8 @@ def test_names_follow_blender_s_rules(addon) -> None:
 
 
 def test_every_number_says_its_unit_and_every_property_what_it_is(addon) -> None:
-    unitless = {"field_strength", "mass_scale", "stiffness_scale", "friction", "floor_friction", "poisson_ratio", "factor", "grain"}
+    scales = {"field_strength", "field_share", "mass_scale", "stiffness_scale", "factor", "grain"}
+    unitless = {*scales, "friction", "floor_friction", "poisson_ratio"}
     operators = [getattr(bpy.ops.seeing_wind, name).get_rna_type() for name in dir(bpy.ops.seeing_wind)]
     groups = [cls.bl_rna for cls in ui.CLASSES if issubclass(cls, (bpy.types.PropertyGroup, bpy.types.AddonPreferences))]
     assert len(operators) > 20 and all(each.description for each in operators)
@@ -78,7 +79,7 @@ def test_panels_stand_in_the_order_of_the_work(addon) -> None:
     for space in ("VIEW_3D", "CLIP_EDITOR"):
         ours = [cls for cls in ui.CLASSES if issubclass(cls, bpy.types.Panel) and cls.bl_space_type == space]
         steps = [panel.step for panel in sorted(ours, key=lambda panel: panel.bl_order)]
-        assert tuple(steps) == (*status.STEPS, "", "")
+        assert tuple(steps) == (*status.STEPS, "", "", "")
 
 
 def test_a_message_that_means_nothing_changes_nothing() -> None:

@@ -20,9 +20,11 @@ class BakeTab(Tab):
         row = column.row(heading="Frames")
         row.prop(settings, "bake_use_frames", text="")
         sub = row.row(align=True)
-        sub.enabled = settings.bake_use_frames
-        sub.prop(settings, "bake_frames", index=0, text="")
-        sub.prop(settings, "bake_frames", index=1, text="")
+        if settings.bake_use_frames:
+            sub.prop(settings, "bake_frames", index=0, text="")
+            sub.prop(settings, "bake_frames", index=1, text="")
+        else:
+            sub.label(text="All")
         missing = "" if settings.simulated_take else "First re-simulate"
         draw_job(self.layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", missing)
         self.layout.operator("seeing_wind.clear_bake", icon="X")

@@ -16,6 +16,8 @@ from .inputs.clips import found_clip, load_clip
 from .match import ALL, OURS, follow
 
 CAMERA = "Seeing Wind Camera"
+DRAWN = 0.2
+"""Size of the camera's frame in the viewport: as large as Blender's own it would hide what it filmed."""
 SENSOR_WIDTH = 36.0
 """mm; the focal length in mm that Blender shows is relative to it."""
 
@@ -146,7 +148,7 @@ def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:
     obj = next((each for each in scene.objects if each.get(OURS)), None)
     if obj is None:
         obj = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
-        obj[OURS] = True
+        obj[OURS], obj.data.display_size = True, DRAWN
         scene.collection.objects.link(obj)
     obj.animation_data_clear()
     return obj

@@ -55,6 +55,19 @@ def followed(scene: bpy.types.Scene) -> frozenset[str]:
     return frozenset(settings.follows)
 
 
+def hide_default_cube(scene: bpy.types.Scene) -> str:
+    """Let a new file's cube stand in front of nothing; says so where it was seen until now, else ""."""
+    layer = scene.view_layers[0]
+    cube = layer.objects.get("Cube")
+    if cube is None or not is_factory(cube) or cube in [body.object for body in scene.seeing_wind.bodies]:
+        return ""
+    cube.hide_render = True
+    if cube.hide_get(view_layer=layer):
+        return ""
+    cube.hide_set(True, view_layer=layer)
+    return "Blender's default Cube stood in front of the clip: hidden, Alt H shows it again"
+
+
 def left_alone(scene: bpy.types.Scene) -> str:
     """The parts that do not follow, for a person; "" when all do."""
     parts = followed(scene)

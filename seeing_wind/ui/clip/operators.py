@@ -1,6 +1,7 @@
 """The first of three clicks: choose a clip; and what of the scene follows it."""
 
 import math
+import os
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, StringProperty
@@ -9,9 +10,9 @@ from ...engine.conventions import front_view
 from ...engine.errors import ClipError
 from ..direct_operator import DirectOperator
 from ..property_kinds import PATH
-from ..user_paths import absolute
+from ..user_paths import absolute, relate
 from .inputs.clips import first_picture, loaded_clip, start_of
-from .match import OURS, PARTS, follow, followed, left_alone
+from .match import OURS, PARTS, follow, followed, hide_default_cube, left_alone
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
 
@@ -61,10 +62,15 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
         parts, kept = followed(scene), left_alone(scene)  # before the clip makes the scene another one
         scene.active_clip = clip
         _show(scene, clip, parts)
+        if bpy.data.filepath and context.preferences.filepaths.use_relative_paths:
+            relate(settings, os.path.dirname(bpy.data.filepath))
+        if "CAMERA" in parts and context.area is not None and context.area.type == "VIEW_3D":
+            context.space_data.region_3d.view_perspective = "CAMERA"
+        hidden = hide_default_cube(scene) if "CAMERA" in parts else ""
         if ask and kept and not bpy.app.background:
             bpy.ops.seeing_wind.match_scene("INVOKE_DEFAULT")
-        said = f"{clip.name}: {clip.frame_duration} pictures of {clip.size[0]} x {clip.size[1]}"
-        return f"{said}; {kept}" if kept else said
+        said = [f"{clip.name}: {clip.frame_duration} pictures of {clip.size[0]} x {clip.size[1]}", kept, hidden]
+        return "; ".join(each for each in said if each)
 
 
 class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):

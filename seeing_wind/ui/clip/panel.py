@@ -24,16 +24,20 @@ class ClipTab(Tab):
         row.operator("seeing_wind.choose_clip", text="Active Clip", icon="TRACKER").active = True
         column, settings = self.columns()
         column.prop(settings, "clip")
-        column.prop(settings, "fps")
+        column.prop(settings, "fps", text="FPS (1/s)" if settings.fps else "FPS (0: file's)")
         row = column.row(heading="Pictures")
         row.prop(settings, "use_frames", text="")
         sub = row.row(align=True)
-        sub.enabled = settings.use_frames
-        sub.prop(settings, "frames", index=0, text="")
-        sub.prop(settings, "frames", index=1, text="")
+        if settings.use_frames:
+            sub.prop(settings, "frames", index=0, text="")
+            sub.prop(settings, "frames", index=1, text="")
+        else:
+            sub.label(text="All")
         column.prop(settings, "camera_mode")
         if settings.camera_mode in ("AUTO", "FOV", "JSON"):
             column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
+        if settings.camera_mode in ("AUTO", "FOV"):
+            column.prop(settings, "focal_length", text="Lens (mm)")
         column.prop(settings, "frame_start")
         column.operator("seeing_wind.match_scene", icon="SCENE_DATA")
         _draw_views(self.layout, settings, self.bl_space_type)

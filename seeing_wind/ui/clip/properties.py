@@ -3,8 +3,10 @@
 No postponed annotations here: Blender reads these annotations as property definitions.
 """
 
+import math
+
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, EnumProperty, IntProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty
 
 from ...engine.settings import ObserveSettings
 from ..option_properties import with_options
@@ -12,6 +14,8 @@ from ..property_kinds import choice, file_path
 from .match import PARTS
 
 OF_THE_CLIP = ("fps", "frames", "camera", "fov")
+FULL_FRAME = 36.0
+"""Width of the sensor that focal lengths are counted for [mm]."""
 """Options of `ObserveSettings` that belong to the clip; the others to the object in it."""
 
 
@@ -37,9 +41,21 @@ class SEEING_WIND_PG_view(bpy.types.PropertyGroup):
     mask: file_path("Mask", "PNG of that view's first picture, non-zero where the object is")
 
 
+def _focal_length(settings) -> float:
+    return 0.5 * FULL_FRAME / math.tan(0.5 * math.radians(settings.fov))
+
+
+def _set_focal_length(settings, value: float) -> None:
+    settings.fov = math.degrees(2.0 * math.atan(0.5 * FULL_FRAME / value))
+
+
 class ClipSettings:
     """What only the scene has."""
 
+    focal_length: FloatProperty(
+        name="35 mm Equivalent (mm)", get=_focal_length, set=_set_focal_length, default=38.6, min=0.5, max=2000.0, precision=1, step=100,
+        description="The field of view as a focal length: of a lens that shows as much on a sensor 36 mm wide",
+    )  # fmt: skip
     views: CollectionProperty(type=SEEING_WIND_PG_view)
     active_view: IntProperty(name="Active View", default=0, min=0)
     frame_start: IntProperty(

@@ -8,7 +8,6 @@ obstacles catch shadows (Cycles only).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,12 +24,10 @@ from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
 from . import nodes
 from .catchers import set_catchers
-from .light import sun_of
+from .light import set_light, sun_of
 from .mattes import Mattes, grain_of, mattes_of, set_card
 
-SUN, PLATE = "Seeing Wind Sun", "Seeing Wind Clean Plate"
-SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
-"""High, over the camera's left shoulder: a guess to be turned to the clip's own light."""
+PLATE = "Seeing Wind Clean Plate"
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ def set_up(
         scene.render.motion_blur_shutter = shutter
     _background(scene.camera.data, clip)
     catchers = set_catchers(scene, floor, wall)
-    light = _light(scene)
+    light = _light(scene, take)
     noise = grain * grain_of(take) if take is not None else 0.0
     nodes.build(scene, clip, picture, mattes, noise)
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
@@ -166,13 +163,21 @@ def _depths(take: Take) -> np.ndarray | None:
 def _plate(take: Take | None) -> bpy.types.Image:
     if take is None or not take.file("observation.npz").is_file():
         raise UsageError("There is no clean plate.", "It comes from recovering a clip; use the clip itself as background.")
-    plate = take.read_arrays("observation.npz").get("background")
-    if plate is None or plate.ndim != 3:
+    plate = _background_of(take)
+    if plate is None:
         raise UsageError(f"{take.path} holds no clean plate.", "Run Recover again, or use the clip itself as background.")
     former = bpy.data.images.get(PLATE)
     if former is not None:
         bpy.data.images.remove(former)
     return picture_image(PLATE, plate)
+
+
+def _background_of(take: Take | None) -> np.ndarray | None:
+    """What is behind the clip's object (H, W, 3) uint8 sRGB, where the take has it."""
+    if take is None or not take.file("observation.npz").is_file():
+        return None
+    plate = take.read_arrays("observation.npz").get("background")
+    return plate if plate is not None and plate.ndim == 3 else None
 
 
 def _legends(scene: bpy.types.Scene) -> list[bpy.types.Object]:
@@ -188,35 +193,16 @@ def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
         background.display_depth, background.frame_method = "BACK", "STRETCH"
 
 
-def _light(scene: bpy.types.Scene) -> str:
-    """A sun and a pale sky where there is no light but Blender's default one; says what it did."""
+def _light(scene: bpy.types.Scene, take: Take | None) -> str:
+    """The clip's sun and sky where there is no light but Blender's default one; says what it did."""
     lights = [obj for obj in scene.objects if obj.type == "LIGHT"]
     default = [obj for obj in lights if is_factory(obj)]
     if len(lights) > len(default):
         return ""
     for obj in default:
         obj.hide_render = True
+    seen, around = sun_of(scene.seeing_wind.recovered_object), _background_of(take)
+    set_light(scene, around, seen)
     said = "Blender's default light is off; " if default else ""
-    seen = sun_of(scene.seeing_wind.recovered_object)
     said += "a sun from where the clip's object is brightest" if seen else "a sun: turn it to the clip's light"
-    lamp = bpy.data.lights.new(SUN, "SUN")
-    lamp.energy, lamp.angle = 2.6, math.radians(2.0)
-    sun = bpy.data.objects.new(SUN, lamp)
-    sun.rotation_euler = seen.to_track_quat("Z", "Y").to_euler() if seen else SUN_ANGLES
-    scene.collection.objects.link(sun)
-    if scene.world is None or _is_factory_world(scene.world):
-        # a new file's own world is nearly black: shadows would be, too
-        scene.world = bpy.data.worlds.new("Seeing Wind Sky")
-        scene.world.use_nodes = True
-        sky = scene.world.node_tree.nodes.get("Background")
-        sky.inputs["Color"].default_value, sky.inputs["Strength"].default_value = (0.66, 0.78, 1.0, 1.0), 0.55
-    return said
-
-
-def _is_factory_world(world: bpy.types.World) -> bool:
-    """Whether a world is the dark grey of a new file."""
-    background = world.node_tree.nodes.get("Background") if world.node_tree is not None else None
-    if background is None or len(world.node_tree.nodes) > 2 or background.inputs["Color"].is_linked:
-        return False
-    grey, strength = tuple(background.inputs["Color"].default_value)[:3], background.inputs["Strength"].default_value
-    return world.animation_data is None and strength == 1.0 and all(abs(value - 0.05087609) < 1e-4 for value in grey)
+    return said + (", a sky of the clip's colours" if around is not None else "")

@@ -2,11 +2,15 @@
 
 import bpy
 
+from ...engine.materials import MATERIALS, SHEETS
 from ...engine.settings import BodyEdit
 from ..field.display import has_wind
 from ..job.panel_pieces import Tab, draw_override, panels
 from ..option_properties import panel_options
 from .sheet_label import is_shell, shell_words
+
+SHORT = {"areal_density": "Areal (kg/m²)", "tensile_stiffness": "Stretch (N/m)", "bending_stiffness": "Bend (N m)"}
+"""Words for numbers whose own names a sidebar cuts off."""
 
 
 class EditTab(Tab):
@@ -71,13 +75,24 @@ def _draw_body(column, body, settings) -> None:
         if body.free_mode == "GROUP" and obj is not None:
             column.prop_search(body, "free_group", obj, "vertex_groups", text="Freed")
     for name in _numbers(body):
-        draw_override(column, body, name)
+        draw_override(column, body, name, _preset(body, name), SHORT.get(name, ""))
     column.prop(body, "use_velocity")
     if body.use_velocity:
         column.prop(body, "velocity")
     column.prop(body, "start_frame")
     for one in panel_options(BodyEdit, part="more"):
         draw_override(column, body, one.identifier)
+
+
+def _preset(body, name: str) -> str:
+    """The number that counts in place of one that is not ticked."""
+    if body.is_recovered:
+        return "As recovered"
+    if name == "mass":
+        return "By its size"
+    sheet = SHEETS.get(body.material)
+    stuff = sheet if sheet is not None and hasattr(sheet, name) else MATERIALS[body.material]
+    return f"{getattr(stuff, name):.3g}"
 
 
 def _numbers(body) -> list[str]:

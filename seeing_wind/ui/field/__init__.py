@@ -13,5 +13,6 @@ display       names and texts by which these objects are known; no NumPy
 node_groups   building Geometry Nodes groups in few words
 vdb           OpenVDB files
 
-`texture` is what Blender's force field reads; `solvers` makes Blender's own solvers feel it as they should.
+`texture` is what Blender's force field reads; `solvers` makes Blender's own solvers feel it as they should;
+`library` has winds that come with the extension.
 """

@@ -35,6 +35,10 @@ STRIDE = "seeing_wind_stride"
 """Custom property of a field object: scene frames that one of its pictures lasts; 1 unless it was conformed to the scene's frame rate."""
 
 
+LOOP = "seeing_wind_loop"
+"""Custom property of a field object: whether its first picture follows its last; the user's."""
+
+
 def frames_per_second(scene: Any) -> float:
     """The scene's frame rate."""
     return scene.render.fps / scene.render.fps_base

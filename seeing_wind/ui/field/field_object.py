@@ -20,7 +20,7 @@ import numpy as np
 
 from ...engine.errors import UsageError
 from ..scene_units import metres_per_unit
-from .display import BLOWS, CARRIED, DRAG, FORCE, KIND, LINEAR, NODES, SPEEDS, STRIDE, WIND, has_wind, share
+from .display import BLOWS, CARRIED, DRAG, FORCE, KIND, LINEAR, LOOP, NODES, SPEEDS, STRIDE, WIND, has_wind, share
 from .lattice import SampledField
 from .node_groups import GroupBuilder, set_up_modifier
 from .samples import create_samples, read_samples, sample_wind_group, samples_of, set_reach
@@ -50,6 +50,7 @@ def create_field_object(
     kind: str = FORCE,
     speeds: tuple[float, float] = (0.0, 0.0),
     drag: float = 0.0,
+    loops: bool = False,
     collection: bpy.types.Collection | None = None,
 ) -> bpy.types.Object:
     """Make the force field object of a sampled field and link it to the scene.
@@ -65,6 +66,7 @@ def create_field_object(
         kind: WIND lets solvers feel the wind of a field that has one, FORCE the force.
         speeds: of that wind, its mean and its strongest gust [m/s].
         drag: pressure on a plate across it over the square of the speed [kg/m³].
+        loops: its first picture follows its last, else the last one stays.
         collection: where to link it, by default the scene's own collection.
 
     Returns:
@@ -92,7 +94,7 @@ def create_field_object(
     properties = {"take": str(take), "density": float(density), "fps": float(fps), "frame_start": frame_start, "frames": len(local.force)}
     for key, value in properties.items():
         obj[f"seeing_wind_{key}"] = value
-    obj[STRIDE] = 1.0
+    obj[STRIDE], obj[LOOP] = 1.0, loops
     if sampled.velocity is not None:
         obj[SPEEDS], obj[DRAG], obj[LINEAR] = speeds, drag, linear_drag(sampled.velocity)
     samples = create_samples(obj, local, frame_start, SOLVER_DELAY)

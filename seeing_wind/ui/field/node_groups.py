@@ -10,6 +10,8 @@ from typing import Any
 
 import bpy
 
+from .display import LOOP
+
 
 class GroupBuilder:
     """A new geometry node group. `node` adds a node and links its inputs. A modifier's group has a geometry input and output."""
@@ -103,14 +105,17 @@ FRAMES_PER_PICTURE = "Frames per Picture"
 """Name of the input of `points_of_current_frame`."""
 
 
-def points_of_current_frame(group: GroupBuilder, points: int, frames: int, frame_start: int, delay: int) -> Any:
+def points_of_current_frame(
+    group: GroupBuilder, points: int, frames: int, frame_start: int, delay: int, field: bpy.types.Object | None
+) -> Any:
     """The part of the input mesh that belongs to the current frame, as a geometry socket.
 
     Args:
         points: points of one frame.
-        frames: how many frames the mesh holds; before the first and after the last these two stay.
+        frames: how many frames the mesh holds; before the first and after the last these two stay, unless the field goes round.
         frame_start: scene frame of the first.
         delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before; else 0.
+        field: the field object that says whether it goes round; None: it does not.
     """
     first = group.parameter("First Frame", "Int", frame_start, "Scene frame of the clip's first picture")
     now = group.node("GeometryNodeInputSceneTime").outputs["Frame"]
@@ -119,6 +124,10 @@ def points_of_current_frame(group: GroupBuilder, points: int, frames: int, frame
         now = group.math("SUBTRACT", group.math("CEIL", now), 0.5 * delay)
     # a ten-thousandth of a picture keeps rounding from falling back to the one before
     frame = group.math("FLOOR", group.math("ADD", group.math("DIVIDE", group.math("SUBTRACT", now, first), lasts), 1e-4))
+    if field is not None:
+        rounds = group.math("FLOOR", group.math("DIVIDE", group.math("ADD", frame, 0.5), float(frames)))
+        loops = group.driven("Loop", field, {"loops": f'["{LOOP}"]'}, "loops", 0.0)
+        frame = group.math("SUBTRACT", frame, group.math("MULTIPLY", group.math("MULTIPLY", rounds, float(frames)), loops))
     frame = group.math("MINIMUM", group.math("MAXIMUM", frame, 0.0), float(frames - 1))
     # half a point keeps the division away from whole numbers, where rounding could go either way
     index = group.math("ADD", group.node("GeometryNodeInputIndex").outputs[0], 0.5)

@@ -6,6 +6,7 @@ from ..job.panel_pieces import Tab, draw_text, panels
 from .display import (
     ARROWS_MATERIAL,
     KIND,
+    LOOP,
     field_at_hand,
     has_wind,
     in_figures,
@@ -17,8 +18,11 @@ from .display import (
 )
 from .node_groups import modifier_input
 
-SHOWN = ("Length", "Density", "Confidence Shown", "Slice Axis", "Slice Position", "Slice Thickness")
-"""Settings of the arrows' modifier."""
+SHOWN = {
+    "Length": "Length", "Density": "Density", "Confidence Shown": "Confidence", "Slice Axis": "Slice Axis", "Slice Position": "Slice At",
+    "Slice Thickness": "Slice Width",
+}  # fmt: skip
+"""Settings of the arrows' modifier, and words for them that a sidebar does not cut off."""
 
 
 class FieldTab(Tab):
@@ -38,7 +42,7 @@ class FieldTab(Tab):
         layout.use_property_split, layout.use_property_decorate = True, False
         if field != settings.field_object:
             layout.label(text=field.name, icon="FORCE_WIND")
-        layout.prop(field.field, "strength")
+        layout.prop(settings, "field_share")
         if has_wind(field):
             draw_text(layout, context, said_of_wind(field), "FORCE_WIND")
         speed = said_of_speed(field, context.scene)
@@ -47,6 +51,8 @@ class FieldTab(Tab):
             layout.operator("seeing_wind.conform", icon="TIME")
         if stride_of(field) != 1.0:
             layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
+        if LOOP in field:
+            layout.prop(field, f'["{LOOP}"]', text="Loop")
         self._felt(context, settings, field)
         if settings.arrows_object is not None and settings.arrows_object.parent == field:
             self._arrows(context, settings.arrows_object)
@@ -86,13 +92,13 @@ class FieldTab(Tab):
         column = self.layout.column(heading="Arrows")
         column.prop(arrows, "hide_viewport", text="Hide Arrows")
         modifier = next((modifier for modifier in arrows.modifiers if modifier.type == "NODES"), None)
-        for name in SHOWN if modifier is not None else ():
+        for name, text in SHOWN.items() if modifier is not None else ():
             place = modifier_input(modifier, name)
             if place is not None:
-                column.prop(place[0], place[1], text=name)
+                column.prop(place[0], place[1], text=text)
         space = context.space_data
         if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
-            column.prop(space.shading, "color_type", text="Solid View Color")
+            column.prop(space.shading, "color_type", text="Solid Color")
         material = bpy.data.materials.get(ARROWS_MATERIAL)
         ramp = None
         if material is not None:

@@ -7,6 +7,7 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..property_kinds import choice
+from .display import field_at_hand, share
 
 
 class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
@@ -23,12 +24,27 @@ class SEEING_WIND_PG_calibration(bpy.types.PropertyGroup):
     fps: FloatProperty(name="Frame Rate (1/s)", description="Of the scene, at that time")
 
 
+def _share(settings) -> float:
+    field = field_at_hand(bpy.context)
+    return share(field) if field is not None else 1.0
+
+
+def _set_share(settings, value: float) -> None:
+    field = field_at_hand(bpy.context)
+    if field is not None and field.library is None:
+        field.field.strength = value * field["seeing_wind_strength"]
+
+
 class FieldSettings:
     """What solvers feel of the field object, and where."""
 
+    field_share: FloatProperty(
+        name="Strength", get=_share, set=_set_share, default=1.0, soft_min=0.0, soft_max=3.0, step=10, options={"SKIP_SAVE"},
+        description="Factor on the recovered field. To animate it, keyframe Strength of the object's force field, in its Physics tab",
+    )  # fmt: skip
     field_kind: choice("Solvers Feel", "What Blender's own solvers feel of a field that was recovered as a wind", [
-        ("WIND", "Wind", "Air that moves: it pushes the faces of cloth, and slows what is faster than it. For cloth and particles"),
-        ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body. For rigid bodies and hair, too"),
+        ("WIND", "Wind", "Air that moves: it pushes bodies by their own surface, and slows what is faster than it"),
+        ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body and its speed"),
     ])  # fmt: skip
     field_reach: choice("Beside the Box", "What becomes of the wind beside the box in which it was recovered", [
         ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),

@@ -51,7 +51,7 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     field.users_collection[0].objects.link(obj)
     obj.parent = field
     group = GroupBuilder(f"{field.name} Samples")
-    current = points_of_current_frame(group, forces.shape[1], len(forces), frame_start, delay)
+    current = points_of_current_frame(group, forces.shape[1], len(forces), frame_start, delay, field)
     # the strength slider of the field object acts here too
     strength = group.strength(field)
     for name in (FORCE, *wind):

@@ -65,7 +65,7 @@ def panels(tab: type[Tab], order: int) -> tuple[type, ...]:
     """
     made = []
     for space in ("VIEW_3D", "CLIP_EDITOR"):
-        name = f"SEEING_WIND_PT_{space.lower()}_{tab.step or tab.bl_label.lower()}"
+        name = f"SEEING_WIND_PT_{space.lower()}_{tab.step or tab.bl_label.lower().replace(' ', '_')}"
         body = {
             "bl_idname": name,
             "bl_space_type": space,
@@ -117,8 +117,13 @@ def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
     row.operator("seeing_wind.cancel", text="Stopping..." if cancelling else "Cancel", icon="CANCEL")
 
 
-def draw_job(layout, context, name: str, operator: str, text: str, icon: str, missing: str = "") -> None:
-    """The button of a step's job, or its bar while it runs; then how it stands, or what it waits for."""
+def draw_job(layout, context, name: str, operator: str, text: str, icon: str, missing: str = "", warned: bool = True) -> None:
+    """The button of a step's job, or its bar while it runs; then how it stands, or what it waits for.
+
+    Args:
+        missing: what it waits for.
+        warned: show its warnings here; they stand elsewhere if not.
+    """
     now = status.of(context.scene.session_uid)
     step = now.steps[name]
     if now.running == name:
@@ -136,7 +141,7 @@ def draw_job(layout, context, name: str, operator: str, text: str, icon: str, mi
         draw_text(layout, context, SAYS[State.STALE], "INFO")
     elif step.message:
         draw_text(layout, context, step.message)
-    if now.warned == name:
+    if warned and now.warned == name:
         for warning in now.warnings[:WARNINGS]:
             draw_text(layout, context, warning, "INFO")
 
@@ -157,13 +162,22 @@ def draw_engine(layout, context, button: bool = True) -> None:
         draw_failure(layout, context, status.engine.problem, button)
 
 
-def draw_override(column, settings, name: str) -> None:
-    """A property; where it has a tick before it, both in one row."""
+def draw_override(column, settings, name: str, otherwise: str = "", text: str = "") -> None:
+    """A property; where it has a tick before it, both in one row.
+
+    Args:
+        otherwise: the value that is used without the tick, where it is known.
+        text: a shorter name, where its own would be cut off.
+    """
     if f"use_{name}" not in settings.bl_rna.properties:
         column.prop(settings, name)
         return
-    row = column.row(heading=settings.bl_rna.properties[name].name)
+    row = column.row(heading=text or settings.bl_rna.properties[name].name)
     row.prop(settings, f"use_{name}", text="")
     sub = row.row()
-    sub.enabled = getattr(settings, f"use_{name}")
-    sub.prop(settings, name, text="")
+    ticked = getattr(settings, f"use_{name}")
+    sub.enabled = ticked
+    if ticked or not otherwise:
+        sub.prop(settings, name, text="")
+    else:
+        sub.label(text=otherwise)

@@ -9,6 +9,7 @@ import re
 
 import bpy
 
+from ..field.display import LOOP
 from ..field.node_groups import FRAMES_PER_PICTURE, get_input, modifier_input, set_input
 from ..field.texture.tree import remove_texture
 
@@ -25,8 +26,8 @@ def renew(former: bpy.types.Object, new: bpy.types.Object) -> bpy.types.Object:
     """Let `former` show what `new` shows, and remove `new`. Returns `former`.
 
     Taken over: mesh with its materials, shape keys and their animation; place and parent; the modifiers that make the results what they
-    are, with their settings; the settings of the force field, and our custom properties. Kept: name, collections, constraints, further
-    modifiers, particle systems, and everything that points at the object.
+    are, with their settings; the settings of the force field, and our custom properties. Kept: whether the field loops, name, collections,
+    constraints, further modifiers, particle systems, and everything that points at the object.
     """
     if former.mode != "OBJECT":  # Blender gives an object in Edit Mode no other mesh, and says nothing
         with bpy.context.temp_override(object=former, active_object=former):
@@ -39,7 +40,7 @@ def renew(former: bpy.types.Object, new: bpy.types.Object) -> bpy.types.Object:
         replaced, former.field.texture = former.field.texture, new.field.texture
         remove_texture(replaced)
     for key, value in new.items():
-        if key.startswith("seeing_wind"):
+        if key.startswith("seeing_wind") and not (key == LOOP and LOOP in former):
             former[key] = value
     for collection in new.users_collection:
         collection.objects.unlink(new)

@@ -12,7 +12,7 @@ from ...engine.take import Take
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
-from ..clip.match import followed, is_factory
+from ..clip.match import followed, hide_default_cube
 from ..edit.from_file import fill_edit
 from ..field.arrows import create_arrows
 from ..field.conform import conform
@@ -196,14 +196,9 @@ def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.t
 
 def _clear_the_view(scene: bpy.types.Scene) -> None:
     """Let nothing of a new file stand in front of the results, and show them in their colors where a window shows them."""
-    layer = scene.view_layers[0]
-    cube = layer.objects.get("Cube")
-    if cube is not None and is_factory(cube) and cube not in [body.object for body in scene.seeing_wind.bodies]:
-        if not cube.hide_get(view_layer=layer):
-            cube.hide_set(True, view_layer=layer)
-            said = "Blender's default Cube stood in front of the results: hidden, Alt H shows it again"
-            status.of(scene.session_uid).warnings.append(said)
-        cube.hide_render = True
+    hidden = hide_default_cube(scene)
+    if hidden:
+        status.of(scene.session_uid).warnings.append(hidden)
     for window in bpy.context.window_manager.windows:
         spaces = [area.spaces.active for area in window.screen.areas if area.type == "VIEW_3D"] if window.scene == scene else []
         for space in spaces:

@@ -152,3 +152,26 @@ def test_bad_clip_and_camera_are_refused(scene, clip, tmp_path):
     with pytest.raises(UsageError, match="poses"):
         setup_clip_scene(scene, clip, dataclasses.asdict(CAMERAS["moving"]), 24.0, 0, FRAMES + 2)
     assert scene.camera is None and not bpy.data.movieclips
+
+
+def test_a_clip_chosen_in_a_saved_file_is_named_beside_it_and_nothing_stands_in_front(workplace, stand_in, tmp_path):
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "chosen.blend"))
+    assert bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4")) == {"FINISHED"}
+    scene = bpy.context.scene
+    assert scene.seeing_wind.clip == "//clip.mp4" and scene.objects["Cube"].hide_get() and scene.objects["Cube"].hide_render
+    assert scene.camera.data.display_size < 0.5
+    # a shot of the user's own is left alone
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    scene = bpy.context.scene
+    scene.render.fps = 50
+    bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4"))
+    assert not scene.objects["Cube"].hide_get() and not scene.objects["Cube"].hide_render
+
+
+def test_the_field_of_view_can_be_given_as_a_focal_length(scene, stand_in):
+    settings = scene.seeing_wind
+    settings.focal_length = 18.0
+    assert settings.fov == pytest.approx(90.0, abs=1e-3)
+    settings.fov = 2.0 * np.degrees(np.arctan(18.0 / 50.0))
+    assert settings.focal_length == pytest.approx(50.0, rel=1e-5)

@@ -12,7 +12,7 @@ from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.catchers import FLOOR, WALL
-from seeing_wind.ui.composite.light import sun_of
+from seeing_wind.ui.composite.light import SKY, light_of, sun_of
 from seeing_wind.ui.composite.mattes import CARD, grain_of, matte, softened, widened
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
@@ -200,9 +200,24 @@ def test_the_sun_stands_where_a_matt_object_is_brightest(scene, way):
         attribute.data.foreach_set("color", np.repeat(values[:, None], 4, axis=1).astype(np.float32).ravel())
 
     paint(shaded(normals, way) * rng.uniform(0.8, 1.2, len(normals)))
-    assert np.degrees(np.arccos(np.clip(np.array(sun_of(ball)) @ way, -1.0, 1.0))) < 20.0 and front.any()
+    found, ratio = sun_of(ball)
+    assert np.degrees(np.arccos(np.clip(np.array(found) @ way, -1.0, 1.0))) < 20.0 and front.any()
+    assert ratio == pytest.approx(0.6 / 0.25, rel=0.25), "the light of the sun over that of the sky"
     paint(rng.uniform(0.1, 1.0, len(normals)))
     assert sun_of(ball) is None and sun_of(None) is None
+
+
+def test_sun_and_sky_light_a_white_card_white_and_are_as_bright_as_the_clips_surroundings(scene):
+    """A blue sky over a brown ground: a white wall between them, turned to the sun, is neutral and brighter than the sky alone makes it."""
+    picture = np.zeros((9, 4, 3), np.uint8)
+    picture[:3], picture[3:6], picture[6:] = (120, 160, 220), (128, 128, 128), (110, 90, 60)
+    light = light_of(picture, 2.0)
+    assert light.above[2] > 1.5 * light.above[0] and light.below[0] > light.below[2]
+    assert light.colour[0] > 1.0 > light.colour[2] and light.colour.mean() == pytest.approx(1.0)
+    around = 0.5 * (light.above + light.below)
+    card = around + light.energy / np.pi * light.colour
+    assert np.ptp(card) < 0.06 * card.mean() and card.mean() > 2.5 * around.mean()
+    assert "sky of the clip" in composite.set_up(scene).light and scene.world.name.startswith(SKY)
 
 
 def test_the_first_look_after_recover(workplace):

@@ -82,15 +82,60 @@ def test_solvers_can_feel_the_force_instead_and_calibrations_say_that_they_are_o
     assert is_wind(field) and np.allclose(read_samples(samples_of(field)).velocity, U)
 
 
-def test_what_feels_no_speed_is_said(scene, stand_in):
+def test_a_rigid_ball_is_driven_by_the_law_and_drifts_with_the_wind(scene, stand_in):
+    """Of the recovery's law a ball feels two thirds of its disk. Force alone would throw it three times as far."""
+    steady(scene)
+    obj = CHECK["ball"](scene)
+    assert bpy.ops.seeing_wind.calibrate(object=obj.name) == {"FINISHED"}
+    z = places(obj, scene, 26)[:, 2] + 0.9
+    truth = CHECK["drag_way"](DRAG * SPEED * CHECK["BALL"] / 0.005, 26)[0]
+    assert z[[5, 25]] == pytest.approx(truth[[5, 25]], rel=0.04)
+    assert 0.95 * SPEED < (z[25] - z[24]) * FPS < 1.01 * SPEED
+
+
+def test_a_rigid_body_goes_the_same_way_at_another_frame_rate_and_speed_of_its_world(scene, stand_in):
+    """A picture is a frame: as far per frame at 50 frames a second, and with a world that runs at twice the speed."""
+    steady(scene)
+    obj, ways = CHECK["ball"](scene), []
+    for fps, speed in ((25, 1.0), (50, 1.0), (25, 2.0)):
+        scene.render.fps, scene.rigidbody_world.time_scale = fps, speed
+        bpy.ops.seeing_wind.calibrate(object=obj.name)
+        ways.append(places(obj, scene, 16)[15, 2] + 0.9)
+    assert ways[1:] == pytest.approx([ways[0]] * 2, rel=0.04)
+
+
+def test_set_mass_suits_a_second_rigid_body_whose_surface_differs(scene, stand_in):
+    """A ball of twice the radius and the mass that makes its drag over its mass that of the first goes as far; calibrating twice too."""
+    steady(scene)
+    first, second = CHECK["ball"](scene, mass=0.02), CHECK["ball"](scene, radius=0.2, mass=0.08)
+    second.location.x = 0.5
+    bpy.ops.seeing_wind.calibrate(object=first.name)
+    for _ in range(2):
+        bpy.ops.seeing_wind.calibrate(object=second.name, set_mass=True)
+        assert second.rigid_body.mass == pytest.approx(0.02, rel=1e-3)
+    said = scene.seeing_wind.calibrations[-1].said
+    assert "0.08 kg" in said and "Its mass is 0.02 kg" in said and first.name in said
+    assert places(second, scene, 20)[19, 2] == pytest.approx(places(first, scene, 20)[19, 2], rel=1e-3)
+
+
+def test_hair_is_driven_by_the_law_and_its_tips_drift_with_the_wind(scene, stand_in):
+    steady(scene)
+    obj, system = CHECK["strands"](scene)
+    bpy.ops.seeing_wind.calibrate(object=obj.name, density=30.0)
+    z = CHECK["tip_heights"](obj, scene, 9)
+    truth, speed = CHECK["drag_way"](DRAG * SPEED / (30.0 * 0.01), 9)
+    assert z[5] == pytest.approx(truth[5], rel=0.08)
+    assert (z[8] - z[7]) * FPS < 1.01 * SPEED, "without drag it would be three times as fast"
+    system.settings.radius_scale = 0.0
+    with pytest.raises(RuntimeError, match="no thickness"):
+        bpy.ops.seeing_wind.calibrate(object=obj.name)
+
+
+def test_a_light_cloth_and_what_cannot_be_calibrated_is_said(scene, stand_in):
     steady(scene)
     obj = sheet(scene)
-    bpy.ops.rigidbody.world_add()
-    bpy.ops.mesh.primitive_cube_add(size=0.1)
-    bpy.ops.rigidbody.object_add()
     from seeing_wind.ui.field.solvers.calibration import calibrate_object
 
-    assert "not set" in calibrate_object(scene, bpy.context.object, scene.objects["Wind"])[0]
     obj.modifiers["Cloth"].settings.mass = 3.0
     said = calibrate_object(scene, obj, scene.objects["Wind"], areal_density=0.05)[0]
     weights = obj.modifiers["Cloth"].settings.effector_weights

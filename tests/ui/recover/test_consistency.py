@@ -125,6 +125,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("calibrate again", lambda: changed_calibration(density=300.0, wind=True) or ops.calibrate_again()),
         ("conform", lambda: ops.conform()),
         ("composite", lambda: ops.set_up_composite(floor=True)),
+        ("add wind", lambda: ops.add_wind(wind="Light Breeze")),
     ]
     changing = {cls.bl_idname for cls in ui.CLASSES if issubclass(cls, bpy.types.Operator) and "UNDO" in getattr(cls, "bl_options", ())}
     called = set(re.findall(r"ops\.(\w+)\(", inspect.getsource(test_undo_and_redo_over_every_operator)))

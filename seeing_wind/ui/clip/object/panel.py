@@ -28,9 +28,11 @@ class ObjectTab(Tab):
         else:
             column.prop(settings, "pixels_per_metre" if settings.scale_mode == "PIXELS" else "distance")
         column.prop(settings, "material")
-        _draw_material(column, settings)
-        for name in ("density", "youngs_modulus", "thickness"):
-            draw_override(column, settings, name)
+        material = MATERIALS[settings.material]
+        for name, otherwise in (
+            ("density", f"{material.density:g}"), ("youngs_modulus", f"{material.youngs_modulus:.3g}"), ("thickness", "Automatic"),
+        ):  # fmt: skip
+            draw_override(column, settings, name, otherwise)
         column.prop(settings, "pin")
         _draw_preview(self.layout, context, settings)
         _draw_guesses(self.layout, context, settings, self.bl_space_type)
@@ -61,7 +63,8 @@ def _draw_preview(layout, context, settings) -> None:
     """What is seen, before the solve: the picture, and what can be trusted."""
     steps = status.of(context.scene.session_uid).steps
     ready = steps["clip"].state == State.DONE and steps["object"].state == State.DONE
-    draw_job(layout, context, "preview", "seeing_wind.preview", "Preview", "HIDE_OFF", "" if ready else "Mark the object in a clip first")
+    missing = "" if ready else "Mark the object in a clip first"
+    draw_job(layout, context, "preview", "seeing_wind.preview", "Preview", "HIDE_OFF", missing, warned=not len(settings.verdicts))
     if not len(settings.verdicts):
         return
     header, body = layout.panel("SEEING_WIND_preview", default_closed=False)
@@ -125,20 +128,6 @@ def _draw_more(layout, settings) -> None:
     column = body.column()
     for one in panel_options(BuildSettings, ObserveSettings, RecoverSettings, part="more"):
         draw_override(column, settings, one.identifier)
-
-
-def _draw_material(column, settings) -> None:
-    """The numbers that the chosen material stands for, unless they are replaced below."""
-    material = MATERIALS[settings.material]
-    shown = []
-    if not settings.use_density:
-        shown.append(f"{material.density:g} kg/m³")
-    if not settings.use_youngs_modulus:
-        shown.append(f"{material.youngs_modulus:.3g} Pa")
-    if shown:
-        row = column.row()
-        row.active = False
-        row.label(text=", ".join(shown), icon="BLANK1")
 
 
 CLASSES = (SEEING_WIND_UL_guesses, *panels(ObjectTab, 1))

@@ -9,8 +9,9 @@ import numpy as np
 
 from ....engine.errors import UsageError
 from ..display import is_wind
-from .in_wind import FLOW, rate_of_cloth, said_of_drag, still_air
-from .matter import WEIGHT_LIMIT, Matter
+from .in_wind import FLOW, rate_of_cloth, said_of_drag, weigh_wind
+from .matter import Matter
+from .surface import area_of, faces_of
 
 CLOTH_FACTOR = 0.02
 """Blender's own constant in what cloth makes of a force."""
@@ -53,16 +54,10 @@ def _cloth_in_wind(obj: bpy.types.Object, settings: bpy.types.ClothSettings, are
         raise UsageError(f"The cloth {obj.name} runs at a speed of {settings.time_scale:g}.", "Set its Speed Multiplier to 1.")
     rate = rate_of_cloth(what.field, what.areal_density)
     weight = rate * settings.mass * vertices / (CLOTH_FACTOR * area * what.clip_fps**2)
-    # a cloth's velocity is per frame
-    slowing = weight * what.clip_fps / FLOW
-    # a smaller vertex mass would make the cloth so stiff for it that Blender's solver stops early and loses half of the push
-    times = max(1.0, weight / WEIGHT_LIMIT, slowing / WEIGHT_LIMIT)
-    what.weigh(settings.effector_weights, weight / times, "Give the cloth a smaller vertex mass.")
-    settings.effector_weights.all, settings.effector_weights.wind = times, slowing / times
-    still_air(bpy.context.scene, what.field)
+    # A cloth's velocity is per frame. A smaller vertex mass would make the cloth so stiff for it that Blender's solver stops early and
+    # loses half of the push: so the weight may become large.
     said = f"Cloth: {what.areal_density:g} kg/m² in the wind. "
-    if times > 1.0:
-        said += f"Its weight All multiplies the others, as one ends at {WEIGHT_LIMIT:g}: other force fields push {times:.3g} times. "
+    said += weigh_wind(what, settings.effector_weights, weight, weight * what.clip_fps / FLOW, "Give the cloth a smaller vertex mass.")
     what.fall(settings.effector_weights)
     settings.air_damping = 0.0
     return said + said_of_drag(what.field, rate, what.clip_fps * settings.quality) + _said_of_stiffness(settings)
@@ -79,21 +74,11 @@ def _area_before(obj: bpy.types.Object, cloth: bpy.types.Modifier) -> tuple[floa
     for modifier in behind:
         modifier.show_viewport = False
     try:
-        depsgraph = bpy.context.evaluated_depsgraph_get()
-        evaluated = obj.evaluated_get(depsgraph)
-        mesh = evaluated.to_mesh()
-        mesh.calc_loop_triangles()
-        places = np.empty((len(mesh.vertices), 3), dtype=np.float32)
-        corners = np.empty((len(mesh.loop_triangles), 3), dtype=np.int32)
-        mesh.vertices.foreach_get("co", places.reshape(-1))
-        mesh.loop_triangles.foreach_get("vertices", corners.reshape(-1))
-        matrix = np.array(evaluated.matrix_world)[:3, :3]
-        evaluated.to_mesh_clear()
+        places, corners = faces_of(obj)
     finally:
         for modifier, was in zip(behind, shown, strict=True):
             modifier.show_viewport = was
-    a, b, c = (places[corners[:, k]] @ matrix.T for k in range(3))
-    area = 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
+    area = area_of(places, corners)
     if not area > 0.0:
         raise UsageError(f"The cloth {obj.name} has no faces.", "Wind pushes faces: use a mesh with some.")
     return area, len(places)

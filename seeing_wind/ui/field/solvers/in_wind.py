@@ -1,8 +1,9 @@
-"""Blender's cloth and particles in a wind: they are pushed by the air's velocity relative to their own, w = u - v, over their own area.
+"""Blender's solvers in a wind: bodies are pushed by the air's velocity relative to their own, w = u - v, over their own area.
 
-Blender's texture force field with S = u pushes a face by 0.02 W A (u . n) n, and a particle by W u. It knows nothing of v; that is what a
-companion of the field object does, a wind of no strength: its *Flow* F pushes a face by -0.02 W' F A (v . n) n, with v of cloth per frame,
-and a particle by -W' F v. W and W' are the weights of texture and of wind fields (measured in Blender 4.5 and 5.2).
+Blender's texture force field with S = u pushes a face by 0.02 W A (u . n) n, a particle or rigid body by W u, and a point of a hair by
+0.01 W u. It knows nothing of v; that is what a companion of the field object does, a wind of no strength: its *Flow* F pushes a face by
+-0.02 W' F A (v . n) n, a particle or rigid body by -W' F v, and a point of a hair by -0.01 W' F v, with v of cloth and hair per frame.
+W and W' are the weights of texture and of wind fields (measured in Blender 4.5 and 5.2).
 
 The drag of air is quadratic, half rho C |w| (w . n) n; Blender's is linear, so the factor |w| is held at one speed: that at which a body at
 rest in this wind feels the same in the mean (`field_object.linear_drag`). Nothing pushes along a face, where air rubs only lightly.
@@ -16,6 +17,7 @@ import bpy
 
 from ....engine.errors import UsageError
 from ..display import BLOWS, DRAG, LINEAR, share
+from .matter import WEIGHT_LIMIT, Matter
 
 SLOWS = "seeing_wind_slows"
 """Custom property of the companion that slows what moves: the field object."""
@@ -47,6 +49,39 @@ def rate_of_cloth(field: bpy.types.Object, areal_density: float) -> float:
 def rate_of_spheres(field: bpy.types.Object, density: float, radius: float) -> float:
     """The same for spheres of a density [kg/m³] and radius [m]."""
     return field[DRAG] * held_speed(field) * SPHERE * math.pi * radius**2 / (density * 4.0 / 3.0 * math.pi * radius**3)
+
+
+def drag_of_surface(field: bpy.types.Object, surface: float) -> float:
+    """The drag of a body that is turned every way over its velocity relative to the air, in the mean [kg/s].
+
+    Args:
+        surface: all of it [m²], both sides of what is flat. A piece of area A at an angle a to the wind resists by A cos²(a), a third of A
+            in the mean, and one of two is in the lee: a sixth. For a ball it is exactly `SPHERE`.
+    """
+    return field[DRAG] * held_speed(field) * surface / 6.0
+
+
+def rate_of_strands(field: bpy.types.Object, density: float, diameter: float) -> float:
+    """Share of its velocity across itself that a round strand loses per second [1/s]; density in kg/m³, diameter in m.
+
+    Over the windward half of a cylinder of diameter d, cos² of the angle to the wind comes to pi d / 4 for each metre.
+    """
+    return field[DRAG] * held_speed(field) / (density * diameter)
+
+
+def weigh_wind(what: Matter, weights: bpy.types.EffectorWeights, push: float, slowing: float, mend: str) -> str:
+    """Set the weights of the field (`push`) and of the companion that slows (`slowing`); returns what else that changes, or "".
+
+    Raises:
+        UsageError: when Blender takes no such weights.
+    """
+    times = max(1.0, push / WEIGHT_LIMIT, slowing / WEIGHT_LIMIT)
+    what.weigh(weights, push / times, mend)
+    weights.all, weights.wind = times, slowing / times
+    still_air(bpy.context.scene, what.field)
+    if times == 1.0:
+        return ""
+    return f"Its weight All multiplies the others, as one ends at {WEIGHT_LIMIT:g}: other force fields push {times:.3g} times. "
 
 
 def still_air(scene: bpy.types.Scene, field: bpy.types.Object) -> bpy.types.Object:

@@ -72,9 +72,3 @@ def matter(
     if not areal_density > 0.0:
         raise UsageError(f"The areal density {areal_density:g} must be above zero.", "Cotton has 0.12 kg/m².")
     return Matter(field, density, field["seeing_wind_fps"] * stride_of(field), frames_per_second(scene), alone, areal_density)
-
-
-def only_force(solver: str) -> str:
-    """What is said of a solver that feels no speed."""
-    why = "Of a wind Blender lets only cloth and particles feel the speed"
-    return f"{solver}: not set. {why}: let solvers feel the Force, then Apply to Field"

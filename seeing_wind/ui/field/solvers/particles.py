@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 import bpy
 
+from ....engine.errors import UsageError
 from ...scene_units import metres_per_unit
 from ..display import is_wind
-from .in_wind import FLOW, rate_of_spheres, said_of_drag, still_air
-from .matter import Matter, matter, only_force
+from .in_wind import FLOW, rate_of_spheres, rate_of_strands, said_of_drag, still_air, weigh_wind
+from .matter import Matter, matter
 
 HAIR_FACTOR = 0.01
 """Blender's own constant in what hair makes of a force."""
@@ -50,7 +51,7 @@ def particles(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_m
     """Particle systems and hair of an object, a line for each."""
     for system in obj.particle_systems:
         if system.settings.type == "HAIR":
-            yield only_force(f"Hair {system.name}") if is_wind(what.field) else _hair(system, what)
+            yield _hair(system, what)
             continue
         calibrate_particles(system.settings, what.field, density=what.density, alone=what.alone)
         if is_wind(what.field):
@@ -77,8 +78,30 @@ def _hair(system: bpy.types.ParticleSystem, what: Matter) -> str:
     if not system.use_hair_dynamics or system.cloth is None:
         return f"Hair {system.name}: does not move until Hair Dynamics is on; switch it on and calibrate again"
     settings, weights = system.cloth.settings, system.settings.effector_weights  # the cloth's own weights count for nothing here
+    if is_wind(what.field):
+        return _hair_in_wind(system, settings, weights, what)
     weight = settings.mass / (HAIR_FACTOR * what.density * what.clip_fps**2 * settings.time_scale**2)
     what.weigh(weights, weight, "Give the hair a smaller mass, or name a higher density.")
     what.fall(weights, settings.time_scale)
     settings.air_damping = 0.0
     return f"Hair {system.name}: strands of {what.density:g} kg/m³; the roots are held"
+
+
+def _hair_in_wind(
+    system: bpy.types.ParticleSystem, settings: bpy.types.ClothSettings, weights: bpy.types.EffectorWeights, what: Matter
+) -> str:
+    """Round strands as thick as they are drawn. Blender pushes along a strand as across it; along it the strand holds itself."""
+    if settings.time_scale != 1.0:
+        raise UsageError(f"The hair {system.name} runs at a speed of {settings.time_scale:g}.", "Set its Speed Multiplier to 1.")
+    drawn = system.settings
+    diameter = 0.5 * (drawn.root_radius + drawn.tip_radius) * drawn.radius_scale * metres_per_unit(bpy.context.scene)
+    if not diameter > 0.0:
+        raise UsageError(f"The hair {system.name} has no thickness.", "Set a diameter under Hair Shape.")
+    rate = rate_of_strands(what.field, what.density, diameter)
+    push = rate * settings.mass / (HAIR_FACTOR * what.clip_fps**2)
+    said = f"Hair {system.name}: strands of {1000.0 * diameter:.3g} mm and {what.density:g} kg/m³ in the wind; the roots are held. "
+    # its velocity is per frame
+    said += weigh_wind(what, weights, push, push * what.clip_fps / FLOW, "Give the hair a smaller mass.")
+    what.fall(weights)
+    settings.air_damping = 0.0
+    return said + said_of_drag(what.field, rate, what.clip_fps * settings.quality)

@@ -6,11 +6,17 @@ from collections.abc import Iterator
 
 import bpy
 
+from ....engine.errors import UsageError
+from ...scene_units import metres_per_unit
 from ..display import is_wind
-from .matter import Matter, only_force
+from .in_wind import FLOW, drag_of_surface, said_of_drag, weigh_wind
+from .matter import Matter
+from .surface import surface_of
 
-BODY = "seeing_wind_volume"
-"""Custom property of a rigid body world: the volume [m³] for which its weight was set."""
+BODY, SURFACE = "seeing_wind_volume", "seeing_wind_surface"
+"""Custom properties of a scene: the volume [m³], or in a wind the surface [m²], for which the weight of its rigid bodies was set."""
+MASSES = "seeing_wind_masses"
+"""Custom property of a rigid body: its own mass, and the one that it was given so that the weight suits it [kg]."""
 
 
 def rigid_body(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool) -> Iterator[str]:
@@ -21,8 +27,10 @@ def rigid_body(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_
     if body.type != "ACTIVE" or body.kinematic:
         yield "Rigid body: it is passive or animated, so no wind moves it"
         return
+    others = _others(world, obj)
+    body.linear_damping = 0.0
     if is_wind(what.field):
-        yield only_force("Rigid body")
+        yield _in_wind(scene, obj, what, set_mass, others)
         return
     # W of one cubic metre: what remains is the body's volume
     per_volume = what.scene_fps**2 / (what.clip_fps**2 * world.time_scale**2)
@@ -31,13 +39,41 @@ def rigid_body(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_
     volume = body.mass / what.density
     what.weigh(world.effector_weights, volume * per_volume, "Give the body a smaller mass.")
     scene[BODY] = volume
-    body.linear_damping = 0.0
     line = f"Rigid body: {body.mass:g} kg at {what.density:g} kg/m³; the wind acts at its origin and does not turn it"
-    others = [
+    if others:
+        line += f". Blender has one weight for all rigid bodies: {others} move as matter of their mass over {volume:g} m³"
+    yield line
+
+
+def _in_wind(scene: bpy.types.Scene, obj: bpy.types.Object, what: Matter, set_mass: bool, others: str) -> str:
+    """A body of its own mass and surface, as if it tumbled: Blender pushes it the same however it stands to the wind."""
+    body, world = obj.rigid_body, scene.rigidbody_world
+    surface = surface_of(obj) * metres_per_unit(scene) ** 2
+    if not surface > 0.0:
+        raise UsageError(f"The rigid body {obj.name} has no faces.", "Wind pushes faces: use a mesh with some.")
+    kept = obj.get(MASSES)
+    mass = kept[0] if kept is not None and abs(body.mass - kept[1]) <= 1e-5 * kept[1] else body.mass
+    shared = scene[SURFACE] if set_mass and SURFACE in scene else surface
+    body.mass = mass * shared / surface
+    obj[MASSES], scene[SURFACE] = (mass, body.mass), shared
+    drag = drag_of_surface(what.field, shared)
+    # the wind goes by so many times faster in the rigid bodies' seconds than in the clip's
+    faster = what.scene_fps / (what.clip_fps * world.time_scale)
+    line = f"Rigid body: {mass:g} kg and {surface:.3g} m² of surface in the wind, as if it tumbled; the wind does not turn it. "
+    line += weigh_wind(what, world.effector_weights, drag * faster**2, drag * faster / FLOW, "Give the bodies less surface.")
+    if shared != surface:
+        line += f"Its mass is {body.mass:.3g} kg, so that the one weight of all rigid bodies suits it. "
+    line += said_of_drag(what.field, drag / body.mass, what.clip_fps * world.substeps_per_frame)
+    if others:
+        line += f". Blender has one weight for all rigid bodies: {others} are pushed as bodies of {shared:.3g} m²; Set Mass suits each"
+    return line
+
+
+def _others(world: bpy.types.RigidBodyWorld, obj: bpy.types.Object) -> str:
+    """Names of other bodies that move freely; "" without any."""
+    names = [
         other.name
         for other in (world.collection.objects if world.collection else ())
         if other != obj and other.rigid_body is not None and other.rigid_body.type == "ACTIVE"
     ]
-    if others:
-        line += f". Blender has one weight for all rigid bodies: {', '.join(others[:3])} move as matter of their mass over {volume:g} m³"
-    yield line
+    return ", ".join(names[:3])

@@ -1,0 +1,29 @@
+"""The panel *Wind Library*: winds that come with the extension, for a shot without a clip."""
+
+from ...job.panel_pieces import Tab, panels
+from . import shelf
+
+
+class LibraryTab(Tab):
+    """Winds to be added."""
+
+    bl_label = "Wind Library"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    @classmethod
+    def poll(cls, context):
+        """Where this copy of the extension has them."""
+        return context.scene is not None and bool(shelf.entries(shelf.SHELF))
+
+    def draw(self, context):
+        """A menu of all; the asset browser has pictures of them."""
+        column = self.layout.column()
+        column.operator_menu_enum("seeing_wind.add_wind", "wind", text="Add Wind", icon="FORCE_WIND")
+        library = shelf.listed()
+        if library is None:
+            column.operator("seeing_wind.add_wind_library", icon="ASSET_MANAGER")
+        else:
+            column.label(text=f"In the Asset Browser: {library.name}", icon="ASSET_MANAGER")
+
+
+CLASSES = panels(LibraryTab, 22)

@@ -1,0 +1,78 @@
+"""The shelf: winds.blend with an asset for each wind, the catalogs of Blender's asset browser, and an index that is read without opening
+the file. `make winds` makes all three. Without NumPy: the panel reads the index.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ....engine.errors import UsageError
+from ..display import frames_per_second
+from ..node_groups import modifier_input, set_input
+
+SHELF = Path(__file__).with_name("winds")
+BLEND, CATALOGS, INDEX = "winds.blend", "blender_assets.cats.txt", "winds.json"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A wind that can be had."""
+
+    name: str
+    catalog: str
+    description: str
+
+
+@functools.cache
+def entries(shelf: Path) -> tuple[Entry, ...]:
+    """The winds of a shelf in their order; none where there is no such shelf.
+
+    Raises:
+        UsageError: when its index is damaged.
+    """
+    if not (shelf / INDEX).is_file():
+        return ()
+    try:
+        rows: list[Any] = json.loads((shelf / INDEX).read_text(encoding="utf-8"))
+        return tuple(Entry(str(row["name"]), str(row["catalog"]), str(row["description"])) for row in rows)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UsageError(f"{shelf / INDEX} is damaged ({error}).", "Install the extension again.") from error
+
+
+def take_down(scene: bpy.types.Scene, collection: bpy.types.Collection, shelf: Path, name: str) -> bpy.types.Object:
+    """Append a wind to a scene, beginning with the scene and going by at its own speed, whatever the frame rate.
+
+    Raises:
+        UsageError: when the shelf has no such wind.
+    """
+    from ..conform import set_stride  # needs NumPy
+    from ..samples import samples_of
+
+    path = shelf / BLEND
+    if name not in [each.name for each in entries(shelf)] or not path.is_file():
+        raise UsageError(f"The library has no wind {name!r}.", "Choose one of its menu, or install the extension again.")
+    with bpy.data.libraries.load(str(path), link=False) as (source, wanted):
+        wanted.objects = [each for each in source.objects if each == name]
+    if not wanted.objects:
+        raise UsageError(f"{path} holds no {name}.", "Install the extension again.")
+    field = wanted.objects[0]
+    field.asset_clear()
+    collection.objects.link(field)
+    field["seeing_wind_frame_start"] = scene.frame_start
+    for modifier in samples_of(field).modifiers:
+        if modifier_input(modifier, "First Frame") is not None:
+            set_input(modifier, "First Frame", scene.frame_start)
+    set_stride(field, frames_per_second(scene) / field["seeing_wind_fps"])
+    return field
+
+
+def listed() -> bpy.types.UserAssetLibrary | None:
+    """The shelf among the asset libraries of Blender's preferences."""
+    libraries = bpy.context.preferences.filepaths.asset_libraries
+    return next((each for each in libraries if each.path and Path(each.path).resolve() == SHELF.resolve()), None)

@@ -1,0 +1,147 @@
+"""Winds that come with the extension: a shelf of two made-up ones, taken into a clean file."""
+
+from __future__ import annotations
+
+import json
+import runpy
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from seeing_wind.ui.field.library import shelf
+from seeing_wind.ui.field.samples import read_samples, samples_of
+
+ROOT = Path(__file__).resolve().parents[3]
+CHECK = runpy.run_path(str(ROOT / "tests" / "blender" / "wind_check.py"), run_name="checks")
+NAMES = ("Light Breeze", "Passing Gust")
+NODES = np.stack(np.meshgrid(*3 * [np.linspace(-1.0, 1.0, 3)], indexing="ij"), axis=-1).reshape(-1, 3)
+SPEEDS = np.array([1.0, 2.0, 3.0, 4.0])
+"""Along X [m/s], by picture."""
+
+pytestmark = pytest.mark.usefixtures("stand_in")
+
+
+@pytest.fixture(scope="module")
+def takes(tmp_path_factory) -> Path:
+    """What make.py leaves of two winds."""
+    folder = tmp_path_factory.mktemp("takes")
+    for name in NAMES:
+        take = folder / name.replace(" ", "_").lower() / "wind.take"
+        take.mkdir(parents=True)
+        law = {"air_density": 1.2, "normal": 1.17}
+        told = {"field": "wind", "notes": [], "mean_speed": 2.5, "strongest_gust": 4.0, "drag_law": law}
+        (take / "wind.json").write_text(json.dumps(told))
+        wind = np.zeros((4, len(NODES), 3))
+        wind[..., 0] = SPEEDS[:, None]
+        np.savez(
+            take.parent / "on_the_shelf.npz", nodes=NODES, density=30.0, off=np.array([1.0, 2.0]), wind_velocity=wind,
+            force_density=20.0 * wind, wind_confidence=np.ones(wind.shape[:2]),
+        )  # fmt: skip
+    return folder
+
+
+@pytest.fixture
+def library(takes, tmp_path, monkeypatch) -> Path:
+    """The shelf that the scene's own script makes of them."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    main = runpy.run_path(str(ROOT / "sample_scenes" / "winds" / "shelve.py"), run_name="shelve")["main"]
+    main(tmp_path / "shelf", takes, list(NAMES))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    monkeypatch.setattr(shelf, "SHELF", tmp_path / "shelf")
+    return tmp_path / "shelf"
+
+
+def test_a_wind_taken_into_a_clean_file_moves_particles_and_goes_round(library) -> None:
+    scene = bpy.context.scene
+    dust = CHECK["dust"](scene)
+    scene.frame_start, scene.render.fps = 101, 24
+    dust.particle_systems[0].settings.frame_start = dust.particle_systems[0].settings.frame_end = 101
+    dust.particle_systems[0].point_cache.frame_start, dust.particle_systems[0].point_cache.frame_end = 101, 200
+    scene.frame_end = 200
+    assert bpy.ops.seeing_wind.add_wind(wind="Light Breeze") == {"FINISHED"}
+    field = scene.objects["Light Breeze"]
+    assert bpy.context.active_object == field and field.asset_data is None and field["seeing_wind_loop"]
+    assert [each.object for each in scene.seeing_wind.calibrations] == [dust]
+    speeds = []
+    for frame in range(101, 131):
+        scene.frame_set(frame)
+        system = dust.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0]
+        speeds.append(np.mean([particle.velocity[0] for particle in system.particles]))
+    assert 0.5 < speeds[29] < 4.0, "slow for these grains' mass, but blown"
+    seen = [felt(field, frame) for frame in range(102, 110)]
+    assert seen == pytest.approx([*SPEEDS, *SPEEDS], rel=1e-4)
+    field["seeing_wind_loop"] = False
+    field.update_tag()
+    assert felt(field, 109) == pytest.approx(SPEEDS[-1], rel=1e-4), "without the loop the last picture stays"
+
+
+def felt(field: bpy.types.Object, frame: int) -> float:
+    """The speed that Geometry Nodes find in a frame [m/s]."""
+    samples = samples_of(field)
+    if samples.name not in bpy.context.scene.objects:
+        bpy.context.scene.collection.objects.link(samples)
+    samples.hide_viewport = False  # Blender evaluates nothing that is hidden and unused
+    bpy.context.scene.frame_set(frame)
+    values = samples.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.attributes["velocity"].data
+    return values[0].vector[0]
+
+
+def test_solvers_go_round_with_geometry_nodes(library) -> None:
+    """A particle let go in each frame gets that picture's push: as strong in the second round as in the first."""
+    scene = bpy.context.scene
+    scene.render.fps, scene.use_gravity = 24, False
+    bpy.ops.seeing_wind.add_wind(wind="Light Breeze", calibrate=False)
+    pushed = []
+    for frame in (1, 2, 3, 4, 5, 6):
+        dust = CHECK["dust"](scene)
+        scene.render.fps = 24
+        settings = dust.particle_systems[0].settings
+        settings.frame_start = settings.frame_end = frame
+        bpy.ops.seeing_wind.calibrate(object=dust.name, field="Light Breeze")
+        for now in range(frame, frame + 2):
+            scene.frame_set(now)
+        system = dust.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0]
+        pushed.append(np.mean([particle.velocity[0] for particle in system.particles]))
+        bpy.data.objects.remove(dust)
+    assert np.array(pushed) / pushed[0] == pytest.approx([1.0, 2.0, 3.0, 4.0, 1.0, 2.0], rel=0.02)
+
+
+def test_a_wind_goes_by_at_its_own_speed_and_what_it_carries_is_whole(library) -> None:
+    scene = bpy.context.scene
+    scene.render.fps, scene.cursor.location = 48, (1.0, 2.0, 3.0)
+    bpy.ops.seeing_wind.add_wind(wind="Passing Gust")
+    field = scene.objects["Passing Gust"]
+    assert field["seeing_wind_stride"] == 2.0 and tuple(field.location) == (1.0, 2.0, 3.0) and not field["seeing_wind_loop"]
+    assert read_samples(samples_of(field)).velocity[:, 0, 0] == pytest.approx(SPEEDS)
+    with pytest.raises(TypeError, match="not found"):
+        bpy.ops.seeing_wind.add_wind(wind="Hurricane")
+
+
+def test_assets_have_catalogs_tags_previews_and_the_browser_lists_them(library) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(library / shelf.BLEND))
+    catalogs = {line.split(":")[0]: line.split(":")[1] for line in (library / shelf.CATALOGS).read_text().splitlines() if ":" in line}
+    for name, catalog in zip(NAMES, ("Breezes", "Gusts"), strict=True):
+        obj = bpy.data.objects[name]
+        about = obj.asset_data
+        assert catalogs[about.catalog_id] == f"Recovered Winds/{catalog}" and "wind" in [tag.name for tag in about.tags]
+        assert "2.5 m/s (Beaufort 2)" in about.description and "1 % and 2°" in about.description
+        pixels = np.array(obj.preview.image_pixels_float[:]).reshape(-1, 4)
+        assert obj.preview.image_size[:] == (192, 192) and np.ptp(pixels[:, :3]) > 0.5
+    libraries = bpy.context.preferences.filepaths.asset_libraries
+    before = len(libraries)
+    for _ in range(2):
+        assert bpy.ops.seeing_wind.add_wind_library() == {"FINISHED"}
+    assert len(libraries) == before + 1 and Path(shelf.listed().path) == library and shelf.listed().import_method == "APPEND"
+
+
+def test_a_copy_without_a_library_says_so(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(shelf, "SHELF", tmp_path)
+    with pytest.raises(RuntimeError, match="no wind library"):
+        bpy.ops.seeing_wind.add_wind_library()
+    (tmp_path / shelf.INDEX).write_text('{"name": 3}')
+    shelf.entries.cache_clear()
+    with pytest.raises(RuntimeError, match="damaged"):
+        bpy.ops.seeing_wind.add_wind_library()
