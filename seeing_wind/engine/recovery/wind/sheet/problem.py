@@ -35,8 +35,10 @@ class SheetProblem:
     """(V,) of the vertices: their share of the mass that is free."""
     hats: np.ndarray
     """(T, K)."""
-    noise: tuple[float, float]
-    """Standard deviation of one number of what is seen, along the normals and within the sheet [m]."""
+    least: np.ndarray
+    """(D,) least standard deviation of the errors of what is seen [m]."""
+    more: tuple[float, float] = (1.0, 1.0)
+    """How many times that they are, along the normals and within the sheet."""
     check: Callable[[], None] = lambda: None
 
     @property
@@ -48,7 +50,7 @@ class SheetProblem:
     @property
     def sigma(self) -> np.ndarray:
         """(D,) [m]."""
-        return np.where(self.across, *self.noise)
+        return self.least * np.where(self.across, *self.more)
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
         """theta (n,) -> (T, P, 3), the mean included."""
@@ -86,8 +88,18 @@ class SheetProblem:
         jacobian = np.concatenate([slopes.reshape(-1, *slopes.shape[3:]), mean]) / self.sigma
         return Linearisation.at(theta, (self.off(path) / self.sigma).ravel(), jacobian.reshape(len(jacobian), -1))
 
-    def with_noise(self, noise: tuple[float, float], point: Linearisation) -> tuple[SheetProblem, Linearisation]:
-        """The same with other errors, and its linearisation."""
-        other = replace(self, noise=noise)
+    def reweighed(self, point: Linearisation, residual: np.ndarray, precision: np.ndarray) -> tuple[SheetProblem, Linearisation]:
+        """The same with errors as large as what the data leave unexplained at a linearisation (MacKay 1992), and that one with them.
+
+        Args:
+            residual: (m,) whitened, where the solve ended; precision: (n, n) of the prior.
+        """
+        covariance, across = np.linalg.inv(point.normal + precision), np.tile(self.across, len(self.hats))
+        more = []
+        for now, part in zip(self.more, (across, ~across), strict=True):
+            slope = point.jacobian[:, part]
+            free = part.sum() - float(np.einsum("im,im->", slope, covariance @ slope))
+            more.append(max(1.0, now * float(np.sqrt((residual[part] ** 2).sum() / max(free, 0.1 * part.sum())))))
+        other = replace(self, more=(more[0], more[1]))
         scale = np.tile(self.sigma / other.sigma, len(self.hats))
-        return other, Linearisation.at(point.theta, point.residual * scale, point.jacobian * scale)
+        return other, Linearisation.at(point.theta, residual * scale, point.jacobian * scale)
