@@ -22,7 +22,7 @@ from ...prior.evidence import maximise_evidence
 from ...prior.kernel import Kernel, Prior
 from ...solve.gauss_newton import Linearisation, Solution, solve
 from ..estimate import GUST, deviation_of, places_of
-from .air import Cause, Push
+from .air import Air, Cause, Push
 from .following import Follower
 from .observed import Observed
 from .problem import SheetProblem
@@ -53,8 +53,10 @@ SCALES = 3
 class SheetEstimate:
     """What was found."""
 
-    field: np.ndarray
-    """(T, V, 3) at the vertices: wind [m/s] or acceleration [m/s²]."""
+    cause: str
+    """"wind" or "force"."""
+    velocity: np.ndarray
+    """(T, V, 3) at the vertices: wind [m/s]; of a force of its own the acceleration [m/s²]."""
     deviation: np.ndarray
     """(T, V) posterior standard deviation of a component."""
     mean: np.ndarray
@@ -71,6 +73,10 @@ class SheetEstimate:
     """Natural logarithm."""
     iterations: int
     converged: bool
+
+    def cause_of(self, shell: Shell) -> Cause:
+        """What the field does to a sheet."""
+        return Air(shell) if self.cause == "wind" else Push(shell)
 
 
 def follower_of(shell: Shell, seen: Observed, gravity: Sequence[float], cause: Cause) -> Follower:
@@ -176,8 +182,9 @@ def _told(problem: SheetProblem, prior: Prior, solution: Solution, without: np.n
     deviation = deviation_of(precision, problem.hats, problem.basis)
     force, slope = _forces(follower, fields, path)
     left = float(np.sqrt((off**2).sum() / max((without[:, problem.across] ** 2).sum(), 1e-300)))
+    cause = "force" if isinstance(follower.cause, Push) else "wind"
     return SheetEstimate(
-        fields, deviation, solution.theta[-3:], force, slope * deviation, path, left, _log_evidence(problem, prior, solution), used,
+        cause, fields, deviation, solution.theta[-3:], force, slope * deviation, path, left, _log_evidence(problem, prior, solution), used,
         solution.converged,
     )  # fmt: skip
 
