@@ -7,7 +7,7 @@ import numpy as np
 from seeing_wind.engine.materials import Sheet
 from seeing_wind.engine.mpm.shell import advance, at_rest, shell_of
 
-FPS, FRAMES, SUBSTEPS = 24.0, 9, 24
+FPS, FRAMES, SUBSTEPS = 24.0, 10, 16
 GRAVITY = np.array([0.0, 0.0, -9.81])
 E, THICKNESS, AREAL = 2e6, 4e-4, 0.1
 
@@ -24,8 +24,8 @@ def mesh(columns: int = 6, rows: int = 4) -> tuple[np.ndarray, np.ndarray]:
 def wind(x: np.ndarray, time: float) -> np.ndarray:
     """u (V, 3) [m/s]."""
     u = np.broadcast_to([1.0, 2.2, 0.3], x.shape).copy()
-    u[:, 1] += 1.0 * np.sin(12.0 * time) + 3.0 * (x[:, 0] - 0.2) * np.cos(5.0 * time)
-    u[:, 2] += 0.6 * np.sin(9.0 * time + 1.0)
+    u[:, 1] += 1.0 * np.sin(12.0 * time) + 10.0 * (x[:, 0] - 0.2)
+    u[:, 2] += 0.6 * np.sin(9.0 * time + 1.0) + 5.0 * (x[:, 0] - 0.2)
     return u
 
 

@@ -33,7 +33,7 @@ MODES, VIEWS = 6, 21
 SPACING = 2.0
 """Frames between the field's knots; longer for clips of more than `MOST_KNOTS`."""
 MOST_KNOTS = 60
-SHARE = 0.1
+SHARE = 0.03
 """Least error of sheet and drag law, as a part of what the air does in each mode: another simulator's sheet, or a real one, differs so
 much at least, and evidence, which takes errors to be independent from frame to frame, would put the difference down to gusts."""
 NOISE = 0.5
