@@ -18,7 +18,8 @@ from seeing_wind.engine.progress import NoProgress
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 0.0]])
 FACES = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
 FALL = np.stack([SQUARE - [0, 0, 4.9 * (t / 24) ** 2] for t in range(6)])
-WHOLE: dict[str, Any] = {"x": FALL, "faces": FACES, "fps": 24.0, "areal_density": 0.1, "thickness": 4e-4, "E": 1e6, "gravity": [0, 0, -9.81]}
+SHEET = {"areal_density": 0.1, "thickness": 4e-4, "E": 1e6}
+WHOLE: dict[str, Any] = {"x": FALL, "faces": FACES, "fps": 24.0, "gravity": [0, 0, -9.81], **SHEET}
 
 
 def write(path: Path, without: str = "", **values: Any) -> Path:
@@ -97,7 +98,8 @@ def test_plastic_options_and_solids_are_refused(tmp_path: Path) -> None:
 )
 def test_the_verb_refuses_before_it_works(tmp_path: Path, wrong: dict[str, Any], options: list[str]) -> None:
     """A vertex without a face, faces without area, a schedule that shells do not have."""
-    arguments = parser().parse_args(["recover-trajectories", str(write(tmp_path / "t.npz", **wrong)), "--take", str(tmp_path / "take"), *options])
+    words = ["recover-trajectories", str(write(tmp_path / "t.npz", **wrong)), "--take", str(tmp_path / "take")]
+    arguments = parser().parse_args([*words, *options])
     with pytest.raises(SeeingWindError):
         VERBS[arguments.verb](arguments, NoProgress())
     assert not (tmp_path / "take" / "field.safetensors").exists()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import MaterialError, ObjectError, UsageError
-from ..materials import PLASTIC_LAWS, SHEETS, Material, Sheet, adjusted, find
+from ..materials import PLASTIC_LAWS, SHEETS, Material, Sheet, find
 from ..progress import Progress
 from ..reading import array_names
 from ..records import Outcome
@@ -79,7 +79,8 @@ def read_sheet(
 ) -> tuple[SheetSeen, tuple[float, float, float], list[str]]:
     """Read an NPZ with `x` (T+1,V,3) m, `fps`, `faces` (F,3), and the sheet's `areal_density` kg/m², `thickness` m and `E` Pa.
 
-    Optional are `nu`, `damping` (loss factor), `fixed` (V,) bool, `gravity` (3,) m/s² and `sigma` m, the standard deviation of a coordinate.
+    Optional are `nu`, `damping` (loss factor), `fixed` (V,) bool, `gravity` (3,) m/s² and `sigma` m, the standard deviation of a
+    coordinate.
 
     Args:
         material: a sheet of the library, in place of all that the file says of one.
@@ -100,7 +101,8 @@ def read_sheet(
     x, visible, fixed, fps = motion_of(values, path)
     if not visible.all():
         t, v = np.argwhere(~visible)[0]
-        raise ObjectError(f"{path}: vertex {v} is not visible in picture {t}.", "A shell needs every vertex in every picture: fill the gaps.")
+        hint = "A shell needs every vertex in every picture: fill the gaps."
+        raise ObjectError(f"{path}: vertex {v} is not visible in picture {t}.", hint)
     if fixed.all():
         raise ObjectError(f"{path}: every vertex is fixed: nothing can move.", "Mark fewer as fixed.")
     faces = _faces(values["faces"], x.shape[1], path)
@@ -152,8 +154,8 @@ def _sheet(
         if "E" in missing and "youngs_modulus" in given:
             missing.remove("E")
         if missing:
-            needed = "A shell needs areal_density in kg/m², thickness in m and E, Young's modulus, in Pa."
-            raise UsageError(f"{path} has faces but lacks {', '.join(missing)}.", f"{needed} Or give --material with one of the library's sheets.")
+            needed = "A shell needs areal_density in kg/m², thickness in m and E, Young's modulus, in Pa, or --material with a sheet's name."
+            raise UsageError(f"{path} has faces but lacks {', '.join(missing)}.", needed)
         areal, thickness = (number_in(values[key], key, path) for key in ("areal_density", "thickness"))
         modulus = number_in(values["E"], "E", path) if "E" in values else given["youngs_modulus"]
         nu = number_in(values["nu"], "nu", path) if "nu" in values else POISSON_RATIO
@@ -165,7 +167,7 @@ def _sheet(
         tensile, bending = given["youngs_modulus"] * thickness, given["youngs_modulus"] * thickness**3 / 12.0
     areal = given["density"] * thickness if "density" in given else areal
     nu, loss = given.get("poisson_ratio", nu), given.get("loss_factor", loss)
-    return Sheet(areal, thickness, tensile, bending, loss, nu, "from the trajectory file" if material is None else material.source), notes
+    return Sheet(areal, thickness, tensile, bending, loss, nu, "from the file" if material is None else material.source), notes
 
 
 def _solid(sheet: Sheet) -> Material:

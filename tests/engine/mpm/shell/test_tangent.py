@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.materials import Sheet
-from seeing_wind.engine.mpm.shell import State, advance, at_rest, obstacles_of, shell_of
+from seeing_wind.engine.mpm.shell import State, advance, at_rest, shell_of
 from seeing_wind.engine.mpm.shell import substep as room
 from seeing_wind.engine.mpm.shell.tangent import Change, FaceSlopes, LoadSlopes, tangent_of
 from seeing_wind.engine.mpm.shell.tangent.blocks import diagonal

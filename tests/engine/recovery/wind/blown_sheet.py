@@ -7,14 +7,14 @@ import numpy as np
 from seeing_wind.engine.materials import Sheet
 from seeing_wind.engine.mpm.shell import advance, at_rest, shell_of
 
-FPS, FRAMES, SUBSTEPS = 24.0, 10, 16
+FPS, FRAMES, SUBSTEPS = 24.0, 14, 8
 GRAVITY = np.array([0.0, 0.0, -9.81])
 E, THICKNESS, AREAL = 2e6, 4e-4, 0.1
 
 
-def mesh(columns: int = 6, rows: int = 4) -> tuple[np.ndarray, np.ndarray]:
-    """An upright rectangle of 0.4 m x 0.25 m."""
-    u, w = np.meshgrid(np.linspace(0.0, 0.4, columns + 1), np.linspace(0.0, 0.25, rows + 1), indexing="ij")
+def mesh(columns: int = 8, rows: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """An upright rectangle of 0.8 m x 0.5 m."""
+    u, w = np.meshgrid(np.linspace(0.0, 0.8, columns + 1), np.linspace(0.0, 0.5, rows + 1), indexing="ij")
     index = np.arange(u.size).reshape(u.shape)
     a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
@@ -23,9 +23,10 @@ def mesh(columns: int = 6, rows: int = 4) -> tuple[np.ndarray, np.ndarray]:
 
 def wind(x: np.ndarray, time: float) -> np.ndarray:
     """u (V, 3) [m/s]."""
-    u = np.broadcast_to([1.0, 2.2, 0.3], x.shape).copy()
-    u[:, 1] += 1.0 * np.sin(12.0 * time) + 10.0 * (x[:, 0] - 0.2)
-    u[:, 2] += 0.6 * np.sin(9.0 * time + 1.0) + 5.0 * (x[:, 0] - 0.2)
+    u = np.broadcast_to([3.0, 2.0, 0.3], x.shape).copy()
+    u[:, 0] += np.sin(5.0 * time) + 1.2 * x[:, 2] * np.cos(3.0 * time)
+    u[:, 1] += 1.5 * np.sin(3.8 * time + 1.0) + 1.5 * np.sin(3.9 * x[:, 0] - 4.4 * time)
+    u[:, 2] += 0.6 * np.cos(3.1 * time)
     return u
 
 

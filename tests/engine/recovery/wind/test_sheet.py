@@ -111,8 +111,8 @@ def test_the_verbs_from_outside(file, tmp_path, monkeypatch):
     free = ~values["fixed"]
     size, angle = field_errors(values["wind"], sampled["wind_velocity"], free)
     assert size < 12.0 and angle < 9.0
-    volume = values["areal_density"].item() * 0.1 / 0.1 * 0.0 + 0.4 * 0.25 * values["thickness"].item()
-    weight = 0.4 * 0.25 * values["areal_density"].item() * np.linalg.norm(GRAVITY)
+    volume = 0.8 * 0.5 * values["thickness"].item()
+    weight = 0.8 * 0.5 * values["areal_density"].item() * np.linalg.norm(GRAVITY)
     net = np.linalg.norm(sampled["force_density"][:, free].mean(axis=1), axis=-1) * volume
     assert 0.2 * weight < np.median(net) < 5.0 * weight
     told = json.loads((take / "wind.json").read_text())

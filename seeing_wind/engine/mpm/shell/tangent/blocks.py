@@ -33,7 +33,8 @@ def diagonal(blocks: np.ndarray) -> csr_array:
     """Block-diagonal matrix of blocks (F, m, n)."""
     count, rows, columns = blocks.shape
     column = np.broadcast_to(np.arange(count * columns, dtype=np.int32).reshape(count, 1, columns), blocks.shape)
-    return csr_array((blocks.ravel(), column.ravel(), columns * np.arange(count * rows + 1, dtype=np.int32)), shape=(count * rows, count * columns))
+    begin = columns * np.arange(count * rows + 1, dtype=np.int32)
+    return csr_array((blocks.ravel(), column.ravel(), begin), shape=(count * rows, count * columns))
 
 
 def curvatures(b: Bending) -> csr_array:
@@ -45,9 +46,3 @@ def curvatures(b: Bending) -> csr_array:
     values = np.repeat(entries.data, 3)
     return csr_array((values, (rows.ravel(), columns.ravel())), shape=(9 * count, 3 * b.curvature.shape[1]))
 
-
-def crosses(vector: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) matrices of the products vector x (...)."""
-    x, y, z = np.moveaxis(vector, -1, 0)
-    none = np.zeros_like(x)
-    return np.stack([np.stack([none, -z, y], -1), np.stack([z, none, -x], -1), np.stack([-y, x, none], -1)], -2)

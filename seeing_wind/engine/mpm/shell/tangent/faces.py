@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 
 from ..forces import Faces
 from ..model import Shell
-from .blocks import Corners, crosses, curvatures, diagonal
+from .blocks import Corners, curvatures, diagonal
 
 UPPER = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 """Where the six numbers of a symmetric 3 x 3 matrix go."""
@@ -57,7 +57,8 @@ class FaceSlopes:
         self._curvature = curvatures(b)
         self._spread = csr_array(self._curvature.T)
         self._law = b.area[:, None, None] * b.law
-        self._plain = csr_array(self._spread @ (diagonal(np.einsum("fkl,ij->fkilj", self._law, np.eye(3)).reshape(-1, 9, 9)) @ self._curvature))
+        moments = diagonal(np.einsum("fkl,ij->fkilj", self._law, np.eye(3)).reshape(-1, 9, 9))
+        self._plain = csr_array(self._spread @ (moments @ self._curvature))
 
     def at_end(self, x: np.ndarray, faces: Faces, lag: float, before: Faces) -> csr_array:
         """(3 V, 3 V) derivative of minus the forces by x (V, 3), where the faces are `faces`; lag and before: as of `Forces.faces`."""
@@ -68,7 +69,8 @@ class FaceSlopes:
         turning, k = Turning.at(x, b.faces), self._vectors(x)
         along = np.einsum("fki,fi->fk", k, turning.n)
         damped = lag * (along - before.curvature) - b.rest.T
-        twist = lag * np.einsum("fi,fmj,fjd->fmid", turning.n, k, turning.by_corners) + np.einsum("fm,fid->fmid", damped, turning.by_corners)
+        twist = lag * np.einsum("fi,fmj,fjd->fmid", turning.n, k, turning.by_corners)
+        twist += np.einsum("fm,fid->fmid", damped, turning.by_corners)
         by_corners = np.einsum("fkm,fmid->fkid", self._law, twist).reshape(-1, 9, 9)
         total = self._plain + self._spread @ (diagonal(by_corners) @ self.corners.gather)
         if lag:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -33,7 +34,7 @@ MODES, VIEWS = 6, 21
 SPACING = 2.0
 """Frames between the field's knots; longer for clips of more than `MOST_KNOTS`."""
 MOST_KNOTS = 60
-SHARE = 0.03
+SHARE = 0.1
 """Least error of sheet and drag law, as a part of what the air does in each mode: another simulator's sheet, or a real one, differs so
 much at least, and evidence, which takes errors to be independent from frame to frame, would put the difference down to gusts."""
 NOISE = 0.5
@@ -118,7 +119,8 @@ def field_of(follower: Follower, mean: float, progress: Progress | None = None, 
         else:
             assert solution is not None
             problem, prior, point = _learnt(problem, prior, solution, progress.check)
-        solution = journal.once(f"round {number}", Solution, lambda: _solved(problem, prior, theta, most, part, point))
+        solve_it = partial(_solved, problem, prior, theta, most, part, point)
+        solution = journal.once(f"round {number}", Solution, solve_it)
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
     return _told(problem, prior, solution, without, used)
@@ -195,8 +197,8 @@ def _forces(follower: Follower, fields: np.ndarray, path: np.ndarray) -> tuple[n
     middle = 0.5 * (path[1:] + path[:-1])
     force = np.stack([follower.cause.force(*one) for one in zip(fields, middle, v, strict=True)])
     step = 1e-3 * max(float(np.abs(fields).max()), 1e-6)
-    slopes = [np.stack([follower.cause.force(f + step * axis, x, u) for f, x, u in zip(fields, middle, v, strict=True)]) for axis in np.eye(3)]
-    change = np.stack([(one - force) / step for one in slopes])
+    moved = [[follower.cause.force(f + step * axis, x, u) for f, x, u in zip(fields, middle, v, strict=True)] for axis in np.eye(3)]
+    change = (np.array(moved) - force) / step
     return force, np.sqrt((change**2).sum(axis=(0, -1)) / 3.0)
 
 

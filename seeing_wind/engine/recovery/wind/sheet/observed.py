@@ -97,7 +97,8 @@ class Observed:
         squared = (normal**2).sum(axis=1)[:, None]
         slope_b, slope_c = np.cross(c, normal) / squared, np.cross(normal, b) / squared
         moved = self.x[:, self.faces]
-        face = (slope_b @ longest)[:, None] * (moved[:, :, 1] - moved[:, :, 0]) + (slope_c @ longest)[:, None] * (moved[:, :, 2] - moved[:, :, 0])
+        face = (slope_b @ longest)[:, None] * (moved[:, :, 1] - moved[:, :, 0])
+        face += (slope_c @ longest)[:, None] * (moved[:, :, 2] - moved[:, :, 0])
         total = np.zeros_like(self.x)
         for corner in range(3):
             np.add.at(total.swapaxes(0, 1), self.faces[:, corner], face.swapaxes(0, 1))

@@ -95,7 +95,8 @@ def sheet_stage(
         recovery = _recovery(shell, seen, settings.gravity, particles, found, time.perf_counter() - began)
         seconds, began = {"recover": time.perf_counter() - began}, time.perf_counter()
         progress.begin("distill", "fitting the field")
-        kept = [distill(one, particles, seen.fps, settings.representation, settings.seed, progress, journal) for one in _both(recovery, found, told)]
+        fitted = _both(recovery, found, told)
+        kept = [distill(one, particles, seen.fps, settings.representation, settings.seed, progress, journal) for one in fitted]
         take.withdraw("recover")
         take.withdraw("solve")
         clear(take)
@@ -132,7 +133,8 @@ def _chosen(
     wind = estimate(Air(shell), MEAN, "wind", progress.part(0.0, 0.5 if field == "auto" else 1.0))
     against = _objection(wind)
     if against and field == "wind":
-        raise ObjectError(f"No wind can be recovered. {against}", "Use --field force, or check areal density, scale, gravity and what is held.")
+        hint = "Use --field force, or check areal density, scale, gravity and what is held."
+        raise ObjectError(f"No wind can be recovered. {against}", hint)
     told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind, AIR)}
     if field == "wind":
         return wind, told | {"notes": [sentence(told)]}
@@ -192,7 +194,8 @@ def _stray(follower: Follower, found: SheetEstimate) -> str:
         return f"{said} Without that, it breaks down."
     away = np.linalg.norm(path - follower.seen.x, axis=-1)
     travel = np.linalg.norm(follower.seen.x - follower.seen.x[0], axis=-1).max(axis=0).mean()
-    return f"{said} Without that, the field alone moves the sheet with {100 * away.mean() / max(travel, 1e-12):.0f} % of its travel of error."
+    share = 100 * away.mean() / max(travel, 1e-12)
+    return f"{said} Without that, the field alone puts the sheet off by {share:.0f} % of its travel in the mean."
 
 
 def _deformations(shell: Shell, x: np.ndarray) -> np.ndarray:
@@ -200,7 +203,8 @@ def _deformations(shell: Shell, x: np.ndarray) -> np.ndarray:
     surface = shell.surface
     rest = surface.x[surface.faces]
     t, s = plane_axes(rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0])
-    unit = [one / np.linalg.norm(one, axis=1, keepdims=True) for one in (area_normals(surface.x, surface.faces), area_normals(x, surface.faces))]
+    normals = (area_normals(place, surface.faces) for place in (surface.x, x))
+    unit = [one / np.linalg.norm(one, axis=1, keepdims=True) for one in normals]
     whole = np.einsum("fia,faj->fij", deformation(shell.membrane, x), np.stack([t, s], axis=1)) + unit[1][:, :, None] * unit[0][:, None]
     total = np.zeros((len(x), 3, 3))
     for corner in range(3):
