@@ -154,7 +154,7 @@ def _sheet(
         if "E" in missing and "youngs_modulus" in given:
             missing.remove("E")
         if missing:
-            needed = "A shell needs areal_density in kg/m², thickness in m and E, Young's modulus, in Pa, or --material with a sheet's name."
+            needed = "A shell needs areal_density in kg/m², thickness in m and E, in Pa, or --material with a sheet's name."
             raise UsageError(f"{path} has faces but lacks {', '.join(missing)}.", needed)
         areal, thickness = (number_in(values[key], key, path) for key in ("areal_density", "thickness"))
         modulus = number_in(values["E"], "E", path) if "E" in values else given["youngs_modulus"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -107,5 +108,11 @@ class Observed:
 
 def observed(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, sigma: float | None) -> Observed:
     """Of points x (T+1, V, 3) [m]; sigma: their noise [m], None to measure it."""
-    noise = noise_of(x[1:].reshape(len(x) - 1, -1)) if sigma is None else sigma
-    return Observed(np.asarray(x, np.float64), faces, pinned, fps, noise)
+    return Observed(np.asarray(x, np.float64), faces, pinned, fps, _noise(x, faces) if sigma is None else sigma)
+
+
+def _noise(x: np.ndarray, faces: np.ndarray) -> float:
+    """Standard deviation of a coordinate [m]: what differences in time leave of it, or, of a sheet that flaps too fast for the pictures, how
+    much edges change their lengths, which a sheet hardly does."""
+    lengths = np.linalg.norm(x[:, np.roll(faces, -1, axis=1)] - x[:, faces], axis=-1)
+    return min(noise_of(x[1:].reshape(len(x) - 1, -1)), float(np.median(lengths.std(axis=0))) / math.sqrt(2.0))
