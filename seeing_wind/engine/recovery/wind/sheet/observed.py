@@ -112,7 +112,7 @@ def observed(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, s
 
 
 def _noise(x: np.ndarray, faces: np.ndarray) -> float:
-    """Standard deviation of a coordinate [m]: what differences in time leave of it, or, of a sheet that flaps too fast for the pictures, how
-    much edges change their lengths, which a sheet hardly does."""
+    """Standard deviation of a coordinate [m]: what differences in time leave of it, or, where a sheet flaps too fast for the pictures,
+    how much its edges change their lengths, which they hardly do."""
     lengths = np.linalg.norm(x[:, np.roll(faces, -1, axis=1)] - x[:, faces], axis=-1)
     return min(noise_of(x[1:].reshape(len(x) - 1, -1)), float(np.median(lengths.std(axis=0))) / math.sqrt(2.0))
