@@ -144,7 +144,7 @@ def test_what_visible_must_not_say(tmp_path: Path) -> None:
 
 def test_keys_that_are_not_read_are_named(tmp_path: Path) -> None:
     known = {"rho": 500.0, "E": 1e4, "nu": 0.2, "gravity": np.zeros(3)}
-    quiet = {"v": np.zeros(1), "acc": np.zeros(1), "name": "sheet", "field": "breeze"}
+    quiet = {"v": np.zeros(1), "acc": np.zeros(1), "name": "sheet", "field": "breeze", "wind": np.zeros(1), "force": np.zeros(1)}
     assert set(quiet) == set(TRUTH) and read_trajectories(write(tmp_path / "t.npz", **known, **quiet)).notes == ()
     # Not opened either: it may hold what needs pickle.
     (note,) = read_trajectories(write(tmp_path / "t.npz", **known, foo=np.array([{}], dtype=object))).notes

@@ -135,11 +135,13 @@ def _recover_trajectories(p: Parser) -> None:
         "truth",
         metavar="TRUTH.npz",
         help="x (T+1,N,3) m, fps, E Pa or a material's name; optional rho kg/m³, nu, fixed (N,) bool, gravity (3,) m/s², yield_stress Pa, "
-        "visible (T+1,N) bool, all true in picture 0, and the errors of x, else measured: sigma m, or covariance (3,3) or (N,3,3) m²",
+        "visible (T+1,N) bool, all true in picture 0, and the errors of x, else measured: sigma m, or covariance (3,3) or (N,3,3) m²; "
+        "with faces (F,3), areal_density kg/m², thickness m and optional damping, the loss factor, the points are the vertices of a shell",
     )
     p.add_argument("--take", type=path, required=True, metavar="DIR", help="folder of the results; made if need be")
     made = [one.name for one in options_of(BuildSettings).values() if one.group == MADE]
     p.add_settings(BuildSettings, only=made, material=(None, "the file's numbers"))
+    p.add_settings(WindSettings, field=(None, "wind for a shell, else force"))
     _solve(p, gravity=(None, "the file's, or none"))
 
 

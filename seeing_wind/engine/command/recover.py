@@ -157,8 +157,11 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
     """`recover-trajectories TRUTH.npz --take DIR`."""
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
+    from .sheets import is_sheet, recover_sheet
     from .trajectories import read_trajectories
 
+    if is_sheet(arguments.truth):
+        return recover_sheet(arguments, progress)
     take, preset = Take(arguments.take), find(arguments.material) if arguments.material else None
     gravity = None if arguments.gravity is None else tuple(arguments.gravity)
     source = read_trajectories(arguments.truth, preset, gravity, **properties_of(arguments))

@@ -35,7 +35,9 @@ FEW = 8
 
 READ = ("x", "fps", "rho", "E", "nu", "yield_stress", "fixed", "gravity", "visible", "sigma", "covariance", "material")
 """Keys of a file."""
-TRUTH = ("v", "acc", "name", "field")
+SHEET_KEYS = ("faces", "areal_density", "thickness", "damping")
+"""Keys of a file whose points are the vertices of a sheet (`sheets`): `faces` says that they are."""
+TRUTH = ("v", "acc", "name", "field", "wind", "force")
 """What simulators write besides, for a comparison: velocities and forces are to be found."""
 BEHAVIOURS = ("elastic", "elastoplastic")
 """What simulators write as `material` and is no material: the law is that of `yield_stress`."""
@@ -83,62 +85,68 @@ def read_trajectories(
             jumps.
         MaterialError: as `materials.adjusted`, a material that the library does not have, or no stiffness.
     """
-    values, notes = _values(path)
-    for key in ("x", "fps"):
-        if key not in values:
-            raise UsageError(f"{path} lacks {key}.", "It needs x (T+1,N,3) in metres and fps.")
-    x = _numbers(values["x"], "x", path)
-    if x.ndim != 3 or x.shape[2] != 3:
-        raise UsageError(f"{path}: x has shape {x.shape}.", "It must be (T+1,N,3).")
-    if len(x) < 4 or x.shape[1] < 1:
-        raise ObjectError(f"{path} has {len(x)} pictures of {x.shape[1]} particles.", "At least four pictures of one particle are needed.")
-    visible = _visible(values, x, path)
-    fixed = _flags(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), "fixed", x.shape[1:2], path)
-    fps = _number(values["fps"], "fps", path)
-    if not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
-        raise UsageError(f"{path}: fps is {fps:g}.", f"It must lie between {FRAME_RATES[0]:g} and {FRAME_RATES[1]:g} frames per second.")
-    _check_places(x, visible, fps, path)
+    values, notes = values_of(path)
+    x, visible, fixed, fps = motion_of(values, path)
     sigma, covariance = _errors(values, x.shape[1], float(np.ptp(x[visible], axis=0).max()), path)
     spacing = particle_spacing(x[0])
     particles = Particles(x=x[0], volume=np.full(x.shape[1], spacing**3), pinned=fixed, spacing=spacing)
     everyone = Attachment(index=np.arange(x.shape[1], dtype=np.int32)[:, None], weight=np.ones((x.shape[1], 1)))
     targets = PointTargets(np.where(visible[..., None], x, np.nan), visible, everyone, sigma, covariance)
     found, assumed = _material(values, material, properties, path)
-    down = _gravity(values, path) if gravity is None else gravity
+    down = gravity_of(values, path) if gravity is None else gravity
     if gravity is None and "gravity" not in values:
         assumed.append("The file has no gravity, and no option gives it: it counts as part of the field.")
     notes = [*_few(x.shape[1]), *assumed, *notes, *_moving(targets.x[:, fixed], spacing)]
     return Trajectories(particles, found, targets, fps, down, notes=tuple(notes))
 
 
-def _values(path: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], list[str]]:
-    """What the file holds of the keys in READ, and a note on keys that nobody knows."""
+def motion_of(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """x (T+1, N, 3) [m], visible (T+1, N), fixed (N,) and fps of a file, checked. Raises as `read_trajectories`."""
+    for key in ("x", "fps"):
+        if key not in values:
+            raise UsageError(f"{path} lacks {key}.", "It needs x (T+1,N,3) in metres and fps.")
+    x = numbers_in(values["x"], "x", path)
+    if x.ndim != 3 or x.shape[2] != 3:
+        raise UsageError(f"{path}: x has shape {x.shape}.", "It must be (T+1,N,3).")
+    if len(x) < 4 or x.shape[1] < 1:
+        raise ObjectError(f"{path} has {len(x)} pictures of {x.shape[1]} particles.", "At least four pictures of one particle are needed.")
+    visible = _visible(values, x, path)
+    fixed = flags_in(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), "fixed", x.shape[1:2], path)
+    fps = number_in(values["fps"], "fps", path)
+    if not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
+        raise UsageError(f"{path}: fps is {fps:g}.", f"It must lie between {FRAME_RATES[0]:g} and {FRAME_RATES[1]:g} frames per second.")
+    _check_places(x, visible, fps, path)
+    return x, visible, fixed, fps
+
+
+def values_of(path: str | os.PathLike[str], keys: tuple[str, ...] = READ) -> tuple[dict[str, np.ndarray], list[str]]:
+    """What the file holds of these keys, and a note on keys that nobody knows."""
     if not Path(path).is_file():
         raise UsageError(f"There is no file {path}.", "Give an NPZ with x (T+1,N,3) in metres and fps.")
     try:
-        unknown = [name for name in array_names(path) if name not in READ + TRUTH]
-        values = read_arrays(path, READ)
+        unknown = [name for name in array_names(path) if name not in keys + TRUTH]
+        values = read_arrays(path, keys)
     except (OSError, ValueError) as error:
         hint = "Write it with numpy.savez, each key an array of numbers or bool: numpy.array(..., dtype=float)."
         raise UsageError(f"{path} cannot be read as trajectories: {error}.", hint) from error
     if not unknown:
         return values, []
-    meant = [f"{near} by {name}" for name in unknown if (near := _near(name)) is not None]
+    meant = [f"{near} by {name}" for name in unknown if (near := _near(name, keys)) is not None]
     asked = f" Did you mean {', '.join(meant)}?" if meant else ""
     names = f"{', '.join(unknown)} {'is' if len(unknown) == 1 else 'are'}"
-    return values, [f"The file's {names} not read.{asked} Known keys: {', '.join(READ)}."]
+    return values, [f"The file's {names} not read.{asked} Known keys: {', '.join(keys)}."]
 
 
-def _near(name: str) -> str | None:
-    """The key in READ that `name` was perhaps meant to be."""
-    keys = {key.lower(): key for key in READ} | OTHER_NAMES
-    close = difflib.get_close_matches(name.lower(), keys, n=1)
-    return keys[close[0]] if close else None
+def _near(name: str, keys: tuple[str, ...]) -> str | None:
+    """The key in `keys` that `name` was perhaps meant to be."""
+    known = {key.lower(): key for key in keys} | {other: key for other, key in OTHER_NAMES.items() if key in keys}
+    close = difflib.get_close_matches(name.lower(), known, n=1)
+    return known[close[0]] if close else None
 
 
 def _visible(values: dict[str, np.ndarray], x: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
     """(T+1, N) which points of x (T+1, N, 3) count, all if the file does not say."""
-    visible = _flags(values.get("visible", np.ones(x.shape[:2], dtype=bool)), "visible", x.shape[:2], path)
+    visible = flags_in(values.get("visible", np.ones(x.shape[:2], dtype=bool)), "visible", x.shape[:2], path)
     if not visible[0].all():
         hidden = np.flatnonzero(~visible[0])
         raise ObjectError(
@@ -188,14 +196,14 @@ def _errors(
     if "sigma" in values and "covariance" in values:
         raise UsageError(f"{path} has both sigma and covariance.", "Leave one of them out.")
     if "sigma" in values:
-        sigma = _number(values["sigma"], "sigma", path)
+        sigma = number_in(values["sigma"], "sigma", path)
         if not FINEST <= sigma <= extent:
             hint = f"It must lie between {FINEST:g} m and what x reaches, {extent:.3g} m; without it, it is estimated."
             raise UsageError(f"{path}: sigma is {sigma:g}.", hint)
         return sigma, None
     if "covariance" not in values:
         return None, None
-    covariance = _numbers(values["covariance"], "covariance", path)
+    covariance = numbers_in(values["covariance"], "covariance", path)
     if covariance.shape not in ((3, 3), (count, 3, 3)):
         raise UsageError(f"{path}: covariance has shape {covariance.shape}.", f"It must be (3,3) or ({count},3,3), in m².")
     if not np.isfinite(covariance).all() or np.abs(covariance).max() > extent**2 or not _is_covariance(covariance):
@@ -213,8 +221,8 @@ def _is_covariance(matrices: np.ndarray) -> bool:
     return bool(symmetric.all() and (np.linalg.eigvalsh(matrices) >= -1e-6 * size[..., 0]).all())
 
 
-def _gravity(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> tuple[float, float, float]:
-    gravity = _numbers(values.get("gravity", np.zeros(3)), "gravity", path)
+def gravity_of(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> tuple[float, float, float]:
+    gravity = numbers_in(values.get("gravity", np.zeros(3)), "gravity", path)
     if gravity.shape not in ((), (3,)) or not np.isfinite(gravity).all() or (gravity.shape == () and gravity != 0.0):
         raise UsageError(f"{path}: gravity is {gravity.tolist()}.", "It must be three finite numbers in m/s².")
     x, y, z = np.broadcast_to(gravity, (3,)).tolist()
@@ -228,21 +236,21 @@ def _moving(x: np.ndarray, spacing: float) -> Iterator[str]:
         yield f"Particles that `fixed` marks as held move by up to {1e3 * way:.2g} mm; they are simulated standing still."
 
 
-def _flags(value: np.ndarray, key: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> np.ndarray:
+def flags_in(value: np.ndarray, key: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> np.ndarray:
     value = np.asarray(value)
     if value.shape != shape or value.dtype.kind not in "biu":
         raise UsageError(f"{path}: {key} is {value.dtype} of shape {value.shape}.", f"It must be {shape} of true and false.")
     return value.astype(bool)
 
 
-def _numbers(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> np.ndarray:
+def numbers_in(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> np.ndarray:
     if np.asarray(value).dtype.kind not in "fiu":
         raise UsageError(f"{path}: {key} holds {np.asarray(value).dtype}, not numbers.", "Write plain numbers in SI units.")
     return np.asarray(value, dtype=np.float64)
 
 
-def _number(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> float:
-    numbers = _numbers(value, key, path)
+def number_in(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> float:
+    numbers = numbers_in(value, key, path)
     if numbers.size != 1:
         raise UsageError(f"{path}: {key} is not one number but has shape {numbers.shape}.", "Give one number for the whole body.")
     if not np.isfinite(numbers).all():
@@ -275,8 +283,8 @@ def _material(
     Simulators that write such files (Genesis, taichi_elements) yield at a norm |dev tau| = Y of the deviatoric stress; the uniaxial
     yield stress that `Material` and the literature speak of is sqrt(3/2) times that.
     """
-    stated: dict[str, Any] = {name: _number(values[key], key, path) for name, key in NUMBERS.items() if key in values}
-    yield_stress = float(np.sqrt(1.5)) * _number(values.get("yield_stress", np.zeros(())), "yield_stress", path)
+    stated: dict[str, Any] = {name: number_in(values[key], key, path) for name, key in NUMBERS.items() if key in values}
+    yield_stress = float(np.sqrt(1.5)) * number_in(values.get("yield_stress", np.zeros(())), "yield_stress", path)
     if yield_stress != 0.0:
         stated["yield_stress"] = yield_stress
     if preset is not None:

@@ -3,7 +3,7 @@
     drag.py      the force of air on faces and on vertices      felt.py      a recovered force as an observation of the air
     surface.py   where the air has hold of a body               estimate.py  the most probable wind
     motion.py    bodies in a wind, part of a frame at a time    verdict.py   whether it is one, and how strong
-                                                                stage.py     the wind of a take
+    sheet/       what moved a thin sheet                        stage.py     the wind of a take
 """
 
 from .drag import AIR, DragLaw, area_normals, face_forces, vertex_drag

@@ -152,7 +152,7 @@ def solved(
         mean: standard deviation of a component of the mean.
     """
     progress = progress or NoProgress()
-    places = _places(basis, path, _spacing(len(problem.measured)))
+    places = places_of(basis, path, _spacing(len(problem.measured)))
     size = max(GUST * float(np.sqrt(np.mean([(one[:, 0] ** 2).mean() for one in starts]))), 1e-3 * mean)
     prior = Prior(Kernel(size**2 * np.eye(3)), places, np.full(3, mean))
     shares = (SHARES[FIRST_SHARE], SHARES[FIRST_SHARE])
@@ -169,7 +169,7 @@ def solved(
     return Found(theta, point.normal + prior.precision(), prior.kernel, shares, log_evidence(problem, prior, theta, shares))
 
 
-def _places(basis: SpatialBasis, path: np.ndarray, spacing: float) -> Places:
+def places_of(basis: SpatialBasis, path: np.ndarray, spacing: float) -> Places:
     """`Places.along` with a few particles for all: so few modes need no more."""
     some = farthest_points(path[0], min(len(basis.phi), SAMPLES * basis.phi.shape[1]))
     few = replace(basis, phi=basis.phi[some], gradient=basis.gradient[some])
@@ -227,7 +227,7 @@ def wind_of(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progres
     missed, net = (felt.measured - felt.predicted(wind))[:, :3], felt.measured[:, :3]
     return Estimate(
         velocity=np.einsum("np,tpi->tni", basis.phi, wind),
-        deviation=_deviation(best, problem.hats, basis),
+        deviation=deviation_of(best.precision, problem.hats, basis),
         mean=best.theta[-3:],
         kernel=best.kernel,
         shares=best.shares,
@@ -243,9 +243,9 @@ def _filled(uniform: np.ndarray, felt: Felt) -> np.ndarray:
     return start
 
 
-def _deviation(found: Found, hats: np.ndarray, basis: SpatialBasis) -> np.ndarray:
-    """(T, N) [m/s]."""
-    covariance = np.linalg.inv(found.precision)
+def deviation_of(precision: np.ndarray, hats: np.ndarray, basis: SpatialBasis) -> np.ndarray:
+    """(T, N) standard deviation of a component [m/s] at the particles, from the precision (n, n) of gusts and mean."""
+    covariance = np.linalg.inv(precision)
     knots, modes = hats.shape[1], basis.phi.shape[1]
     # the mean counts in every frame, as a further knot of the uniform mode
     rows = np.zeros((len(hats), modes, 3, len(covariance)))

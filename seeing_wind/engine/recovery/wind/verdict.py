@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -18,6 +18,22 @@ SPEEDS = (("mean_speed", "mean"), ("strongest_gust", "strongest_gust"))
 """Keys of `figures` and of its Beaufort numbers."""
 STRONGEST = 60.0
 """Median speed [m/s] that no wind near the ground has but in the worst hurricanes."""
+
+
+class Found(Protocol):
+    """What `figures` speak of."""
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """(T, N, 3) [m/s]."""
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """(T, N) [m/s]."""
+
+    @property
+    def unexplained(self) -> float:
+        """Share of what moved the body."""
 
 
 def objection(
@@ -42,7 +58,7 @@ def objection(
     return ""
 
 
-def figures(estimate: Estimate, law: DragLaw) -> dict[str, Any]:
+def figures(estimate: Found, law: DragLaw) -> dict[str, Any]:
     """What the report says of a wind, in plain values."""
     over_time = estimate.velocity.mean(axis=1)
     mean = over_time.mean(axis=0)

@@ -1,0 +1,178 @@
+"""`recover-trajectories` of a sheet: a file whose points are the vertices of a mesh."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..errors import MaterialError, ObjectError, UsageError
+from ..materials import PLASTIC_LAWS, SHEETS, Material, Sheet, find
+from ..progress import Progress
+from ..reading import array_names
+from ..records import Outcome
+from ..settings import RecoverSettings, WindSettings
+from ..take import Take, stamp_of
+from .arguments import properties_of, settings_of
+from .lock import held
+from .reporting import reported
+from .trajectories import SHEET_KEYS, gravity_of, motion_of, number_in, values_of
+
+if TYPE_CHECKING:
+    from ..recovery.wind.sheet import SheetSeen
+
+READ = ("x", "fps", "E", "nu", "fixed", "gravity", "visible", "sigma", *SHEET_KEYS)
+"""Keys of a file."""
+POISSON_RATIO = 0.3
+"""Of a file that does not say."""
+
+
+def is_sheet(path: str | os.PathLike[str]) -> bool:
+    """Whether a trajectory file says that its points are vertices. What is no such file is told by the one who reads it."""
+    try:
+        return Path(path).is_file() and "faces" in array_names(path)
+    except (OSError, ValueError):
+        return False
+
+
+def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    """`recover-trajectories TRUTH.npz --take DIR` of a sheet.
+
+    Raises:
+        UsageError, ObjectError, MaterialError, SimulationError: as `read_sheet` and `sheet_stage`.
+    """
+    from ..recovery.wind.sheet import sheet_stage
+
+    if arguments.schedule != "default" or arguments.objective != "tracking" or arguments.refine:
+        raise UsageError("A shell is recovered by the default schedule only.", "Leave --schedule, --objective and --refine out.")
+    preset = find(arguments.material) if arguments.material else None
+    source, gravity, notes = read_sheet(arguments.truth, preset, arguments.gravity, **properties_of(arguments))
+    settings = settings_of(RecoverSettings, arguments, gravity=gravity)
+    blown = settings_of(WindSettings, arguments, field=arguments.field or "wind")
+    take = Take(arguments.take)
+    with held(take, arguments.verb, progress):
+        for note in notes:
+            progress.warn(note)
+        upstream = stamp_of("trajectories", Path(arguments.truth), source)
+        found = sheet_stage(take, source, upstream, settings, blown, progress)
+        recovery = dataclasses.replace(found.recovery, notes=[*notes, *found.wind.notes, *found.recovery.notes])
+        assert recovery.outcome != Outcome.DIVERGED
+
+        def draw() -> dict[str, Any]:
+            from ..look.report import write_trajectory_report
+
+            told = found.wind.told if found.wind.field is not None or arguments.field == "auto" else None
+            return write_trajectory_report(
+                take, found.particles, _solid(source.sheet), recovery, found.field, found.seconds, settings, None, progress,
+                arguments.report, told,
+            )  # fmt: skip
+
+        return reported(take, recovery, arguments.report, "", draw, progress)
+
+
+def read_sheet(
+    path: str | os.PathLike[str], material: Material | None = None, gravity: list[float] | None = None, **properties: Any
+) -> tuple[SheetSeen, tuple[float, float, float], list[str]]:
+    """Read an NPZ with `x` (T+1,V,3) m, `fps`, `faces` (F,3), and the sheet's `areal_density` kg/m², `thickness` m and `E` Pa.
+
+    Optional are `nu`, `damping` (loss factor), `fixed` (V,) bool, `gravity` (3,) m/s² and `sigma` m, the standard deviation of a
+    coordinate.
+
+    Args:
+        material: a sheet of the library, in place of all that the file says of one.
+        gravity: [m/s²], in place of the file's.
+        properties: as of `materials.adjusted`, in place of the file's; None leaves those.
+
+    Returns:
+        The sheet as seen, gravity, and notes on what was assumed or not used.
+
+    Raises:
+        UsageError: a key that is missing, of the wrong type or shape, or out of its bounds; a mesh that is none.
+        ObjectError: too few pictures, vertices that are not seen or not finite, nothing that is free to move.
+        MaterialError: numbers that no sheet has.
+    """
+    from ..recovery.wind.sheet import SheetSeen
+
+    values, notes = values_of(path, READ)
+    x, visible, fixed, fps = motion_of(values, path)
+    if not visible.all():
+        t, v = np.argwhere(~visible)[0]
+        hint = "A shell needs every vertex in every picture: fill the gaps."
+        raise ObjectError(f"{path}: vertex {v} is not visible in picture {t}.", hint)
+    if fixed.all():
+        raise ObjectError(f"{path}: every vertex is fixed: nothing can move.", "Mark fewer as fixed.")
+    faces = _faces(values["faces"], x.shape[1], path)
+    sigma = None
+    if "sigma" in values:
+        sigma = number_in(values["sigma"], "sigma", path)
+        if not 0.0 <= sigma <= float(np.ptp(x)):
+            raise UsageError(f"{path}: sigma is {sigma:g}.", "It must lie between 0 and what x reaches; without it, it is estimated.")
+    sheet, assumed = _sheet(values, material, properties, path)
+    down = gravity_of(values, path) if gravity is None else (gravity[0], gravity[1], gravity[2])
+    if gravity is None and "gravity" not in values:
+        assumed.append("The file has no gravity, and no option gives it: it counts as part of the field.")
+    return SheetSeen(x, faces, fixed, sheet, fps, sigma), down, [*assumed, *notes]
+
+
+def _faces(value: np.ndarray, count: int, path: str | os.PathLike[str]) -> np.ndarray:
+    """(F, 3) of a mesh of `count` vertices."""
+    if value.ndim != 2 or value.shape[1:] != (3,) or not len(value) or value.dtype.kind not in "iu":
+        raise UsageError(f"{path}: faces is {value.dtype} of shape {value.shape}.", "It must be triangles, (F,3) whole numbers.")
+    faces = value.astype(np.int64)
+    if faces.min() < 0 or faces.max() >= count:
+        wrong = int(faces.max()) if faces.max() >= count else int(faces.min())
+        raise UsageError(f"{path}: faces names vertex {wrong}, but there are {count}.", f"Vertices are numbered 0 to {count - 1}.")
+    same = len(faces) - len(np.unique(np.sort(faces, axis=1), axis=0))
+    if same:
+        raise UsageError(f"{path}: {same} of the faces are there twice.", "Give every triangle once: a sheet has one layer.")
+    return faces
+
+
+def _sheet(
+    values: dict[str, np.ndarray], material: Material | None, properties: dict[str, Any], path: str | os.PathLike[str]
+) -> tuple[Sheet, list[str]]:
+    """What the file and the options say of the sheet, and notes on what is assumed or not used."""
+    given = {name: value for name, value in properties.items() if value is not None}
+    if given.get("law") in PLASTIC_LAWS or "yield_stress" in given or "viscosity" in given:
+        raise UsageError("A shell springs back, it has no plastic law.", "Leave --law, --yield-stress and --viscosity out.")
+    notes = []
+    if material is not None:
+        if material.name not in SHEETS:
+            raise MaterialError(f"{material.name} is not known as a sheet.", f"Give one of {', '.join(sorted(SHEETS))}.")
+        known = SHEETS[material.name]
+        areal, thickness, loss, nu = known.areal_density, known.thickness, known.loss_factor, known.poisson_ratio
+        tensile, bending = known.tensile_stiffness, known.bending_stiffness
+        unused = [key for key in ("areal_density", "thickness", "E", "nu", "damping") if key in values]
+        if unused:
+            notes.append(f"The material {material.name} replaces what the file says: {', '.join(unused)}.")
+    else:
+        missing = [key for key in ("areal_density", "thickness", "E") if key not in values]
+        if "E" in missing and "youngs_modulus" in given:
+            missing.remove("E")
+        if missing:
+            needed = "A shell needs areal_density in kg/m², thickness in m and E, in Pa, or --material with a sheet's name."
+            raise UsageError(f"{path} has faces but lacks {', '.join(missing)}.", needed)
+        areal, thickness = (number_in(values[key], key, path) for key in ("areal_density", "thickness"))
+        modulus = number_in(values["E"], "E", path) if "E" in values else given["youngs_modulus"]
+        nu = number_in(values["nu"], "nu", path) if "nu" in values else POISSON_RATIO
+        loss = number_in(values["damping"], "damping", path) if "damping" in values else 0.0
+        tensile, bending = modulus * thickness, modulus * thickness**3 / 12.0
+        if "nu" not in values and "poisson_ratio" not in given:
+            notes.append(f"The file lacks nu ({POISSON_RATIO:g}), and no option gives it: assumed.")
+    if "youngs_modulus" in given:
+        tensile, bending = given["youngs_modulus"] * thickness, given["youngs_modulus"] * thickness**3 / 12.0
+    areal = given["density"] * thickness if "density" in given else areal
+    nu, loss = given.get("poisson_ratio", nu), given.get("loss_factor", loss)
+    return Sheet(areal, thickness, tensile, bending, loss, nu, "from the file" if material is None else material.source), notes
+
+
+def _solid(sheet: Sheet) -> Material:
+    """The sheet's numbers as those of the material that it is made of, for the report."""
+    return Material(
+        "sheet", "corotated", density=sheet.areal_density / sheet.thickness, youngs_modulus=sheet.tensile_stiffness / sheet.thickness,
+        poisson_ratio=sheet.poisson_ratio, loss_factor=sheet.loss_factor, source=sheet.source,
+    )  # fmt: skip

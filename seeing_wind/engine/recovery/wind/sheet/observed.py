@@ -1,0 +1,118 @@
+"""What was seen of a sheet: where its vertices went, between pictures as well, which way it faced, and its shape at rest."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_filter
+
+from ...targets.channels import noise_of
+from ..drag import area_normals
+
+FLAT = 0.02
+"""A sheet that in picture 0 leaves a plane by less than this part of its size, root mean square, or by three times its noise, is flat
+at rest: noise of half a millimetre would otherwise be creases."""
+STILL = 3.0
+"""What is held and moves by less than this many deviations of its noise stands still."""
+SMOOTH = 7
+"""Pictures over which a parabola smooths the path of what is held and moves."""
+
+
+@dataclass(frozen=True)
+class Observed:
+    """A sheet in T+1 pictures."""
+
+    x: np.ndarray
+    """(T+1, V, 3) [m]."""
+    faces: np.ndarray
+    """(F, 3)."""
+    pinned: np.ndarray
+    """(V,) bool."""
+    fps: float
+    noise: float
+    """Standard deviation of a coordinate [m]."""
+
+    @property
+    def frames(self) -> int:
+        """T."""
+        return len(self.x) - 1
+
+    @cached_property
+    def rest(self) -> np.ndarray:
+        """(V, 3) the shape at rest [m]: that of picture 0, without what noise there is across a flat sheet."""
+        first = self.x[0]
+        centre = first.mean(axis=0)
+        across = np.linalg.svd(first - centre, full_matrices=False)[2][2]
+        off = (first - centre) @ across
+        size = float(np.linalg.norm(first - centre, axis=1).max())
+        if float(np.sqrt((off**2).mean())) > max(FLAT * size, 3.0 * self.noise):
+            return first
+        return first - off[:, None] * across
+
+    @cached_property
+    def pins(self) -> np.ndarray:
+        """(T+1, P, 3) where the pinned vertices are [m], from their places at rest on."""
+        path = self.x[:, self.pinned]
+        begun = self.rest[self.pinned]
+        if not path.size:
+            return path
+        if float(np.abs(path - path.mean(axis=0)).max()) < 1e-9 or float(path.std(axis=0).mean()) < STILL * self.noise:
+            return np.broadcast_to(begun, path.shape)
+        if self.noise and len(path) >= SMOOTH:
+            path = savgol_filter(path, SMOOTH, 2, axis=0)
+        return path - path[0] + begun
+
+    @cached_property
+    def spline(self) -> CubicSpline:
+        """Places (V, 3) [m] at a time [frames]."""
+        return CubicSpline(np.arange(len(self.x)), self.x, axis=0)
+
+    def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Places [m] and velocities [m/s] (V, 3) at a time [frames]."""
+        return self.spline(time), self.fps * self.spline(time, 1)
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(T+1, V, 3, 3) rows: the normal at each vertex, and two directions in the sheet that turn with it."""
+        area = area_normals(self.x, self.faces)
+        normal = np.zeros_like(self.x)
+        for corner in range(3):
+            np.add.at(normal.swapaxes(0, 1), self.faces[:, corner], area.swapaxes(0, 1))
+        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
+        along = self._along()
+        along = along - (along * normal).sum(axis=-1, keepdims=True) * normal
+        along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-300)
+        return np.stack([normal, along, np.cross(normal, along)], axis=-2)
+
+    def _along(self) -> np.ndarray:
+        """(T+1, V, 3) where the longest direction of the sheet at rest has gone at each vertex, from the faces around."""
+        rest = self.rest - self.rest.mean(axis=0)
+        longest = np.linalg.svd(rest, full_matrices=False)[2][0]
+        corners = self.rest[self.faces]
+        b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        normal = np.cross(b, c)
+        squared = (normal**2).sum(axis=1)[:, None]
+        slope_b, slope_c = np.cross(c, normal) / squared, np.cross(normal, b) / squared
+        moved = self.x[:, self.faces]
+        face = (slope_b @ longest)[:, None] * (moved[:, :, 1] - moved[:, :, 0])
+        face += (slope_c @ longest)[:, None] * (moved[:, :, 2] - moved[:, :, 0])
+        total = np.zeros_like(self.x)
+        for corner in range(3):
+            np.add.at(total.swapaxes(0, 1), self.faces[:, corner], face.swapaxes(0, 1))
+        return total
+
+
+def observed(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, sigma: float | None) -> Observed:
+    """Of points x (T+1, V, 3) [m]; sigma: their noise [m], None to measure it."""
+    return Observed(np.asarray(x, np.float64), faces, pinned, fps, _noise(x, faces) if sigma is None else sigma)
+
+
+def _noise(x: np.ndarray, faces: np.ndarray) -> float:
+    """Standard deviation of a coordinate [m]: what differences in time leave of it, or, where a sheet flaps too fast for the pictures,
+    how much its edges change their lengths, which they hardly do."""
+    lengths = np.linalg.norm(x[:, np.roll(faces, -1, axis=1)] - x[:, faces], axis=-1)
+    return min(noise_of(x[1:].reshape(len(x) - 1, -1)), float(np.median(lengths.std(axis=0))) / math.sqrt(2.0))

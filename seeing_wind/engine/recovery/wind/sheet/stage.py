@@ -1,0 +1,212 @@
+"""The stages *recover* and *wind* of a sheet that was seen in 3D, both in one solve -> the files that any body's take has.
+
+`trajectory.npz` has the simulation that followed the sheet, with the force that it felt; `field.safetensors` that force per volume of the
+sheet, `wind.safetensors` and `wind.json` the wind.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ....errors import ObjectError, SimulationError
+from ....field import ForceField, distill, load_field
+from ....materials import Sheet
+from ....mpm.shell import Shell, shell_of
+from ....mpm.shell.membrane import deformation, plane_axes
+from ....progress import Journal, Progress
+from ....records import Outcome, Particles, Recovery
+from ....settings import RecoverSettings, WindSettings
+from ....take import Take, from_arrays, stamp_of, to_arrays
+from ...journal import TakeJournal
+from ..drag import AIR, area_normals
+from ..estimate import MEAN
+from ..stage import FIELD, FORCE_MEAN, TOLD, Wind, clear
+from ..verdict import STRONGEST, UNEXPLAINED, figures, sentence
+from .air import Air, Cause, Push
+from .estimate import SheetEstimate, field_of, follower_of
+from .following import Follower
+from .observed import Observed, observed
+
+VERSION = 1
+"""Part of the stamp: raise it when the results change."""
+
+
+@dataclass(frozen=True)
+class SheetSeen:
+    """A sheet and where its vertices were seen."""
+
+    x: np.ndarray
+    """(T+1, V, 3) [m]."""
+    faces: np.ndarray
+    """(F, 3)."""
+    fixed: np.ndarray
+    """(V,) bool."""
+    sheet: Sheet
+    fps: float
+    sigma: float | None
+    """Noise of x [m]; None to measure it."""
+
+
+@dataclass(frozen=True)
+class SheetFound:
+    """What the stage leaves."""
+
+    recovery: Recovery
+    particles: Particles
+    """The vertices, each with its share of the sheet's volume."""
+    field: ForceField
+    """Force density [N/m³]."""
+    wind: Wind
+    seconds: dict[str, float]
+
+
+def sheet_stage(
+    take: Take, source: SheetSeen, upstream: str, settings: RecoverSettings, blown: WindSettings, progress: Progress
+) -> SheetFound:
+    """Recover what moved a sheet.
+
+    Args:
+        upstream: stamp of the source.
+        settings: gravity, representation and seed; blown: whether the field is a wind, a force, or what is more probable.
+
+    Raises:
+        UsageError, ObjectError: a mesh that is no sheet, see `mpm.shell.shell_of`; field "wind" where no wind can have moved it.
+        SimulationError: where the sheet cannot be simulated even near where it was seen.
+    """
+    seen = observed(source.x, source.faces, source.fixed, source.fps, source.sigma)
+    shell = shell_of(seen.rest, source.faces, source.sheet, pinned=source.fixed)
+    seen = replace(seen, faces=shell.surface.faces)
+    particles = _particles(shell)
+    stamp = stamp_of("sheet", VERSION, upstream, settings.gravity, settings.representation, settings.seed, blown)
+    if take.is_done("recover", stamp) and take.file("trajectory.npz").is_file() and take.file(TOLD).is_file():
+        progress.begin("recover", "already done")
+        recovery, told = from_arrays(Recovery, take.read_arrays("trajectory.npz")), take.read_json(TOLD)
+        field = load_field(take.file(FIELD)) if told["field"] == "wind" else None
+        return SheetFound(recovery, particles, load_field(take.file("field.safetensors")), Wind(field, told, told["notes"]), {})
+    began = time.perf_counter()
+    progress.begin("recover", "recovering the wind" if blown.field == "wind" else "recovering the force")
+    with TakeJournal(take, stamp, progress) as journal:
+        found, told = _chosen(shell, seen, settings.gravity, blown.field, progress, journal)
+        recovery = _recovery(shell, seen, settings.gravity, particles, found, time.perf_counter() - began)
+        seconds, began = {"recover": time.perf_counter() - began}, time.perf_counter()
+        progress.begin("distill", "fitting the field")
+        fitted = _both(recovery, found, told)
+        kept = [distill(one, particles, seen.fps, settings.representation, settings.seed, progress, journal) for one in fitted]
+        take.withdraw("recover")
+        take.withdraw("solve")
+        clear(take)
+        take.write_arrays("trajectory.npz", to_arrays(recovery) | {"fps": np.array(seen.fps)})
+        for name, field in zip(("field.safetensors", FIELD), kept):
+            field.kind = "wind" if name == FIELD else "force"
+            with take.writing(name) as path:
+                field.save(path)
+        take.write_json(TOLD, told)
+        take.finish("wind", stamp, {"field": blown.field})
+        take.finish("recover", stamp, {"gravity": list(settings.gravity)})
+        seconds["distill"] = time.perf_counter() - began
+    return SheetFound(recovery, particles, kept[0], Wind(kept[1] if len(kept) > 1 else None, told, told["notes"]), seconds)
+
+
+def _both(recovery: Recovery, found: SheetEstimate, told: dict[str, Any]) -> list[Recovery]:
+    """What is fitted: the force, and the wind if it is one."""
+    if told["field"] != "wind":
+        return [recovery]
+    return [recovery, replace(recovery, force_density=found.velocity, deviation=found.deviation)]
+
+
+def _chosen(
+    shell: Shell, seen: Observed, gravity: Sequence[float], field: str, progress: Progress, journal: Journal
+) -> tuple[SheetEstimate, dict[str, Any]]:
+    """The estimate that the setting asks for, and what `wind.json` says of it."""
+
+    def estimate(cause: Cause, mean: float, name: str, part: Progress) -> SheetEstimate:
+        follower = follower_of(shell, seen, gravity, cause)
+        return journal.once(name, SheetEstimate, lambda: field_of(follower, mean, part, journal))
+
+    if field == "force":
+        return estimate(Push(shell), FORCE_MEAN, "force", progress), {"field": "force", "why": "--field force", "notes": []}
+    wind = estimate(Air(shell), MEAN, "wind", progress.part(0.0, 0.5 if field == "auto" else 1.0))
+    against = _objection(wind)
+    if against and field == "wind":
+        hint = "Use --field force, or check areal density, scale, gravity and what is held."
+        raise ObjectError(f"No wind can be recovered. {against}", hint)
+    told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind, AIR)}
+    if field == "wind":
+        return wind, told | {"notes": [sentence(told)]}
+    force = estimate(Push(shell), FORCE_MEAN, "force", progress.part(0.5, 1.0))
+    odds = wind.evidence - force.evidence
+    likely = not against and odds > 0.0
+    why = against or (
+        f"A wind under the drag law is {'more' if likely else 'less'} probable than a force of its own: "
+        f"the logarithm of the odds is {odds:.0f}."
+    )
+    told |= {"field": "wind" if likely else "force", "why": why, "log_odds_of_wind": odds}
+    notes = [sentence(told)] if likely else []
+    return wind if likely else force, told | {"notes": [*notes, f"Field: {told['field']}. {why}"]}
+
+
+def _objection(found: SheetEstimate) -> str:
+    """Why nothing of the kind is a wind; "" where it may be one."""
+    speed = float(np.median(np.linalg.norm(found.velocity, axis=-1)))
+    if speed > STRONGEST:
+        return f"It would take a wind of {speed:.0f} m/s to push a sheet of this weight so hard: something else moves it."
+    if found.unexplained > UNEXPLAINED:
+        return f"No wind moves this sheet so: {100 * found.unexplained:.0f} % of what air would have to do stays unexplained."
+    return ""
+
+
+def _particles(shell: Shell) -> Particles:
+    volume = shell.mass / shell.sheet.areal_density * shell.sheet.thickness
+    return Particles(shell.surface.x, volume, shell.pinned, shell.surface.edge_length)
+
+
+def _recovery(
+    shell: Shell, seen: Observed, gravity: Sequence[float], particles: Particles, found: SheetEstimate, seconds: float
+) -> Recovery:
+    away = np.linalg.norm(found.x - seen.x, axis=-1)
+    volume = particles.volume[:, None]
+    return Recovery(
+        outcome=Outcome.CONVERGED if found.converged else Outcome.MAX_ITERATIONS,
+        force_density=found.force / volume,
+        deviation=found.force_deviation / particles.volume,
+        x=found.x,
+        F=np.stack([_deformations(shell, x) for x in found.x]),
+        v0=np.where(shell.pinned[:, None], 0.0, seen.at(0.0)[1]),
+        residual=np.sqrt((away**2).mean(axis=1)),
+        residual_unit="m",
+        iterations=found.iterations,
+        seconds=seconds,
+        notes=[_stray(follower_of(shell, seen, gravity, found.cause_of(shell)), found)],
+    )
+
+
+def _stray(follower: Follower, found: SheetEstimate) -> str:
+    """How far a simulation that nothing draws to what was seen goes astray in the field."""
+    said = "The recovered motion is a simulation that is softly drawn to the points seen."
+    try:
+        path = replace(follower, pull=0.0).path(found.velocity)
+    except SimulationError:
+        return f"{said} Without that, it breaks down."
+    away = np.linalg.norm(path - follower.seen.x, axis=-1)
+    travel = np.linalg.norm(follower.seen.x - follower.seen.x[0], axis=-1).max(axis=0).mean()
+    share = 100 * away.mean() / max(travel, 1e-12)
+    return f"{said} Without that, the field alone puts the sheet off by {share:.0f} % of its travel in the mean."
+
+
+def _deformations(shell: Shell, x: np.ndarray) -> np.ndarray:
+    """(V, 3, 3) deformation gradients at the vertices, means over the faces around; normals stay as long as they are."""
+    surface = shell.surface
+    rest = surface.x[surface.faces]
+    t, s = plane_axes(rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0])
+    normals = (area_normals(place, surface.faces) for place in (surface.x, x))
+    unit = [one / np.linalg.norm(one, axis=1, keepdims=True) for one in normals]
+    whole = np.einsum("fia,faj->fij", deformation(shell.membrane, x), np.stack([t, s], axis=1)) + unit[1][:, :, None] * unit[0][:, None]
+    total = np.zeros((len(x), 3, 3))
+    for corner in range(3):
+        np.add.at(total, surface.faces[:, corner], surface.area[:, None, None] * whole)
+    return total / np.bincount(surface.faces.ravel(), np.repeat(surface.area, 3))[:, None, None]
