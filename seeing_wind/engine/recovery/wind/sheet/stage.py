@@ -19,9 +19,10 @@ from ....materials import Sheet
 from ....mpm.shell import Shell, shell_of
 from ....mpm.shell.membrane import deformation, plane_axes
 from ....progress import Journal, Progress
+from ....record_arrays import from_arrays, to_arrays
 from ....records import Outcome, Particles, Recovery
 from ....settings import RecoverSettings, WindSettings
-from ....take import Take, from_arrays, stamp_of, to_arrays
+from ....take import Take, stamp_of
 from ...journal import TakeJournal
 from ..drag import AIR, area_normals
 from ..estimate import MEAN
