@@ -35,7 +35,7 @@ help:
 	@echo "make references docs/reference/cli.md and materials.md from the options and the material library"
 	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
 	@echo "make screenshots BLENDER=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
-	@echo "make winds      the wind library anew: a dozen winds recovered, half an hour"
+	@echo "make winds      the wind library anew: thirteen winds recovered; half an hour or more on two idle cores"
 	@echo "make film       build/film.mp4: clip, arrows and composite side by side, of what make demo and make scenes left"
 	@echo "make clean      remove build/"
 

@@ -56,7 +56,7 @@ def recover(
 
     Raises:
         UsageError: targets that contradict each other, or are not finite where visible; still frames that the clip does not have; a known
-            body for one that is not held or flows.
+            body for one that is not held.
         ObjectError: fewer than three pictures, a body that cannot be simulated (all held, particles in one place), or points that no
             force explains.
         SimulationError: when the simulation breaks down even at the start.
@@ -104,8 +104,8 @@ def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, kn
     free = is_free(particles, model, settings)
     if known is None:
         return Stiffness(free)
-    if not particles.pinned.any() or model.plastic:
-        raise UsageError("--body is for a held elastic body; this one is free, or it flows.", "Leave it out, or mark what is held.")
+    if not particles.pinned.any():
+        raise UsageError("--body is for a held body; this one is free.", "Leave it out, or mark what is held.")
     return known.believed(particles, model, free)
 
 

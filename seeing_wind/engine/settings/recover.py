@@ -35,7 +35,7 @@ class RecoverSettings:
     clamp_depth: float = 0.0
     """Where a held part begins to be held: so many grid cells (1.6 particle spacings each) below the border of what is marked as held."""
     stiffness: str = option(
-        "free", label="Stiffness Found", help="whether the stiffness of a held elastic body is known", group=SOLVE,
+        "free", label="Stiffness Found", help="whether the stiffness of a held body is known", group=SOLVE,
         choices={"free": "it is found with the force, where the motion tells it", "given": "it is the material's"},
     )  # fmt: skip
     body: str | None = option(

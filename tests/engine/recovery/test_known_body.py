@@ -107,7 +107,7 @@ def test_only_a_held_body_whose_stiffness_was_told_is_known(rung):
         KnownBody.of(replace(found, youngs_modulus=None), "other.take")
     free = plate((2, 2, 5))
     x, _ = blow(free, kick, 4)
-    with pytest.raises(UsageError, match="--body is for a held elastic body"):
+    with pytest.raises(UsageError, match="--body is for a held body"):
         recover(free, RUBBER, [points(free, x)], FPS, WEIGHTLESS, NoProgress(), known=KnownBody.of(found, "other.take"))
 
 

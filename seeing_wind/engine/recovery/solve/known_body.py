@@ -47,7 +47,7 @@ class KnownBody:
         modulus, section, axes, covariance = found
         if modulus is None or section is None or axes is None or covariance is None or not recovery.cell > 0.0:
             raise UsageError(
-                f"{name} does not tell how stiff its body is: it is not held, it flows, its stiffness was given, or it hardly swings.",
+                f"{name} does not tell how stiff its body is: it is not held, its stiffness was given, or it hardly swings.",
                 "Give the take of a clip in which the held body swings, or leave --body out.",
             )
         size = np.array([1.0, recovery.cell, 1.0, 1.0])

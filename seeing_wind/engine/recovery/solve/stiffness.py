@@ -128,11 +128,11 @@ class Stiffness:
 
 
 def is_free(particles: Particles, model: Model, settings: RecoverSettings) -> bool:
-    """Whether the stiffness is an unknown: of an elastic body that is held somewhere, unless the settings forbid it.
+    """Whether the stiffness is an unknown: of a body that is held somewhere, unless the settings forbid it.
 
-    A free body hardly moves differently when it is stiffer. One that flows bends by its yield stress.
+    A free body hardly moves differently when it is stiffer. The yield stress of one that flows stays as given.
     """
-    return settings.stiffness == "free" and bool(particles.pinned.any()) and not model.plastic
+    return settings.stiffness == "free" and bool(particles.pinned.any())
 
 
 def scaled(model: Model, s: float) -> Model:

@@ -24,8 +24,6 @@ MISMATCH_DRIFT, DRIFT_PICTURES = 0.05, 90.0
 under a lasting force. After 4 s of gusts another simulator's posts stood 4 to 8 % of their motion away from where their bending put them,
 in step with the sum of the force; this solver's, 0.1 to 3 %. Taken for bending, it asked for a force that grew through the clip. Where
 points show how the clamp moves (`clamp_motion`), this is for what is left: d_stalk 12.2 % with it, 13.7 % without."""
-PINNED_FACTOR = 20.0
-"""How much more variance the mismatch has on a held body that flows: its clamp, which moves all of it like a lever, is no unknown."""
 SWIFT = 7
 """Pictures over which a cubic is fitted to a held body's motion in each mode. What swings faster, as after a strike, is in step with the
 solver's body for a few periods only and beyond the force's knots, so all of it is taken for mismatch, too."""
@@ -158,13 +156,13 @@ def _mismatch(particles: Particles, observed: np.ndarray, plastic: bool) -> np.n
     white, slow = (np.full(observed.shape[1], share * particles.spacing) for share in MISMATCH_SPACINGS)
     drift = np.zeros_like(slow)
     held = bool(particles.pinned.any())
-    if held and not plastic:
+    if held:
         moved = observed - observed[0]
         slow, drift = np.hypot(white, MISMATCH_MOTION * _sizes(moved)), MISMATCH_DRIFT * _sizes(moved)
         white = MISMATCH_WHITE * slow
         if len(moved) >= SWIFT:
             white = np.hypot(white, _sizes(moved - savgol_filter(moved, SWIFT, 3, axis=0)))
-    factor = (PLASTIC_FACTOR if plastic else 1.0) * (PINNED_FACTOR if held and plastic else 1.0)
+    factor = PLASTIC_FACTOR if plastic and not held else 1.0
     swings = np.stack([mismatch_covariance(len(observed), *one, MISMATCH_SPACINGS_TAU, factor) for one in zip(white, slow)])
     return swings + drift[:, None, None] ** 2 * _integrated_walk(np.arange(len(observed)) / DRIFT_PICTURES)
 
