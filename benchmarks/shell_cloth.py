@@ -1,8 +1,8 @@
 """Newton's cloth in the wind: the sheets and winds that benchmarks/shell_scenes.py and benchmarks/shell_checks.py simulate.
 
-`SolverSemiImplicit`: neo-Hookean triangles, hinges at the edges, explicit substeps of about 50 µs; with half of them no vertex was
-elsewhere by 0.03 mm on average after 8 frames. Newton's implicit `SolverVBD` was tried: with 20 iterations a substep the middle of a free sheet was
-off by 1 % of its way, and it took several times as long.
+`SolverSemiImplicit`: neo-Hookean triangles, hinges at the edges, explicit substeps of about 50 µs; with half of them vertices were
+elsewhere by 0.02 mm on average after 8 frames. Newton's implicit `SolverVBD` was tried: with 20 iterations a substep the middle of a free
+sheet was off by 1 % of its way, and it took several times as long.
 """
 
 from __future__ import annotations
