@@ -247,6 +247,6 @@ def _keep(found: Found, frames: int) -> Kept:
         Trajectory(path.x[: frames + 1], path.v[: frames + 1], path.C[: frames + 1], path.F[: frames + 1], path.substeps[:frames]),
         found.iterations,
         found.last.converged,
-        found.forward.knot_spacing,
+        found.forward.knots.spacing,
         found.stiffness,
     )

@@ -11,7 +11,7 @@ from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Attachment, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.prior import learning as beliefs
-from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis, velocity_basis
+from seeing_wind.engine.recovery.prior.basis import knots_between, spatial_basis, velocity_basis
 from seeing_wind.engine.recovery.prior.learning import track_misfit
 from seeing_wind.engine.recovery.solve import warm_start, window
 from seeing_wind.engine.recovery.solve.forward import Forward
@@ -144,7 +144,8 @@ def forward_of(body, material, frames, substeps=None):
     model, _ = model_for(body, material, FPS, gravity=(0.0, 0.0, 0.0))
     basis = spatial_basis(body.x, model.mass * ~body.pinned, 6)
     rough = model if substeps is None else replace(model, substeps=substeps)
-    return Forward(model, rough, body.x, basis, hats(frames, 2.0), 2.0, *velocity_basis(body.x, basis, body.pinned), NoProgress(), None)
+    when = knots_between(np.zeros(frames, bool), 2.0)
+    return Forward(model, rough, body.x, basis, when, *velocity_basis(body.x, basis, body.pinned), NoProgress(), None)
 
 
 @pytest.mark.parametrize(("size", "share"), [(180.0, 0.5), (1e6, 0.0)])

@@ -9,7 +9,7 @@ import torch
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, Particles, PointTargets, TrackTargets
-from seeing_wind.engine.recovery.prior.basis import hats, spatial_basis, velocity_basis
+from seeing_wind.engine.recovery.prior.basis import hats, knots, knots_between, spatial_basis, velocity_basis
 from seeing_wind.engine.recovery.prior.evidence import log_evidence, maximise_evidence, prefer_belief
 from seeing_wind.engine.recovery.prior.kernel import Kernel, Places, Prior, modes_for_variance
 from seeing_wind.engine.recovery.prior.learning import noise_share
@@ -73,6 +73,17 @@ def test_hats_share_every_frame_and_longer_clips_keep_the_first_knots(frames, sp
     np.testing.assert_allclose(longer[:frames, : shares.shape[1] - 1], shares[:, :-1])
 
 
+def test_knots_begin_anew_after_still_air():
+    still = np.array([False, False, True, True, True, False, False, False, True])
+    found = knots_between(still, 2.0)
+    np.testing.assert_array_equal(found.at, [0.0, 2.0, 5.0, 7.0])
+    np.testing.assert_allclose(found.hats.sum(axis=1), ~still)
+    np.testing.assert_allclose(found.hats[1], [0.5, 0.5, 0.0, 0.0])
+    np.testing.assert_array_equal(knots_between(np.zeros(9, bool), 2.0).hats, hats(9, 2.0))
+    calm = knots_between(np.ones(5, bool), 2.0)
+    assert calm.at.shape == (1,) and not calm.hats.any()
+
+
 def test_initial_motions_of_free_and_held_bodies():
     body = block((4, 3, 5))
     basis = spatial_basis(body.x, body.volume, 4)
@@ -93,7 +104,7 @@ def still(body, frames):
 def test_prior_is_smooth_in_time_and_the_inverse_of_its_precision():
     body = block((8, 6, 2))
     basis = spatial_basis(body.x, body.volume, 6)
-    prior = Prior(Kernel(9.0 * np.eye(3)), Places.along(basis, still(body, 40), 2.0), np.array([0.1]))
+    prior = Prior(Kernel(9.0 * np.eye(3)), Places.along(basis, still(body, 40), knots(40, 2.0)), np.array([0.1]))
     covariance = np.linalg.inv(prior.precision())
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), prior.deviation(), rtol=1e-5)
     first, modes = np.diag(covariance)[:-1].reshape(-1, 6, 3)[0], prior.places.covariance(prior.kernel)
@@ -107,20 +118,20 @@ def test_prior_knows_that_the_field_stays_where_it_is_when_the_body_moves_on():
     path = still(body, 4)
     path[4] += [10.0 * basis.radius, 0.0, 0.0]
     kernel = Kernel(np.eye(3), length=1.0, duration=8.0, uniform=0.0)
-    here = Places.along(basis, still(body, 4), 4.0).covariance(kernel)
-    gone = Places.along(basis, path, 4.0).covariance(kernel)
+    here = Places.along(basis, still(body, 4), knots(4, 4.0)).covariance(kernel)
+    gone = Places.along(basis, path, knots(len(path) - 1, 4.0)).covariance(kernel)
     assert here[0, 4] > 0.5 * here[0, 0] and abs(gone[0, 4]) < 1e-6 * gone[0, 0]
     # A quarter turn in the plane: what was the slope along the body's length is now the one along its width.
     turned = still(body, 4)
     turned[4] = body.x @ np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    quarter = Places.along(basis, turned, 4.0).covariance(kernel)
+    quarter = Places.along(basis, turned, knots(len(turned) - 1, 4.0)).covariance(kernel)
     assert abs(here[1, 5]) > 10 * abs(here[1, 6]) and abs(quarter[1, 6]) > 10 * abs(quarter[1, 5])
 
 
 def test_sizes_of_the_prior_are_learnt_from_a_draw():
     body = block((8, 6, 2))
     basis = spatial_basis(body.x, body.volume, 10)
-    places = Places.along(basis, still(body, 60), 2.0)
+    places = Places.along(basis, still(body, 60), knots(60, 2.0))
     true = Kernel(np.diag([0.3, 0.3, 2.4]), length=1.0, duration=6.0, uniform=0.05)
     believed = Prior(true, places, np.zeros(0))
     draw = np.linalg.cholesky(np.linalg.inv(believed.precision())) @ np.random.default_rng(4).standard_normal(believed.count)
@@ -142,14 +153,14 @@ def test_the_derivative_of_the_evidence_is_that_of_its_difference_quotient():
 def test_a_clip_that_tells_nothing_leaves_the_sizes_as_they_were():
     body = block((4, 4, 2))
     basis = spatial_basis(body.x, body.volume, 4)
-    blind = Prior(Kernel(np.diag([1.0, 2.0, 3.0]), length=1.5), Places.along(basis, still(body, 4), 2.0), np.zeros(0))
+    blind = Prior(Kernel(np.diag([1.0, 2.0, 3.0]), length=1.5), Places.along(basis, still(body, 4), knots(4, 2.0)), np.zeros(0))
     assert maximise_evidence(blind, 1e-12 * np.eye(blind.count), np.zeros(blind.count)) is blind.kernel
 
 
 def test_a_squeeze_is_learnt_as_a_slope_and_not_as_a_huge_net_force():
     body = block((7, 7, 7))
     basis = spatial_basis(body.x, body.volume, 10)
-    places = Places.along(basis, still(body, 16), 2.0)
+    places = Places.along(basis, still(body, 16), knots(16, 2.0))
     squeeze = np.zeros((len(places.at), 10, 3))
     squeeze[:, 1, 0], squeeze[:, 2, 2] = 1.0, -1.0  # [m/s²] along two axes, all through the clip
     # Net forces are seen ten times less well than slopes, as by noise that moves the body as a whole.
@@ -284,7 +295,7 @@ def test_stretch_is_held_down_and_turning_is_not() -> None:
     basis = spatial_basis(x, np.ones(len(x)), 4, 1)
     turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # a quarter turn round Y
     F = np.broadcast_to(turn, (5, len(x), 3, 3))
-    rows = stretch_rows(basis, x, F, 4.0)
+    rows = stretch_rows(basis, x, F, knots(len(F) - 1, 4.0))
     modes = basis.phi.shape[1]
     space = np.tile(np.eye(modes), (len(rows), 1, 1))
     extra = stretch_precision(rows, np.eye(len(rows)), space, np.eye(3), 0.1)
@@ -329,8 +340,8 @@ def test_a_belief_is_given_up_when_the_clip_speaks_against_it(noise):
     body = block((8, 6, 2))
     basis, path = spatial_basis(body.x, body.volume, 6), still(body, 40)
     F = np.broadcast_to(np.eye(3), (*path.shape[:2], 3, 3))
-    open_to_all = Prior(Kernel(9.0 * np.eye(3), uniform=0.1), Places.along(basis, path, 2.0), np.zeros(0))
-    belief = open_to_all.with_stretch_penalty(basis, body.x, F, 2.0, 0.3)
+    open_to_all = Prior(Kernel(9.0 * np.eye(3), uniform=0.1), Places.along(basis, path, knots(len(path) - 1, 2.0)), np.zeros(0))
+    belief = open_to_all.with_stretch_penalty(basis, body.x, F, 0.3)
     white = np.random.default_rng(6).standard_normal(belief.count)
     for true in (belief, open_to_all):
         draw = np.linalg.cholesky(np.linalg.inv(true.precision())) @ white

@@ -121,6 +121,34 @@ def hats(frames: int, spacing: float) -> np.ndarray:
     return np.stack([np.interp(np.arange(frames), at, column) for column in np.eye(len(at))], axis=1)
 
 
+@dataclass(frozen=True)
+class Knots:
+    """What the unknowns of a force stand for in time."""
+
+    at: np.ndarray
+    """(K,) their times [frames]."""
+    hats: np.ndarray
+    """(T, K) shares of the knots in each frame: they sum to one, or to nothing in still air."""
+    spacing: float
+    """Frames between two of them in a row."""
+
+
+def knots_between(still: np.ndarray, spacing: float) -> Knots:
+    """Knots for the frames (T,) that are not still: anew in each run of them, as the air does not come to rest gradually.
+
+    Where all are still there is one knot, which nothing hangs on.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], still, [True]]).astype(int)))
+    runs = list(zip(edges[::2], edges[1::2]))
+    parts = [(begin + knots(end - begin, spacing), begin, end) for begin, end in runs]
+    at = np.concatenate([one for one, _, _ in parts]) if parts else np.zeros(1)
+    weights, first = np.zeros((len(still), len(at))), 0
+    for one, begin, end in parts:
+        weights[begin:end, first : first + len(one)] = hats(end - begin, spacing)
+        first += len(one)
+    return Knots(at, weights, spacing)
+
+
 def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The initial motions that are allowed: velocities (V, N, 3) and their gradients d v_i / d X_j (V, N, 3, 3), of unit size at the rim.
 

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 
 from ...field.confidence import farthest_points
-from .basis import SpatialBasis, knots
+from .basis import SpatialBasis
 from .stretch import stretch_precision, stretch_rows
 
 LENGTH, DURATION, UNIFORM, SLOPE = 2.0, 8.0, 0.5, 0.2
@@ -70,9 +70,8 @@ class Places:
     """(K,) times of the knots [frames]."""
 
     @staticmethod
-    def along(basis: SpatialBasis, path: np.ndarray, spacing: float) -> Places:
-        """From the particles' path (T+1, N, 3) [m] in a simulation near the truth, with a knot every `spacing` frames."""
-        at = knots(len(path) - 1, spacing)
+    def along(basis: SpatialBasis, path: np.ndarray, at: np.ndarray) -> Places:
+        """From the particles' path (T+1, N, 3) [m] in a simulation near the truth, with knots at the times `at` (K,) [frames]."""
         count = min(len(basis.phi), max(40, SAMPLES_PER_MODE * basis.phi.shape[1]))
         some = farthest_points(path[0], count)
         x = path[np.minimum(np.rint(at).astype(int), len(path) - 1)] / basis.radius
@@ -136,13 +135,13 @@ class Prior:
         return full
 
     def with_stretch_penalty(
-        self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, share: float = STRETCH, volume_only: bool = False
+        self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, share: float = STRETCH, volume_only: bool = False
     ) -> Prior:
         """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it.
 
         `volume_only`: or at least that it does not swell it.
         """
-        rows = stretch_rows(basis, x, F, spacing, volume_only)
+        rows = stretch_rows(basis, x, F, self.places.at, volume_only)
         count = len(self.places.at)
         modes = self.places.covariance(self.kernel).reshape(count, len(self.places.project), count, -1)
         space = np.einsum("kmkn->kmn", modes)
@@ -153,6 +152,6 @@ class Prior:
 
 def modes_for_variance(kernel: Kernel, basis: SpatialBasis, x: np.ndarray, share: float) -> int:
     """How many of the first modes hold all but `share` of the variance that the field has over the body x (N, 3) [m]."""
-    variance = np.diag(Places.along(basis, np.stack([x, x]), 1.0).covariance(kernel))[: basis.phi.shape[1]]
+    variance = np.diag(Places.along(basis, np.stack([x, x]), np.zeros(1)).covariance(kernel))[: basis.phi.shape[1]]
     beyond = variance.sum() - np.cumsum(variance)
     return int(np.argmax(beyond <= share * variance.sum())) + 1

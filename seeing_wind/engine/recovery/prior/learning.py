@@ -50,13 +50,13 @@ def one_camera(objective: Objective) -> bool:
 
 def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Expected, objective: Objective) -> Prior:
     """The prior with these hyperparameters along a simulation, with the stretch penalty that its targets need."""
-    prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knot_spacing), expected.speed[: len(forward.velocity)])
+    prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knots.at), expected.speed[: len(forward.velocity)])
     plastic = forward.model.plastic
     if plastic and any(isinstance(one, TrackChannels) for one in objective.channels):
-        prior = prior.with_stretch_penalty(forward.basis, forward.x, path.F, forward.knot_spacing, SWELLING, volume_only=True)
+        prior = prior.with_stretch_penalty(forward.basis, forward.x, path.F, SWELLING, volume_only=True)
     if not one_camera(objective):
         return prior
-    return prior.with_stretch_penalty(forward.basis, forward.x, path.F, forward.knot_spacing, PLASTIC_STRETCH if plastic else STRETCH)
+    return prior.with_stretch_penalty(forward.basis, forward.x, path.F, PLASTIC_STRETCH if plastic else STRETCH)
 
 
 def learn_kernel(
@@ -143,7 +143,7 @@ def _with_stretch_belief(prior: Prior, forward: Forward, path: Trajectory, point
     """The prior with a stretch penalty, unless the evidence rejects it. Under one camera `prior_along` has set it already."""
     if one_camera(objective) or forward.basis.phi.shape[1] == 1:
         return prior
-    belief = prior.with_stretch_penalty(forward.basis, forward.x, path.F, forward.knot_spacing, MEASURED_STRETCH)
+    belief = prior.with_stretch_penalty(forward.basis, forward.x, path.F, MEASURED_STRETCH)
     return prefer_belief(belief, prior, point, LOG_ODDS * noise_share(objective))
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .basis import SpatialBasis, knots
+from .basis import SpatialBasis
 
 DEGREE = 1
 """Highest degree of the smooth functions against which the gradient is tested."""
@@ -19,7 +19,7 @@ FLAT = 0.25
 """Axes shorter than this share of the longest are left out: stretching along them has no visible effect."""
 
 
-def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: float, volume_only: bool = False) -> np.ndarray:
+def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, at: np.ndarray, volume_only: bool = False) -> np.ndarray:
     """How the coefficients of each knot stretch the body as it lies at that time.
 
     Along the axes on which the body reaches far: a plate's two, a post's one. A force across a plate that grows along it only tilts and
@@ -29,7 +29,7 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: flo
         basis: modes and their rest gradients (N, modes, 3) [1/m].
         x: (N, 3) rest positions [m].
         F: (T+1, N, 3, 3) deformation gradients of a nearby simulation; they turn the body's axes.
-        spacing: frames between knots.
+        at: (knots,) their times [frames].
         volume_only: only the part that would change the body's volume, the gradient's trace.
 
     Returns:
@@ -38,10 +38,10 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, spacing: flo
     """
     frames = len(F) - 1
     smooth = basis.phi[:, basis.degree <= DEGREE] / len(basis.phi)
-    at = np.minimum(np.rint(knots(frames, spacing)).astype(int), frames)
+    nearest = np.minimum(np.rint(at).astype(int), frames)
     extent, axes = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[1:]
     axes = axes[extent > FLAT * extent[0]]
-    turned = np.einsum("knij,aj->knai", F[at], axes)
+    turned = np.einsum("knij,aj->knai", F[nearest], axes)
     turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
     along = np.einsum("npj,bj->npb", basis.gradient, axes)  # derivative of each mode along each axis
     # (knots, M, a, b, modes, 3): smooth function m, part along axis a of the derivative along axis b.

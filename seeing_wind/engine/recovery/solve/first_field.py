@@ -99,7 +99,7 @@ def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> tuple[Forw
         prior = prior_along(kernel, forward, Trajectory.of(way + [led.path.state(t) for t in range(end - begin + 1)]), expected, objective)
         if end < frames:
             settled = begin - pace.behind
-            open_knots = np.repeat(knot * np.arange(forward.shape[0]) >= settled, forward.size // forward.shape[0])
+            open_knots = np.repeat(forward.knots.at >= settled, forward.size // forward.shape[0])
             active = np.concatenate([open_knots, np.full(len(velocity), settled <= 0)])
             most = min(pace.segment_iterations, solver.iterations)
             part_solved = solver.solve(forward, prior, theta, most, (done, done), what, active)

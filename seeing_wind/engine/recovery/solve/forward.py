@@ -18,7 +18,7 @@ from ...mpm.rollout import advance, rollout_batch
 from ...mpm.state import State, Trajectory
 from ...mpm.tangent import Changes, applies_to, tangents
 from ...progress import Journal, Progress
-from ..prior.basis import SpatialBasis
+from ..prior.basis import Knots, SpatialBasis
 from ..targets.objective import Objective
 
 OFFSET = 1e-4
@@ -39,10 +39,7 @@ class Forward:
     x: np.ndarray
     """(N, 3) rest positions [m]."""
     basis: SpatialBasis
-    hats: np.ndarray
-    """(T, knots)."""
-    knot_spacing: float
-    """Frames between knots at most."""
+    knots: Knots
     velocity: np.ndarray
     """(V, N, 3) initial motions of unit size."""
     velocity_gradient: np.ndarray
@@ -52,6 +49,11 @@ class Forward:
     """The body at the first picture, if it is known; then there are no initial motions (V = 0)."""
     journal: Journal = Journal()
     """Keeps what was simulated."""
+
+    @property
+    def hats(self) -> np.ndarray:
+        """(T, knots)."""
+        return self.knots.hats
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -173,7 +173,7 @@ def _strain_precision(forward: Forward, state: State | None, spread: np.ndarray)
     """
     basis, count = forward.basis, 3 * forward.basis.phi.shape[1]
     F = np.broadcast_to(np.eye(3), (*forward.x.shape, 3)) if state is None else state.F
-    rows = stretch_rows(basis, forward.x, np.stack([F, F]), 1.0)[0].reshape(-1, count)
+    rows = stretch_rows(basis, forward.x, np.stack([F, F]), np.zeros(1))[0].reshape(-1, count)
     implied = ((rows * spread[:count]) ** 2).sum(axis=1)
     weight = stretch_weights(implied, STRAIN)
     full = np.zeros((len(spread), len(spread)))

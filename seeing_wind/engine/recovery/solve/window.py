@@ -20,7 +20,7 @@ from ...mpm.model import Model
 from ...mpm.state import State, Trajectory
 from ...progress import Journal, Progress
 from ...records import Particles
-from ..prior.basis import SpatialBasis, hats, velocity_basis
+from ..prior.basis import SpatialBasis, knots_between, velocity_basis
 from ..prior.kernel import Prior, modes_for_variance
 from ..prior.learning import REFOLLOW_MISFIT, Expected, learn_hyperparameters, learn_kernel, prior_along, track_misfit
 from ..targets.objective import Objective
@@ -220,10 +220,10 @@ class WindowSolver:
     def knot(self, wanted: float) -> float:
         """Frames between knots: `wanted`, or a power of two times it, so that a field on coarse knots is one on finer too.
 
-        Sparser than wanted when the dense solve would become too large.
+        Sparser than wanted when the dense solve would become too large; finer where still air says that the force ends at once.
         """
-        affordable = 3.0 * self.basis.phi.shape[1] * self.objective.frames / UNKNOWNS
-        knot = wanted
+        affordable = 3.0 * self.basis.phi.shape[1] * np.count_nonzero(~self.still) / UNKNOWNS
+        knot = max(1.0, 0.5 * wanted) if self.still.any() else wanted
         while knot < affordable:
             knot *= 2.0
         return knot
@@ -238,9 +238,9 @@ class WindowSolver:
         if self.start is not None:
             velocity, gradient = velocity[:0], gradient[:0]
         x = self.particles.x
-        model, weights = model or self._model(), hats(frames, knot) * ~self.still[:frames, None]
+        model, when = model or self._model(), knots_between(self.still[:frames], knot)
         return Forward(
-            model, self._rough(), x, basis, weights, knot, velocity, gradient, self.progress, self.start, self.journal
+            model, self._rough(), x, basis, when, velocity, gradient, self.progress, self.start, self.journal
         )
 
     def solve(

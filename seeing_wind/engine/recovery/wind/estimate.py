@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from ...field.confidence import farthest_points
 from ...progress import NoProgress, Progress
-from ..prior.basis import SpatialBasis, hats
+from ..prior.basis import SpatialBasis, hats, knots
 from ..prior.evidence import maximise_evidence
 from ..prior.kernel import Kernel, Places, Prior
 from ..solve.gauss_newton import Linearisation, Solution, solve
@@ -173,7 +173,7 @@ def places_of(basis: SpatialBasis, path: np.ndarray, spacing: float) -> Places:
     """`Places.along` with a few particles for all: so few modes need no more."""
     some = farthest_points(path[0], min(len(basis.phi), SAMPLES * basis.phi.shape[1]))
     few = replace(basis, phi=basis.phi[some], gradient=basis.gradient[some])
-    return Places.along(few, path[:, some], spacing)
+    return Places.along(few, path[:, some], knots(len(path) - 1, spacing))
 
 
 def _first(problem: Problem, start: np.ndarray) -> np.ndarray:

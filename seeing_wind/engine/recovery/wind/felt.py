@@ -102,7 +102,7 @@ def felt_by(
     total = float(mass.sum())
     acceleration = recovery.force_density / density
     modes = np.einsum("np,tni->tpi", mass[:, None] * basis.phi, acceleration) / total
-    seen = _seen(stretch_rows(basis, particles.x, recovery.F, 1.0)[: len(modes)])
+    seen = _seen(stretch_rows(basis, particles.x, recovery.F, np.arange(len(modes))))
     deviation = np.sqrt(((recovery.deviation / density) ** 2 @ mass) / total / basis.phi.shape[1])
     places = [surface.normals(x, F) for x, F in zip(recovery.x, recovery.F, strict=True)]
     attachment = surface.attachment
