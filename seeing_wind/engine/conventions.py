@@ -89,3 +89,6 @@ def pictures_of(path: str) -> list[Path]:
         name = re.sub(r"%0?\d*d", r"(\\d+)", re.sub(r"([.()\[\]+])", r"\\\1", place.name))
         files = [file for file in place.parent.glob("*") if re.fullmatch(name, file.name)] if place.parent.is_dir() else []
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
+
+UNHELD = "Nothing was marked as held"
+"""How the note begins on a force that only answers gravity: the panel offers what mends it."""

@@ -1,5 +1,6 @@
 """The panel *Recover*."""
 
+from ...engine.conventions import UNHELD
 from ..job import status
 from ..job.panel_pieces import Tab, draw_job, draw_text, panels
 from ..job.status import State
@@ -23,12 +24,25 @@ class RecoverTab(Tab):
         undone = [text for name, text in (("clip", "choose a clip"), ("object", "mark the object")) if now.steps[name].state != State.DONE]
         missing = f"First {' and '.join(undone)}" if undone else ""
         draw_job(self.layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing)
+        if now.running != "recover" and any(one.startswith(UNHELD) for one in now.warnings):
+            _offer_to_hold(self.layout)
         if settings.field_verdict and now.running != "recover":
             draw_text(self.layout, context, settings.field_verdict, "FORCE_WIND")
         if settings.recovered_take and now.running != "recover":
             row = self.layout.row(align=True)
             row.operator("seeing_wind.build_scene", text="Reload", icon="FILE_REFRESH")
             row.operator_menu_enum("seeing_wind.open_report", "which", text="Open", icon="FILE_FOLDER")
+
+
+def _offer_to_hold(layout) -> None:
+    """The ways out of a force that only answers gravity, in red above all else that is said of it."""
+    box = layout.box()
+    box.alert = True
+    box.label(text="This is only the answer to gravity", icon="ERROR")
+    row = box.row(align=True)
+    row.operator("seeing_wind.preview", text="Mark What Is Held", icon="PINNED")
+    away = row.operator("wm.context_set_enum", text="Gravity: None", icon="CANCEL")
+    away.data_path, away.value = "scene.seeing_wind.gravity_mode", "NONE"
 
 
 CLASSES = panels(RecoverTab, 2)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
+from types import SimpleNamespace
+from typing import Any
 
 import bpy
 import numpy as np
 import pytest
 
+from seeing_wind.engine.conventions import UNHELD
 from seeing_wind.engine.take import Take
 from seeing_wind.ui import freshness
 from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.bake.plan import MARK, mark_of
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status
+from seeing_wind.ui.recover.panel import RecoverTab
 from tests.ui.jobs import cube, now, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -43,6 +47,36 @@ def test_what_the_recovery_says_of_itself_is_in_the_panel(workplace, scene) -> N
     bpy.ops.seeing_wind.build_scene(take=str(workplace / "out.take"))
     assert status.of(scene.session_uid).warnings == ["Nothing was marked as held.", "One camera."]
     assert status.of(scene.session_uid).warned == "recover"
+
+
+class Drawn:
+    """A layout that remembers the operators that were put into it."""
+
+    def __init__(self) -> None:
+        self.operators: list[SimpleNamespace] = []
+
+    def operator(self, name: str, **_: object) -> SimpleNamespace:
+        self.operators.append(SimpleNamespace(name=name))
+        return self.operators[-1]
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments, **options: self
+
+
+def test_the_answer_to_gravity_has_two_ways_out(workplace, scene) -> None:
+    recover(workplace)
+
+    def offered() -> list[SimpleNamespace]:
+        layout = Drawn()
+        RecoverTab.draw(SimpleNamespace(layout=layout, columns=lambda: (layout, scene.seeing_wind)), bpy.context)
+        return [one for one in layout.operators if one.name in ("seeing_wind.preview", "wm.context_set_enum")]
+
+    assert not offered()
+    status.of(scene.session_uid).warnings.insert(0, f"{UNHELD}; the force found is what holds the body up.")
+    look, away = offered()
+    assert look.name == "seeing_wind.preview"
+    bpy.ops.wm.context_set_enum(data_path=away.data_path, value=away.value)
+    assert scene.seeing_wind.gravity_mode == "NONE"
 
 
 def test_a_failure_for_want_of_an_earlier_step_goes_when_that_step_is_done(workplace, scene) -> None:

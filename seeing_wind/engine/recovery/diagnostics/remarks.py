@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...conventions import UNHELD
 from ...records import Particles
 from ..targets.clamp_motion import ClampMotion
 from ..targets.objective import Channels
@@ -110,7 +111,7 @@ def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarr
     if particles.pinned.any() or leaves or not carried:
         return []
     return [
-        "Nothing was marked as held; the force found is what holds the body up against gravity, not a wind. Mark what is held, or recover "
+        f"{UNHELD}; the force found is what holds the body up against gravity, not a wind. Mark what is held, or recover "
         "without gravity."
     ]
 
