@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from seeing_wind.engine import stages
 from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.field import distill, distillation
 from seeing_wind.engine.look.report.accuracy import field_errors
@@ -16,6 +15,7 @@ from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.recovery.paper.refinement import WINDOW, _Run, refine
+from seeing_wind.engine.recovery.stage import recover_stage
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
 
@@ -118,9 +118,9 @@ def test_a_solve_that_is_done_is_refined_without_another(known, tmp_path, monkey
     body, recovery = known
     solves = []
     monkeypatch.setattr(distillation, "ITERATIONS", 60)
-    monkeypatch.setattr("seeing_wind.engine.recovery.recover", lambda *_: solves.append(1) or recovery)
+    monkeypatch.setattr("seeing_wind.engine.recovery.stage.recover", lambda *_: solves.append(1) or recovery)
     take, seconds = Take(tmp_path / "a.take"), []
     for settings in (WEIGHTLESS, REFINED, REFINED):
-        seconds.append(stages.recover_stage(take, body, RUBBER, points(body, recovery.x), FPS, "up", settings, NoProgress())[2])
+        seconds.append(recover_stage(take, body, RUBBER, points(body, recovery.x), FPS, "up", settings, NoProgress())[2])
     assert len(solves) == 1
     assert ["refine" in one for one in seconds] == [False, True, False]
