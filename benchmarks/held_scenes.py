@@ -63,9 +63,8 @@ def gusts(rng: np.random.Generator, size: float, period: float, length: float, c
         towards = rng.normal(size=3) * (1.0, 1.0, 0.5)  # half as much along the body
         k = rng.normal(size=3)
         k *= 2.0 * np.pi / (length * np.linalg.norm(k)) * rng.uniform(0.5, 1.0)
-        waves.append(
-            Wave(tuple(amplitude * towards / np.linalg.norm(towards)), tuple(k), 2.0 * np.pi * rate * rng.choice((-1, 1)), rng.uniform(0, 2 * np.pi))
-        )
+        towards *= amplitude / np.linalg.norm(towards)
+        waves.append(Wave(tuple(towards), tuple(k), 2.0 * np.pi * rate * rng.choice((-1, 1)), rng.uniform(0.0, 2.0 * np.pi)))
     return tuple(waves)
 
 
@@ -100,7 +99,8 @@ def reed(rng: np.random.Generator) -> Scene:
 def struck(rng: np.random.Generator) -> Scene:
     """A blow of two frames and nothing after it."""
     turn, strength = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(8.0, 14.0)
-    blow = Wave((float(strength * np.cos(turn)), float(strength * np.sin(turn)), 0.0), (0.0, 0.0, float(rng.uniform(2, 4))), 0.0, 0.5 * np.pi)
+    force = (float(strength * np.cos(turn)), float(strength * np.sin(turn)), 0.0)
+    blow = Wave(force, (0.0, 0.0, float(rng.uniform(2, 4))), 0.0, 0.5 * np.pi)
     return post(rng, rng.uniform(1.0, 1.6), (blow,), blows=2)
 
 

@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from outlines import box_round, overlap  # noqa: E402
 
-from seeing_wind.engine.records import Observation  # noqa: E402
 from seeing_wind.engine.record_arrays import from_arrays  # noqa: E402
+from seeing_wind.engine.records import Observation  # noqa: E402
 from seeing_wind.engine.take import Take  # noqa: E402
 
 OUTLINE, CURTAIN, FOOT, SECONDS = 0.75, 0.05, 0.12, 120.0
