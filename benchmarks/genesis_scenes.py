@@ -24,8 +24,6 @@ FPS, SUBSTEPS, LOOKS = 30.0, 100, 10
 """Frames a second, steps in each, and times that the field is looked at in each."""
 CENTRE = np.array([0.0, 0.0, 0.5])
 """Of every body [m]."""
-MOVES = 5e-4
-"""What moves less than this [m] counts as held."""
 
 Vector = tuple[float, float, float]
 REST: Vector = (0.0, 0.0, 0.0)
@@ -170,11 +168,10 @@ def simulate(scene: Scene) -> dict[str, np.ndarray]:
         places.append(_array(body.get_particles_pos()))
         velocities.append(_array(body.get_particles_vel()))
     path = np.stack(places)
-    still = np.linalg.norm(path - path[0], axis=2).max(axis=0) < MOVES if held.any() else held
     return {
         "x": path.astype(np.float32), "v": np.stack(velocities).astype(np.float32), "acc": np.stack(forces).astype(np.float32),
         "rho": np.array(scene.rho), "E": np.array(scene.E), "nu": np.array(0.3), "yield_stress": np.array(scene.yield_stress),
-        "fixed": still, "fps": np.array(FPS), "gravity": np.zeros(3),
+        "fixed": held, "fps": np.array(FPS), "gravity": np.zeros(3),
     }  # fmt: skip
 
 

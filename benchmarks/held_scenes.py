@@ -2,7 +2,7 @@
 
 Needs Genesis, as `genesis_scenes.py` does, and writes the same files: FOLDER/truth/KIND-SEED.npz. A seed draws the body's size, stiffness
 and density and the gusts, so that there are as many scenes as are wanted. Seeds below 100 are for development: settings may be chosen on
-them. Those from 100 on are for reports.
+them. Those from 100 on are for reports. With a c after it (stalk-1c) the field acts on what is held, too, which creeps in Genesis.
 
 Kinds: stalk (gusts longer than the body), waves (gusts as long as the body), reed (swings by half its length), struck (two frames of
 force, then still air), banner (a thick sheet, held along an edge), foam (a plastic post, one second).
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,10 +38,11 @@ def main() -> None:
     options = parser.parse_args()
     scenes = {}
     for name in options.name:
-        match = re.fullmatch(r"([a-z]+)-(\d+)", name)
+        match = re.fullmatch(r"([a-z]+)-(\d+)(c?)", name)
         if match is None or match[1] not in KINDS:
             parser.error(f"no scene {name}; it is KIND-SEED, such as stalk-1, and the kinds are {', '.join(KINDS)}")
-        scenes[name] = KINDS[match[1]](np.random.default_rng([int(match[2]), list(KINDS).index(match[1])]))
+        scene = KINDS[match[1]](np.random.default_rng([int(match[2]), list(KINDS).index(match[1])]))
+        scenes[name] = replace(scene, calm_clamp=not match[3])
     write(options.folder, scenes)
 
 
@@ -77,7 +79,7 @@ def post(rng: np.random.Generator, frequency: float, waves: tuple[Wave, ...], **
     stiffness = 12.0 * rho * slender / min(sides) ** 2
     return Scene(
         ("box", (*map(float, sides), TALL)), float(stiffness), float(rho), waves,
-        held_above=float(CENTRE[2] + TALL / 2 - CLAMPED), frames=round(SECONDS * FPS), calm_clamp=True, **more,
+        held_above=float(CENTRE[2] + TALL / 2 - CLAMPED), frames=round(SECONDS * FPS), **more,
     )  # fmt: skip
 
 
@@ -109,7 +111,7 @@ def banner(rng: np.random.Generator) -> Scene:
     side, rho = 0.3, rng.uniform(200.0, 350.0)
     return Scene(
         ("box", (side, LAYERS, side)), float(rho * rng.uniform(60.0, 120.0)), float(rho), gusts(rng, rng.uniform(0.8, 1.4), 0.4, 0.6),
-        held_above=float(CENTRE[2] + side / 2 - 0.04), frames=round(SECONDS * FPS), calm_clamp=True,
+        held_above=float(CENTRE[2] + side / 2 - 0.04), frames=round(SECONDS * FPS),
     )  # fmt: skip
 
 
@@ -117,7 +119,7 @@ def foam(rng: np.random.Generator) -> Scene:
     """A post that yields at its foot."""
     scene = post(rng, rng.uniform(1.5, 2.0), gusts(rng, rng.uniform(3.0, 4.0), 0.4, 1.0), yield_stress=1.0)
     strain = rng.uniform(0.008, 0.014)
-    return Scene(**(vars(scene) | {"yield_stress": float(strain * scene.E), "frames": round(FPS)}))
+    return replace(scene, yield_stress=float(strain * scene.E), frames=round(FPS))
 
 
 KINDS: dict[str, Callable[[np.random.Generator], Scene]] = {

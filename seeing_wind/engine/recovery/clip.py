@@ -20,7 +20,7 @@ from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
 from .diagnostics.remarks import astray, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
-from .prior.basis import SpatialBasis, spatial_basis
+from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.learning import Expected
 from .solve.section import section_axes
 from .solve.stiffness import Stiffness, covariance_with, remark, scaled, youngs_modulus
@@ -174,14 +174,11 @@ class Clip:
         camera's axis, not the ray to the body, which turns as the body crosses the picture: the scale is that of a plane of the picture.
         """
         pinned, channels = self.particles.pinned, self.objective.channels
-        if pinned.any():
-            axis, shrink = self.particles.x[~pinned].mean(axis=0) - self.particles.x[pinned].mean(axis=0), AXIAL_SHRINK
-        elif modes == 1 and len(channels) == 1 and isinstance(channels[0], TrackChannels):
-            axis, shrink = channels[0].camera.pose(0)[:3, 2], RAY_SHRINK
-        else:
-            return np.eye(3)
-        axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
-        return np.eye(3) - (1.0 - shrink**2) * np.outer(axis, axis)
+        axis, shrink = held_axis(self.particles.x, pinned) if pinned.any() else None, AXIAL_SHRINK
+        if not pinned.any() and modes == 1 and len(channels) == 1 and isinstance(channels[0], TrackChannels):
+            view = channels[0].camera.pose(0)[:3, 2]
+            axis, shrink = view / np.linalg.norm(view), RAY_SHRINK
+        return np.eye(3) if axis is None else np.eye(3) - (1.0 - shrink**2) * np.outer(axis, axis)
 
     def result(self, kept: list[Kept], material: Material, views: int, began: float) -> Recovery:
         """What the windows add up to."""

@@ -54,6 +54,22 @@ def test_a_held_body_may_stray_slowly():
     assert cost["slow"] < 4.0 < 40.0 < cost["quick"]
 
 
+def test_what_a_held_body_does_along_its_axis_is_believed_unless_it_is_in_step_with_its_swing():
+    """The squared distance of a motion by 1 % of the swing, in the deviations assumed of the mismatch. The axis lies askew."""
+    straight, time = plate((11, 4, 4), pinned=lambda x: x[:, 0] < -0.075), np.arange(61)
+    turn = np.linalg.qr(np.array([[1.0, 0.3, 0.2], [0.5, 1.0, 0.0], [0.4, 0.1, 1.0]]))[0]
+    body, swing = replace(straight, x=straight.x @ turn.T), np.sin(time / 5.0)
+    x = body.x + 20.0 * swing[:, None, None] * np.clip(straight.x[:, :1] + 0.08, 0.0, None) ** 2 * turn[:, 2]
+    channels = point_channels(body, points(body, x), False)
+    assert abs(channels.frame[:, 0] @ turn[:, 0]) > 0.9999
+    size = np.sqrt((channels.observed[:, 0] - channels.observed[0, 0]).var(axis=0).sum())
+    cost = {}
+    for component, how, shape in ((0, "in step", swing), (0, "along", np.sin(time / 2.0)), (1, "across", np.sin(time / 2.0))):
+        motion = 0.01 * size * shape[1:]
+        cost[how] = motion @ np.linalg.solve(channels.covariance(component)[1:, 1:], motion)
+    assert cost["in step"] < 4.0 and cost["along"] > 10.0 * cost["across"]
+
+
 def test_depth_that_is_seen_less_well_counts_less():
     """Along an axis askew to the world's, noise a hundred times that across; told by a covariance, the force across stays good."""
     body, rng = plate((8, 5, 3)), np.random.default_rng(1)

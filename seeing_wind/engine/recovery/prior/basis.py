@@ -23,6 +23,9 @@ THIN = 0.1
 """An axis along which the body's mass spreads less than this share of what it does along the longest gets no functions.
 They would move nothing that the others do not: a torque across a plate is a normal force that varies along it."""
 
+SIDE = 0.1
+"""Least distance between the middles of what is held and what is not, in radii of the body, from which it has an axis."""
+
 
 @dataclass(frozen=True)
 class SpatialBasis:
@@ -147,6 +150,16 @@ def knots_between(still: np.ndarray, spacing: float) -> Knots:
         weights[begin:end, first : first + len(one)] = hats(end - begin, spacing)
         first += len(one)
     return Knots(at, weights, spacing)
+
+
+def held_axis(x: np.ndarray, pinned: np.ndarray) -> np.ndarray | None:
+    """Unit vector (3,) from what is held to what is not, of particles x (N, 3) of which pinned (N,) bool are held in part.
+
+    None where neither lies to one side of the other, as of a membrane held all round.
+    """
+    along = x[~pinned].mean(axis=0) - x[pinned].mean(axis=0)
+    length, size = np.linalg.norm(along), np.linalg.norm(x - x.mean(axis=0), axis=1).max()
+    return along / length if length > SIDE * size else None
 
 
 def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...records import Particles
+from ..prior.basis import held_axis
 
 FARTHEST = 2.0
 """Largest size of a shape: beyond a section's corners, on leaves far off a stem, it says nothing."""
@@ -51,8 +52,8 @@ def _section(particles: Particles) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     if free.all() or not free.any():
         raise ValueError("only a body that is held in part has an axis to bend about")
     middle = x[free].mean(axis=0)
-    axis = middle - x[~free].mean(axis=0)
-    axis = axis / max(float(np.linalg.norm(axis)), 1e-12)
-    across = (x - middle) - np.outer((x - middle) @ axis, axis)
+    axis, across = held_axis(x, particles.pinned), x - middle
+    if axis is not None:
+        across = across - np.outer(across @ axis, axis)
     values, vectors = np.linalg.eigh(across[free].T @ across[free] / free.sum())
     return across, values[2:0:-1], vectors[:, 2:0:-1].T

@@ -13,9 +13,6 @@ import numpy as np
 from ...errors import ObjectError, UsageError
 from ...records import Attachment
 
-PLASTIC_FACTOR = 10.0
-"""How much more variance the mismatch has when the body flows plastically."""
-
 ABOUT = 1.2
 """Bounds on the noise that differ by less than this factor are the same within their own uncertainty."""
 
@@ -25,11 +22,6 @@ def attachment_matrix(attachment: Attachment, particles: int) -> np.ndarray:
     matrix = np.zeros((len(attachment.index), particles))
     np.add.at(matrix, (np.arange(len(matrix))[:, None], attachment.index), attachment.weight)
     return matrix
-
-
-def mismatch_covariance(frames: int, white: float, slow: float, tau: float, variance_factor: float) -> np.ndarray:
-    lag = np.abs(np.subtract.outer(np.arange(frames), np.arange(frames)))
-    return variance_factor * (white**2 * np.eye(frames) + slow**2 * np.exp(-lag / tau))
 
 
 def noise_of(series: np.ndarray) -> float:

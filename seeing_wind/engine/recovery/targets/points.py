@@ -5,28 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from ...errors import UsageError
 from ...records import Particles, PointTargets
-from ..prior.basis import spatial_basis
-from .channels import PLASTIC_FACTOR, attachment_matrix, check, first_speed, mismatch_covariance, noise_of, second_derivative
+from ..prior.basis import held_axis, spatial_basis
+from .channels import attachment_matrix, check, first_speed, noise_of, second_derivative
+from .mismatch import point_mismatch
 
-MISMATCH_SPACINGS, MISMATCH_SPACINGS_TAU = (0.001, 0.002), 8.0
-"""The same for points in 3D, in particle spacings."""
-MISMATCH_MOTION, MISMATCH_WHITE = 0.02, 0.2
-"""On a held body: the mismatch in each mode in its own motion, beside the first of `MISMATCH_SPACINGS`, and how much of it is white.
-It is what stiffness, section and clamp (`stiffness`) leave of how the body bends: of another simulator's posts that move by the true force,
-with the three fitted to their motion, 0.4 to 0.9 % of the motion in the modes of degree 0 and 1, 1 to 2.3 % in those of degree 2 and 3.
-In pixels, the mismatch of tracks covers it."""
-MISMATCH_DRIFT, DRIFT_PICTURES = 0.05, 90.0
-"""How far a held body strays from the solver's in so many pictures, in its own motion, as the integral of a random walk: a clamp gives way
-under a lasting force. After 4 s of gusts another simulator's posts stood 4 to 8 % of their motion away from where their bending put them,
-in step with the sum of the force; this solver's, 0.1 to 3 %. Taken for bending, it asked for a force that grew through the clip. Where
-points show how the clamp moves (`clamp_motion`), this is for what is left: d_stalk 12.2 % with it, 13.7 % without."""
-SWIFT = 7
-"""Pictures over which a cubic is fitted to a held body's motion in each mode. What swings faster, as after a strike, is in step with the
-solver's body for a few periods only and beyond the force's knots, so all of it is taken for mismatch, too."""
 MODES = 20
 """Most displacement modes that points in 3D are reduced to."""
 WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
@@ -55,7 +40,7 @@ class PointChannels:
     sigma: np.ndarray
     """(channels,) noise of one amplitude [m]."""
     mismatch: np.ndarray
-    """(modes, T+1, T+1) covariance of the solver's mismatch over the pictures [m²]."""
+    """(modes, 3, T+1, T+1) covariance of the solver's mismatch over the pictures [m²], components as in `frame`."""
     inflation: np.ndarray
     """(T+1, channels) factor >= 1 on the noise variance."""
     turned: np.ndarray
@@ -80,13 +65,13 @@ class PointChannels:
         marginal = np.sqrt(self.inflation[:, channel])
         # Picture 0 is where the body was built from: its noise is in every displacement, turned with the body.
         first = self.turned[:, component] * self.sigma[3 * mode : 3 * mode + 3]
-        mismatch = self.mismatch_scale**2 * self.mismatch[mode]
+        mismatch = self.mismatch_scale**2 * self.mismatch[mode, component]
         noise = self.sigma[channel] ** 2 * np.eye(len(marginal))
         return (noise + mismatch) * np.outer(marginal, marginal) + first @ first.T
 
     def variances(self) -> tuple[float, float]:
         """Of one amplitude in one picture [m²]: noise, of the middle mode, and mismatch."""
-        return float(np.median(self.sigma) ** 2), float(self.mismatch_scale**2 * np.median(self.mismatch[:, 0, 0]) + np.finfo(float).tiny)
+        return float(np.median(self.sigma) ** 2), float(self.mismatch_scale**2 * np.median(self.mismatch[:, :, 0, 0]) + np.finfo(float).tiny)
 
     def mismatched(self, scale: float) -> PointChannels:
         return replace(self, mismatch_scale=scale)
@@ -134,8 +119,8 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
             observed[t, :fitted] = inverse @ targets.x[t, seen]
             known[t, :fitted] = True
     observed = _between(observed, known)
-    mismatch = _mismatch(particles, observed, plastic)
-    frame, whole = np.eye(3), observed[1:][_longest_run(known[1:].all(axis=1))]
+    axis = held_axis(particles.x, particles.pinned) if particles.pinned.any() and targets.covariance is None else None
+    frame, whole = _along(axis), observed[1:][_longest_run(known[1:].all(axis=1))]
     if targets.covariance is not None:
         frame, sigma = _propagated(targets.covariance, _inverse(modes, weight))
         # A covariance of each point alone knows nothing of errors that neighbours share; what is measured does.
@@ -145,37 +130,16 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
         sigma = np.full(3 * modes.shape[1], targets.sigma / np.sqrt(count))
     else:
         sigma = np.repeat([noise_of(whole[:, m]) for m in range(modes.shape[1])], 3)
+    mismatch = point_mismatch(particles, (observed - observed[0]) @ frame, plastic, axis is not None)
     inflation = np.ones((pictures, 3 * modes.shape[1]))
     turned = frame.T @ rotations(targets.x, targets.visible) @ frame
     used = np.repeat(known & (np.arange(pictures) > 0)[:, None], 3, axis=1)
     return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame)
 
 
-def _mismatch(particles: Particles, observed: np.ndarray, plastic: bool) -> np.ndarray:
-    """(modes, T+1, T+1) covariance of the solver's mismatch [m²] in the modes whose amplitudes (T+1, modes, 3) [m] were observed."""
-    white, slow = (np.full(observed.shape[1], share * particles.spacing) for share in MISMATCH_SPACINGS)
-    drift = np.zeros_like(slow)
-    held = bool(particles.pinned.any())
-    if held:
-        moved = observed - observed[0]
-        slow, drift = np.hypot(white, MISMATCH_MOTION * _sizes(moved)), MISMATCH_DRIFT * _sizes(moved)
-        white = MISMATCH_WHITE * slow
-        if len(moved) >= SWIFT:
-            white = np.hypot(white, _sizes(moved - savgol_filter(moved, SWIFT, 3, axis=0)))
-    factor = PLASTIC_FACTOR if plastic and not held else 1.0
-    swings = np.stack([mismatch_covariance(len(observed), *one, MISMATCH_SPACINGS_TAU, factor) for one in zip(white, slow)])
-    return swings + drift[:, None, None] ** 2 * _integrated_walk(np.arange(len(observed)) / DRIFT_PICTURES)
-
-
-def _integrated_walk(time: np.ndarray) -> np.ndarray:
-    """(n, n) covariance of a random walk's integral at these times (n,), of variance 1 at time 1 (Rasmussen and Williams 2006, 6.3.1)."""
-    early, late = np.minimum.outer(time, time), np.maximum.outer(time, time)
-    return early**2 * (3.0 * late - early) / 2.0
-
-
-def _sizes(amplitudes: np.ndarray) -> np.ndarray:
-    """(modes,) root mean square of amplitudes (T+1, modes, 3)."""
-    return np.sqrt((amplitudes**2).mean(axis=(0, 2)))
+def _along(axis: np.ndarray | None) -> np.ndarray:
+    """Axes (3, 3) as columns, the first of which is `axis` (3,); the world's without one."""
+    return np.eye(3) if axis is None else np.linalg.svd(axis[None])[2].T
 
 
 def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:

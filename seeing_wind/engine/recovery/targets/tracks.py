@@ -8,7 +8,8 @@ import numpy as np
 
 from ...errors import UsageError
 from ...records import Camera, Particles, TrackTargets
-from .channels import attachment_matrix, check, first_speed, mismatch_covariance, second_derivative
+from .channels import attachment_matrix, check, first_speed, second_derivative
+from .mismatch import mismatch_covariance
 
 MISMATCH_PIXELS, MISMATCH_PIXELS_TAU = (0.02, 0.33), 24.0
 """What no force should explain, for the solver is not the real body: standard deviation [px] of its white and of its slow part, and the
