@@ -71,7 +71,8 @@ class PointChannels:
 
     def variances(self) -> tuple[float, float]:
         """Of one amplitude in one picture [m²]: noise, of the middle mode, and mismatch."""
-        return float(np.median(self.sigma) ** 2), float(self.mismatch_scale**2 * np.median(self.mismatch[:, :, 0, 0]) + np.finfo(float).tiny)
+        mismatch = self.mismatch_scale**2 * np.median(self.mismatch[:, :, 0, 0])
+        return float(np.median(self.sigma) ** 2), float(mismatch + np.finfo(float).tiny)
 
     def mismatched(self, scale: float) -> PointChannels:
         return replace(self, mismatch_scale=scale)
