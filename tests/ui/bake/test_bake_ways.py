@@ -16,6 +16,7 @@ from seeing_wind.ui.bake.animation import curves_of
 from seeing_wind.ui.bake.motion import bake_motion, clear_bake, is_intact
 from seeing_wind.ui.bake.plan import MARK, Plan, mark_of
 from seeing_wind.ui.bake.rigid import rigid_fit
+from tests.ui.meshes import shown
 
 WAYS = [
     "SHAPE_KEYS",
@@ -36,13 +37,6 @@ def grid(scene) -> bpy.types.Object:
     grid.location, grid.rotation_euler, grid.scale = (1.0, 2.0, 3.0), Euler((0.3, 0.2, -0.5)), (1.0, 2.0, 0.5)
     bpy.context.view_layer.update()
     return grid
-
-
-def shown(obj: bpy.types.Object, frame: float) -> np.ndarray:
-    """World coordinates (V, 3) of the evaluated mesh at a scene frame."""
-    bpy.context.scene.frame_set(int(frame), subframe=frame % 1.0)
-    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return np.array([(evaluated.matrix_world @ vertex.co)[:] for vertex in evaluated.data.vertices])
 
 
 def bending(obj: bpy.types.Object, frames: int = 12) -> np.ndarray:
