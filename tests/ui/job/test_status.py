@@ -43,6 +43,6 @@ def test_flags_are_called_as_the_panel_calls_them() -> None:
 
 
 def test_what_the_engine_says_of_a_finished_stage_is_what_the_panel_waits_for() -> None:
-    from seeing_wind.engine import stages
+    from seeing_wind.engine import take
 
-    assert f'"{status.KEPT}"' in Path(stages.__file__).read_text()
+    assert f'"{status.KEPT}"' in Path(take.__file__).read_text()

@@ -12,7 +12,7 @@ import seeing_wind.ui as ui
 from seeing_wind.ui.bake.animation import keyframes
 from seeing_wind.ui.bake.plan import MARK
 from seeing_wind.ui.job import status
-from tests.ui.meshes import held_cube
+from tests.ui.meshes import group, held_cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -21,6 +21,12 @@ def changed_calibration(**values: object) -> None:
     """Change what is kept of the first calibration."""
     for name, value in values.items():
         setattr(bpy.context.scene.seeing_wind.calibrations[0], name, value)
+
+
+def painted() -> None:
+    """Paint the recovered object."""
+    obj = bpy.context.view_layer.objects.active = bpy.context.scene.seeing_wind.recovered_object
+    group(obj, "Foot", {0: 1.0, 1: 1.0, 4: 1.0, 5: 1.0})
 
 
 def plain(group: bpy.types.PropertyGroup) -> dict:
@@ -81,6 +87,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("preview", lambda: ops.preview()),
         ("use held", lambda: ops.use_held()),
         ("recover", lambda: ops.recover(distance=2.0, take=take)),
+        ("hold painted", lambda: painted() or ops.hold_painted(vertex_group="Foot")),
         ("insert", lambda: ops.insert_mesh(object="Held")),
         ("insert another", lambda: ops.insert_mesh(object="Rigid")),
         ("insert recovered", lambda: ops.insert_mesh(recovered=True)),
