@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+from pathlib import Path
 
 import bpy
 import pytest
@@ -27,6 +28,15 @@ def painted() -> None:
     """Paint the recovered object."""
     obj = bpy.context.view_layer.objects.active = bpy.context.scene.seeing_wind.recovered_object
     group(obj, "Foot", {0: 1.0, 1: 1.0, 4: 1.0, 5: 1.0})
+
+
+def panorama(folder: Path) -> str:
+    """A small one."""
+    image = bpy.data.images.new("panorama", 4, 2, float_buffer=True, is_data=True)
+    image.filepath_raw, image.file_format = str(folder / "panorama.exr"), "OPEN_EXR"
+    image.save()
+    bpy.data.images.remove(image)
+    return str(folder / "panorama.exr")
 
 
 def plain(group: bpy.types.PropertyGroup) -> dict:
@@ -62,7 +72,8 @@ def snapshot() -> dict:
             "weights": [round(m.settings.effector_weights.texture, 4) for m in obj.modifiers if m.type == "CLOTH"],
         }
     scene = bpy.context.scene
-    return {"settings": plain(scene.seeing_wind), "objects": objects, "render": (scene.render.engine, scene.render.film_transparent)}
+    render = (scene.render.engine, scene.render.film_transparent, scene.world.name if scene.world else "")
+    return {"settings": plain(scene.seeing_wind), "objects": objects, "render": render}
 
 
 def states() -> dict[str, str]:
@@ -115,6 +126,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("calibrate again", lambda: changed_calibration(density=300.0, wind=True) or ops.calibrate_again()),
         ("conform", lambda: ops.conform()),
         ("composite", lambda: ops.set_up_composite(floor=True)),
+        ("composite with a panorama", lambda: ops.set_up_composite(hdri=panorama(workplace))),
         ("add wind", lambda: ops.add_wind(wind="Light Breeze")),
     ]
     changing = {cls.bl_idname for cls in ui.CLASSES if issubclass(cls, bpy.types.Operator) and "UNDO" in getattr(cls, "bl_options", ())}
