@@ -35,8 +35,23 @@ STRIDE = "seeing_wind_stride"
 """Custom property of a field object: scene frames that one of its pictures lasts; 1 unless it was conformed to the scene's frame rate."""
 
 
+SURE = "seeing_wind_sure"
+"""Custom property of the arrows: the greatest confidence of any, in 0..1."""
+
 LOOP = "seeing_wind_loop"
 """Custom property of a field object: whether its first picture follows its last; the user's."""
+
+
+def said_of_unseen(arrows: Any, asked: float) -> str:
+    """Why not one of the arrows is drawn; "" where some are.
+
+    Args:
+        asked: the confidence below which they are hidden.
+    """
+    sure = arrows.get(SURE, 1.0)
+    if sure > asked:
+        return ""
+    return f"No arrow is drawn: the confidence is {sure:.2g} at most, and Confidence in the panel Field asks for more than {asked:.2g}"
 
 
 def frames_per_second(scene: Any) -> float:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.field.arrows import create_arrows, ramp_colours
+from seeing_wind.ui.field.arrows import CONFIDENCE_SHOWN, create_arrows, ramp_colours
+from seeing_wind.ui.field.display import SURE, said_of_unseen
 from seeing_wind.ui.field.node_groups import set_input
+from seeing_wind.ui.recover.results import notes
+from tests.ui.jobs import recover
 
 
 def _drawn(arrows: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
@@ -89,3 +94,22 @@ def test_arrows_and_their_colours_follow_strength_and_the_field_object(scene, ch
     assert np.ptp(after[0, :, 2]) == pytest.approx(2.0 * np.ptp(before[0, :, 2]), rel=1e-3)
     assert arrows.matrix_world.translation.x == pytest.approx(1.0, abs=1e-5)
     assert np.allclose(ramp_colours(np.array([1.0])), [[1.0, 0.0, 0.0]])
+
+
+def test_it_is_said_when_the_clip_tells_too_little_for_any_arrow(scene):
+    points, vectors = np.random.default_rng(0).uniform(size=(20, 3)), np.ones((2, 20, 3))
+    confidence = np.full((2, 20), 0.01)
+    confidence[1, 3] = 0.04
+    arrows = create_arrows(scene, "Arrows", points, vectors, confidence)
+    assert len(_drawn(arrows)[0]) == 0 and "0.04 at most" in said_of_unseen(arrows, CONFIDENCE_SHOWN)
+    set_input(arrows.modifiers[0], "Confidence Shown", 0.03)
+    scene.frame_set(2)
+    assert len(_drawn(arrows)[0]) == 1 and said_of_unseen(arrows, 0.03) == ""
+
+
+def test_it_is_said_after_recover_too(scene, stand_in, workplace):
+    recover(workplace)
+    take = Path(scene.seeing_wind.recovered_take)
+    assert not any("No arrow" in note for note in notes(scene, take))
+    scene.seeing_wind.arrows_object[SURE] = 0.01
+    assert "No arrow is drawn" in notes(scene, take)[0]

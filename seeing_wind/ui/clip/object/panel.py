@@ -33,7 +33,7 @@ class ObjectTab(Tab):
             ("density", f"{material.density:g}"), ("youngs_modulus", f"{material.youngs_modulus:.3g}"), ("thickness", "Automatic"),
         ):  # fmt: skip
             draw_override(column, settings, name, otherwise)
-        _draw_held(column, settings)
+        _draw_held(column, context, settings)
         _draw_preview(self.layout, context, settings)
         _draw_guesses(self.layout, context, settings, self.bl_space_type)
         _draw_more(self.layout, settings)
@@ -57,12 +57,14 @@ def _draw_object(column, settings) -> None:
     column.prop(settings, "use_tracks")
 
 
-def _draw_held(column, settings) -> None:
-    """The way to mark the held place, and the control that does it."""
+def _draw_held(column, context, settings) -> None:
+    """The way to mark the held place, and the control that does it; that of paint, once something is painted."""
     column.prop(settings, "held_mode")
     if settings.held_mode == "FILE":
         column.prop(settings, "pin", text="Picture")
-        column.operator("seeing_wind.hold_painted", icon="WPAINT_HLT")
+        active = context.view_layer.objects.active
+        if active is not None and active.type == "MESH" and len(active.vertex_groups):
+            column.operator("seeing_wind.hold_painted", icon="WPAINT_HLT")
     elif settings.held_mode == "BOX":
         column.operator("seeing_wind.draw_box", text="Draw Held Box", icon="SELECT_SET").marks = "HELD"
         _draw_corners(column, settings, "held_box")
