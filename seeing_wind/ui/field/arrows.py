@@ -89,7 +89,7 @@ def create_arrows(
     set_up_modifier(obj, _arrow_group(name, positions.shape[1], len(vectors), frame_start, length, parent))
     obj["seeing_wind_peak"], obj["seeing_wind_units"] = peak, units
     sure = np.ones_like(size) if confidence is None else np.asarray(confidence)
-    obj[SURE] = float(sure[size > STRENGTH_SHOWN * peak].max(initial=0.0))
+    obj[SURE] = np.where(size > STRENGTH_SHOWN * peak, sure, 0.0).max(axis=1).tolist()
     (collection or scene.collection).objects.link(obj)
     if parent is not None:
         obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
