@@ -85,7 +85,7 @@ def launch() -> dict[str, list[float]]:
     body, launched = Body(model_of(problem, 1), "single"), []
     ours = body.forward_kernel
     body.forward_kernel = lambda *arguments: (launched.append(arguments), ours(*arguments))
-    run = body.start(state_of(problem), np.zeros((8, 3)), None, 0, 1)
+    run = body.packing.start(state_of(problem), np.zeros((8, 3)), None, 0, 1)
     body.advance(run, 0, 1, 1, NoProgress())
     found = {}
     for name, call in (("launch, its own interface", parallel_forward.substeps), ("launch, Launcher", ours)):

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent)]  # a script of the source tree: it runs with the package installed or not
 
-from seeing_wind.engine.command.trajectories import Trajectories, read_trajectories  # noqa: E402
+from seeing_wind.engine.command.trajectories.bodies import Trajectories, read_trajectories  # noqa: E402
 from seeing_wind.engine.field import ForceField, load_field  # noqa: E402
 from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
 from seeing_wind.engine.mpm.rollout import advance  # noqa: E402

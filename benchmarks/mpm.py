@@ -59,7 +59,7 @@ class Ours:
     def forward(self) -> float:
         """Seconds of the substeps of one frame."""
         body = Body(self.model, "single")
-        run = body.start(state_of(self.problem), self.still[0] + self.model.gravity, None, 0, self.substeps)
+        run = body.packing.start(state_of(self.problem), self.still[0] + self.model.gravity, None, 0, self.substeps)
         return seconds(lambda: body.advance(run, 0, self.substeps, self.substeps, NoProgress()))
 
     def frame(self) -> State:

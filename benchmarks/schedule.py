@@ -27,7 +27,7 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent)]  # a script of the source tree: it runs with the package installed or not
 
-from seeing_wind.engine.command.trajectories import read_trajectories  # noqa: E402
+from seeing_wind.engine.command.trajectories.bodies import read_trajectories  # noqa: E402
 from seeing_wind.engine.field.analytic import GustField  # noqa: E402
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
 from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402

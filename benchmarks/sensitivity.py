@@ -132,7 +132,7 @@ class _Swap(ast.NodeTransformer):
 
 def recovered(file: Path) -> dict[str, Any]:
     """Errors of a recovery with what is loaded now, and the force, thinned, to compare with."""
-    from seeing_wind.engine.command.trajectories import read_trajectories
+    from seeing_wind.engine.command.trajectories.bodies import read_trajectories
     from seeing_wind.engine.look.report.accuracy import field_errors
     from seeing_wind.engine.progress import NoProgress
     from seeing_wind.engine.recovery import recover

@@ -40,7 +40,7 @@ class Turns:
         problem = cube("corotated", particles, GRID)
         model = model_of(problem, TURN)
         self.body = Body(model, "single", tasks=tasks)
-        self.start = lambda: self.body.start(state_of(problem), np.zeros((particles, 3)) + model.gravity, None, 0, TURN)
+        self.start = lambda: self.body.packing.start(state_of(problem), np.zeros((particles, 3)) + model.gravity, None, 0, TURN)
         self.turn()
 
     def turn(self) -> float:

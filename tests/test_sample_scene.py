@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seeing_wind.engine.command.trajectories import read_trajectories
+from seeing_wind.engine.command.trajectories.bodies import read_trajectories
 from seeing_wind.engine.field import load_field
 from seeing_wind.engine.look.report.accuracy import uniform_errors
 

@@ -7,12 +7,12 @@ from PIL import Image
 
 TOP, RIGHT, BOTTOM = 45, 1600, 1000
 """Pixels of a window of 1600 x 1000 with the 3D view over all of it."""
-PANEL, WIDE = 900, 420
+PANEL, WIDE = 900, 370
 """Left edge: the sidebar with some of the view beside it, or where the view shows something."""
 SHOWN = {
     "idle": ("falling_leaf_0_new", PANEL), "running": ("running", PANEL), "cancelled": ("cancelled", PANEL), "resumed": ("resumed", PANEL),
     "failed": ("failed", PANEL), "object": ("falling_leaf_2_object", WIDE), "done": ("falling_leaf_3_recovered", WIDE),
-    "field": ("falling_leaf_4_edit", WIDE), "baked": ("falling_leaf_5_baked", WIDE), "composite": ("falling_leaf_6_composite", WIDE),
+    "field": ("falling_leaf_4_field", WIDE), "baked": ("falling_leaf_5_baked", WIDE), "composite": ("falling_leaf_6_composite", WIDE),
 }  # fmt: skip
 """By the name in the guide: which picture, and where it begins."""
 

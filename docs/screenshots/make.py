@@ -28,12 +28,14 @@ SHOT, PICTURES = os.environ["SEEING_WIND_SHOT"], Path(os.environ["SEEING_WIND_PI
 PHOTOGRAPH = ("import", "-window", "root")
 """ImageMagick's: Blender's own screenshots are black on a virtual screen."""
 BEHAVIOUR = {"running": "hang", "cancelled": "hang", "resumed": "hang", "failed": "error"}
-SETTLED = 2.0
-"""Seconds until a window that a processor draws shows what was done."""
-CLIP_AND_OBJECT = 20
-"""Notches of the mouse wheel that take these two panels out of sight."""
-ALL = 100
-"""Notches of the mouse wheel from the uppermost panel to the end of the last."""
+SETTLED, RENDERED = 2.0, 30.0
+"""Seconds until a window that a processor draws shows what was done, and what is rendered."""
+TO_RECOVER, TO_EDIT = 26, 40
+"""Notches of the mouse wheel from the uppermost panel to these, with a preview above them."""
+PAGES = 8
+"""As many screens as all panels fill together, at most."""
+END = 40 * PAGES
+"""Notches to the end of the last panel."""
 steps = iter(())
 
 
@@ -69,18 +71,21 @@ def press(name: str, **options) -> None:
 def scroll(notches: int) -> None:
     """Turn the mouse wheel over the panels, from their top."""
     with bpy.context.temp_override(**{**window(), "region": sidebar()}):
-        for _ in range(5):
+        for _ in range(PAGES):
             bpy.ops.view2d.scroll_up(page=True)
         for _ in range(notches):
             bpy.ops.view2d.scroll_down()
 
 
-def photograph(step: str):
-    """When the window shows what was done."""
+def photograph(step: str, notches: int | None = None):
+    """When the window shows what was done, and the panels have their new height, by which Blender lets them be scrolled."""
     name = Path(SHOT).name if Path(SHOT).is_dir() else ""
-    for area in window()["screen"].areas:
-        area.tag_redraw()
-    yield SETTLED
+    for again in range(1 if notches is None else 2):
+        if again:
+            scroll(notches)
+        for area in window()["screen"].areas:
+            area.tag_redraw()
+        yield SETTLED
     path = PICTURES / f"{name}_{step}.png".removeprefix("_")
     subprocess.run([*PHOTOGRAPH, f"png:{path}"], check=True)
     print(f"screenshot {path.name}", flush=True)
@@ -119,7 +124,7 @@ def stand_in():
             yield from done("")
         press("recover")
         now = status.of(bpy.context.scene.session_uid)
-        while now.running and now.steps["recover"].fraction < 0.2:
+        while now.running and now.steps["recover"].fraction < (0.5 if again else 0.2):
             yield 0.2
     if SHOT == "cancelled":
         press("cancel")
@@ -153,21 +158,26 @@ def tour(folder: Path):
     press("recover")
     yield from done("recover")
     look(scene, 0.2)
-    scroll(CLIP_AND_OBJECT)
-    yield from photograph("3_recovered")
+    yield from photograph("3_recovered", TO_RECOVER)
     runpy.run_path(str(ROOT / "sample_scenes" / "common" / "whole_job.py"), run_name="tour")["insert_beside"](scene, known)
     look(scene, 0.2)
-    scroll(ALL)
-    yield from photograph("4_edit")
+    yield from photograph("4_edit", TO_EDIT)
+    yield from photograph("4_field", END)
     press("resimulate")
     yield from done("resimulate")
     press("bake")
     yield from done("bake")
     scene.frame_set((scene.frame_start + scene.frame_end) // 2)
-    yield from photograph("5_baked")
+    yield from photograph("5_baked", TO_EDIT)
     press("set_up_composite", samples=16, shutter=0.0)
-    window()["area"].spaces.active.region_3d.view_perspective = "CAMERA"
-    yield from photograph("6_composite")
+    space = window()["area"].spaces.active
+    space.region_3d.view_perspective = "CAMERA"
+    space.shading.type, space.shading.use_compositor, space.overlay.show_overlays = "RENDERED", "CAMERA", False
+    for obj in scene.objects:  # what is not rendered stands in the viewport all the same
+        obj.hide_viewport = obj.hide_viewport or obj.hide_render
+    yield RENDERED
+    yield from photograph("6_composite", END)
+    space.shading.type = "SOLID"
     press("render_composite", filepath=str(PICTURES / f"{folder.name}_7_rendered.png"), still=True)
     while bpy.app.is_job_running("RENDER"):
         yield 1.0

@@ -29,6 +29,7 @@ WAYS = [
     ("TRANSFORM", "Location and Rotation", "Keys of the object's place; only for bodies that stay rigid"),
     ("POINT_CACHE", "Point Cache (PC2)", "A file beside the take that the Mesh Cache modifier plays; for large meshes"),
     ("ALEMBIC", "Alembic", "A file that other programs read too, where this Blender has Alembic"),
+    ("USD", "USD", "A file that other programs read too, where this Blender has USD"),
 ]
 
 

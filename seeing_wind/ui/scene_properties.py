@@ -5,13 +5,14 @@ import bpy
 from .bake.properties import BakeSettings
 from .clip.object.properties import ObjectSettings
 from .clip.properties import ClipSettings
+from .composite.properties import CompositeSettings
 from .edit.properties import EditOptions, EditSettings
 from .field.properties import FieldSettings
 from .recover.properties import RecoverOptions, RecoverResults
 
 
 class SEEING_WIND_PG_scene(
-    RecoverOptions, ClipSettings, ObjectSettings, EditOptions, EditSettings, BakeSettings, FieldSettings, RecoverResults,
+    RecoverOptions, ClipSettings, ObjectSettings, EditOptions, EditSettings, BakeSettings, FieldSettings, CompositeSettings, RecoverResults,
     bpy.types.PropertyGroup,
 ):  # fmt: skip
     """`scene.seeing_wind`."""

@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import sys
 import tempfile
@@ -19,6 +20,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from seeing_wind import ui  # noqa: E402
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays  # noqa: E402
+from seeing_wind.engine.records import Camera  # noqa: E402
+from seeing_wind.engine.take import Take  # noqa: E402
 from seeing_wind.ui.field import vdb as field_vdb  # noqa: E402
 from seeing_wind.ui.field.samples import read_samples, samples_of  # noqa: E402
 
@@ -76,10 +80,7 @@ def check_composite(scene: bpy.types.Scene, folder: Path) -> None:
     scene.frame_set(4)
     check("set up", bpy.ops.seeing_wind.set_up_composite(samples=1) == {"FINISHED"})
     check("render", bpy.ops.seeing_wind.render_composite(filepath=str(folder / "over.png"), still=True) == {"FINISHED"})
-    image = bpy.data.images.load(str(folder / "over.png"))
-    pixels = np.empty(4 * 64 * 96, dtype=np.float32)
-    image.pixels.foreach_get(pixels)
-    picture = 255.0 * pixels.reshape(64, 96, 4)[::-1, :, :3]
+    picture = read(folder / "over.png")
     check("the clip's ground", bool(np.abs(picture[4:16, 60:90] - 60).max() < 14), str(picture[8, 70]))
     check("the clip's square", bool(np.abs(picture[28:36, 32:44] - 230).max() < 16), str(picture[30, 36]))
     cube = picture[44:56, 12:24].reshape(-1, 3).mean(0)
@@ -87,6 +88,46 @@ def check_composite(scene: bpy.types.Scene, folder: Path) -> None:
     video = folder / "over.mp4"
     scene.frame_end = 3
     check("video", bpy.ops.seeing_wind.render_composite(filepath=str(video)) == {"FINISHED"} and video.stat().st_size > 500)
+
+
+def check_lens(scene: bpy.types.Scene, folder: Path) -> None:
+    """The cube where a barrel lens would show it."""
+    straight = red(read(folder / "over.png"))
+    take = Take(folder / "out.take")
+    arrays = take.read_arrays("observation.npz")
+    camera = dataclasses.replace(from_arrays(Camera, arrays, "camera."), distortion=(-1.0, 0.2, 0.0, 0.0, 0.0))
+    take.write_arrays("observation.npz", arrays | to_arrays(camera, "camera."))
+    scene.frame_set(4)
+    check("set up with a lens", bpy.ops.seeing_wind.set_up_composite(samples=4, shutter=0.0, grain=0.0) == {"FINISHED"})
+    bpy.ops.seeing_wind.render_composite(filepath=str(folder / "bent.png"), still=True)
+    found, want = red(read(folder / "bent.png")), camera.filmed(straight)
+    check("bent", bool(np.abs(found - want).max() < 0.6 < np.abs(want - straight).max()), f"{straight} {found} {want}")
+
+
+def check_hdri(scene: bpy.types.Scene, folder: Path) -> None:
+    """A panorama lights, and the world that was there comes back."""
+    image, world = bpy.data.images.new("panorama", 16, 8, float_buffer=True, is_data=True), scene.world
+    image.filepath_raw, image.file_format = str(folder / "panorama.exr"), "OPEN_EXR"
+    image.save()
+    bpy.data.images.remove(image)
+    check("set up with an HDRI", bpy.ops.seeing_wind.set_up_composite(samples=1, hdri=str(folder / "panorama.exr")) == {"FINISHED"})
+    check("its world", scene.world != world and any(node.bl_idname == "ShaderNodeTexEnvironment" for node in scene.world.node_tree.nodes))
+    check("and the former one", bpy.ops.seeing_wind.set_up_composite(samples=1, hdri="") == {"FINISHED"} and scene.world == world)
+
+
+def read(path: Path) -> np.ndarray:
+    """(64, 96, 3) in 0..255, row 0 at the top."""
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty(4 * 64 * 96, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    return 255.0 * pixels.reshape(64, 96, 4)[::-1, :, :3]
+
+
+def red(picture: np.ndarray) -> np.ndarray:
+    """(2,) column and row of what shines red."""
+    shine = np.maximum(picture[..., 0] - picture[..., 1:].max(axis=2) - 60.0, 0.0)
+    rows, columns = np.indices(shine.shape)
+    return np.array([(shine * columns).sum(), (shine * rows).sum()]) / shine.sum()
 
 
 def main() -> None:
@@ -103,6 +144,8 @@ def main() -> None:
         bpy.context.object.modifiers.new("Cloth", "CLOTH")
         check("calibrate", bpy.ops.seeing_wind.calibrate() == {"FINISHED"})
         check_composite(scene, folder)
+        check_lens(scene, folder)
+        check_hdri(scene, folder)
         check_vdb(scene, folder)
     ui.unregister()
     print("composite_check: all good in Blender", bpy.app.version_string)

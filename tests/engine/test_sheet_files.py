@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.command.sheets import is_sheet, read_sheet
+from seeing_wind.engine.command.trajectories.sheets import is_sheet, read_sheet
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import SeeingWindError
 from seeing_wind.engine.materials import SHEETS, find

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.command.trajectories import READ, TRUTH, read_trajectories
+from seeing_wind.engine.command.trajectories.bodies import read_trajectories
+from seeing_wind.engine.command.trajectories.file import READ, TRUTH
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import MaterialError, ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.materials import find

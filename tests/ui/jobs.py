@@ -16,10 +16,3 @@ def recover(workplace: Path, **more):
 
 def now(scene) -> dict[str, status.Step]:
     return status.of(scene.session_uid).steps
-
-
-def cube(name: str, scene):
-    bpy.ops.mesh.primitive_cube_add(size=0.2)
-    obj = bpy.context.object
-    obj.name = name
-    return obj

@@ -157,8 +157,8 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
     """`recover-trajectories TRUTH.npz --take DIR`."""
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
-    from .sheets import is_sheet, recover_sheet
-    from .trajectories import read_trajectories
+    from .trajectories.bodies import read_trajectories
+    from .trajectories.sheets import is_sheet, recover_sheet
 
     if is_sheet(arguments.truth):
         return recover_sheet(arguments, progress)

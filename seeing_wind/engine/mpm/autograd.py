@@ -10,9 +10,11 @@ import torch
 
 from ..errors import UsageError
 from ..progress import NoProgress, Progress
-from .body import Body, launched_in, sparse_stride
-from .checks import check_force, check_numbers
-from .frame_run import FrameRun
+from .body import Body
+from .body.frame_run import FrameRun
+from .body.packing import launched_in
+from .body.substeps import sparse_stride
+from .checks import check_force, check_numbers, checked_state
 from .kernels.pack import unpack_forces
 from .lattice.boundary import HELD
 from .model import Model
@@ -43,7 +45,7 @@ class RolloutFunction(torch.autograd.Function):
         check_force(model.particles, force, gradients, first_frame)
         force = force + np.stack([np.atleast_2d(model.gravity_in(first_frame + t)) for t in range(len(force))])
         ctx.body, ctx.progress = Body(model, precision), progress
-        states, ctx.runs = [ctx.body.checked(State(*(_array(tensor) for tensor in (x0, v0, C0, F0))))], []
+        states, ctx.runs = [checked_state(model, State(*(_array(tensor) for tensor in (x0, v0, C0, F0))))], []
         left = HISTORY
         for t in range(len(force)):
 
@@ -71,12 +73,12 @@ class RolloutFunction(torch.autograd.Function):
         by_acceleration, by_gradient, material_bar = np.zeros((frames, count, 3)), np.zeros((frames, count, 3, 3)), np.zeros((count, 8))
         for t in reversed(range(frames)):
             run = runs[t]
-            packed = body.packed(run.order, bar, origin)
+            packed = body.packing.packed(run.order, bar, origin)
             by_force, by_material = body.pull_back(run, packed, wanted, ctx.progress)
             launched_in(body.real, unpack_forces)(run.order, by_force, by_acceleration[t], by_gradient[t])
             if wanted:
                 material_bar[run.order] += by_material.reshape(-1, 8)
-            bar = body.unpack(run, packed, origin, bar)
+            bar = body.packing.unpack(run, packed, origin, bar)
             for total, part in zip((bar.x, bar.v, bar.C, bar.F), (pictures[t].x, pictures[t].v, pictures[t].C, pictures[t].F)):
                 total += part
         held = body.model.role == HELD

@@ -13,7 +13,10 @@ import numpy as np
 from ..errors import MaterialError, SimulationError, UsageError
 from ..materials import adjusted
 from ..records import Material, Particles
+from .lattice.boundary import HELD
 from .laws.constitutive import LAWS
+from .model import Model
+from .state import State
 
 _FARTHEST = 2.0**30
 """Cells from the lattice's origin that a 32-bit index can count with room to spare."""
@@ -105,6 +108,17 @@ def check_state(count: int, offset: np.ndarray, dx: float, x: np.ndarray, v: np.
     _stop_at_first(_determinant(F) <= 0.0, "Particle {} is turned inside out at the start.", "det F")
     far = (np.abs(x - offset) > _FARTHEST * dx).any(axis=-1)
     _stop_at_first(far, "Particle {} starts too far from the place that the grid was laid for.", "position")
+
+
+def checked_state(model: Model, state: State) -> State:
+    """The state in float64, held particles at rest; errors as of `check_state`."""
+    x, v, C, F = (np.ascontiguousarray(array, dtype=np.float64) for array in (state.x, state.v, state.C, state.F))
+    check_state(model.particles, model.offset, model.dx, x, v, C, F)
+    held = model.role == HELD
+    if held.any():
+        v, C = v.copy(), C.copy()
+        v[held], C[held] = 0.0, 0.0
+    return State(x, v, C, F)
 
 
 def check_force(count: int, acceleration: np.ndarray, gradient: np.ndarray | None, first_frame: int) -> None:

@@ -16,13 +16,13 @@ from ..progress import Journal, Progress
 from .checks import check_state
 from .compiler import device
 from .compiler.settings import compiled_in, contracted, native_vectors
+from .copies import conditioned
 from .failure import diagnosis, failure
 from .kernels import substep, tangent_kernels
 from .kernels.native import aligned, aligned_zeros
 from .kernels.tangent_kernels import RECORD, SOURCE, STATE, WIDTHS
 from .laws.constitutive import ELASTIC_LAWS
 from .model import MOST_NODES, Model
-from .rollout import conditioned
 from .state import State
 
 LEAST_MASS = 1e-12

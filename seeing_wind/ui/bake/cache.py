@@ -1,9 +1,11 @@
-"""Point caches beside the .blend file: PC2 through the Mesh Cache modifier, Alembic through the Mesh Sequence Cache modifier."""
+"""Caches beside the .blend file: PC2 by the Mesh Cache modifier, Alembic and USD by the Mesh Sequence Cache modifier."""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
@@ -13,8 +15,11 @@ from ...engine.errors import UsageError
 from ...engine.take import Take
 from ..job.worker import said_by
 from .animation import make_linear, remove_curves
+from .plan import ALEMBIC, USD
 
 MODIFIER = "Seeing Wind Cache"
+ACTOR = "SeeingWindCache"
+"""What is written is called so, the object and its mesh."""
 
 
 def write_pc2(path: Path, vertices: np.ndarray) -> None:
@@ -34,8 +39,7 @@ def write_cache(local: np.ndarray, cache: Path) -> Path:
     Raises:
         TakeError: when it cannot be written.
     """
-    digest = hashlib.sha256(np.ascontiguousarray(local, dtype="<f4").tobytes()).hexdigest()[:8]
-    path = cache.with_name(f"{cache.name}-{digest}.pc2")
+    path = cache.with_name(f"{cache.name}-{_digest(local)}.pc2")
     write_pc2(path, local)
     return path
 
@@ -55,44 +59,27 @@ def show_pc2(obj: bpy.types.Object, path: Path, frames: np.ndarray) -> None:
     make_linear(obj, [data_path])
 
 
-def bake_alembic(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, cache: Path, scene: bpy.types.Scene) -> None:
-    """Give a mesh the motion of an Alembic file, which other programs read too.
+def bake_file(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, cache: Path, scene: bpy.types.Scene, way: str) -> None:
+    """Give a mesh the motion of an Alembic or USD file, which other programs read too.
 
     Args:
         local: (T+1, V, 3) in the object's own coordinates, shown at `frames`, which must be whole.
-        cache: path of the file without suffix.
+        cache: path of the file without suffix. Its content becomes part of the name, as of `write_cache`.
+        way: ALEMBIC or USD.
 
     Raises:
         UsageError: when Blender could not write the file.
+        TakeError: when there is no place for it.
     """
-    path = cache.with_suffix(".abc") if cache.suffix else cache.with_name(f"{cache.name}.abc")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    actor = _actor(obj, local, frames, scene)
-    selected, active = list(bpy.context.selected_objects), bpy.context.view_layer.objects.active
-    try:
-        for each in selected:
-            each.select_set(False)
-        actor.select_set(True)
-        # as_background_job would return before the file is there
-        bpy.ops.wm.alembic_export(
-            filepath=str(path), selected=True, start=int(frames[0]), end=int(frames[-1]), as_background_job=False, uvs=False,
-            normals=False, evaluation_mode="VIEWPORT",
-        )  # fmt: skip
-    except RuntimeError as error:
-        raise UsageError(f"Blender could not write {path}: {said_by(error)}.", "Bake to a point cache (PC2) instead.") from error
-    finally:
-        key, mesh, action = actor.data.shape_keys, actor.data, actor.data.shape_keys.animation_data.action
-        bpy.data.objects.remove(actor)
-        bpy.data.meshes.remove(mesh)
-        if action.users == 0:
-            bpy.data.actions.remove(action)
-        del key
-        for each in selected:
-            each.select_set(True)
-        bpy.context.view_layer.objects.active = active
+    suffix, top, export = EXPORTS[way]
+    path = cache.with_name(f"{cache.name}-{_digest(local, frames)}{suffix}")
     if not path.is_file():
-        raise UsageError(f"Blender wrote no Alembic file {path}.", "Bake to a point cache (PC2) instead.")
-    _show_alembic(obj, path)
+        try:
+            with _acting(obj, local, frames, scene), Take(path.parent).writing(path.name) as aside:
+                export(aside, frames, scene)
+        except RuntimeError as error:
+            raise UsageError(f"Blender could not write {path}: {said_by(error)}.", "Bake to a point cache (PC2) instead.") from error
+    _show_file(obj, path, f"{top}/{ACTOR}/{ACTOR}")
 
 
 def clear(obj: bpy.types.Object) -> None:
@@ -127,24 +114,73 @@ def shown_path(path: Path) -> str:
         return str(path)
 
 
-def _actor(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> bpy.types.Object:
-    """A passing object at the origin that moves by shape keys: Blender writes Alembic from what it displays."""
+def _digest(*arrays: np.ndarray) -> str:
+    return hashlib.sha256(b"".join(np.ascontiguousarray(array, dtype="<f4").tobytes() for array in arrays)).hexdigest()[:8]
+
+
+def _alembic(path: Path, frames: np.ndarray, scene: bpy.types.Scene) -> None:
+    # as_background_job would return before the file is there
+    bpy.ops.wm.alembic_export(
+        filepath=str(path), selected=True, start=int(frames[0]), end=int(frames[-1]), as_background_job=False, uvs=False,
+        normals=False, evaluation_mode="VIEWPORT",
+    )  # fmt: skip
+
+
+def _usd(path: Path, frames: np.ndarray, scene: bpy.types.Scene) -> None:
+    before = scene.frame_start, scene.frame_end  # the range of the scene is that of the file
+    scene.frame_start, scene.frame_end = int(frames[0]), int(frames[-1])
+    try:
+        if scene.frame_start != int(frames[0]):
+            raise UsageError(f"A USD file cannot begin at frame {int(frames[0])}.", "Set First Frame to 1, or bake to Alembic.")
+        bpy.ops.wm.usd_export(
+            filepath=str(path), selected_objects_only=True, export_animation=True, export_shapekeys=False, export_materials=False,
+            export_uvmaps=False, export_normals=False, evaluation_mode="VIEWPORT", root_prim_path="/root",
+        )  # fmt: skip
+    finally:
+        scene.frame_end = before[1]
+        scene.frame_start = before[0]
+
+
+EXPORTS = {ALEMBIC: (".abc", "", _alembic), USD: (".usdc", "/root", _usd)}
+"""Of each way the suffix of its file, what is above the object in it, and what writes the selected object into it, which is given path,
+frames (T+1,) of its pictures, and scene."""
+
+
+@contextlib.contextmanager
+def _acting(obj: bpy.types.Object, local: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> Iterator[None]:
+    """A passing object at the origin, alone selected, that moves by shape keys: Blender writes what it displays."""
     mesh = obj.data.copy()
-    mesh.name = "SeeingWind"
-    actor = bpy.data.objects.new("SeeingWind", mesh)
+    mesh.name = ACTOR
+    actor = bpy.data.objects.new(ACTOR, mesh)
     scene.collection.objects.link(actor)
-    for coordinates in local:
-        actor.shape_key_add(from_mix=False).data.foreach_set("co", coordinates.astype(np.float32).ravel())
-    key = mesh.shape_keys
-    key.use_relative = False
-    for frame, block in ((frames[0], key.key_blocks[0]), (frames[-1], key.key_blocks[-1])):
-        key.eval_time = block.frame
-        key.keyframe_insert("eval_time", frame=float(frame))
-    make_linear(key, ["eval_time"])
-    return actor
+    selected, active = list(bpy.context.selected_objects), bpy.context.view_layer.objects.active
+    try:
+        for coordinates in local:
+            actor.shape_key_add(from_mix=False).data.foreach_set("co", coordinates.astype(np.float32).ravel())
+        key = mesh.shape_keys
+        key.use_relative = False
+        for frame, block in ((frames[0], key.key_blocks[0]), (frames[-1], key.key_blocks[-1])):
+            key.eval_time = block.frame
+            key.keyframe_insert("eval_time", frame=float(frame))
+        make_linear(key, ["eval_time"])
+        for each in selected:
+            each.select_set(False)
+        actor.select_set(True)
+        yield
+    finally:
+        data = mesh.shape_keys.animation_data if mesh.shape_keys is not None else None
+        action = data.action if data is not None else None
+        bpy.data.objects.remove(actor)
+        bpy.data.meshes.remove(mesh)
+        if action is not None and action.users == 0:
+            bpy.data.actions.remove(action)
+        for each in selected:
+            each.select_set(True)
+        bpy.context.view_layer.objects.active = active
 
 
-def _show_alembic(obj: bpy.types.Object, path: Path) -> None:
+def _show_file(obj: bpy.types.Object, path: Path, inside: str) -> None:
+    """Give a mesh the motion of the object that is called so inside an Alembic or USD file."""
     before = set(bpy.data.cache_files)
     bpy.ops.cachefile.open(filepath=str(path))
     cache = next(each for each in bpy.data.cache_files if each not in before)
@@ -152,5 +188,5 @@ def _show_alembic(obj: bpy.types.Object, path: Path) -> None:
     modifier = obj.modifiers.new(MODIFIER, "MESH_SEQUENCE_CACHE")
     modifier.name, modifier.cache_file = MODIFIER, cache
     modifier.read_data = {"VERT"}
-    modifier.object_path = next((each.path for each in cache.object_paths if "SeeingWind" in each.path), "/SeeingWind/SeeingWind")
+    modifier.object_path = inside
     obj.modifiers.move(len(obj.modifiers) - 1, 0)

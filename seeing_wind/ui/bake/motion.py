@@ -18,7 +18,7 @@ from ..scene_units import metres_per_unit
 from . import cache as bake_cache
 from . import rigid as bake_rigid
 from . import shapes as bake_shapes
-from .plan import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, Baked, Plan, mark_of
+from .plan import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, USD, Baked, Plan, mark_of
 from .smooth import smoothed
 
 LARGE = 48_000_000
@@ -69,7 +69,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
             elif way == POINT_CACHE:
                 bake_cache.show_pc2(obj, written, frames)
             else:
-                bake_cache.bake_alembic(obj, local, frames, plan.cache, scene)
+                bake_cache.bake_file(obj, local, frames, plan.cache, scene, way)
         except Exception:
             _wake(obj, record["slept"])
             raise
@@ -223,9 +223,10 @@ def way_for(obj: bpy.types.Object, fit: bake_rigid.RigidFit, vertices: np.ndarra
                 f"{obj.name} does not stay rigid: it bends by {share:.2g} % of its size.", "Bake it to shape keys, or allow more."
             )
         return TRANSFORM
-    if plan.way == ALEMBIC and not bpy.app.build_options.alembic:
-        raise UsageError("This build of Blender has no Alembic.", "Bake to a point cache (PC2) instead.")
-    if plan.way in (POINT_CACHE, ALEMBIC) and plan.cache is None:
+    for kind, here in ((ALEMBIC, bpy.app.build_options.alembic), (USD, bpy.app.build_options.usd)):
+        if plan.way == kind and not here:
+            raise UsageError(f"This build of Blender has no {kind.title() if kind == ALEMBIC else kind}.", "Bake to a point cache (PC2).")
+    if plan.way in (POINT_CACHE, ALEMBIC, USD) and plan.cache is None:
         raise UsageError("There is no place for a point cache.", "Save the file first, or choose a folder for the take.")
     if plan.way != AUTO:
         return plan.way

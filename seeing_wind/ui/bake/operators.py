@@ -8,6 +8,7 @@ from ..property_kinds import WAYS
 
 SAYS = {
     "SHAPE_KEYS": "shape keys", "TRANSFORM": "location and rotation", "POINT_CACHE": "point cache", "ALEMBIC": "Alembic",
+    "USD": "USD",
 }  # fmt: skip
 
 

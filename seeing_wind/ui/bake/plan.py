@@ -12,7 +12,7 @@ import bpy
 MARK = "seeing_wind_bake"
 """Custom property of an object that carries a bake: JSON of how it was made, and of what to restore."""
 
-SHAPE_KEYS, POINT_CACHE, TRANSFORM, ALEMBIC, AUTO = "SHAPE_KEYS", "POINT_CACHE", "TRANSFORM", "ALEMBIC", "AUTO"
+SHAPE_KEYS, POINT_CACHE, TRANSFORM, ALEMBIC, USD, AUTO = "SHAPE_KEYS", "POINT_CACHE", "TRANSFORM", "ALEMBIC", "USD", "AUTO"
 
 RIGID_TOLERANCE = 0.002
 """Of the body's size: a fifth of a percent is not seen. Elastic bodies that bend more are no rigid ones."""

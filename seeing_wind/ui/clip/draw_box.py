@@ -2,7 +2,7 @@
 
 import bpy
 import gpu
-from bpy.props import FloatVectorProperty
+from bpy.props import EnumProperty, FloatVectorProperty
 from gpu_extras.batch import batch_for_shader
 
 from ...engine.errors import ClipError, UsageError
@@ -18,7 +18,7 @@ SMALLEST = 3.0
 
 
 class SEEING_WIND_OT_draw_box(bpy.types.Operator):
-    """Draw a box round the object in the clip's first picture: drag with the left mouse button, Esc cancels"""
+    """Draw a box round the object, or its held part, in the clip's first picture: drag with the left mouse button, Esc cancels"""
 
     bl_idname = "seeing_wind.draw_box"
     bl_label = "Draw Box"
@@ -28,6 +28,11 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         name="Box (px)", size=4, options={"SKIP_SAVE"}, description="Left, top, right, bottom in pixels of the first picture"
     )
 
+    marks: EnumProperty(
+        name="Marks", options={"SKIP_SAVE"}, description="What the box is drawn round",
+        items=[("OBJECT", "Object", "The object that is followed"), ("HELD", "Held Part", "Where the object is held")],
+    )  # fmt: skip
+
     def execute(self, context):
         """Take the box over, as drawn or as given."""
         settings = context.scene.seeing_wind
@@ -35,7 +40,10 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
         if right - left < SMALLEST or bottom - top < SMALLEST:
             self.report({"ERROR"}, "The box is too small. Drag from one corner of the object to the opposite one.")
             return {"CANCELLED"}
-        settings.object_mode, settings.box = "BOX", self.box
+        if self.marks == "HELD":
+            settings.held_mode, settings.held_box = "BOX", self.box
+        else:
+            settings.object_mode, settings.box = "BOX", self.box
         status.refresh(context.scene)
         self.report({"INFO"}, f"Box of {right - left:.0f} x {bottom - top:.0f} pixels")
         return {"FINISHED"}
@@ -147,7 +155,8 @@ class SEEING_WIND_OT_draw_box(bpy.types.Operator):
             return
         from .frame_on_screen import box_on_screen, picture_corners  # needs NumPy
 
-        corners, box = picture_corners(bpy.context, self.region), context.scene.seeing_wind.box
+        corners, settings = picture_corners(bpy.context, self.region), context.scene.seeing_wind
+        box = settings.held_box if self.marks == "HELD" else settings.box
         if corners is not None:
             _rectangle(*corners, (1.0, 1.0, 1.0, 0.35))
             if box[2] > box[0]:

@@ -24,7 +24,9 @@ from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
 from . import nodes
 from .catchers import set_catchers
-from .light import set_light, sun_of
+from .hdri import set_hdri, unset_hdri
+from .lens import lens_of
+from .light import SUN, set_light, sun_of
 from .mattes import Mattes, grain_of, mattes_of, set_card
 
 PLATE = "Seeing Wind Clean Plate"
@@ -40,6 +42,8 @@ class Composite:
     """What catches shadows, in words."""
     held_out: str
     """What cuts the edit where the object stands before it: "outline", "body", or "" where the object is not in the picture."""
+    bent: bool
+    """Whether the clip's lens bends straight lines, and with it what is rendered."""
     grain: float
     """Of the clip, on what is rendered: standard deviation of display values in 0..1."""
     light: str
@@ -51,6 +55,7 @@ class Composite:
         parts = ["the clip" if self.behind == "clip" else f"the {self.behind}, since the clip's object moves anew"]
         parts += [*self.catchers, *[self.light] * bool(self.light)]
         parts += [f"what flies behind the object is cut by its {self.held_out}"] * bool(self.held_out)
+        parts += ["bent as by the clip's lens"] * self.bent
         parts += [f"grain of {100.0 * self.grain:.1f} %"] * bool(self.grain)
         parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
         return f"Composite over {', '.join(parts)}"
@@ -96,9 +101,10 @@ def set_up(
     catchers = set_catchers(scene, floor, wall)
     light = _light(scene, take)
     noise = grain * grain_of(take) if take is not None else 0.0
-    nodes.build(scene, clip, picture, mattes, noise)
+    lens = lens_of(take, tuple(clip.size)) if take is not None else None
+    nodes.build(scene, clip, picture, mattes, noise, lens)
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
-    return Composite(behind, tuple(catchers), held_out, noise, light, shutter)
+    return Composite(behind, tuple(catchers), held_out, lens is not None, noise, light, shutter)
 
 
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
@@ -194,9 +200,18 @@ def _background(camera: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
 
 
 def _light(scene: bpy.types.Scene, take: Take | None) -> str:
-    """The clip's sun and sky where there is no light but Blender's default one; says what it did."""
+    """The user's panorama or, where there is no light but Blender's default one, the clip's sun and sky; says what it did."""
     lights = [obj for obj in scene.objects if obj.type == "LIGHT"]
     default = [obj for obj in lights if is_factory(obj)]
+    if scene.seeing_wind.hdri:
+        path = set_hdri(scene)
+        for obj in (*default, *[obj for obj in lights if obj.name == SUN]):
+            obj.hide_render = True
+        return f"the light of {path.name}"
+    unset_hdri(scene)
+    for obj in lights:
+        if obj.name == SUN:
+            obj.hide_render = False
     if len(lights) > len(default):
         return ""
     for obj in default:

@@ -18,25 +18,31 @@ def is_set_up(scene: bpy.types.Scene) -> bool:
 
 
 def build(
-    scene: bpy.types.Scene, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None, grain: float
-) -> None:
+    scene: bpy.types.Scene, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None, grain: float,
+    lens: bpy.types.Image | None,
+) -> None:  # fmt: skip
     """Other nodes of the user's stay; ours are made anew.
 
     Args:
         plate: covers the clip's object; None shows the clip as it is.
         mattes: where it covers; None: everywhere.
         grain: standard deviation, of display values in 0..1, of the noise on plate and render; 0: none.
+        lens: where in render, plate and mattes each pixel of the clip is found (`lens`); None where they have the clip's pixels.
     """
     tree, output = _tree(scene)
     for node in [node for node in tree.nodes if node.get("seeing_wind")]:
         tree.nodes.remove(node)
-    make = _Maker(tree)
+    make = _Maker(tree, lens)
     behind, covered = _behind(make, clip, plate, mattes)
     layers = make.node("RLayers")
     layers.scene = scene
-    picture = make.over(behind, layers.outputs["Image"])
+    front = make.bent(layers.outputs["Image"])
+    picture = make.over(behind, front)
     if grain > 0.0:
-        made = layers.outputs["Alpha"] if covered is None else make.math("MAXIMUM", covered, layers.outputs["Alpha"])
+        alpha = make.node("SeparateColor")
+        make.link(front, alpha.inputs[0])
+        made = alpha.outputs["Alpha"]
+        made = made if covered is None else make.math("MAXIMUM", covered, made)
         picture = _grained(make, picture, make.math("MULTIPLY", made, grain))
     tree.links.new(picture, output.inputs[0])
     output.location = (260 * make.count, 0)
@@ -51,14 +57,14 @@ def _behind(make: _Maker, clip: bpy.types.MovieClip, plate: bpy.types.Image | No
         return shown, None
     still = make.node("Image")
     still.image = plate
-    clean = make.fitted(still.outputs["Image"])
+    clean = make.bent(make.fitted(still.outputs["Image"]))
     if mattes is None:
-        return clean, 1.0
+        return make.over(shown, clean), 1.0
     matte = make.node("Image")
     matte.image, matte.frame_duration, matte.frame_start = mattes.image, mattes.pictures, mattes.frame_start
     matte.use_auto_refresh = True
     channels = make.node("SeparateColor")
-    make.link(make.fitted(matte.outputs["Image"]), channels.inputs[0])
+    make.link(make.bent(make.fitted(matte.outputs["Image"])), channels.inputs[0])
     return make.over(shown, clean, channels.outputs[COVERED]), channels.outputs[COVERED]
 
 
@@ -84,8 +90,8 @@ def _grained(make: _Maker, picture: Any, strength: Any) -> Any:
 class _Maker:
     """Adds our nodes to a tree, from left to right, in Blender 4.5 and 5."""
 
-    def __init__(self, tree: bpy.types.NodeTree) -> None:
-        self.tree, self.count = tree, 0
+    def __init__(self, tree: bpy.types.NodeTree, lens: bpy.types.Image | None) -> None:
+        self.tree, self.count, self.lens = tree, 0, lens
         self.link = tree.links.new
 
     def plain(self, kind: str, **properties: Any) -> Any:
@@ -137,6 +143,16 @@ class _Maker:
             scale.inputs["Type"].default_value, scale.inputs["Frame Type"].default_value = "Render Size", "Stretch"
         self.link(picture, scale.inputs["Image"])
         return scale.outputs["Image"]
+
+    def bent(self, picture: Any) -> Any:
+        """A picture without distortion as the clip's lens shows it; transparent where it does not reach."""
+        if self.lens is None:
+            return picture
+        places, mapped = self.node("Image"), self.node("MapUV")
+        places.image = self.lens
+        self.link(picture, mapped.inputs["Image"])
+        self.link(self.fitted(places.outputs["Image"]), mapped.inputs["UV"])
+        return mapped.outputs["Image"]
 
     def over(self, behind: Any, front: Any, share: Any = 1.0) -> Any:
         """One picture over another one, by its alpha and a factor."""

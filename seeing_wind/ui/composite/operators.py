@@ -38,11 +38,16 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         description="Factor on the clip's own noise, which is measured and put on what is not the clip; 0 leaves it clean",
     )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")
+    hdri: StringProperty(
+        name="HDRI", subtype="FILE_PATH", options=PATH, description="A panorama that lights the edit; not given: that of the scene"
+    )
 
     def act(self, context):
         """May be repeated after any change."""
         from .composite import set_up  # needs NumPy
 
+        if self.properties.is_property_set("hdri"):
+            context.scene.seeing_wind.hdri = self.hdri
         chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "show_field")}
         return str(set_up(context.scene, plate=self.behind, **chosen))
 

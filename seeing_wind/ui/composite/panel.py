@@ -15,7 +15,12 @@ class CompositeTab(Tab):
         return context.scene is not None and context.scene.active_clip is not None
 
     def draw(self, context):
-        """Set up, then render."""
+        """The light, set up, then render."""
+        column, settings = self.columns()
+        column.prop(settings, "hdri")
+        if settings.hdri:
+            column.prop(settings, "hdri_turn")
+            column.prop(settings, "hdri_strength")
         column = self.layout.column()
         column.operator("seeing_wind.set_up_composite", icon="NODE_COMPOSITING")
         column.operator("seeing_wind.render_composite", icon="RENDER_ANIMATION")

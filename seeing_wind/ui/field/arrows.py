@@ -12,7 +12,7 @@ import numpy as np
 
 from ...engine.errors import UsageError
 from ..scene_units import metres_per_unit
-from .display import ARROWS_MATERIAL
+from .display import ARROWS_MATERIAL, SURE
 from .node_groups import GroupBuilder, points_of_current_frame, set_up_modifier
 
 WEAK_TO_STRONG = (
@@ -88,6 +88,8 @@ def create_arrows(
     obj = bpy.data.objects.new(name, _mesh(name, positions, vectors, np.minimum(size / peak, 1.0), confidence))
     set_up_modifier(obj, _arrow_group(name, positions.shape[1], len(vectors), frame_start, length, parent))
     obj["seeing_wind_peak"], obj["seeing_wind_units"] = peak, units
+    sure = np.ones_like(size) if confidence is None else np.asarray(confidence)
+    obj[SURE] = np.where(size > STRENGTH_SHOWN * peak, sure, 0.0).max(axis=1).tolist()
     (collection or scene.collection).objects.link(obj)
     if parent is not None:
         obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()

@@ -35,8 +35,25 @@ STRIDE = "seeing_wind_stride"
 """Custom property of a field object: scene frames that one of its pictures lasts; 1 unless it was conformed to the scene's frame rate."""
 
 
+SURE = "seeing_wind_sure"
+"""Custom property of the arrows: for each picture the greatest confidence of any, in 0..1."""
+
 LOOP = "seeing_wind_loop"
 """Custom property of a field object: whether its first picture follows its last; the user's."""
+
+
+def said_of_unseen(arrows: Any, asked: float) -> str:
+    """Why arrows are drawn in few pictures or none; "" where they are in most.
+
+    Args:
+        asked: the confidence below which they are hidden.
+    """
+    sure = list(arrows.get(SURE, ()))
+    shown = sum(each > asked for each in sure)
+    if 2 * shown >= len(sure):
+        return ""
+    why = f"the confidence is {max(sure):.2g} at most, and Confidence in the panel Field asks for more than {asked:.2g}"
+    return f"Arrows are drawn in {shown or 'none'} of {len(sure)} pictures: {why}"
 
 
 def frames_per_second(scene: Any) -> float:

@@ -13,10 +13,11 @@ from .display import (
     out_of_time,
     said_of_fit,
     said_of_speed,
+    said_of_unseen,
     said_of_wind,
     stride_of,
 )
-from .node_groups import modifier_input
+from .node_groups import get_input, modifier_input
 
 SHOWN = {
     "Length": "Length", "Density": "Density", "Confidence Shown": "Confidence", "Slice Axis": "Slice Axis", "Slice Position": "Slice At",
@@ -96,6 +97,9 @@ class FieldTab(Tab):
             place = modifier_input(modifier, name)
             if place is not None:
                 column.prop(place[0], place[1], text=text)
+        unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
+        if unseen:
+            draw_text(column, context, unseen, "INFO")
         space = context.space_data
         if space is not None and space.type == "VIEW_3D" and space.shading.type == "SOLID":
             column.prop(space.shading, "color_type", text="Solid Color")

@@ -28,13 +28,16 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
     mask_data: StringProperty(
         name="Mask Data", options={"SKIP_SAVE"}, description="Name of a Blender mask; with object_mode='BLENDER_MASK'"
     )
+    held_mask: StringProperty(
+        name="Held Mask", options={"SKIP_SAVE"}, description="Name of a Blender mask; with held_mode='BLENDER_MASK'"
+    )
     proxy: StringProperty(name="Proxy", options={"SKIP_SAVE"}, description="Name of a mesh object; with scale_mode='PROXY'")
 
     def start(self, scene):
         """Options given as keywords become the scene's settings first."""
         settings = scene.seeing_wind
         adopt(settings, self.properties)
-        for name, pool in (("mask_data", bpy.data.masks), ("proxy", scene.objects)):
+        for name, pool in (("mask_data", bpy.data.masks), ("held_mask", bpy.data.masks), ("proxy", scene.objects)):
             if self.properties.is_property_set(name):
                 setattr(settings, name, _found(pool, getattr(self, name)))
         request, python = RecoverRequest.of(scene), engine_python()
@@ -58,7 +61,7 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
 
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
-        status.of(scene.session_uid).warnings += results.notes(self.folder)
+        status.of(scene.session_uid).warnings += results.notes(scene, self.folder)
         return f"Recovered into {self.folder.name}. Next: play it, then insert a mesh (step 4)"
 
 
@@ -104,7 +107,7 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         settings = scene.seeing_wind
         if not takes.is_shown(settings, self.folder):
             takes.show(settings, self.folder, "loaded")
-        status.of(scene.session_uid).warnings += results.notes(self.folder)
+        status.of(scene.session_uid).warnings += results.notes(scene, self.folder)
         return f"Loaded {self.folder.name}"
 
 

@@ -15,6 +15,8 @@ from ..property_kinds import PATH, changed, choice
 MODES = {
     "box": ("object_mode", "BOX"),
     "mask": ("object_mode", "MASK"),
+    "pin": ("held_mode", "FILE"),
+    "held_box": ("held_mode", "BOX"),
     "distance": ("scale_mode", "DISTANCE"),
     "pixels_per_metre": ("scale_mode", "PIXELS"),
     "fov": ("camera_mode", "FOV"),

@@ -16,10 +16,11 @@ from ..clip.match import followed, hide_default_cube
 from ..edit.from_file import fill_edit
 from ..field.arrows import create_arrows
 from ..field.conform import conform
-from ..field.display import is_field
+from ..field.display import is_field, said_of_unseen
 from ..field.field_object import create_field_object
 from ..field.lattice import SampledField
 from ..field.legend import create_legend
+from ..field.node_groups import get_input
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
@@ -35,11 +36,14 @@ from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 COLLECTION = "Seeing Wind"
 
 
-def notes(folder: Path) -> list[str]:
-    """What the recovery in `folder` says of itself, the worst first, without the verdict on its wind, which the scene keeps."""
-    take = Take(folder)
+def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
+    """What the recovery in `folder`, which the scene shows, says of itself, the worst first: that there is nothing to be seen, and the
+    rest without the verdict on its wind, which the scene keeps."""
+    take, arrows = Take(folder), scene.seeing_wind.arrows_object
+    modifier = next((each for each in arrows.modifiers if each.type == "NODES"), None) if arrows is not None else None
+    unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
     told = wind_told(take)
-    return [in_panel_words(note) for note in recovery_notes(take) if told is None or note not in told.notes]
+    return [unseen] * bool(unseen) + [in_panel_words(note) for note in recovery_notes(take) if told is None or note not in told.notes]
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:

@@ -25,3 +25,8 @@ def affine_basis(x):
     dphi = np.zeros((len(x), 4, 3))
     dphi[:, 1:] = np.eye(3) / 0.03
     return phi, dphi
+
+
+def still(model, frames):
+    """No force on any particle, (T, N, 3)."""
+    return np.zeros((frames, model.particles, 3))

@@ -13,6 +13,7 @@ from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm import State, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.autograd import simulate
 from seeing_wind.engine.mpm.body import Body
+from seeing_wind.engine.mpm.checks import checked_state
 from seeing_wind.engine.mpm.kernels.native import aligned_zeros
 from seeing_wind.engine.mpm.lattice.colliders import Plane
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
@@ -36,7 +37,7 @@ def problem(law="corotated", substeps=50, pinned_below=0.022, speed=1.0):
 
 def moved(model, state, acceleration, gradient, precision="double", tasks=None):
     body = Body(model, precision, tasks)
-    return body.frame(body.checked(state), acceleration + model.gravity, gradient, 0, NoProgress())[0]
+    return body.frame(checked_state(body.model, state), acceleration + model.gravity, gradient, 0, NoProgress())[0]
 
 
 def apart(a, b, start):
@@ -110,7 +111,7 @@ def test_a_frame_keeps_at_most_a_hundred_bytes_per_particle_and_substep():
     model, state, acceleration, gradient = problem()
     for precision, stride in (("single", 1), ("double", 8)):
         body = Body(model, precision)
-        _, run = body.frame(body.checked(state), acceleration, gradient, 0, NoProgress(), lambda substeps: stride)  # noqa: B023
+        _, run = body.frame(checked_state(body.model, state), acceleration, gradient, 0, NoProgress(), lambda substeps: stride)  # noqa: B023
         assert 0 < run.bytes <= 100 * len(run.order) * run.substeps
         bar = aligned_zeros((6 * len(run.order), 4), body.real)
         most = []
@@ -148,14 +149,14 @@ def test_a_frame_that_is_a_little_too_fast_takes_half_the_substep():
     model, state, acceleration, gradient = problem(substeps=10, pinned_below=None, speed=0.0)
     speed = 1.5 * model.dx * model.substeps / model.frame_dt
     body = Body(model)
-    start = body.checked(State.at_rest(state.x, v=[speed, 0.0, 0.0]))
+    start = checked_state(body.model, State.at_rest(state.x, v=[speed, 0.0, 0.0]))
     after, run = body.frame(start, np.zeros_like(acceleration), None, 0, NoProgress())
     assert run.substeps == 20
     assert np.allclose(after.x - start.x, [speed * model.frame_dt, 0.0, 0.0], atol=1e-9)
 
 
 def test_a_grid_too_large_for_memory_is_an_error(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.body"), "MOST_NODES", 100)
+    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.body.substeps"), "MOST_NODES", 100)
     model, state, acceleration, gradient = problem(substeps=2)
     with pytest.raises(SimulationError, match="flew off") as caught:
         moved(model, state, acceleration, gradient)

@@ -9,6 +9,7 @@ import pytest
 
 from seeing_wind.engine.mpm import State, model_for
 from seeing_wind.engine.mpm.body import Body
+from seeing_wind.engine.mpm.checks import checked_state
 from seeing_wind.engine.mpm.kernels import substep
 from seeing_wind.engine.progress import NoProgress
 from tests.engine.mpm.bodies import RUBBER, block
@@ -30,7 +31,7 @@ def run(model, state, one_by_one, tasks=3, workers=2, force=0.0):
     launches, launch = [], body.forward_kernel
     body.forward_kernel = lambda *args: (launches.append(args[1]), launch(*args))
     found = body.attempt(
-        body.checked(state), force + np.zeros_like(state.x), None, 0, NoProgress(), lambda substeps: 1 if one_by_one else substeps
+        checked_state(model, state), force + np.zeros_like(state.x), None, 0, NoProgress(), lambda substeps: 1 if one_by_one else substeps
     )
     return found, body, launches
 
@@ -83,4 +84,4 @@ def test_more_tasks_than_particles_are_as_many_as_particles():
     model, _ = model_for(block((2, 1, 1)), RUBBER, 30.0)
     state = State.at_rest(block((2, 1, 1)).x)
     (_, frame, status), found, _ = run(model, state, one_by_one=False, tasks=5, workers=3)
-    assert status[0] == substep.RUNNING and found.tasks == found.workers == 2 and frame.substeps == model.substeps
+    assert status[0] == substep.RUNNING and found.packing.tasks == found.workers == 2 and frame.substeps == model.substeps

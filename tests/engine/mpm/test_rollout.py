@@ -12,15 +12,11 @@ from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS
 from seeing_wind.engine.mpm.tangent import Changes, tangents
-from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
-from seeing_wind.engine.records import Attachment, Particles
-from tests.engine.mpm.bodies import RUBBER, affine_basis, block
+from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.records import Particles
+from tests.engine.mpm.bodies import RUBBER, affine_basis, block, still
 
 G = np.array([0.0, 0.0, -9.81])
-
-
-def still(model, frames):
-    return np.zeros((frames, model.particles, 3))
 
 
 def test_free_fall_for_metres():
@@ -194,7 +190,7 @@ def test_a_frame_that_is_a_little_too_fast_takes_half_the_substep():
 
 
 def test_a_grid_too_large_for_memory_is_an_error(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.rollout"), "MOST_NODES", 2000)
+    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.copies"), "MOST_NODES", 2000)
     model, state = two_flying_apart()
     with pytest.raises(SimulationError, match="flew off") as caught:
         rollout(model, state, still(model, 8))
@@ -227,27 +223,6 @@ def test_inside_out_is_an_error():
 # -- many copies ------------------------------------------------------------------------------------------------------------------
 
 
-def test_copies_equal_single_rollouts():
-    body = block(pinned_below=0.015)
-    model, _ = model_for(body, RUBBER, 30.0)
-    phi, dphi = affine_basis(body.x)
-    rng = np.random.default_rng(0)
-    coefficients = 5 * rng.normal(size=(4, 3, 4, 3))
-    v0 = 0.1 * rng.normal(size=(4, model.particles, 3)) * ~body.pinned[:, None]
-    attachment = Attachment(rng.integers(0, model.particles, size=(5, 4)).astype(np.int32), np.full((5, 4), 0.25))
-    every = rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, v0=v0)
-    points = rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, v0=v0, attachment=attachment).points
-    assert not every.failed.any()
-    for b in range(4):
-        state = State.at_rest(body.x, v0[b])
-        for t in range(3):
-            acceleration = phi @ coefficients[b, t]
-            gradient = np.einsum("jc,njk->nck", coefficients[b, t], dphi) @ np.linalg.inv(state.F)
-            state = advance(model, state, acceleration, gradient)
-            assert np.allclose(every.points[b, t + 1], state.x, atol=1e-10)
-    assert np.allclose(points, attachment.follow(every.points), atol=1e-15)
-
-
 def test_gravity_may_differ_from_frame_to_frame_and_particle_to_particle():
     body = block((4, 3, 3), pinned_below=0.015)
     model, _ = model_for(body, RUBBER, 30.0, gravity=(0, 0, 0))
@@ -265,45 +240,3 @@ def test_gravity_may_differ_from_frame_to_frame_and_particle_to_particle():
     none = np.zeros((frames, phi.shape[1], 3))
     x, _ = tangents(heavy, start, phi, dphi, none, Changes(none[None]), NoProgress())
     assert np.allclose(x, wanted.x, atol=1e-9)
-
-
-def test_copies_leave_the_nominal_path_at_their_frame():
-    body = block()
-    model, _ = model_for(body, RUBBER, 30.0)
-    phi, dphi = affine_basis(body.x)
-    coefficients = np.zeros((3, 4, 4, 3))
-    nominal = rollout(model, State.at_rest(body.x), still(model, 4))
-    coefficients[1, 2:, 0, 0] = 3.0
-    found = rollout_batch(model, nominal, phi, dphi, coefficients, start_frame=[0, 2, 4]).points
-    assert np.allclose(found[[0, 2]], nominal.x, atol=1e-12)
-    assert np.allclose(found[1, :3], nominal.x[:3], atol=1e-12)
-    assert np.isclose((found[1, 4] - nominal.x[4])[:, 0].mean(), 0.5 * 3.0 * (2 / 30.0) ** 2, rtol=0.05)
-    with pytest.raises(ValueError, match="start_frame"):
-        rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, start_frame=[0, 2, 4])
-
-
-def test_a_broken_copy_is_marked_and_leaves_the_others_alone():
-    body = block()
-    model, _ = model_for(body, RUBBER, 30.0)
-    phi, dphi = affine_basis(body.x)
-    coefficients = np.zeros((3, 3, 4, 3))
-    coefficients[1, 1, 0, 0] = 1e5
-    found = rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients)
-    assert list(found.failed_frame) == [-1, 1, -1] and list(found.failed) == [False, True, False]
-    assert np.isfinite(found.points[[0, 2]]).all() and np.isfinite(found.points[1, :2]).all() and np.isnan(found.points[1, 2:]).all()
-    with pytest.raises(SimulationError):
-        rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, strict=True)
-
-
-def test_cancelling_stops_between_calls():
-    body = block()
-    model, _ = model_for(body, RUBBER, 30.0)
-    asked = []
-
-    def cancelled():
-        asked.append(True)
-        return len(asked) > 3
-
-    with pytest.raises(Cancelled):
-        rollout(model, State.at_rest(body.x), still(model, 50), progress=Progress(cancelled=cancelled))
-    assert len(asked) == 4

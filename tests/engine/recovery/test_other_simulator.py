@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seeing_wind.engine.command.trajectories import read_trajectories
+from seeing_wind.engine.command.trajectories.bodies import read_trajectories
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.recovery import recover

@@ -10,6 +10,7 @@ from mathutils import Euler
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui.bake.motion import bake_shape_keys, baked_copy, clear_bake
 from seeing_wind.ui.bake.shapes import evaluation_time_curves
+from tests.ui.meshes import shown
 
 
 @pytest.fixture
@@ -20,13 +21,6 @@ def grid(scene) -> bpy.types.Object:
     grid.location, grid.rotation_euler, grid.scale = (1.0, 2.0, 3.0), Euler((0.3, 0.2, -0.5)), (1.0, 2.0, 0.5)
     bpy.context.view_layer.update()
     return grid
-
-
-def shown(obj: bpy.types.Object, frame: float) -> np.ndarray:
-    """World coordinates (V, 3) of the evaluated mesh at a scene frame."""
-    bpy.context.scene.frame_set(int(frame), subframe=frame % 1.0)
-    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return np.array([(evaluated.matrix_world @ vertex.co)[:] for vertex in evaluated.data.vertices])
 
 
 def motion_of(obj: bpy.types.Object, frames: int, seed: int = 0) -> np.ndarray:

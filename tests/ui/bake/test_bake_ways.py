@@ -16,12 +16,16 @@ from seeing_wind.ui.bake.animation import curves_of
 from seeing_wind.ui.bake.motion import bake_motion, clear_bake, is_intact
 from seeing_wind.ui.bake.plan import MARK, Plan, mark_of
 from seeing_wind.ui.bake.rigid import rigid_fit
+from tests.ui.meshes import shown
 
 WAYS = [
     "SHAPE_KEYS",
     "POINT_CACHE",
     pytest.param("ALEMBIC", marks=pytest.mark.skipif(not bpy.app.build_options.alembic, reason="no Alembic")),
+    pytest.param("USD", marks=pytest.mark.skipif(not bpy.app.build_options.usd, reason="no USD")),
 ]
+FILES = WAYS[2:]
+"""What other programs read."""
 
 
 @pytest.fixture
@@ -36,13 +40,6 @@ def grid(scene) -> bpy.types.Object:
     grid.location, grid.rotation_euler, grid.scale = (1.0, 2.0, 3.0), Euler((0.3, 0.2, -0.5)), (1.0, 2.0, 0.5)
     bpy.context.view_layer.update()
     return grid
-
-
-def shown(obj: bpy.types.Object, frame: float) -> np.ndarray:
-    """World coordinates (V, 3) of the evaluated mesh at a scene frame."""
-    bpy.context.scene.frame_set(int(frame), subframe=frame % 1.0)
-    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return np.array([(evaluated.matrix_world @ vertex.co)[:] for vertex in evaluated.data.vertices])
 
 
 def bending(obj: bpy.types.Object, frames: int = 12) -> np.ndarray:
@@ -235,11 +232,11 @@ def test_a_bake_that_cannot_be_written_leaves_the_former_one(grid, tmp_path, for
     assert clear_bake(grid) and grid.modifiers["Bend"].show_viewport and len(grid.modifiers) == 1
 
 
-def test_modifiers_wake_when_alembic_fails(grid, tmp_path, monkeypatch) -> None:
+def test_modifiers_wake_when_a_file_cannot_be_written(grid, tmp_path, monkeypatch) -> None:
     def fail(*_: object) -> None:
         raise UsageError("no Alembic", "none")
 
-    monkeypatch.setattr("seeing_wind.ui.bake.cache.bake_alembic", fail)
+    monkeypatch.setattr("seeing_wind.ui.bake.cache.bake_file", fail)
     monkeypatch.setattr("seeing_wind.ui.bake.motion.way_for", lambda *_: "ALEMBIC")
     grid.modifiers.new("Bend", "SIMPLE_DEFORM")
     with pytest.raises(UsageError):
@@ -247,10 +244,31 @@ def test_modifiers_wake_when_alembic_fails(grid, tmp_path, monkeypatch) -> None:
     assert grid.modifiers["Bend"].show_viewport and mark_of(grid) is None
 
 
-@pytest.mark.skipif(not bpy.app.build_options.alembic, reason="no Alembic")
-def test_an_alembic_file_that_cannot_be_written_is_told(grid, tmp_path) -> None:
-    (tmp_path / "bodies" / "Ein Körper.abc").mkdir(parents=True)
-    objects = len(bpy.data.objects)
-    with pytest.raises(UsageError, match="Körper.abc"):
-        bake_motion(grid, bending(grid), plan("ALEMBIC", tmp_path))
-    assert mark_of(grid) is None and len(bpy.data.objects) == objects
+@pytest.mark.parametrize("way", FILES)
+def test_a_file_for_other_programs_that_cannot_be_written_is_told(grid, tmp_path, way) -> None:
+    (tmp_path / "bodies").write_text("no folder")
+    objects, meshes = len(bpy.data.objects), len(bpy.data.meshes)
+    with pytest.raises(TakeError, match="Cannot write .*Körper"):
+        bake_motion(grid, bending(grid), plan(way, tmp_path))
+    assert mark_of(grid) is None and (len(bpy.data.objects), len(bpy.data.meshes)) == (objects, meshes)
+
+
+@pytest.mark.parametrize("way", FILES)
+def test_a_file_for_other_programs_is_kept_for_an_undo_and_leaves_the_scene_as_it_was(grid, scene, tmp_path, way) -> None:
+    scene.frame_start, scene.frame_end, scene.use_preview_range, scene.frame_preview_end = 3, 5, True, 9
+    motions = [bending(grid), 2.0 * bending(grid)]
+    for motion in (*motions, motions[0]):
+        bake_motion(grid, motion, plan(way, tmp_path))
+        assert np.abs(shown(grid, 13) - motion[6]).max() < 1e-5, "the one of its own content is played"
+    assert len([path for path in (tmp_path / "bodies").iterdir() if not path.name.startswith(".")]) == 2
+    assert (scene.frame_start, scene.frame_end, scene.frame_preview_end) == (3, 5, 9)
+    assert grid.select_get() and bpy.context.view_layer.objects.active == grid
+    assert not [obj.name for obj in bpy.data.objects if obj.name.startswith("SeeingWind")]
+
+
+@pytest.mark.skipif(not bpy.app.build_options.usd, reason="no USD")
+def test_a_usd_file_cannot_begin_before_frame_zero(grid, scene, tmp_path) -> None:
+    scene.frame_start, scene.frame_end = 3, 5
+    with pytest.raises(UsageError, match="cannot begin at frame -20"):
+        bake_motion(grid, bending(grid), Plan(-20, 24.0, "USD", cache=tmp_path / "body"))
+    assert (scene.frame_start, scene.frame_end) == (3, 5) and mark_of(grid) is None

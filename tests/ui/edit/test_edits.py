@@ -2,85 +2,27 @@
 
 from __future__ import annotations
 
-import tomllib
-from pathlib import Path
-
 import bpy
-import extension
 import numpy as np
 import pytest
 
-from seeing_wind.engine.settings import BodyEdit, ColliderEdit
 from seeing_wind.ui import freshness
 from seeing_wind.ui.bake import bodies
 from seeing_wind.ui.bake.animation import curves_of
 from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.bake.plan import mark_of
 from seeing_wind.ui.edit import panel as panel_edit
-from seeing_wind.ui.edit.resimulate.geometry import forget_geometry
-from seeing_wind.ui.job import status
+from tests.ui.edit.edits import state, written
+from tests.ui.meshes import cube, group, shown
 
 
-@pytest.fixture(scope="module")
-def recovered_file(workplace) -> Path:
-    """A .blend file with a recovered field."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    with pytest.MonkeyPatch.context() as patch, extension.switched_on(patch, workplace):
-        bpy.ops.seeing_wind.recover(clip=str(workplace / "clip.mp4"), box=(20, 20, 44, 44), distance=2.0, take=str(workplace / "out.take"))
-        bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "recovered.blend"))
-    return workplace / "recovered.blend"
-
-
-@pytest.fixture(autouse=True)
-def addon(recovered_file, stand_in) -> None:
-    """Each test starts from the recovered field."""
-    bpy.ops.wm.open_mainfile(filepath=str(recovered_file))
-
-
-@pytest.fixture
-def scene(addon):
-    """The scene of that file."""
-    return bpy.context.scene
-
-
-def cube(name: str, location=(0.0, 0.0, 0.0)) -> bpy.types.Object:
-    bpy.ops.mesh.primitive_cube_add(size=0.2, location=location)
-    bpy.context.object.name = name
-    return bpy.context.object
-
-
-def group(obj: bpy.types.Object, name: str, weights: dict[int, float]) -> None:
-    made = obj.vertex_groups.new(name=name)
-    for vertex, weight in weights.items():
-        made.add([vertex], weight, "REPLACE")
-
-
-def written(workplace: Path, folder: str = "out.edit.take") -> dict:
-    """The edit.toml that the last re-simulation read; every key is one that the engine knows."""
-    edit = tomllib.loads((workplace / folder / "edit.toml").read_text())
-    for table, cls in (("body", BodyEdit), ("collider", ColliderEdit)):
-        for entry in edit.get(table, []):
-            assert set(entry) <= set(cls.__dataclass_fields__)
-    return edit
-
-
-def state(step: str) -> str:
-    return status.of(bpy.context.scene.session_uid).steps[step].state
-
-
-def shown(obj: bpy.types.Object, frame: int) -> np.ndarray:
-    bpy.context.scene.frame_set(frame)
-    evaluated = obj.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return np.array([(evaluated.matrix_world @ vertex.co)[:] for vertex in evaluated.data.vertices])
-
-
-def test_the_engine_reads_what_the_panel_says(workplace, scene) -> None:
+def test_the_engine_reads_what_the_panel_says(workplace, recovered) -> None:
     held, table = cube("Held"), cube("Table", (0.0, 0.0, -0.5))
     group(held, "Top", {0: 1.0, 1: 0.25})
     bpy.ops.seeing_wind.insert_mesh(object="Held", mass=0.25, velocity=(1.0, 0.0, 0.0), start_frame=2, pin_group="Top")
     bpy.ops.seeing_wind.scale_stiffness(factor=3.0)
     bpy.ops.seeing_wind.insert_collider(object="Table", kind="STICKY")
-    scene.seeing_wind.use_floor, scene.seeing_wind.floor_height = True, -0.75
+    recovered.seeing_wind.use_floor, recovered.seeing_wind.floor_height = True, -0.75
     bpy.ops.seeing_wind.resimulate()
     edit = written(workplace)
     (body,) = edit["body"]
@@ -93,35 +35,35 @@ def test_the_engine_reads_what_the_panel_says(workplace, scene) -> None:
         assert mesh["vertices"][:, 2].mean() == pytest.approx(-0.5)
     table.location.z -= 0.1
     bpy.context.view_layer.update()
-    freshness.refresh(scene)
+    freshness.refresh(recovered)
     assert state("resimulate") == "stale"
 
 
-def test_field_strength_is_read_from_its_keyframes(workplace, scene) -> None:
+def test_field_strength_is_read_from_its_keyframes(workplace, recovered) -> None:
     cube("Free")
     bpy.ops.seeing_wind.insert_mesh()
-    settings = scene.seeing_wind
+    settings = recovered.seeing_wind
     settings.field_strength = 0.5
     bpy.ops.seeing_wind.resimulate()
     assert written(workplace)["field_strength"] == 0.5
     for frame, value in ((1, 0.0), (7, 3.0)):
         settings.field_strength = value
-        scene.keyframe_insert("seeing_wind.field_strength", frame=frame)
-    for curve in curves_of(scene):
+        recovered.keyframe_insert("seeing_wind.field_strength", frame=frame)
+    for curve in curves_of(recovered):
         for point in curve.keyframe_points:
             point.interpolation = "LINEAR"
-    freshness.refresh(scene)
+    freshness.refresh(recovered)
     assert state("resimulate") == "stale"
     bpy.ops.seeing_wind.resimulate()
     np.testing.assert_allclose(written(workplace)["field_strength"], [0.0, 0.5, 1.0, 1.5, 2.0, 2.5] + [3.0] * 6, atol=1e-6)
     for frame in (1, 4, 9):
-        scene.frame_set(frame)
-        freshness.refresh(scene)
+        recovered.frame_set(frame)
+        freshness.refresh(recovered)
         assert state("resimulate") == "done", "scrubbing through keyframes changes nothing"
 
 
-def test_parts_of_the_recovered_object_are_let_go(workplace, scene) -> None:
-    obj = scene.seeing_wind.recovered_object
+def test_parts_of_the_recovered_object_are_let_go(workplace, recovered) -> None:
+    obj = recovered.seeing_wind.recovered_object
     group(obj, "Rim", {0: 1.0, 5: 1.0})
     bpy.ops.seeing_wind.free_recovered(vertex_group="Rim")
     bpy.ops.seeing_wind.resimulate()
@@ -133,8 +75,8 @@ def test_parts_of_the_recovered_object_are_let_go(workplace, scene) -> None:
     assert len(np.load(workplace / "out.edit.take" / written(workplace)["body"][0]["free"])) == 16
 
 
-def test_a_duplicated_edit_stands_beside_the_first_and_each_keeps_its_own(workplace, scene) -> None:
-    settings, first = scene.seeing_wind, cube("Flag")
+def test_a_duplicated_edit_stands_beside_the_first_and_each_keeps_its_own(workplace, recovered) -> None:
+    settings, first = recovered.seeing_wind, cube("Flag")
     group(first, "Top", {0: 1.0, 1: 1.0})
     bpy.ops.seeing_wind.insert_mesh(pin_group="Top")
     bpy.ops.seeing_wind.resimulate()
@@ -157,37 +99,12 @@ def test_a_duplicated_edit_stands_beside_the_first_and_each_keeps_its_own(workpl
     settings.active_edit = 1
     assert settings.bodies[0].mass_scale == 4.0 and state("bake") == "done"
     bpy.ops.seeing_wind.remove_edit()
-    assert len(settings.edits) == 1 and settings.bodies[0].object == first and second.name in scene.objects
+    assert len(settings.edits) == 1 and settings.bodies[0].object == first and second.name in recovered.objects
     with pytest.raises(RuntimeError, match="only one edit"):
         bpy.ops.seeing_wind.remove_edit()
 
 
-def test_only_what_has_changed_is_baked_again(workplace, scene) -> None:
-    one, two = cube("One"), cube("Two")
-    for obj in (one, two):
-        group(obj, "Top", {0: 1.0})
-        bpy.ops.seeing_wind.insert_mesh(object=obj.name, pin_group="Top")
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.seeing_wind.bake()
-    keys = one.data.shape_keys
-    curves_of(keys)[0].keyframe_points[-1].co.x = 30.0
-    bpy.ops.seeing_wind.scale_mass(object="Two", factor=2.0)
-    assert state("resimulate") == "stale" and state("bake") == "stale" and is_intact(two), "stale, and still there"
-    bpy.ops.seeing_wind.resimulate()
-    before = shown(two, 13)
-    bpy.ops.seeing_wind.bake()
-    assert one.data.shape_keys == keys and curves_of(keys)[0].keyframe_points[-1].co.x == 30.0
-    assert not np.allclose(shown(two, 13), before)
-    bpy.ops.seeing_wind.bake(force=True)
-    assert curves_of(one.data.shape_keys)[0].keyframe_points[-1].co.x == 13.0
-    bpy.ops.seeing_wind.bake(object="Two", way="POINT_CACHE", frames=(3, 9))
-    assert mark_of(two)["way"] == "POINT_CACHE" and mark_of(one)["way"] == "SHAPE_KEYS"
-    assert state("bake") == "stale", "one of two is baked as the settings say"
-    bpy.ops.seeing_wind.clear_bake()
-    assert mark_of(one) is None and mark_of(two) is None and state("bake") == "idle" and state("resimulate") == "done"
-
-
-def test_modifiers_that_make_vertices_move_a_copy_and_subdivision_stays(workplace, scene) -> None:
+def test_modifiers_that_make_vertices_move_a_copy_and_subdivision_stays(workplace, recovered) -> None:
     plain, bevelled = cube("Plain"), cube("Bevelled")
     for obj in (plain, bevelled):
         group(obj, "Top", {0: 1.0})
@@ -198,94 +115,43 @@ def test_modifiers_that_make_vertices_move_a_copy_and_subdivision_stays(workplac
     bpy.ops.seeing_wind.resimulate()
     assert np.load(workplace / "out.edit.take" / "meshes" / "Plain.npz")["vertices"].shape == (8, 3)
     bpy.ops.seeing_wind.bake()
-    copy = scene.seeing_wind.bodies[1].baked_copy
-    assert scene.seeing_wind.bodies[0].baked_copy is None and len(shown(plain, 5)) == 26
+    copy = recovered.seeing_wind.bodies[1].baked_copy
+    assert recovered.seeing_wind.bodies[0].baked_copy is None and len(shown(plain, 5)) == 26
     assert copy is not None and bevelled.hide_viewport and bevelled.hide_render and bodies.HIDDEN in bevelled
     assert [modifier.type for modifier in copy.modifiers] == ["SUBSURF"] and np.ptp(shown(copy, 13) - shown(copy, 1)) > 0.1
     rest = np.load(workplace / "out.edit.take" / "meshes" / "Bevelled.npz")["vertices"]
     bpy.ops.seeing_wind.resimulate()
     np.testing.assert_array_equal(np.load(workplace / "out.edit.take" / "meshes" / "Bevelled.npz")["vertices"], rest)
     bpy.ops.seeing_wind.clear_bake()
-    assert scene.seeing_wind.bodies[1].baked_copy is None and not bevelled.hide_viewport and not bevelled.hide_render
+    assert recovered.seeing_wind.bodies[1].baked_copy is None and not bevelled.hide_viewport and not bevelled.hide_render
     assert copy not in bpy.data.objects.values()
 
 
-def test_geometry_and_weights_make_results_stale_and_playing_does_not(workplace, scene) -> None:
-    obj = cube("Box")
-    group(obj, "Top", {0: 1.0})
-    bpy.ops.seeing_wind.insert_mesh(pin_group="Top")
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.seeing_wind.bake(way="SHAPE_KEYS")
-    for frame in (1, 6, 13):
-        scene.frame_set(frame)
-        freshness.refresh(scene)
-        assert state("bake") == "done"
-    obj.vertex_groups["Top"].add([0], 0.5, "REPLACE")
-    obj.data.update()
-    forget_geometry()
-    freshness.refresh(scene)
-    assert state("resimulate") == "stale"
-
-
-def test_a_rigid_body_stays_fresh_while_it_plays(workplace, scene) -> None:
-    obj = cube("Box")
-    bpy.ops.seeing_wind.insert_mesh()
-    bpy.ops.seeing_wind.resimulate()
-    bpy.ops.seeing_wind.bake()
-    assert mark_of(obj)["way"] == "TRANSFORM"
-    rest = np.load(workplace / "out.edit.take" / "meshes" / "Box.npz")["vertices"]
-    for frame in (1, 6, 13):
-        scene.frame_set(frame)
-        bpy.context.view_layer.update()
-        freshness.refresh(scene)
-        assert state("resimulate") == "done" and state("bake") == "done"
-    bpy.ops.seeing_wind.resimulate()
-    np.testing.assert_allclose(np.load(workplace / "out.edit.take" / "meshes" / "Box.npz")["vertices"], rest, atol=1e-6)
-
-
-def test_vertex_groups_of_the_recovered_object_outlive_a_reload(workplace, scene) -> None:
-    obj = scene.seeing_wind.recovered_object
+def test_vertex_groups_of_the_recovered_object_outlive_a_reload(workplace, recovered) -> None:
+    obj = recovered.seeing_wind.recovered_object
     group(obj, "Stalk", {0: 1.0, 3: 0.25})
     bpy.ops.seeing_wind.insert_mesh(recovered=True)
     bpy.ops.seeing_wind.pin_vertices(vertex_group="Stalk")
     bpy.ops.seeing_wind.build_scene()
-    obj = scene.seeing_wind.recovered_object
+    obj = recovered.seeing_wind.recovered_object
     weights = {vertex.index: element.weight for vertex in obj.data.vertices for element in vertex.groups}
     assert weights == pytest.approx({0: 1.0, 3: 0.25}) and bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
 
 
-def test_an_object_on_a_moving_parent_stays_fresh_while_it_plays(workplace, scene) -> None:
-    obj, carrier = cube("Box"), bpy.data.objects.new("Carrier", None)
-    scene.collection.objects.link(carrier)
-    obj.parent = carrier
-    for frame, x in ((1, 0.0), (13, 1.0)):
-        carrier.location.x = x
-        carrier.keyframe_insert("location", frame=frame)
-    bpy.ops.seeing_wind.insert_mesh(object="Box")
-    bpy.ops.seeing_wind.resimulate()
-    for frame in (1, 6, 13):
-        scene.frame_set(frame)
-        freshness.refresh(scene)
-        assert state("resimulate") == "done"
-    carrier.keyframe_insert("location", frame=20)
-    freshness.refresh(scene)
-    assert state("resimulate") == "stale"
-
-
-def test_a_linked_object_with_the_name_of_another_is_not_gone(workplace, scene, tmp_path) -> None:
+def test_a_linked_object_with_the_name_of_another_is_not_gone(workplace, recovered, tmp_path) -> None:
     cube("Same")
     bpy.data.libraries.write(str(tmp_path / "library.blend"), {bpy.data.objects["Same"]})
     with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, into):
         into.objects = ["Same"]
     linked = into.objects[0]
-    scene.collection.objects.link(linked)
-    both = [obj for obj in scene.objects if obj.name == "Same"]
-    assert len(both) == 2 and not any(panel_edit.is_gone(obj, scene) for obj in both)
-    scene.collection.objects.unlink(linked)
-    assert panel_edit.is_gone(linked, scene)
+    recovered.collection.objects.link(linked)
+    both = [obj for obj in recovered.objects if obj.name == "Same"]
+    assert len(both) == 2 and not any(panel_edit.is_gone(obj, recovered) for obj in both)
+    recovered.collection.objects.unlink(linked)
+    assert panel_edit.is_gone(linked, recovered)
 
 
-def test_an_object_in_edit_mode_is_simulated_as_it_is_and_baked_later(workplace, scene) -> None:
+def test_an_object_in_edit_mode_is_simulated_as_it_is_and_baked_later(workplace, recovered) -> None:
     obj = cube("Box")
     bpy.ops.seeing_wind.insert_mesh()
     bpy.ops.object.mode_set(mode="EDIT")
@@ -300,7 +166,7 @@ def test_an_object_in_edit_mode_is_simulated_as_it_is_and_baked_later(workplace,
     assert is_intact(obj)
 
 
-def test_what_makes_no_sense_is_refused(workplace, scene) -> None:
+def test_what_makes_no_sense_is_refused(workplace, recovered) -> None:
     cube("Box")
     with pytest.raises(RuntimeError, match="no edit to duplicate"):
         bpy.ops.seeing_wind.duplicate_edit()

@@ -10,7 +10,8 @@ import pytest
 
 from seeing_wind.ui.job import operator as job_operator
 from tests.ui.job.test_modal import Window, resimulating, step_until_over
-from tests.ui.jobs import cube, recover
+from tests.ui.jobs import recover
+from tests.ui.meshes import cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -23,7 +24,7 @@ def exported(scene, name: str) -> np.ndarray:
 @pytest.mark.parametrize("how", ["shown", "eye", "viewport", "excluded", "collection", "layer"])
 def test_a_hidden_object_is_simulated_as_it_would_be_shown(workplace, scene, how) -> None:
     recover(workplace)
-    obj, collection = cube("Aside", scene), bpy.data.collections.new("Stage")
+    obj, collection = cube("Aside"), bpy.data.collections.new("Stage")
     scene.collection.children.link(collection)
     collection.objects.link(obj)
     scene.collection.objects.unlink(obj)
@@ -46,7 +47,7 @@ def test_a_hidden_object_is_simulated_as_it_would_be_shown(workplace, scene, how
 @pytest.mark.parametrize("scale", [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1e-30, 1.0, 1.0)])
 def test_a_scale_of_nothing_is_refused(workplace, scene, scale) -> None:
     recover(workplace)
-    cube("Flat", scene).scale = scale
+    cube("Flat").scale = scale
     bpy.ops.seeing_wind.insert_mesh(object="Flat")
     with pytest.raises(RuntimeError, match="Flat has a scale of 0"):
         bpy.ops.seeing_wind.resimulate()
@@ -54,7 +55,7 @@ def test_a_scale_of_nothing_is_refused(workplace, scene, scale) -> None:
 
 def test_everything_selected_inserts_what_can_move(workplace, scene) -> None:
     recover(workplace)
-    cube("One", scene)
+    cube("One")
     bpy.ops.object.select_all(action="SELECT")
     assert bpy.ops.seeing_wind.insert_mesh() == {"FINISHED"}
     settings = scene.seeing_wind
@@ -69,7 +70,7 @@ def test_any_name_can_be_simulated(workplace, scene) -> None:
     recover(workplace)
     names = ["ж" * 31, "../..\\x:?*", " . ", "a", "A", "長" * 60]
     for name in names:
-        cube(name, scene)
+        cube(name)
         bpy.ops.seeing_wind.insert_mesh(object=bpy.context.object.name)
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"} == bpy.ops.seeing_wind.bake()
     results = {body.result.lower() for body in scene.seeing_wind.bodies}
@@ -78,7 +79,7 @@ def test_any_name_can_be_simulated(workplace, scene) -> None:
 
 def test_a_body_deleted_during_the_run_does_not_take_the_recovered_object_s_result(workplace, scene, monkeypatch) -> None:
     recover(workplace)
-    cube("Gone", scene)
+    cube("Gone")
     bpy.ops.seeing_wind.insert_mesh(object="Gone")
     bpy.ops.seeing_wind.insert_mesh(recovered=True)
     monkeypatch.setattr(job_operator, "blocks", lambda context: False)

@@ -10,7 +10,8 @@ import pytest
 
 from seeing_wind.engine.materials import SHEETS
 from seeing_wind.ui.edit.sheet_label import shell_words
-from tests.ui.jobs import cube, recover
+from tests.ui.jobs import recover
+from tests.ui.meshes import cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -42,7 +43,7 @@ def test_scale_and_the_scenes_unit_count(scene) -> None:
 
 
 def test_a_closed_mesh_is_no_shell(scene) -> None:
-    cube("Box", scene)
+    cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box", material="cotton")
     assert shell_words(scene.seeing_wind.bodies[0]) == ""
 

@@ -15,7 +15,8 @@ from seeing_wind.ui.field.field_object import create_field_object
 from seeing_wind.ui.field.lattice import SampledField, fine_lattice
 from seeing_wind.ui.field.samples import samples_of
 from seeing_wind.ui.field.solvers.calibration import calibrate_object
-from tests.ui.jobs import cube, recover
+from tests.ui.jobs import recover
+from tests.ui.meshes import cube
 
 FPS, FRAMES, START, DENSITY = 24.0, 12, 5, 10.0
 
@@ -75,7 +76,7 @@ def test_particles_fly_as_far_in_a_second_at_any_frame_rate(scene, stand_in, fps
 def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> None:
     recover(workplace)
     settings = scene.seeing_wind
-    box = cube("Box", scene)
+    box = cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box")
     bpy.ops.seeing_wind.resimulate()
     bpy.ops.seeing_wind.bake(way="SHAPE_KEYS")

@@ -8,10 +8,8 @@ import pytest
 from mathutils import Euler, Vector
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.ui.field.arrows import create_arrows, ramp_colours
 from seeing_wind.ui.field.field_object import create_field_object, make_again
 from seeing_wind.ui.field.lattice import SampledField, differences, fine_lattice, lattice
-from seeing_wind.ui.field.node_groups import set_input
 from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.field.solvers.particles import calibrate_particles
 from seeing_wind.ui.field.texture.reach import CONTINUE, FADE, HOLD, beside, left_of, reach_of
@@ -234,86 +232,6 @@ def test_calibration_refuses_what_blender_cannot_weigh(scene, checks):
         calibrate_particles(settings, field, mass=1000.0, density=1.0)
     with pytest.raises(UsageError, match="no recovered force field"):
         calibrate_particles(settings, bpy.data.objects.new("Empty", None))
-
-
-def _drawn(arrows: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Of each arrow shown: its 29 vertices (M, 29, 3), a shaft of 16 and a cone of 13, and its strength (M,).
-
-    The first vertex is a bare one, which names the colours for Solid view.
-    """
-    mesh = arrows.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    assert mesh.color_attributes.active_color_name == "wind_colour"
-    strength = np.array([value.value for value in mesh.attributes["strength"].data])[1:]
-    return np.array([vertex.co[:] for vertex in mesh.vertices])[1:].reshape(-1, 29, 3), strength.reshape(-1, 29)[:, 0]
-
-
-def test_arrows_show_direction_and_strength_of_each_frame(scene):
-    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
-    rng = np.random.default_rng(0)
-    vectors = rng.normal(size=(4, 3, 3))
-    vectors *= rng.uniform(3.0, 10.0, (4, 3, 1)) / np.linalg.norm(vectors, axis=-1, keepdims=True)
-    arrows = create_arrows(scene, "Arrows", points, vectors, frame_start=3, length=0.5, peak=10.0)
-    for frame, row in ((1, 0), (3, 0), (5, 2), (6, 3), (30, 3)):
-        scene.frame_set(frame)
-        vertices, strength = _drawn(arrows)
-        along = np.einsum("mvc,mc->mv", vertices - points[:, None], vectors[row] / np.linalg.norm(vectors[row], axis=-1, keepdims=True))
-        assert np.allclose(strength, np.linalg.norm(vectors[row], axis=-1) / 10.0, atol=1e-6)
-        assert np.allclose(along.max(axis=1), 0.5 * strength, atol=1e-5) and np.allclose(along.min(axis=1), 0.0, atol=1e-5)
-
-
-def test_unsure_arrows_are_hidden_and_moving_points_followed(scene):
-    points = np.arange(24.0).reshape(4, 2, 3)
-    vectors = np.tile([[0.0, 0.0, 5.0]], (4, 2, 1))
-    confidence = np.array([[1.0, 0.0]] * 4)
-    arrows = create_arrows(scene, "Arrows", points, vectors, confidence, frame_start=1, length=1.0)
-    scene.frame_set(3)
-    vertices, _ = _drawn(arrows)
-    assert len(vertices) == 1
-    assert np.allclose(vertices[0].min(axis=0)[2], points[2, 0, 2]) and np.allclose(vertices[0].max(axis=0)[2], points[2, 0, 2] + 1.0)
-    assert "Seeing Wind Arrows" in arrows.evaluated_get(bpy.context.evaluated_depsgraph_get()).data.materials
-
-
-def test_arrows_are_refused_when_arrays_do_not_agree(scene):
-    with pytest.raises(UsageError, match="do not fit"):
-        create_arrows(scene, "Arrows", np.zeros((3, 3)), np.zeros((4, 2, 3)))
-    with pytest.raises(UsageError, match="confidence"):
-        create_arrows(scene, "Arrows", np.zeros((2, 3)), np.zeros((4, 2, 3)), np.zeros((4, 3)))
-
-
-def test_density_and_slice_choose_arrows(scene):
-    axis = np.linspace(0.0, 1.0, 6)
-    points = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
-    arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (3, 216, 1)), frame_start=1, length=0.1)
-    modifier = arrows.modifiers[0]
-    scene.frame_set(1)
-    assert len(_drawn(arrows)[0]) == 216
-    set_input(modifier, "Slice Axis", 1)
-    set_input(modifier, "Slice Position", 0.4)
-    set_input(modifier, "Slice Thickness", 0.1)
-    vertices, _ = _drawn(arrows)
-    assert len(vertices) == 36 and np.allclose(vertices[:, :, 0].mean(axis=1), 0.4, atol=0.02)
-    set_input(modifier, "Slice Axis", 0)
-    set_input(modifier, "Density", 0.3)
-    places = []
-    for frame in (1, 3):
-        scene.frame_set(frame)
-        places.append(_drawn(arrows)[0].mean(axis=1))
-    # about three in ten, and the same ones in every frame
-    assert 40 < len(places[0]) < 95 and np.allclose(places[0], places[1])
-
-
-def test_arrows_and_their_colours_follow_strength_and_the_field_object(scene, checks):
-    field = checks["swirl_field"](scene)
-    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    arrows = create_arrows(scene, "Arrows", points, np.tile([[0.0, 0.0, 5.0]], (2, 2, 1)), length=0.5, peak=5.0, parent=field)
-    before = _drawn(arrows)[0]
-    field.field.strength *= 2.0
-    field.location.x += 1.0
-    scene.frame_set(1)
-    after = _drawn(arrows)[0]
-    assert np.ptp(after[0, :, 2]) == pytest.approx(2.0 * np.ptp(before[0, :, 2]), rel=1e-3)
-    assert arrows.matrix_world.translation.x == pytest.approx(1.0, abs=1e-5)
-    assert np.allclose(ramp_colours(np.array([1.0])), [[1.0, 0.0, 0.0]])
 
 
 # -- what Recover makes: values at the engine's lattice, and a fade beside the box ---------------------------------------------------

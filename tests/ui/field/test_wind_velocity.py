@@ -14,7 +14,8 @@ from seeing_wind.ui.field.display import KIND, LEGEND_MARK, LINEAR, is_wind, out
 from seeing_wind.ui.field.field_object import linear_drag
 from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.field.solvers.in_wind import still_air
-from tests.ui.jobs import cube, recover
+from tests.ui.jobs import recover
+from tests.ui.meshes import cube
 
 CHECK = runpy.run_path(str(Path(__file__).resolve().parents[2] / "blender" / "wind_check.py"), run_name="checks")
 DRAG, SPEED, U, FPS = (CHECK[name] for name in ("DRAG", "SPEED", "U", "FPS"))
@@ -178,7 +179,7 @@ def test_auto_that_keeps_to_the_force_says_why_and_another_run_takes_the_wind_aw
 
 def test_the_edit_chooses_wind_or_force(scene, stand_in, workplace):
     recover(workplace, field="WIND")
-    bpy.ops.seeing_wind.insert_mesh(object=cube("Box", scene).name)
+    bpy.ops.seeing_wind.insert_mesh(object=cube("Box").name)
     edits = []
     for chosen in ("PRESET", "FORCE"):
         scene.seeing_wind.edit_field = chosen

@@ -12,7 +12,8 @@ from seeing_wind.ui.edit.resimulate.operators import SEEING_WIND_OT_resimulate
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status, worker_command
 from seeing_wind.ui.job import worker as job
-from tests.ui.jobs import cube, now, recover
+from tests.ui.jobs import now, recover
+from tests.ui.meshes import cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -178,7 +179,7 @@ def test_an_undo_while_it_runs_takes_no_result_back(workplace, scene, windowed, 
     monkeypatch.setattr(job_operator, "blocks", lambda context: True)
     recover(workplace)
     bpy.ops.ed.undo_push(message="Recover")
-    cube("Box", scene)
+    cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box")
     bpy.ops.ed.undo_push(message="Insert")
     monkeypatch.setattr(job_operator, "blocks", lambda context: False)
@@ -197,7 +198,7 @@ def test_an_undo_while_it_runs_takes_no_result_back(workplace, scene, windowed, 
 def test_a_result_goes_to_the_edit_that_was_simulated(workplace, scene, windowed, monkeypatch) -> None:
     monkeypatch.setattr(job_operator, "blocks", lambda context: True)
     recover(workplace)
-    cube("Box", scene)
+    cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box")
     bpy.ops.seeing_wind.duplicate_edit()
     settings = scene.seeing_wind

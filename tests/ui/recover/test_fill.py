@@ -12,7 +12,8 @@ from seeing_wind.engine.take import Take
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.job import takes
 from seeing_wind.ui.recover import results
-from tests.ui.jobs import cube, now, recover
+from tests.ui.jobs import now, recover
+from tests.ui.meshes import cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -56,7 +57,7 @@ def test_settings_that_are_there_are_left_alone(take, workplace) -> None:
 def simulated(take) -> Path:
     """A re-simulation by the command line: its edit stands elsewhere. Returns its take."""
     bpy.ops.seeing_wind.build_scene(take=str(take))
-    cube("Box", bpy.context.scene)
+    cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box")
     bpy.ops.seeing_wind.insert_mesh(recovered=True)
     bpy.ops.seeing_wind.scale_mass(object="Box", factor=3.0)
@@ -92,7 +93,7 @@ def test_what_others_have_simulated_is_not_written_over(take, simulated) -> None
     bpy.ops.seeing_wind.build_scene(take=str(take))
     scene = bpy.context.scene
     before = {path: path.stat().st_mtime_ns for path in simulated.rglob("*") if path.is_file()}
-    cube("Other", scene)
+    cube("Other")
     bpy.ops.seeing_wind.insert_mesh(object="Other")
     bpy.ops.seeing_wind.resimulate()
     mine = Path(scene.seeing_wind.simulated_take)

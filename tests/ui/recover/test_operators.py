@@ -18,7 +18,8 @@ from seeing_wind.ui.bake.plan import MARK, mark_of
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status
 from seeing_wind.ui.recover.panel import RecoverTab
-from tests.ui.jobs import cube, now, recover
+from tests.ui.jobs import now, recover
+from tests.ui.meshes import cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -168,7 +169,7 @@ def test_install_engine_asks_for_online_access_first(scene) -> None:
 
 def test_edit_resimulate_and_bake(workplace, scene) -> None:
     recover(workplace)
-    free, held = cube("Free", scene), cube("Held: it", scene)
+    free, held = cube("Free"), cube("Held: it")
     held.vertex_groups.new(name="Top").add([0, 1], 1.0, "REPLACE")
     bpy.ops.seeing_wind.insert_mesh(object="Free", mass_scale=2.0)
     bpy.ops.seeing_wind.insert_mesh(object="Held: it")
@@ -202,7 +203,7 @@ def test_edit_resimulate_and_bake(workplace, scene) -> None:
 
 def test_objects_that_the_user_renames_or_deletes_never_raise(workplace, scene) -> None:
     recover(workplace)
-    gone, kept = cube("Gone", scene), cube("Kept", scene)
+    gone, kept = cube("Gone"), cube("Kept")
     bpy.ops.seeing_wind.insert_mesh(object="Gone")
     bpy.ops.seeing_wind.insert_mesh(object="Kept")
     kept.name = "Another"

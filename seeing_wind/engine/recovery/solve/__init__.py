@@ -3,7 +3,8 @@
     window.py        one window of the clip, from a rough start to the final solve
     first_field.py   a first field for it, segment by segment
     warm_start.py    receding-horizon control, where a segment begins
-    gauss_newton.py  the dense solve                  forward.py    unknowns in, trajectories and Jacobians out
+    problem.py       what one solve minimises         gauss_newton.py  the dense solve
+    forward.py       unknowns in, trajectories and Jacobians out
     stiffness.py     Young's modulus and the clamp as unknowns      section.py  how stiffness is spread over a section
     known_body.py    both, from another clip of the same body
     solver.py        what `first_field` asks of `window`

@@ -13,8 +13,9 @@ from functools import partial
 import numpy as np
 
 from ...errors import SimulationError
+from ...mpm.batch import rollout_batch
 from ...mpm.model import Model
-from ...mpm.rollout import advance, rollout_batch
+from ...mpm.rollout import advance
 from ...mpm.state import State, Trajectory
 from ...mpm.tangent import Changes, applies_to, tangents
 from ...progress import Journal, Progress

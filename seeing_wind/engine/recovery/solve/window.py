@@ -29,6 +29,7 @@ from .first_field import FINELY, FLOWING, USUAL, Pace, follow
 from .forward import Forward
 from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of
 from .gauss_newton import solve as gauss_newton
+from .problem import Problem, whitened
 from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
 
 FULL_KNOT = 2.0
@@ -199,7 +200,7 @@ class WindowSolver:
             changed = replace(forward, model=there.of(self.model, self.particles), rough=self._rough(there))
             theta = solution.theta + share * joint.follow(dq)
             for _ in range(FOLLOWING):
-                white = self.journal.array("trial", partial(self._residuals, changed, self.objective, theta[None]), theta)
+                white = self.journal.array("trial", partial(whitened, changed, self.objective, theta[None]), theta)
                 if not np.isfinite(white).all():
                     break
                 if float(cost_of(white, theta[None], prior.precision())[0]) + there.penalty() < most:
@@ -258,30 +259,14 @@ class WindowSolver:
     ) -> Solution:
         """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
         but for its theta, which is whole."""
-        objective = self.objective.until(len(forward.hats))
         active = np.ones(len(theta), bool) if active is None else active
-        precision = prior.precision()
-        inner = precision[np.ix_(active, active)]
-        mean = -np.linalg.solve(inner, precision[np.ix_(active, ~active)] @ theta[~active])  # the prior, given those that stay
-
-        def whole(candidates: np.ndarray) -> np.ndarray:
-            full = np.repeat(theta[None], len(candidates), axis=0)
-            full[:, active] = candidates
-            return full
-
-        def residuals(candidates: np.ndarray) -> np.ndarray:
-            return self.journal.array("trial", partial(self._residuals, forward, objective, whole(candidates)), candidates)
-
-        def linearised(candidate: np.ndarray) -> Linearisation:
-            raw = forward.jacobian(whole(candidate[None])[0], active, objective, prior.deviation())
-            return Linearisation.at(candidate, residuals(candidate[None])[0], objective.whiten(raw))
-
+        problem = Problem(forward, self.objective.until(len(forward.hats)), prior, theta, active)
         misfit: float | None = None
 
         def linearise(candidate: np.ndarray) -> Linearisation:
             nonlocal misfit
-            found = self.journal.once("linearise", Linearisation, partial(linearised, candidate), candidate)
-            misfit = float(np.sqrt((found.residual**2).sum() / max(int(objective.used.sum()), 1)))
+            found = problem.linearise(candidate)
+            misfit = problem.misfit(found)
             return found
 
         def report(iteration: int, cost: float) -> None:
@@ -289,15 +274,8 @@ class WindowSolver:
             self.tell(done, f"{what}, iteration {iteration}", misfit)
 
         work = partial(
-            gauss_newton, theta[active], mean, inner, residuals, linearise, iterations, report, point, tolerance, per_unknown
-        )
-        solution = self.journal.once("solve", Solution, work, theta, active, precision, iterations)
-        return replace(solution, theta=whole(solution.theta[None])[0])
-
-    def _residuals(self, forward: Forward, objective: Objective, theta: np.ndarray) -> np.ndarray:
-        """Whitened residuals (B, m) under theta (B, n), infinite where the simulation broke down."""
-        positions = forward.positions(theta)
-        broken = ~np.isfinite(positions).all(axis=(1, 2, 3))
-        white = objective.whiten(objective.residual(np.where(broken[:, None, None, None], self.particles.x, positions)))
-        white[broken] = np.inf
-        return white
+            gauss_newton, theta[active], *problem.belief(), problem.residuals, linearise, iterations, report, point, tolerance,
+            per_unknown,
+        )  # fmt: skip
+        solution = self.journal.once("solve", Solution, work, theta, active, prior.precision(), iterations)
+        return replace(solution, theta=problem.whole(solution.theta[None])[0])

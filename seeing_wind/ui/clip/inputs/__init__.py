@@ -3,9 +3,11 @@
 clips         the movie clip of the settings: its path, and which of its frames stands at which frame of the scene
 scene_inputs  which files the settings call for, each with its option, its stamp and its writer
 mask          a Blender mask or plane track as a PNG
+held          a box or a painted part of a mesh, at which the object is held, as a PNG
 tracks        tracks and plane tracks as an NPZ
 camera        a camera solve or the scene's camera as JSON
 depth         a proxy mesh as a depth map
+lens          from what a lens showed back to what a pinhole would have
 
 `clips` alone needs no NumPy.
 """

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ....engine.errors import UsageError
+from ....engine.records import Camera
 from ....engine.take import Take
 from ...bake.animation import keyframes
 from ...scene_units import metres_per_unit
@@ -20,6 +21,7 @@ BLENDER_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 LENS = ("k1", "k2", "p1", "p2", "k3")
 """OpenCV's numbers of a lens, in its order."""
 
+NO_CAMERA = ("The scene has no camera.", "Add one where the clip was filmed from, or use a field of view.")
 SPARE = 8
 """Rows beyond the clip's length: two libraries may count its pictures differently by one or two."""
 
@@ -41,7 +43,7 @@ def camera_source(scene: bpy.types.Scene) -> tuple:
     if wanted == "SCENE" or (wanted == "AUTO" and settings.scale_mode == "PROXY"):
         obj = scene.camera
         if obj is None:
-            raise UsageError("The scene has no camera.", "Add one where the clip was filmed from, or use a field of view.")
+            raise UsageError(*NO_CAMERA)
         pose = keyframes(obj) or [tuple(round(value, 5) for value in row) for row in obj.matrix_world]
         lens = (obj.data.lens, obj.data.sensor_width, obj.data.shift_x, obj.data.shift_y)
         return ("scene", obj.name, str(pose), lens)
@@ -56,14 +58,18 @@ def write_camera(scene: bpy.types.Scene, path: Path) -> None:
 def scene_camera(scene: bpy.types.Scene) -> dict[str, Any]:
     """`width height fx fy cx cy` [px] and `camera_to_world` (rows, 4, 4) [m], one per picture of the file, OpenCV's axes.
 
+    Where the settings take it from elsewhere, it is the scene's camera.
+
     Raises:
         UsageError: no such camera, or one that is no perspective camera.
     """
     settings, clip = scene.seeing_wind, loaded_clip(scene.seeing_wind)
     pictures = clip.frame_duration + clip.frame_offset + SPARE
-    if camera_source(scene)[0] == "solve":
+    if camera_source(scene)[:1] == ("solve",):
         obj, lens = _solved_object(scene), _solved_lens(clip)
         poses = _evaluated(scene, obj, clip, pictures) if obj is not None else _reconstructed(clip, pictures, metres_per_unit(scene))
+    elif scene.camera is None:
+        raise UsageError(*NO_CAMERA)
     else:
         lens, poses = _lens(scene, scene.camera, clip), _evaluated(scene, scene.camera, clip, pictures, settings)
     rigid = poses.copy()
@@ -71,6 +77,14 @@ def scene_camera(scene: bpy.types.Scene) -> dict[str, Any]:
         u, _, vt = np.linalg.svd(pose[:3, :3])  # a scaled camera object sees the same
         pose[:3, :3] = u @ vt
     return lens | {"camera_to_world": (rigid @ BLENDER_TO_OPENCV).tolist()}
+
+
+def first_camera(scene: bpy.types.Scene) -> Camera:
+    """`scene_camera` in the clip's first picture."""
+    given = scene_camera(scene)
+    numbers = {name: given[name] for name in ("width", "height", "fx", "fy", "cx", "cy")}
+    pose = np.array(given["camera_to_world"][first_picture(scene.seeing_wind)])
+    return Camera(**numbers, camera_to_world=pose, distortion=tuple(given.get(name, 0.0) for name in LENS))
 
 
 def _lens(scene: bpy.types.Scene, obj: bpy.types.Object, clip: bpy.types.MovieClip) -> dict[str, Any]:

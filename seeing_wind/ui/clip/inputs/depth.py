@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import bpy
@@ -10,12 +11,13 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ....engine.errors import UsageError
+from ....engine.records import Camera
 from ....engine.take import Take
 from ...bake.at_rest import at_rest
 from ...scene_mesh import mesh_arrays
 from ...scene_units import metres_per_unit
-from .camera import scene_camera
-from .clips import first_picture
+from .camera import first_camera
+from .lens import straightened
 
 
 def write_depth(scene: bpy.types.Scene, path: Path) -> None:
@@ -25,14 +27,14 @@ def write_depth(scene: bpy.types.Scene, path: Path) -> None:
         UsageError: when the camera does not see the proxy.
     """
     settings, before = scene.seeing_wind, scene.frame_current
-    camera = scene_camera(scene)
+    camera = first_camera(scene)
     scene.frame_set(settings.frame_start)
     try:
         with at_rest(settings.proxy, scene, whole=True) as still:
             vertices, triangles = mesh_arrays(still, bpy.context.evaluated_depsgraph_get())
     finally:
         scene.frame_set(before)
-    depth = depth_of(vertices * metres_per_unit(scene), triangles, camera, first_picture(settings))
+    depth = depth_of(vertices * metres_per_unit(scene), triangles, camera)
     if not np.isfinite(depth).any():
         raise UsageError(
             f"The camera does not see the proxy {settings.proxy.name} in the first picture.", "Place it where the object is in the clip."
@@ -41,29 +43,29 @@ def write_depth(scene: bpy.types.Scene, path: Path) -> None:
         np.save(aside, depth)
 
 
-def depth_of(vertices: np.ndarray, triangles: np.ndarray, camera: dict, picture: int) -> np.ndarray:
-    """Depth (H, W) float32 [m] of a mesh, vertices (V, 3) [m] and triangles (M, 3), in one picture of a camera of `scene_camera`."""
-    width, height = camera["width"], camera["height"]
-    pose = np.array(camera["camera_to_world"][picture])
+def depth_of(vertices: np.ndarray, triangles: np.ndarray, camera: Camera) -> np.ndarray:
+    """Depth (H, W) float32 [m] of a mesh, vertices (V, 3) [m] and triangles (M, 3), at each pixel that the camera filmed."""
+    pose = camera.pose(0)
     local = (vertices - pose[:3, 3]) @ pose[:3, :3]
     tree = BVHTree.FromPolygons([Vector(vertex) for vertex in local], triangles.tolist())
-    depth = np.full((height, width), np.inf, dtype=np.float32)
+    depth = np.full((camera.height, camera.width), np.inf, dtype=np.float32)
     columns, rows = _seen(local, camera)
-    for row in rows:
-        for column in columns:
-            ray = Vector(((column - camera["cx"]) / camera["fx"], (row - camera["cy"]) / camera["fy"], 1.0))
-            hit = tree.ray_cast(Vector(), ray)[0]
+    straight = straightened(camera, np.stack(np.meshgrid(columns, rows), axis=-1))
+    for row, line in zip(rows, straight):
+        for column, (u, v) in zip(columns, line.tolist()):
+            if not math.isfinite(u + v):  # beyond the lens
+                continue
+            hit = tree.ray_cast(Vector(), Vector(((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0)))[0]
             if hit is not None:
                 depth[row, column] = hit.z
     return depth
 
 
-def _seen(local: np.ndarray, camera: dict) -> tuple[range, range]:
+def _seen(local: np.ndarray, camera: Camera) -> tuple[range, range]:
     """Columns and rows of the pixels in which the mesh can be; local (V, 3) in OpenCV's camera axes [m]."""
     if (local[:, 2] <= 1e-6).any():  # part of it is behind the camera: its box in the picture has no meaning
-        return range(camera["width"]), range(camera["height"])
-    u = local[:, 0] / local[:, 2] * camera["fx"] + camera["cx"]
-    v = local[:, 1] / local[:, 2] * camera["fy"] + camera["cy"]
-    low = np.floor([u.min(), v.min()]).astype(int)
-    high = np.ceil([u.max(), v.max()]).astype(int) + 1
-    return range(max(low[0], 0), min(high[0], camera["width"])), range(max(low[1], 0), min(high[1], camera["height"]))
+        return range(camera.width), range(camera.height)
+    xy = local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    filmed = camera.filmed(xy)
+    low, high = np.floor(filmed.min(axis=0)).astype(int), np.ceil(filmed.max(axis=0)).astype(int) + 1
+    return range(max(low[0], 0), min(high[0], camera.width)), range(max(low[1], 0), min(high[1], camera.height))

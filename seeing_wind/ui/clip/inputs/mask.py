@@ -18,8 +18,8 @@ SEGMENT = 24
 """Straight lines that stand for one Bézier segment of a mask."""
 
 
-def write_mask(scene: bpy.types.Scene, path: Path) -> None:
-    """Draw the mask of the settings, as it is at the clip's first picture, at the clip's size.
+def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path) -> None:
+    """Draw a mask as it is at the clip's first picture, at the clip's size.
 
     Raises:
         ObjectError: when nothing is inside it.
@@ -27,12 +27,12 @@ def write_mask(scene: bpy.types.Scene, path: Path) -> None:
     settings, clip, before = scene.seeing_wind, loaded_clip(scene.seeing_wind), scene.frame_current
     scene.frame_set(scene_frame(clip, first_picture(settings)))
     try:
-        inside = mask_pixels(settings.mask_data, *clip.size)
+        inside = mask_pixels(mask, *clip.size)
     finally:
         scene.frame_set(before)
     if not inside.any():
         raise ObjectError(
-            f"Nothing is inside the mask {settings.mask_data.name} at the first picture.", "Close its splines (Alt C) and show its layers."
+            f"Nothing is inside the mask {mask.name} at the first picture.", "Close its splines (Alt C) and show its layers."
         )
     write_png(path, inside)
 

@@ -13,6 +13,7 @@ from ....engine.errors import ObjectError, UsageError
 from .camera import camera_source, write_camera
 from .clips import clip_of
 from .depth import write_depth
+from .held import write_held_box
 from .mask import mask_stamp, write_mask, write_plane_mask
 from .tracks import tracks_stamp, write_tracks
 
@@ -35,10 +36,10 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
     """The files that the settings of `scene` call for; nothing is written.
 
     Raises:
-        ObjectError: an object mode whose datablock is missing.
+        ObjectError: an object or held mode whose datablock or box is missing.
         UsageError: a camera or proxy that is missing.
     """
-    settings, found = scene.seeing_wind, []
+    settings, found = scene.seeing_wind, _held(scene)
     if settings.object_mode in ("BLENDER_MASK", "PLANE", "PROXY"):
         found += _object(scene)
     if settings.use_tracks:
@@ -65,7 +66,7 @@ def _object(scene: bpy.types.Scene) -> list[SceneInput]:
     if settings.object_mode == "BLENDER_MASK":
         if settings.mask_data is None:
             raise ObjectError("No mask is chosen.", "Draw one in the Image or Movie Clip Editor (Mask mode) and choose it here.")
-        return [SceneInput("mask", "mask.png", mask_stamp(settings.mask_data), partial(write_mask, scene))]
+        return [SceneInput("mask", "mask.png", mask_stamp(settings.mask_data), partial(write_mask, scene, settings.mask_data))]
     if settings.object_mode == "PLANE":
         clip = clip_of(settings)
         if clip is None or not len(clip.tracking.plane_tracks):
@@ -73,4 +74,19 @@ def _object(scene: bpy.types.Scene) -> list[SceneInput]:
         return [SceneInput("mask", "mask.png", tracks_stamp(clip), partial(write_plane_mask, scene))]
     if settings.scale_mode != "PROXY":
         raise ObjectError("The proxy mesh marks the object but does not give its depth.", "Choose Proxy Mesh for the scale too.")
+    return []
+
+
+def _held(scene: bpy.types.Scene) -> list[SceneInput]:
+    """The place at which the object is held, where a box or a datablock of the scene gives it."""
+    settings = scene.seeing_wind
+    if settings.held_mode == "BOX":
+        box = tuple(settings.held_box)
+        if box[2] <= box[0] or box[3] <= box[1]:
+            raise ObjectError("No box is drawn round the held part.", "Use Draw Held Box, or give left, top, right and bottom in pixels.")
+        return [SceneInput("pin", "pin.png", box, partial(write_held_box, scene))]
+    if settings.held_mode == "BLENDER_MASK":
+        if settings.held_mask is None:
+            raise ObjectError("No mask of the held part is chosen.", "Draw one in the Image or Movie Clip Editor and choose it here.")
+        return [SceneInput("pin", "pin.png", mask_stamp(settings.held_mask), partial(write_mask, scene, settings.held_mask))]
     return []

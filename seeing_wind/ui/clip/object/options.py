@@ -45,6 +45,8 @@ def object_options(
         named.append("camera" if settings.camera_mode == "JSON" else "fov")
         if values[named[-1]] is None:
             raise UsageError("No camera file is chosen.", "Choose one, or use a field of view.")
+    if settings.held_mode != "FILE":
+        values = values | {"pin": None}
     given = part_of(values, ObserveSettings, **{name: values[name] for name in named})
     check_files(given, ObserveSettings)
     return given | made, inputs

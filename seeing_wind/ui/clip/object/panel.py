@@ -33,7 +33,7 @@ class ObjectTab(Tab):
             ("density", f"{material.density:g}"), ("youngs_modulus", f"{material.youngs_modulus:.3g}"), ("thickness", "Automatic"),
         ):  # fmt: skip
             draw_override(column, settings, name, otherwise)
-        column.prop(settings, "pin")
+        _draw_held(column, context, settings)
         _draw_preview(self.layout, context, settings)
         _draw_guesses(self.layout, context, settings, self.bl_space_type)
         _draw_more(self.layout, settings)
@@ -49,14 +49,34 @@ def _draw_object(column, settings) -> None:
         row = column.row()
         row.scale_y = 1.2
         row.operator("seeing_wind.draw_box", text="Draw Box", icon="SELECT_SET")
-        sub = column.column(align=True)
-        for index, text in enumerate(("Box Left (px)", "Top", "Right", "Bottom")):
-            sub.prop(settings, "box", index=index, text=text)
+        _draw_corners(column, settings, "box")
     elif settings.object_mode == "MASK":
         column.prop(settings, "mask")
     elif settings.object_mode == "BLENDER_MASK":
         column.prop(settings, "mask_data")
     column.prop(settings, "use_tracks")
+
+
+def _draw_held(column, context, settings) -> None:
+    """The way to mark the held place, and the control that does it; that of paint, once something is painted."""
+    column.prop(settings, "held_mode")
+    if settings.held_mode == "FILE":
+        column.prop(settings, "pin", text="Picture")
+        active = context.view_layer.objects.active
+        if active is not None and active.type == "MESH" and len(active.vertex_groups):
+            column.operator("seeing_wind.hold_painted", icon="WPAINT_HLT")
+    elif settings.held_mode == "BOX":
+        column.operator("seeing_wind.draw_box", text="Draw Held Box", icon="SELECT_SET").marks = "HELD"
+        _draw_corners(column, settings, "held_box")
+    else:
+        column.prop(settings, "held_mask")
+
+
+def _draw_corners(column, settings, name: str) -> None:
+    """The four numbers of a box."""
+    sub = column.column(align=True)
+    for index, text in enumerate(("Box Left (px)", "Top", "Right", "Bottom")):
+        sub.prop(settings, name, index=index, text=text)
 
 
 def _draw_preview(layout, context, settings) -> None:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ....engine.errors import UsageError
 from ....engine.settings import ObserveSettings, options_of, words_of
-from ...direct_operator import DirectOperator
 from ...job import takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
@@ -71,21 +69,6 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         return f"Doubtful: {', '.join(doubtful)}" if doubtful else "All that is seen looks good"
 
 
-class SEEING_WIND_OT_use_held(DirectOperator, bpy.types.Operator):
-    """Take the proposed place as the one at which the object is held; nothing is looked at again for it"""
-
-    bl_idname = "seeing_wind.use_held"
-    bl_label = "Use as Held Place"
-
-    def act(self, context):
-        """The proposed picture becomes the setting."""
-        settings = context.scene.seeing_wind
-        if not settings.proposed_pin or not os.path.isfile(settings.proposed_pin):
-            raise UsageError("No held place is proposed.", "Run Preview first.")
-        settings.pin = settings.proposed_pin
-        return "The object is held at the proposed place"
-
-
 def preview_digest(clip: Clip, marked: Marked) -> str:
     """Changes whenever something else would be seen: of what `clip_options` and `object_options` say.
 
@@ -117,4 +100,4 @@ def _loaded(path: Path) -> bpy.types.Image:
     return image
 
 
-CLASSES = (SEEING_WIND_OT_preview, SEEING_WIND_OT_use_held)
+CLASSES = (SEEING_WIND_OT_preview,)

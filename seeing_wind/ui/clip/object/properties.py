@@ -4,12 +4,12 @@ No postponed annotations here: Blender reads these annotations as property defin
 """
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
 
 from ....engine.settings import BuildSettings, ObserveSettings, options_of
 from ....engine.settings.build import MADE
 from ...option_properties import with_options
-from ...property_kinds import MATERIAL_ITEMS, changed, choice, is_mesh, toggle
+from ...property_kinds import KEPT, MATERIAL_ITEMS, changed, choice, is_mesh, toggle
 from ..properties import OF_THE_CLIP
 
 NUMBERS = [one.name for one in options_of(BuildSettings).values() if one.group == MADE and one.kind is float]
@@ -28,6 +28,15 @@ class ObjectOptions:
         ("PROXY", "Proxy Mesh", "The outline of the proxy mesh as the camera sees it"),
         ("MASK", "Mask File", "A PNG of the first picture, non-zero where the object is"),
     ])  # fmt: skip
+    held_mode: choice("Held Places", "How the place is marked at which the object is held", [
+        ("FILE", "Picture", "A PNG of the first picture, non-zero where the object is held; without one it is held nowhere"),
+        ("BOX", "Box", "A box round the held part, in pixels of the first picture"),
+        ("BLENDER_MASK", "Blender Mask", "A mask drawn round the held part in the Movie Clip or Image Editor"),
+    ])  # fmt: skip
+    held_box: FloatVectorProperty(
+        name="Held Box (px)", size=4, options=KEPT, update=changed,
+        description="Left, top, right, bottom of the held part in pixels of the first picture",
+    )  # fmt: skip
     use_tracks: toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of by our own")
 
     scale_mode: choice("Scale", "What gives the size of things", [
@@ -61,6 +70,9 @@ class ObjectSettings:
 
     mask_data: PointerProperty(
         name="Mask Data", type=bpy.types.Mask, description="Closed splines round the object in the first picture", update=changed
+    )
+    held_mask: PointerProperty(
+        name="Held Mask", type=bpy.types.Mask, description="Closed splines round the held part in the first picture", update=changed
     )
     proxy: PointerProperty(
         name="Proxy", type=bpy.types.Object, poll=is_mesh, update=changed,

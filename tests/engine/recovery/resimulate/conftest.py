@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,3 +21,13 @@ def sheet() -> Callable[..., tuple[np.ndarray, np.ndarray]]:
         return vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
     return make
+
+
+@pytest.fixture
+def folder(tmp_path, sheet) -> Path:
+    """With a box and a flag as files."""
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box((0.2, 0.2, 0.2)).export(tmp_path / "box.obj")
+    vertices, triangles = sheet(0.3, 0.2)
+    np.savez(tmp_path / "flag.npz", vertices=vertices, triangles=triangles)
+    return tmp_path

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
-from seeing_wind.engine.command.sheets import read_sheet
+from seeing_wind.engine.command.trajectories.sheets import read_sheet
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.field import distillation
 from seeing_wind.engine.look.report.accuracy import field_errors

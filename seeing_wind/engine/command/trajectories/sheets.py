@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..errors import MaterialError, ObjectError, UsageError
-from ..materials import PLASTIC_LAWS, SHEETS, Material, Sheet, find
-from ..progress import Progress
-from ..reading import array_names
-from ..records import Outcome
-from ..settings import RecoverSettings, WindSettings
-from ..take import Take, stamp_of
-from .arguments import properties_of, settings_of
-from .lock import held
-from .reporting import reported
-from .trajectories import SHEET_KEYS, gravity_of, motion_of, number_in, values_of
+from ...errors import MaterialError, ObjectError, UsageError
+from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, find
+from ...progress import Progress
+from ...reading import array_names
+from ...records import Outcome
+from ...settings import RecoverSettings, WindSettings
+from ...take import Take, stamp_of
+from ..arguments import properties_of, settings_of
+from ..lock import held
+from ..reporting import reported
+from .file import SHEET_KEYS, gravity_of, motion_of, number_in, values_of
 
 if TYPE_CHECKING:
-    from ..recovery.wind.sheet import SheetSeen
+    from ...recovery.wind.sheet import SheetSeen
 
 READ = ("x", "fps", "E", "nu", "fixed", "gravity", "visible", "sigma", *SHEET_KEYS)
 """Keys of a file."""
@@ -45,7 +45,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
     Raises:
         UsageError, ObjectError, MaterialError, SimulationError: as `read_sheet` and `sheet_stage`.
     """
-    from ..recovery.wind.sheet import sheet_stage
+    from ...recovery.wind.sheet import sheet_stage
 
     if arguments.schedule != "default" or arguments.objective != "tracking" or arguments.refine:
         raise UsageError("A shell is recovered by the default schedule only.", "Leave --schedule, --objective and --refine out.")
@@ -63,7 +63,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
         assert recovery.outcome != Outcome.DIVERGED
 
         def draw() -> dict[str, Any]:
-            from ..look.report import write_trajectory_report
+            from ...look.report import write_trajectory_report
 
             told = found.wind.told if found.wind.field is not None or arguments.field == "auto" else None
             return write_trajectory_report(
@@ -95,7 +95,7 @@ def read_sheet(
         ObjectError: too few pictures, vertices that are not seen or not finite, nothing that is free to move.
         MaterialError: numbers that no sheet has.
     """
-    from ..recovery.wind.sheet import SheetSeen
+    from ...recovery.wind.sheet import SheetSeen
 
     values, notes = values_of(path, READ)
     x, visible, fixed, fps = motion_of(values, path)
@@ -112,10 +112,8 @@ def read_sheet(
         if not 0.0 <= sigma <= float(np.ptp(x)):
             raise UsageError(f"{path}: sigma is {sigma:g}.", "It must lie between 0 and what x reaches; without it, it is estimated.")
     sheet, assumed = _sheet(values, material, properties, path)
-    down = gravity_of(values, path) if gravity is None else (gravity[0], gravity[1], gravity[2])
-    if gravity is None and "gravity" not in values:
-        assumed.append("The file has no gravity, and no option gives it: it counts as part of the field.")
-    return SheetSeen(x, faces, fixed, sheet, fps, sigma), down, [*assumed, *notes]
+    down, missing = gravity_of(values, gravity, path)
+    return SheetSeen(x, faces, fixed, sheet, fps, sigma), down, [*assumed, *missing, *notes]
 
 
 def _faces(value: np.ndarray, count: int, path: str | os.PathLike[str]) -> np.ndarray:

@@ -1,0 +1,140 @@
+"""3D trajectories from outside (another simulator, motion capture) as particles and targets."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import ObjectError, UsageError
+from ...records import Attachment, Material, Particles, PointTargets
+from .file import gravity_of, motion_of, number_in, numbers_in, values_of
+from .material import material_of
+
+FIXED_DEPTH = 0.5
+"""Grid cells (`RecoverSettings.clamp_depth`) at first. A file's `fixed` is what hardly moved: that reaches some way above what is held."""
+HELD_WAY = 0.2
+"""Particle spacings that held particles may move without a word."""
+FINEST = 1e-9
+"""Metres: no position is more certain."""
+FEW = 8
+"""Points below which a body has no shape to speak of."""
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """What `recover-trajectories` starts from."""
+
+    particles: Particles
+    material: Material
+    targets: PointTargets
+    fps: float
+    gravity: tuple[float, float, float]
+    clamp_depth: float = FIXED_DEPTH
+    notes: tuple[str, ...] = ()
+    """What was assumed because neither file nor options say it, what of the file is not used, and what contradicts itself."""
+
+
+def read_trajectories(
+    path: str | os.PathLike[str],
+    material: Material | None = None,
+    gravity: tuple[float, float, float] | None = None,
+    **properties: Any,
+) -> Trajectories:
+    """Read an NPZ with `x` (T+1,N,3) m and `fps`.
+
+    Needed is `E` Pa, too, or a `material` of the library, where no option gives them. Optional are `rho` kg/m³, `nu`, `yield_stress` Pa,
+    `fixed` (N,) bool, `gravity` (3,) m/s², `visible` (T+1,N) bool, all of it true in picture 0, and the errors of x: `sigma` m, the
+    standard deviation of a coordinate, or `covariance` (3,3) or (N,3,3) m². Where a point is not visible, its x is not used.
+    Velocities and forces in the file, if any, are not read: they are what is to be found.
+
+    Args:
+        material: in place of all that the file says of the material.
+        gravity: [m/s²], in place of the file's.
+        properties: as of `materials.adjusted`, in place of the file's and the material's; None leaves those.
+
+    Raises:
+        UsageError: no such file, no NPZ, a key missing, of the wrong type or shape, or a number out of its bounds.
+        ObjectError: too few pictures or particles, points that picture 0 does not show, visible positions that are not finite, a body that
+            jumps.
+        MaterialError: as `materials.adjusted`, a material that the library does not have, or no stiffness.
+    """
+    values, notes = values_of(path)
+    x, visible, fixed, fps = motion_of(values, path)
+    sigma, covariance = _errors(values, x.shape[1], float(np.ptp(x[visible], axis=0).max()), path)
+    spacing = particle_spacing(x[0])
+    particles = Particles(x=x[0], volume=np.full(x.shape[1], spacing**3), pinned=fixed, spacing=spacing)
+    everyone = Attachment(index=np.arange(x.shape[1], dtype=np.int32)[:, None], weight=np.ones((x.shape[1], 1)))
+    targets = PointTargets(np.where(visible[..., None], x, np.nan), visible, everyone, sigma, covariance)
+    found, assumed = material_of(values, material, properties, path)
+    down, missing = gravity_of(values, gravity, path)
+    notes = [*_few(x.shape[1]), *assumed, *missing, *notes, *_moving(targets.x[:, fixed], spacing)]
+    return Trajectories(particles, found, targets, fps, down, notes=tuple(notes))
+
+
+def _few(count: int) -> Iterator[str]:
+    """A note on a body of too few points."""
+    if 1 < count < FEW:
+        yield f"The body is {count} points: each is simulated as a lump of its own, and only their mean motion tells of a force."
+
+
+def _errors(
+    values: dict[str, np.ndarray], count: int, extent: float, path: str | os.PathLike[str]
+) -> tuple[float | None, np.ndarray | None]:
+    """What the file says of the errors of x: one standard deviation [m], or covariances (N, 3, 3) [m²]; None where it does not say.
+
+    `extent` [m] is how far x reaches in space and time.
+    """
+    if "sigma" in values and "covariance" in values:
+        raise UsageError(f"{path} has both sigma and covariance.", "Leave one of them out.")
+    if "sigma" in values:
+        sigma = number_in(values["sigma"], "sigma", path)
+        if not FINEST <= sigma <= extent:
+            hint = f"It must lie between {FINEST:g} m and what x reaches, {extent:.3g} m; without it, it is estimated."
+            raise UsageError(f"{path}: sigma is {sigma:g}.", hint)
+        return sigma, None
+    if "covariance" not in values:
+        return None, None
+    covariance = numbers_in(values["covariance"], "covariance", path)
+    if covariance.shape not in ((3, 3), (count, 3, 3)):
+        raise UsageError(f"{path}: covariance has shape {covariance.shape}.", f"It must be (3,3) or ({count},3,3), in m².")
+    if not np.isfinite(covariance).all() or np.abs(covariance).max() > extent**2 or not _is_covariance(covariance):
+        raise UsageError(
+            f"{path}: covariance is none of errors within what x reaches, {extent:.3g} m.",
+            "Each matrix must be finite, symmetric and without negative eigenvalues, in m².",
+        )
+    return None, np.broadcast_to(covariance, (count, 3, 3)).copy()
+
+
+def _is_covariance(matrices: np.ndarray) -> bool:
+    """Whether (..., 3, 3) are symmetric without negative eigenvalues, but for rounding."""
+    size = np.abs(matrices).max(axis=(-1, -2), keepdims=True)
+    symmetric = np.abs(matrices - np.swapaxes(matrices, -1, -2)) <= 1e-6 * size
+    return bool(symmetric.all() and (np.linalg.eigvalsh(matrices) >= -1e-6 * size[..., 0]).all())
+
+
+def _moving(x: np.ndarray, spacing: float) -> Iterator[str]:
+    """A note where held particles x (T+1, M, 3), NaN where not seen, move further than those do that are only near a clamp."""
+    way = float(np.nan_to_num(np.linalg.norm(x - x[0], axis=2)).max()) if x.size else 0.0
+    if way > HELD_WAY * spacing:
+        yield f"Particles that `fixed` marks as held move by up to {1e3 * way:.2g} mm; they are simulated standing still."
+
+
+def particle_spacing(x: np.ndarray) -> float:
+    """Median distance of nearest neighbours [m] among particles x (N, 3).
+
+    Raises:
+        ObjectError: when most particles coincide.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(x) == 1:
+        return 0.01
+    distance = cKDTree(x).query(x, k=2)[0][:, 1]
+    spacing = float(np.median(distance))
+    if spacing <= 1e-9 * max(1.0, float(np.abs(x).max())):
+        raise ObjectError("Most particles coincide with another.", "Give every particle a place of its own in the first picture.")
+    return spacing

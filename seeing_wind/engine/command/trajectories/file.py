@@ -1,0 +1,148 @@
+"""What stands in a trajectory file, each key checked: its numbers, its motion and its gravity."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...conventions import FARTHEST, FRAME_RATES
+from ...errors import ObjectError, UsageError
+from ...reading import array_names, read_arrays
+
+FASTEST = 1000.0
+"""Speed [m/s] of most of a body's points that no wind gives: three times that of sound."""
+NUMBERS = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
+"""Properties of `Material` -> keys of the file."""
+READ = ("x", "fps", "rho", "E", "nu", "yield_stress", "fixed", "gravity", "visible", "sigma", "covariance", "material")
+"""Keys of a file."""
+SHEET_KEYS = ("faces", "areal_density", "thickness", "damping")
+"""Keys of a file whose points are the vertices of a sheet (`sheets`): `faces` says that they are."""
+TRUTH = ("v", "acc", "name", "field", "wind", "force")
+"""What simulators write besides, for a comparison: velocities and forces are to be found."""
+OTHER_NAMES = {
+    **NUMBERS, "young_modulus": "E", "poissons_ratio": "nu", "pinned": "fixed", "held": "fixed", "frame_rate": "fps", "noise": "sigma",
+}  # fmt: skip
+"""What the same things are called elsewhere."""
+
+
+def values_of(path: str | os.PathLike[str], keys: tuple[str, ...] = READ) -> tuple[dict[str, np.ndarray], list[str]]:
+    """What the file holds of these keys, and a note on keys that nobody knows."""
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file {path}.", "Give an NPZ with x (T+1,N,3) in metres and fps.")
+    try:
+        unknown = [name for name in array_names(path) if name not in keys + TRUTH]
+        values = read_arrays(path, keys)
+    except (OSError, ValueError) as error:
+        hint = "Write it with numpy.savez, each key an array of numbers or bool: numpy.array(..., dtype=float)."
+        raise UsageError(f"{path} cannot be read as trajectories: {error}.", hint) from error
+    if not unknown:
+        return values, []
+    meant = [f"{near} by {name}" for name in unknown if (near := _near(name, keys)) is not None]
+    asked = f" Did you mean {', '.join(meant)}?" if meant else ""
+    names = f"{', '.join(unknown)} {'is' if len(unknown) == 1 else 'are'}"
+    return values, [f"The file's {names} not read.{asked} Known keys: {', '.join(keys)}."]
+
+
+def _near(name: str, keys: tuple[str, ...]) -> str | None:
+    """The key in `keys` that `name` was perhaps meant to be."""
+    known = {key.lower(): key for key in keys} | {other: key for other, key in OTHER_NAMES.items() if key in keys}
+    close = difflib.get_close_matches(name.lower(), known, n=1)
+    return known[close[0]] if close else None
+
+
+def motion_of(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """x (T+1, N, 3) [m], visible (T+1, N), fixed (N,) and fps of a file, checked. Raises as `bodies.read_trajectories`."""
+    for key in ("x", "fps"):
+        if key not in values:
+            raise UsageError(f"{path} lacks {key}.", "It needs x (T+1,N,3) in metres and fps.")
+    x = numbers_in(values["x"], "x", path)
+    if x.ndim != 3 or x.shape[2] != 3:
+        raise UsageError(f"{path}: x has shape {x.shape}.", "It must be (T+1,N,3).")
+    if len(x) < 4 or x.shape[1] < 1:
+        raise ObjectError(f"{path} has {len(x)} pictures of {x.shape[1]} particles.", "At least four pictures of one particle are needed.")
+    visible = _visible(values, x, path)
+    fixed = flags_in(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), "fixed", x.shape[1:2], path)
+    fps = number_in(values["fps"], "fps", path)
+    if not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
+        raise UsageError(f"{path}: fps is {fps:g}.", f"It must lie between {FRAME_RATES[0]:g} and {FRAME_RATES[1]:g} frames per second.")
+    _check_places(x, visible, fps, path)
+    return x, visible, fixed, fps
+
+
+def _visible(values: dict[str, np.ndarray], x: np.ndarray, path: str | os.PathLike[str]) -> np.ndarray:
+    """(T+1, N) which points of x (T+1, N, 3) count, all if the file does not say."""
+    visible = flags_in(values.get("visible", np.ones(x.shape[:2], dtype=bool)), "visible", x.shape[:2], path)
+    if not visible[0].all():
+        hidden = np.flatnonzero(~visible[0])
+        raise ObjectError(
+            f"{path}: {len(hidden)} of {x.shape[1]} points are not visible in picture 0, the first of them point {hidden[0]}.",
+            "The body is built from picture 0: begin with a picture that shows every point, or remove those points.",
+        )
+    if not visible[1:].any():
+        raise ObjectError(f"{path}: no point is visible after picture 0.", "Mend visible, or leave it out: then every point counts.")
+    lost = np.argwhere(visible & ~np.isfinite(x).all(axis=2))
+    if len(lost):
+        t, n = lost[0]
+        raise ObjectError(
+            f"{path}: the position of particle {n} in picture {t} is not finite.",
+            "Mend the file or remove that particle; after picture 0, `visible` may say that it is not seen.",
+        )
+    return visible
+
+
+def _check_places(x: np.ndarray, visible: np.ndarray, fps: float, path: str | os.PathLike[str]) -> None:
+    """Refuse visible positions x (T+1, N, 3) [m] beyond `FARTHEST`, and a body most of whose points move faster than `FASTEST`."""
+    far = float(np.abs(x[visible]).max())
+    if far > FARTHEST:
+        raise UsageError(f"{path}: a position lies {far:.3g} m from the origin.", "Check the unit: metres.")
+    step = np.where(visible[1:] & visible[:-1], np.linalg.norm(np.diff(x, axis=0), axis=2), np.nan)
+    way = np.nan_to_num([np.nanmedian(row) if np.isfinite(row).any() else 0.0 for row in step])
+    worst = int(way.argmax())
+    if way[worst] * fps > FASTEST:
+        raise ObjectError(
+            f"{path}: from picture {worst} to picture {worst + 1} the body jumps {way[worst]:.3g} m, which is {way[worst] * fps:.3g} m/s.",
+            "Check the unit of x (metres), fps, and that the points keep their order; cut the file where the body jumps.",
+        )
+
+
+def gravity_of(
+    values: dict[str, np.ndarray], given: Sequence[float] | None, path: str | os.PathLike[str]
+) -> tuple[tuple[float, float, float], list[str]]:
+    """Gravity [m/s²]: the one given or, with None, the file's; and a note where neither says it."""
+    if given is not None:
+        return (given[0], given[1], given[2]), []
+    gravity = numbers_in(values.get("gravity", np.zeros(3)), "gravity", path)
+    if gravity.shape not in ((), (3,)) or not np.isfinite(gravity).all() or (gravity.shape == () and gravity != 0.0):
+        raise UsageError(f"{path}: gravity is {gravity.tolist()}.", "It must be three finite numbers in m/s².")
+    x, y, z = np.broadcast_to(gravity, (3,)).tolist()
+    missing = "The file has no gravity, and no option gives it: it counts as part of the field."
+    return (x, y, z), [] if "gravity" in values else [missing]
+
+
+def flags_in(value: np.ndarray, key: str, shape: tuple[int, ...], path: str | os.PathLike[str]) -> np.ndarray:
+    """The array as bool; UsageError where it is none or of another shape."""
+    value = np.asarray(value)
+    if value.shape != shape or value.dtype.kind not in "biu":
+        raise UsageError(f"{path}: {key} is {value.dtype} of shape {value.shape}.", f"It must be {shape} of true and false.")
+    return value.astype(bool)
+
+
+def numbers_in(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> np.ndarray:
+    """The array in float64; UsageError where it holds no numbers."""
+    if np.asarray(value).dtype.kind not in "fiu":
+        raise UsageError(f"{path}: {key} holds {np.asarray(value).dtype}, not numbers.", "Write plain numbers in SI units.")
+    return np.asarray(value, dtype=np.float64)
+
+
+def number_in(value: np.ndarray, key: str, path: str | os.PathLike[str]) -> float:
+    """The one finite number; UsageError where it is none."""
+    numbers = numbers_in(value, key, path)
+    if numbers.size != 1:
+        raise UsageError(f"{path}: {key} is not one number but has shape {numbers.shape}.", "Give one number for the whole body.")
+    if not np.isfinite(numbers).all():
+        raise UsageError(f"{path}: {key} is {numbers.item()}, which is not finite.", "Give a finite number in SI units.")
+    return float(numbers.item())

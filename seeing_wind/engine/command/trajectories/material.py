@@ -1,0 +1,78 @@
+"""The material of a body in a trajectory file: what the file says of it, what options say, and what is assumed."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from ...errors import MaterialError, UsageError
+from ...materials import adjusted, find
+from ...records import Material
+from .file import NUMBERS, number_in
+
+DENSITY, POISSON_RATIO = 300.0, 0.3
+"""Of a body whose file does not say [kg/m³]: those of foam. The stiffness is not guessed: forces that bend go with it."""
+BEHAVIOURS = ("elastic", "elastoplastic")
+"""What simulators write as `material` and is no material: the law is that of `yield_stress`."""
+
+
+def material_of(
+    values: dict[str, np.ndarray], preset: Material | None, properties: dict[str, Any], path: str | os.PathLike[str]
+) -> tuple[Material, list[str]]:
+    """The material that options and file state, foam-like numbers for what both leave out, and notes on what is assumed or not used.
+
+    Simulators that write such files (Genesis, taichi_elements) yield at a norm |dev tau| = Y of the deviatoric stress; the uniaxial
+    yield stress that `Material` and the literature speak of is sqrt(3/2) times that.
+    """
+    stated: dict[str, Any] = {name: number_in(values[key], key, path) for name, key in NUMBERS.items() if key in values}
+    yield_stress = float(np.sqrt(1.5)) * number_in(values.get("yield_stress", np.zeros(())), "yield_stress", path)
+    if yield_stress != 0.0:
+        stated["yield_stress"] = yield_stress
+    if preset is not None:
+        unused = [NUMBERS.get(name, name) for name in stated if properties.get(name) is None]
+        notes = [f"The material {preset.name} replaces what the file says: {', '.join(unused)}."] if unused else []
+        return adjusted(preset, **properties), notes
+    given = {name for name, value in properties.items() if value is not None}
+    named = _named(values, path)
+    if named is not None:
+        return adjusted(adjusted(named, **stated), **properties), []
+    if "youngs_modulus" not in given and "youngs_modulus" not in stated:
+        raise MaterialError(
+            f"{path} lacks E, Young's modulus in Pa, and no option gives it.",
+            "The force on a body that bends is in proportion to it: add E, or give --youngs-modulus or --material.",
+        )
+    law = "von_mises" if yield_stress > 0.0 else "corotated"
+    guesses = {"density": DENSITY, "poisson_ratio": POISSON_RATIO}
+    assumed = {name: value for name, value in guesses.items() if name not in given and name not in stated}
+    sources = {"from the trajectory file": [name for name in stated if name not in given], "assumed": list(assumed)}
+    source = "; ".join(f"{where}: {', '.join(names)}" for where, names in sources.items() if names)
+    notes = []
+    if assumed:
+        missing = [f"{NUMBERS[name]} ({value:g}{' kg/m³' if name == 'density' else ''})" for name, value in assumed.items()]
+        proportion = " Forces are in proportion to the density." if "density" in assumed else ""
+        notes.append(f"The file lacks {', '.join(missing)}, and no option gives it: assumed.{proportion}")
+    modulus = stated.get("youngs_modulus") or properties["youngs_modulus"]
+    whole = Material("trajectories", law, **{**guesses, "youngs_modulus": modulus, **stated}, source=source)
+    return adjusted(whole, **properties), notes
+
+
+def _named(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> Material | None:
+    """The library's material that the file names; None without a name, or with one of `BEHAVIOURS`.
+
+    Raises:
+        MaterialError: a name that the library does not have.
+    """
+    if "material" not in values:
+        return None
+    name = values["material"]
+    if name.dtype.kind != "U" or name.size != 1:
+        raise UsageError(f"{path}: material is {name.dtype} of shape {name.shape}.", "Write the name of one material, or leave it out.")
+    if str(name.item()).strip().lower() in BEHAVIOURS:
+        return None
+    try:
+        return find(str(name.item()))
+    except MaterialError as error:
+        hint = f"{error.hint} Or write {' or '.join(BEHAVIOURS)}, with E and rho."
+        raise MaterialError(f"{path}: {error.message}", hint) from error

@@ -1,0 +1,79 @@
+"""A panorama of the place where the clip was filmed, as the light of the scene in place of the clip's own sun and sky."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ...engine.errors import UsageError
+from ..job.worker import said_by
+from ..user_paths import absolute
+
+WORLD = "Seeing Wind HDRI"
+
+
+def set_hdri(scene: bpy.types.Scene) -> Path:
+    """Let the panorama of the settings light the scene, turned and scaled as they say. The world that was there before is kept.
+
+    Raises:
+        UsageError: when there is no such file, or it has no more than a screen's range of light.
+    """
+    settings = scene.seeing_wind
+    path = Path(absolute(settings.hdri))
+    image = _panorama(path, settings.hdri)
+    world = scene.world
+    if world is None or world.name.split(".")[0] != WORLD:
+        settings.former_world = world
+        world = scene.world = _world()
+    # by type: names of nodes are those of the user's language
+    nodes = {node.bl_idname: node for node in world.node_tree.nodes}
+    nodes["ShaderNodeTexEnvironment"].image = image
+    nodes["ShaderNodeMapping"].inputs["Rotation"].default_value = (0.0, 0.0, settings.hdri_turn)
+    nodes["ShaderNodeBackground"].inputs["Strength"].default_value = settings.hdri_strength
+    return path
+
+
+def unset_hdri(scene: bpy.types.Scene) -> None:
+    """Give the scene back the world that it had before `set_hdri`."""
+    world, settings = scene.world, scene.seeing_wind
+    if world is not None and world.name.split(".")[0] == WORLD:
+        scene.world, settings.former_world = settings.former_world, None
+        if world.users == 0:
+            bpy.data.worlds.remove(world)
+
+
+def _panorama(path: Path, written: str) -> bpy.types.Image:
+    """The image of a file, as it is on disk now."""
+    if not path.is_file():
+        raise UsageError(f"There is no file {path}.", "Choose a panorama (.hdr or .exr), or clear HDRI.")
+    known = {image.name for image in bpy.data.images}
+    try:
+        image = bpy.data.images.load(str(path), check_existing=True)
+    except RuntimeError as error:
+        raise UsageError(f"Blender cannot open {path}: {said_by(error)}.", "Choose a panorama (.hdr or .exr), or clear HDRI.") from error
+    if not image.is_float:
+        if image.name not in known:
+            bpy.data.images.remove(image)
+        raise UsageError(
+            f"{path} has no more range than a screen shows: its sun would be as dim as its clouds.", "Choose a panorama in .hdr or .exr."
+        )
+    image.filepath = written
+    return image
+
+
+def _world() -> bpy.types.World:
+    world = bpy.data.worlds.new(WORLD)
+    world.use_nodes = True
+    nodes, link = world.node_tree.nodes, world.node_tree.links.new
+    nodes.clear()
+    way, turn, panorama, light, output = (
+        nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "Mapping", "TexEnvironment", "Background", "OutputWorld")
+    )
+    link(way.outputs["Generated"], turn.inputs["Vector"])
+    link(turn.outputs["Vector"], panorama.inputs["Vector"])
+    link(panorama.outputs["Color"], light.inputs["Color"])
+    link(light.outputs["Background"], output.inputs["Surface"])
+    for column, node in enumerate((way, turn, panorama, light, output)):
+        node.location = (260 * column, 0)
+    return world
