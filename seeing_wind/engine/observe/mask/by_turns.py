@@ -15,7 +15,7 @@ from .background import Plate, plate_behind, seen_first
 from .evidence import Looks
 from .follow import carried
 from .from_box import NEARBY, Moving, refined
-from .motion import window_of
+from .motion import window_of, within
 
 ROUGH_PIXELS = 40_000
 """Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
@@ -39,7 +39,7 @@ def with_background(
     # What a box cut off of a small object was found outside it.
     allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
     median = plate.color
-    motion = moving(window_of(allowed, NEARBY)) if boxed else None
+    motion = moving(within(window_of(allowed, NEARBY), mask)) if boxed else None
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
     if motion is not None:
         mask = refined(frames[0], mask, plate, allowed, motion)
