@@ -35,8 +35,8 @@ MAX_SUBSTEPS = 200
 MAX_SUBSTEPS_HELD = 500
 """The same of bodies that are held somewhere: how far a force bends them is given by their stiffness, so softer means less force."""
 WORTH = 0.1
-"""Least share of a held body's stiffness that `MAX_SUBSTEPS_HELD` have to carry. With less its weight and its own inertia are what the force
-answers, as of a free body, and it gets no more substeps than one."""
+"""Least share of a held body's stiffness that `MAX_SUBSTEPS_HELD` have to carry. With less, the force answers its weight and its inertia
+alone, as that of a free body does, and it gets no more substeps than one."""
 DEFAULT_SPEED = 5.0
 """Speed [m/s] that a body is expected to reach when nothing better is known."""
 
@@ -68,7 +68,8 @@ def model_for(
         speed: fastest motion expected [m/s], besides that of `pin_path`; more substeps above about one cell per substep.
         dx: grid spacing [m]; None takes 1.6 spacings of the finest body.
         max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `MAX_SUBSTEPS`, or
-            `MAX_SUBSTEPS_HELD` where something is pinned that these keep at least a `WORTH` of the stiffness of. Damping beyond what so many carry is cut, too.
+            `MAX_SUBSTEPS_HELD` where something is pinned that keeps at least a `WORTH` of its stiffness so. Damping beyond what so many
+            carry is cut, too.
         least_substeps: per frame, whatever the material.
         device: auto or cpu.
         colliders: planes, rooms and closed meshes that stand still, see `colliders`.

@@ -78,8 +78,9 @@ def test_a_still_end_inside_the_picture_is_not_half_the_stem(seen: Observation) 
     swing = 14.0 * np.sin(0.55 * np.arange(FRAMES))[:, None] * bend
     xy = np.stack([75.0 + swing, np.broadcast_to(y, swing.shape)], axis=-1)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
-    masks = [(np.abs(columns - 75.0 - 14.0 * np.sin(0.55 * t) * (np.clip(150.0 - rows, 0, None) / 110.0) ** 2) < 4) & (rows > 40) & (rows <= 150)
-             for t in range(FRAMES)]  # fmt: skip
+    leans = (np.clip(150.0 - rows, 0, None) / 110.0) ** 2
+    upright = (rows > 40) & (rows <= 150)
+    masks = [(np.abs(columns - 75.0 - 14.0 * np.sin(0.55 * t) * leans) < 4) & upright for t in range(FRAMES)]
     visible = np.ones(xy.shape[:2], bool)
     free = dataclasses.replace(
         seen, masks=np.stack(masks), xy=xy, visible=visible, sigma=np.ones(visible.shape), on_centroid=np.zeros(len(y), bool)

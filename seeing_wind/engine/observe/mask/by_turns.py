@@ -61,7 +61,7 @@ def with_background(
 
 
 def _stayed(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
-    """(H, W) bool: the object in most pictures, and `first` shows the same there: a foot that hardly moves, and is found once its stem has."""
+    """(H, W) bool: the object in most pictures, and `first` shows the same there: a foot that hardly moves."""
     count = np.zeros(first.shape[:2], np.int32)
     for mask in masks:
         count += mask

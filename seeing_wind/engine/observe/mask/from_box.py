@@ -181,7 +181,8 @@ def refined(
 ) -> np.ndarray:
     """The object in `picture` (H, W, 3), picture 0, found again with the background known, within `allowed` (H, W) bool.
 
-    `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` with NEARBY pixels round it, as far as the picture goes.
+    `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
+    round it, as far as the picture goes.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(allowed, NEARBY), picture)
@@ -190,7 +191,9 @@ def refined(
     colors = Colors(crop[shape], crop[~near]).odds(crop)
     odds, known = against_plate(picture, plate, window, looks or Looks(plate, [(picture, mask)]), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
-    odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors + BLEEDS * np.maximum(motion, 0.0), colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
+    odds = 0.5 * against_shape(shape, band) + np.where(
+        known, odds + 0.6 * colors + BLEEDS * np.maximum(motion, 0.0), colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion
+    )
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
     found = tidy(cut_out(odds, crop), shape)
     better = np.zeros_like(mask)

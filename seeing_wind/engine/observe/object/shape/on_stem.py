@@ -26,7 +26,7 @@ def too_fine(parts: Parts) -> str | None:
     if breadth >= 2.0 * MIN_SPACING_PIXELS:
         return None
     return (
-        f"The stem is {breadth:.1f} px thick, finer than its particles, {MIN_SPACING_PIXELS:g} px apart, can be: it bends as a thicker one, "
+        f"The stem is {breadth:.1f} px thick, and its particles are {MIN_SPACING_PIXELS:g} px apart at least: it bends as a thicker one, "
         "and only the stiffness that its motion shows makes up for that. Film closer."
     )
 
@@ -36,7 +36,7 @@ def fill_parts(relief: Relief, parts: Parts, held: np.ndarray) -> Particles:
     pixel = np.sqrt(np.linalg.det(surface_metric(relief)))
     spacing = stem_spacing(parts) * pixel
     filled = [_stem(relief, parts, held, pixel), _columns(relief, parts.head, COARSE * spacing, held)]
-    filled += [_columns(relief, parts.sheets == number, spacing, held) for number in range(1, parts.sheets.max() + 1)]
+    filled += [_columns(relief, parts.sheets == number, COARSE * spacing, held) for number in range(1, parts.sheets.max() + 1)]
     x, volume, pinned = (np.concatenate(values) for values in zip(*filled))
     return Particles(x=x, volume=volume, pinned=pinned, spacing=float(spacing))
 
@@ -47,7 +47,9 @@ def _stem(relief: Relief, parts: Parts, held: np.ndarray, pixel: float) -> tuple
     across = np.stack([-direction[:, 1], direction[:, 0]], axis=1) * 0.5 * radius[:, None]
     middle = 0.5 * (sample(relief.front, place) + sample(relief.back, place))
     x = [
-        relief.camera.unproject(place + side * across, middle + depth * 0.5 * radius * pixel) for side in (-1.0, 1.0) for depth in (-1.0, 1.0)
+        relief.camera.unproject(place + side * across, middle + depth * 0.5 * radius * pixel)
+        for side in (-1.0, 1.0)
+        for depth in (-1.0, 1.0)
     ]
     volume = np.tile(radius**2, 4)
     volume *= relief.pixel_volume()[parts.stem].sum() / volume.sum()

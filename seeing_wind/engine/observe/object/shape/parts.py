@@ -97,7 +97,7 @@ def _smooth(line: np.ndarray, sigma: float) -> np.ndarray:
 
 
 def _way(mask: np.ndarray, rim: np.ndarray, foot: np.ndarray, widest: tuple[np.intp, ...]) -> np.ndarray | None:
-    """Rows and columns (S, 2) of the way along the middle of the mask from the far end of `foot` to `widest`; None where none leads there."""
+    """Rows and columns (S, 2) of the way along the middle of the mask from the far end of `foot` to `widest`; None where there is none."""
     rows, columns = np.nonzero(mask)
     number = np.full(mask.shape, -1)
     number[rows, columns] = np.arange(len(rows))

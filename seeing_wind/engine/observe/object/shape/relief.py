@@ -150,7 +150,7 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
 
 
 def _half(parts: Parts, pixel: float, thickness: float | None) -> np.ndarray:
-    """(H, W) half the depth [m] of a body of parts with pixels of `pixel` [m]: `thickness` [m] is that of the head, and the most of a sheet."""
+    """(H, W) half the depth [m] of a body of parts. pixel: its width [m]; thickness: that of the head, and the most of a sheet [m]."""
     half = np.maximum(parts.half(), 0.5 * THINNEST) * pixel
     if thickness is not None:
         half[parts.head] *= 0.5 * thickness / half[parts.head].max()
