@@ -13,7 +13,9 @@ from scenes import noise, write_video
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import median_plate
 from seeing_wind.engine.observe.mask.evidence import against_shape
+from seeing_wind.engine.observe.object.shape.on_stem import too_fine
 from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.parts import parts_of
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.observe.preview.held import proposed_place
 from seeing_wind.engine.progress import NoProgress
@@ -118,3 +120,27 @@ def test_the_stem_is_a_rod_of_its_own_thickness_that_carries_a_round_head(seen: 
     xy = held.camera.project(particles.x)[0]
     assert particles.pinned.any() and xy[particles.pinned, 1].min() > 0.9 * HEIGHT
     assert relief_of(seen).kind != "parts", "what is not held needs no stem"
+
+
+def test_a_stem_of_three_pixels_is_said_to_be_too_fine_and_one_of_eight_is_not() -> None:
+    rows, columns = np.mgrid[:160, :120]
+    head, foot = np.hypot(columns - 60, rows - 30) < 24, rows >= 150
+    said = []
+    for half in (1, 4):
+        mask = head | ((np.abs(columns - 60) <= half) & (rows > 30))
+        parts = parts_of(mask, foot & mask)
+        assert parts is not None
+        said.append(too_fine(parts))
+    assert said[0] is not None and "px thick" in said[0] and said[1] is None
+
+
+def test_leaves_beside_the_stem_are_sheets_and_a_broad_thing_has_no_stem() -> None:
+    rows, columns = np.mgrid[:160, :120]
+    foot, stem = rows >= 150, (np.abs(columns - 60) <= 4) & (rows > 30)
+    leaf = (np.abs(rows - 100) <= 5) & (columns > 60) & (columns < 100)
+    parts = parts_of(stem | leaf | (np.hypot(columns - 60, rows - 30) < 24), foot & stem)
+    assert parts is not None and parts.sheets.max() == 1
+    assert (parts.sheets > 0)[96:105, 70:98].all() and not (parts.sheets > 0)[:, :64].any()
+    assert parts.head[30, 60] and parts.stem[120, 60] and np.median(parts.radius) == pytest.approx(4.5, abs=0.7)
+    assert parts_of((np.abs(columns - 60) <= 20) & (rows > 10), foot) is None
+    assert parts_of(stem, foot) is None, "a rod is a post"

@@ -104,7 +104,7 @@ def _way(mask: np.ndarray, rim: np.ndarray, foot: np.ndarray, widest: tuple[np.i
     pairs, cost = [], []
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
         there = np.stack([rows + down, columns + right])
-        inside = ((there >= 0) & (there < np.array(mask.shape)[:, None])).all(axis=0)
+        inside: np.ndarray = np.all((there >= 0) & (there < np.array(mask.shape)[:, None]), axis=0)
         inside[inside] &= mask[there[0, inside], there[1, inside]]
         here, there = np.flatnonzero(inside), there[:, inside]
         middle = 0.5 * (rim[rows[here], columns[here]] + rim[there[0], there[1]])
