@@ -12,7 +12,7 @@ from .parts import Parts, sections
 from .relief import Relief, sample
 
 COARSE = 1.6
-"""Spacing of what the stem carries, in units of the stem's: a particle to each of the grid's cells, so that it stays in one piece."""
+"""Spacing of the head, in units of the stem's: a particle to each of the grid's cells, so that it stays in one piece."""
 
 
 def stem_spacing(parts: Parts) -> float:
@@ -36,7 +36,7 @@ def fill_parts(relief: Relief, parts: Parts, held: np.ndarray) -> Particles:
     pixel = np.sqrt(np.linalg.det(surface_metric(relief)))
     spacing = stem_spacing(parts) * pixel
     filled = [_stem(relief, parts, held, pixel), _columns(relief, parts.head, COARSE * spacing, held)]
-    filled += [_columns(relief, parts.sheets == number, COARSE * spacing, held) for number in range(1, parts.sheets.max() + 1)]
+    filled += [_columns(relief, parts.sheets == number, spacing, held) for number in range(1, parts.sheets.max() + 1)]
     x, volume, pinned = (np.concatenate(values) for values in zip(*filled))
     return Particles(x=x, volume=volume, pinned=pinned, spacing=float(spacing))
 
