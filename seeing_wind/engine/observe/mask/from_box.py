@@ -38,7 +38,8 @@ MOTION_SURE = 2.0
 """Log odds that motion, or the lack of it, gives."""
 
 BLEEDS = 0.5
-"""Weight of motion where an outline is refined: dense flow runs on for some pixels into what lies beside a thing that moves."""
+"""Weight of motion where an outline is refined and the background is not known: dense flow runs on for some pixels into what lies beside
+a thing that moves. Where the background is known, that says more."""
 
 STILL_PART = -1.4
 """Least log odds of what does not differ from the background, in a box."""
@@ -191,9 +192,7 @@ def refined(
     colors = Colors(crop[shape], crop[~near]).odds(crop)
     odds, known = against_plate(picture, plate, window, looks or Looks(plate, [(picture, mask)]), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
-    odds = 0.5 * against_shape(shape, band) + np.where(
-        known, odds + 0.6 * colors + BLEEDS * np.maximum(motion, 0.0), colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion
-    )
+    odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
     found = tidy(cut_out(odds, crop), shape)
     better = np.zeros_like(mask)
