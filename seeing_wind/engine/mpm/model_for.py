@@ -34,6 +34,9 @@ MAX_SUBSTEPS = 200
 """Per frame, of free bodies. More is slower than a recovery can afford; a stiffer free body hardly moves differently."""
 MAX_SUBSTEPS_HELD = 500
 """The same of bodies that are held somewhere: how far a force bends them is given by their stiffness, so softer means less force."""
+WORTH = 0.1
+"""Least share of a held body's stiffness that `MAX_SUBSTEPS_HELD` have to carry. With less, the force answers its weight and its inertia
+alone, as that of a free body does, and it gets no more substeps than one."""
 DEFAULT_SPEED = 5.0
 """Speed [m/s] that a body is expected to reach when nothing better is known."""
 
@@ -65,7 +68,8 @@ def model_for(
         speed: fastest motion expected [m/s], besides that of `pin_path`; more substeps above about one cell per substep.
         dx: grid spacing [m]; None takes 1.6 spacings of the finest body.
         max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `MAX_SUBSTEPS`, or
-            `MAX_SUBSTEPS_HELD` where something is pinned. Damping beyond what so many carry is cut, too.
+            `MAX_SUBSTEPS_HELD` where something is pinned that keeps at least a `WORTH` of its stiffness so. Damping beyond what so many
+            carry is cut, too.
         least_substeps: per frame, whatever the material.
         device: auto or cpu.
         colliders: planes, rooms and closed meshes that stand still, see `colliders`.
@@ -85,11 +89,15 @@ def model_for(
     bodies, materials, scales = checked_bodies(particles, material, mass_scale)
     gravity = np.asarray(gravity, dtype=np.float64)
     check_choices(fps, gravity, speed, dx, max_substeps, clamp_depth)
-    if max_substeps is None:
-        max_substeps = MAX_SUBSTEPS_HELD if any(np.any(body.pinned) for body in bodies) else MAX_SUBSTEPS
     spacing = min(body.spacing for body in bodies)
     dx = CELL_SPACINGS * spacing if dx is None else dx
     frame_dt = 1.0 / fps
+    if max_substeps is None:
+        held = any(
+            np.any(body.pinned) and _needed(stuff, scale, dx, frame_dt) <= MAX_SUBSTEPS_HELD / math.sqrt(WORTH)
+            for body, stuff, scale in zip(bodies, materials, scales)
+        )
+        max_substeps = MAX_SUBSTEPS_HELD if held else MAX_SUBSTEPS
     x = np.concatenate([np.asarray(body.x, dtype=np.float64) for body in bodies])
     pinned = np.concatenate([np.asarray(body.pinned, dtype=bool) for body in bodies])
     _check_reach(x, dx)
@@ -178,16 +186,20 @@ def _substeps_for(speed: float, path: np.ndarray | None, dx: float, frame_dt: fl
     return needed
 
 
+def _needed(material: Material, mass_scale: float, dx: float, frame_dt: float, courant: float = COURANT) -> int:
+    """Substeps a frame that the material's waves need: dt <= courant dx / c, c² = (lam + 2 mu) / rho."""
+    mu, lam = lame(material.youngs_modulus, material.poisson_ratio)
+    return math.ceil(math.sqrt((lam + 2.0 * mu) / (material.density * mass_scale)) * frame_dt / (courant * dx))
+
+
 def _affordable_modulus(
     material: Material, mass_scale: float, dx: float, frame_dt: float, max_substeps: int, notes: list[str]
 ) -> tuple[float, int]:
-    """Young's modulus [Pa] that `max_substeps` can carry, and the substeps it needs: dt <= 0.3 dx / c, c² = (lam + 2 mu) / rho."""
-    mu, lam = lame(material.youngs_modulus, material.poisson_ratio)
-    wave_speed = math.sqrt((lam + 2.0 * mu) / (material.density * mass_scale))
-    needed = math.ceil(wave_speed * frame_dt / (COURANT * dx))
+    """Young's modulus [Pa] that `max_substeps` can carry, and the substeps it needs."""
+    needed = _needed(material, mass_scale, dx, frame_dt)
     if needed <= max_substeps:
         if material.law in PLASTIC_LAWS:
-            needed = min(max_substeps, math.ceil(wave_speed * frame_dt / (PLASTIC_COURANT * dx)))
+            needed = min(max_substeps, _needed(material, mass_scale, dx, frame_dt, PLASTIC_COURANT))
         return material.youngs_modulus, needed
     capped = material.youngs_modulus * (max_substeps / needed) ** 2
     notes.append(

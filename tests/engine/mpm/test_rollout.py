@@ -10,7 +10,7 @@ import pytest
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
-from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS
+from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS, MAX_SUBSTEPS_HELD
 from seeing_wind.engine.mpm.tangent import Changes, tangents
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Particles
@@ -146,8 +146,11 @@ def test_a_held_body_keeps_a_stiffness_that_a_free_one_loses():
     held, notes = model_for(replace(free, pinned=pinned), stiff, 30.0)
     assert softened.mu[0] < 0.3 * held.mu[0]
     assert held.mu[0] == pytest.approx(modulus / 2.6) and not notes
-    _, notes = model_for(replace(free, pinned=pinned), replace(stiff, youngs_modulus=100.0 * modulus), 30.0)
-    assert any("in proportion" in note for note in notes)
+    capped, notes = model_for(replace(free, pinned=pinned), replace(stiff, youngs_modulus=9.0 * modulus), 30.0)
+    assert capped.substeps == MAX_SUBSTEPS_HELD and any("in proportion" in note for note in notes)
+    # Where a hundredth of it would be left, they are spared.
+    spared, notes = model_for(replace(free, pinned=pinned), replace(stiff, youngs_modulus=100.0 * modulus), 30.0)
+    assert spared.substeps == MAX_SUBSTEPS and any("in proportion" in note for note in notes)
 
 
 def test_unknown_law_names_the_others():

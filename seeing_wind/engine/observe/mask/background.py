@@ -21,6 +21,9 @@ STILL = 1.5
 STILL_PART = 0.3
 """Part of the corners that must stay: the rest may belong to other things that move, while a camera that moves carries all along."""
 
+GRAIN = 0.8
+"""Standard deviation of the blur [px] that averages grain out before a picture is compared."""
+
 STEADY = 5.0
 """Median absolute deviation (grey levels) up to which a pixel's temporal median is taken for the background's colour."""
 
@@ -57,7 +60,7 @@ class Plate:
     def difference(self, picture: np.ndarray) -> np.ndarray:
         """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise; 0 where unreliable."""
         away = cv2.absdiff(picture, self.color).astype(np.float32)
-        return np.where(self.reliable, largest(cv2.GaussianBlur(away, (0, 0), 0.8)), np.float32(0.0))
+        return np.where(self.reliable, largest(_grainless(away)), np.float32(0.0))
 
     def compared(self, picture: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
         """How `picture` (H, W, 3) differs from the background in `window`, also where that is not reliable, grain averaged out first.
@@ -133,10 +136,16 @@ def median_plate(frames: Frames, progress: Progress) -> Plate:
         block = np.stack([frames[t, part] for t in chosen])
         middle = _median(block)
         color[part] = middle
-        spread[part] = largest(_median(np.maximum(block, middle) - np.minimum(block, middle)))
+        smooth, middle = np.stack([_grainless(one) for one in block]), _grainless(middle)
+        spread[part] = largest(_median(np.maximum(smooth, middle) - np.minimum(smooth, middle)))
     steady = spread <= STEADY
     noise = 1.5 * float(np.median(spread[steady])) + 1.0 if steady.any() else STEADY
     return Plate(color, steady, noise)
+
+
+def _grainless(picture: np.ndarray) -> np.ndarray:
+    """A picture (H, W, 3) blurred over a pixel, as it is before it is compared with the plate: grain is averaged out."""
+    return cv2.GaussianBlur(picture, (0, 0), GRAIN)
 
 
 def _row_blocks(picture: np.ndarray, count: int) -> Iterator[slice]:
@@ -189,7 +198,7 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
         frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0; around: (H, W) bool, where it may be.
     """
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
-    away = largest(cv2.GaussianBlur(cv2.absdiff(np.array(frames[0]), plate.color), (0, 0), 0.8)) > 4.0 * plate.noise
+    away = largest(_grainless(cv2.absdiff(np.array(frames[0]), plate.color))) > 4.0 * plate.noise
     stayed = cv2.morphologyEx((~away & mask).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     near = (cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0) | around
     doubtful = (away | ~plate.reliable) & ~near

@@ -15,10 +15,13 @@ from .background import Plate, plate_behind, seen_first
 from .evidence import Looks
 from .follow import carried
 from .from_box import NEARBY, Moving, refined
-from .motion import window_of
+from .motion import window_of, within
 
 ROUGH_PIXELS = 40_000
 """Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
+
+STAYED = 0.8
+"""Part of the pictures in which a pixel is the object's for it to be thought so in picture 0, too."""
 
 LEARNT = 9
 """Pictures over the clip from which it is learnt how the object differs from the background."""
@@ -39,11 +42,11 @@ def with_background(
     # What a box cut off of a small object was found outside it.
     allowed = around | (cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0 if (mask & ~around).any() else around)
     median = plate.color
-    motion = moving(window_of(allowed, NEARBY)) if boxed else None
+    motion = moving(within(window_of(allowed, NEARBY), mask)) if boxed else None
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
     if motion is not None:
         mask = refined(frames[0], mask, plate, allowed, motion)
-    looks = None
+    looks, stayed = None, np.zeros_like(mask)
     if not settings.mask_model:
         masks = _roughly(frames, mask, plate, progress)
         if areas(masks)[1:].any():
@@ -51,9 +54,18 @@ def with_background(
             seen = np.flatnonzero(areas(masks))
             some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
             looks = Looks(plate, ((frames[int(t)], masks[int(t)]) for t in some))
+            stayed = _stayed(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
     if motion is not None:
-        mask = refined(frames[0], mask, plate, allowed, motion, looks)
+        mask = refined(frames[0], mask | stayed, plate, allowed, motion, looks)
     return mask, plate, looks
+
+
+def _stayed(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
+    """(H, W) bool: the object in most pictures, and `first` shows the same there: a foot that hardly moves."""
+    count = np.zeros(first.shape[:2], np.int32)
+    for mask in masks:
+        count += mask
+    return (count > STAYED * len(masks)) & (median.difference(first) < 4.0 * median.noise)
 
 
 def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress) -> Masks:

@@ -166,11 +166,11 @@ def against_plate(picture: np.ndarray, plate: Plate, window: Window, looks: Look
 def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
     """Log odds (h, w) by the distance to the border of an expected silhouette `shape` (h, w) bool.
 
-    For each `band` [px] they fall by 1.5 outside and rise by 3 inside.
+    For each `band` [px] they fall by 1.5 outside and rise by 3 inside. What ends at the edge of the window is taken to go on there.
     """
-    padded = np.pad(shape, 1).astype(np.uint8)
-    within = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    beyond = cv2.distanceTransform(1 - padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    one = shape.astype(np.uint8)
+    within = cv2.distanceTransform(one, cv2.DIST_L2, 5)
+    beyond = cv2.distanceTransform(1 - one, cv2.DIST_L2, 5)
     return np.clip(np.where(shape, STAYS + 3.0 * within / band, -STAYS - 1.5 * beyond / band), -SURE - 1.0, SURE)
 
 

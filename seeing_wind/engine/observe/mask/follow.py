@@ -10,8 +10,8 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
-from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
-from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, window_of
+from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out
+from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, window_of, within
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -23,8 +23,9 @@ PARTLY = 0.75
 """A small object's mask below this part of its usual size is partly hidden: shape, colours and velocity of the last full sight are kept."""
 
 
-CARRIED = 2.0
-"""Most log odds for the silhouette that was carried on where the background is known: what is wrong in it goes away again."""
+CARRIED, CARRIED_BLIND = 2.0, 1.2
+"""Most log odds for the silhouette that was carried on, where the background is known and where only colours speak, which are less sure:
+what is wrong in it goes away again."""
 
 FILTERS = 8
 """Pixels that filters reach beyond what they are asked for."""
@@ -132,23 +133,23 @@ class MaskFollower:
         band = band_of(float(carried.sum()))
         # Farther away than three bands, no evidence outweighs the silhouette's.
         near = window_of(carried, int(3 * band) + FILTERS)
+        around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), picture)
         found = np.zeros_like(carried)
-        around = (near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1])
-        paste(found, self._cut_out(picture, cut(carried, near, cv2.BORDER_CONSTANT), around, band), near)
+        if around[0] < around[2] and around[1] < around[3]:
+            near = (around[0] - where[0], around[1] - where[1], around[2] - where[0], around[3] - where[1])
+            paste(found, self._cut_out(picture, cut(carried, near, cv2.BORDER_CONSTANT), around, band), near)
         return found
 
     def _cut_out(self, picture: np.ndarray, carried: np.ndarray, where: Window, band: float) -> np.ndarray:
         crop = cut(picture, where)
-        visible = cut(np.ones(picture.shape[:2], bool), where, cv2.BORDER_CONSTANT)
         odds = against_shape(carried, band)
         colors = self._colors.odds(crop)
         if self._plate is None or self._looks is None:
-            odds += colors
+            odds = np.minimum(odds, CARRIED_BLIND) + colors
         else:
             behind, known = against_plate(picture, self._plate, where, self._looks)
-            odds = np.where(known, np.minimum(odds, CARRIED) + behind + BESIDE_PLATE * colors, odds + colors)
-        odds[~visible] = OUTSIDE
-        return tidy(cut_out(odds, crop), carried & visible)
+            odds = np.where(known, np.minimum(odds, CARRIED) + behind + BESIDE_PLATE * colors, np.minimum(odds, CARRIED_BLIND) + colors)
+        return tidy(cut_out(odds, crop), carried)
 
     def _remember(
         self, picture: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window

@@ -14,7 +14,7 @@ from ..clip.stored import Frames
 from .background import Plate, largest
 from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
-from .motion import Window, cut, paste, window_of
+from .motion import Window, cut, paste, window_of, within
 
 CUT_OFF = (0.08, 1.0)
 """Parts of what a box holds of a small object that may lie outside it: less is its rim, more is something else beside it."""
@@ -36,6 +36,10 @@ LEAST_MOTION = 1.0
 
 MOTION_SURE = 2.0
 """Log odds that motion, or the lack of it, gives."""
+
+BLEEDS = 0.5
+"""Weight of motion where an outline is refined and the background is not known: dense flow runs on for some pixels into what lies beside
+a thing that moves. Where the background is known, that says more."""
 
 STILL_PART = -1.4
 """Least log odds of what does not differ from the background, in a box."""
@@ -64,15 +68,13 @@ def mask_in_box(
     """
     inside = _pixels_of(box, *picture.shape[:2])
     margin = max(20, (window_of(inside, 0)[2] - window_of(inside, 0)[0]) // 2, (window_of(inside, 0)[3] - window_of(inside, 0)[1]) // 2)
-    x0, y0, x1, y1 = window_of(inside, margin)
-    x0, y0 = max(x0, 0), max(y0, 0)
-    window = (x0, y0, min(x1, picture.shape[1]), min(y1, picture.shape[0]))
+    window = within(window_of(inside, margin), picture)
     crop, boxed = cut(picture, window), cut(inside, window)
     motion = behind = None
     if plate is not None and moving is not None:
         motion, behind = np.zeros(boxed.shape, np.float32), _left(picture, plate, window)
-        near = window_of(boxed, NEARBY)
-        paste(motion, moving((near[0] + x0, near[1] + y0, near[2] + x0, near[3] + y0)), near)
+        near = within(window_of(inside, NEARBY), picture)
+        paste(motion, moving(near), (near[0] - window[0], near[1] - window[1], near[2] - window[0], near[3] - window[1]))
     found = _begun(crop, boxed, motion, behind, progress)
     if found.sum() < LEAST_PIXELS and motion is not None and behind is not None:
         # A box that GrabCut empties holds something too small or too alike: trust what changes.
@@ -180,16 +182,17 @@ def refined(
 ) -> np.ndarray:
     """The object in `picture` (H, W, 3), picture 0, found again with the background known, within `allowed` (H, W) bool.
 
-    `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` with NEARBY pixels round it.
+    `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
+    round it, as far as the picture goes.
     """
     band = band_of(float(mask.sum()))
-    window = window_of(allowed, NEARBY)
+    window = within(window_of(allowed, NEARBY), picture)
     crop, shape = cut(picture, window), cut(mask, window, cv2.BORDER_CONSTANT)
     near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     colors = Colors(crop[shape], crop[~near]).odds(crop)
     odds, known = against_plate(picture, plate, window, looks or Looks(plate, [(picture, mask)]), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
-    odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors + 0.5 * np.maximum(motion, 0.0), colors + motion)
+    odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
     found = tidy(cut_out(odds, crop), shape)
     better = np.zeros_like(mask)

@@ -44,6 +44,13 @@ def window_of(mask: np.ndarray, margin: int) -> Window:
     return int(columns[0]) - margin, int(rows[0]) - margin, int(columns[-1]) + margin + 1, int(rows[-1]) + margin + 1
 
 
+def within(window: Window, picture: np.ndarray) -> Window:
+    """The part of `window` that lies in `picture` (H, W, ...); without area where none does."""
+    height, width = picture.shape[:2]
+    x0, y0, x1, y1 = window
+    return min(max(x0, 0), width), min(max(y0, 0), height), max(min(x1, width), 0), max(min(y1, height), 0)
+
+
 def middle_of(mask: np.ndarray) -> np.ndarray:
     """The centroid x, y (2,) [px] of `mask` (H, W) bool, which is not empty."""
     moments = cv2.moments(mask.astype(np.uint8), binaryImage=True)

@@ -14,6 +14,7 @@ from ...settings import FLOWING_PARTICLES, PARTICLES, BuildSettings
 from .motion.keypoints import held, place, ride
 from .motion.late import among, tie
 from .motion.lifting import Arap, lift
+from .shape.on_stem import too_fine
 from .shape.particles import fill
 from .shape.relief import Relief, relief_of
 from .shape.surface import surface_of
@@ -66,7 +67,10 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
     flows = material.law in PLASTIC_LAWS
     count = settings.particles if settings.particles is not None else FLOWING_PARTICLES if flows else PARTICLES
     particles = fill(relief, count, observation.pin)
-    progress.update(0.25, f"{len(particles.x)} particles in a {relief.kind}, {1000.0 * relief.thickness:.1f} mm thick")
+    fine = None if relief.parts is None else too_fine(relief.parts)
+    if fine is not None:
+        progress.warn(fine)
+    progress.update(0.25, f"{len(particles.x)} particles in a {_named(relief, particles)}, {1000.0 * relief.thickness:.1f} mm thick")
     surface = surface_of(relief, particles.x)
     points, tie_sigma = _key_points(observation, relief, particles, surface, progress)
     keypoints = ride(points, observation.on_centroid, particles)
@@ -85,6 +89,15 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
         tie_sigma=tuple(tie_sigma.tolist()),
         relief=relief,
     )
+
+
+def _named(relief: Relief, particles: Particles) -> str:
+    """What a body is, in words."""
+    if relief.parts is None:
+        return relief.kind
+    count = int(relief.parts.sheets.max())
+    stem = f"body on a stem {2000.0 * particles.spacing:.1f} mm thick"
+    return stem + (f" with {count} sheet{'s' if count > 1 else ''}" if count else "")
 
 
 def _key_points(

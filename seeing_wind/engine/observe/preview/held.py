@@ -10,8 +10,9 @@ from ...records import Observation
 STAYS = 0.95
 """Part of the pictures in which a pixel has to be the object's for the object to stay there."""
 
-STILL = 0.2
-"""Swing of a held end, in units of what the liveliest parts swing by."""
+STILL, STILL_PIXELS = 0.05, 0.5
+"""Swing of a held end, in units of what the liveliest parts swing by and, at least, in pixels: a stem that is bent at its tip is that still
+over its lowest fifth, and a track's error is no swing."""
 
 LEAST_SWING = 2.0
 """Pixels of swing below which nothing can be said."""
@@ -38,7 +39,7 @@ def proposed_place(seen: Observation) -> np.ndarray | None:
     """The pixels (H, W) bool of picture 0 that seem to be held; None where nothing does, or too little moves to tell.
 
     The object's pixels that it never leaves, where they reach the picture's edge; else those at its still end, where the tracks there
-    swing by less than a fifth of the others.
+    swing by next to nothing.
     """
     points, swing = swings(seen)
     if len(points) < FEWEST or np.percentile(swing, 90) < LEAST_SWING:
@@ -57,7 +58,7 @@ def proposed_place(seen: Observation) -> np.ndarray | None:
     from scipy.spatial import cKDTree  # slow to import, and most of what is held reaches the picture's edge
 
     near, index = cKDTree(points).query(np.stack([columns, rows], axis=1), k=min(3, len(points)))
-    quiet = np.mean(swing[index.reshape(len(rows), -1)], axis=1) < STILL * np.percentile(swing, 90)
+    quiet = np.mean(swing[index.reshape(len(rows), -1)], axis=1) < max(STILL_PIXELS, STILL * np.percentile(swing, 90))
     place = np.zeros_like(first)
     place[rows[quiet], columns[quiet]] = True
     count, labels, stats, _ = cv2.connectedComponentsWithStats(place.astype(np.uint8))

@@ -6,6 +6,7 @@ One picture shows a front only. The back is a guess by rules that a user can che
 - a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere;
   a given thickness that is much less than its diameter makes it a disc,
 - a measured front that bulges towards the camera is inflated by as much behind (`inflate`),
+- where no depth was measured, a silhouette that is held and has a stem between that place and its widest one is a body of `parts`,
 - a silhouette much longer than broad is a post, as thick as it is broad, and round where no depth was measured; a given thickness that
   is much less than its breadth makes it a strip,
 - everything else is a plate, a few percent of its size thick.
@@ -22,6 +23,7 @@ from ....errors import ObjectError
 from ....records import Camera, Observation
 from .block import Block, find_block
 from .inflate import LEAK, balls, inflate
+from .parts import Parts, parts_of
 
 MIN_PIXELS = 16
 """Fewer pixels than this carry no shape."""
@@ -69,11 +71,13 @@ class Relief:
     """(H, W) depth of the back [m]."""
     camera: Camera
     kind: str
-    """block, ball, solid, post or plate."""
+    """block, ball, parts, solid, post or plate."""
     thickness: float
     """Largest thickness along the view axis on a surface that faces the camera, of a block that behind its face [m]."""
     block: Block | None = None
     """The prism, of a block."""
+    parts: Parts | None = None
+    """Stem, head and sheets, of a body of parts."""
 
     def points(self, xy: np.ndarray, across: np.ndarray | float) -> np.ndarray:
         """Pixels (..., 2) at `across` (...,) of the way from front (0) to back (1) -> world (..., 3) [m]."""
@@ -118,6 +122,10 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
         block = block if thickness is None else replace(block, depth=thickness)
         front = _fill(front, mask)
         return Relief(mask, front, _fill(block.exits(front), mask), camera, kind, block.depth, block)
+    parts = parts_of(mask, observation.pin) if flat and kind != "ball" else None
+    if parts is not None:
+        half = _half(parts, metre_per_pixel, thickness)
+        return Relief(mask, _fill(front - half, mask), _fill(front + half, mask), camera, "parts", 2.0 * float(half.max()), parts=parts)
     if kind in ("ball", "post") and flat and thickness is not None and thickness < DISC * 2.0 * radius:
         kind = "plate"
     if kind == "ball":
@@ -139,6 +147,18 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     front, back = _fill(front, mask), _fill(front + profile, mask)
     even = kind == "plate" or (kind == "post" and not flat)
     return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if even else profile[mask].max()))
+
+
+def _half(parts: Parts, pixel: float, thickness: float | None) -> np.ndarray:
+    """(H, W) half the depth [m] of a body of parts. pixel: its width [m]; thickness: that of the head, and the most of a sheet [m]."""
+    half = np.maximum(parts.half(), 0.5 * THINNEST) * pixel
+    if thickness is not None:
+        half[parts.head] *= 0.5 * thickness / half[parts.head].max()
+    for number in range(1, parts.sheets.max() + 1):
+        sheet = parts.sheets == number
+        guess = PLATE_THICKNESS * np.sqrt(sheet.sum()) * pixel
+        half[sheet] = 0.5 * (guess if thickness is None else min(guess, thickness))
+    return half
 
 
 def sphere_depths(mask: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,107 @@
+"""Columns along the line of sight, on a lattice in the picture: how plates, posts and the parts of a body on a stem are cut up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from .relief import Relief
+
+MIN_SPACING_PIXELS = 2.0
+"""Columns are never nearer to each other than this: more of them would invent detail."""
+THINNEST_LAYER = 0.25
+"""A body gets a second layer only if layers stay this far apart, in units of the spacing; two layers can bend, one cannot."""
+COVERAGE = 0.3
+"""A lattice cell becomes a column if the object covers this part of it; smaller pieces join the nearest column."""
+COUNT_TOLERANCE = 0.08
+"""How near to the wanted number of particles the search for a spacing stops, relative."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Lattice cells of the silhouette with what lies behind them."""
+
+    xy: np.ndarray
+    """(M, 2) centre of each column's pixels [px]."""
+    volume: np.ndarray
+    """(M,) [m³]."""
+    thickness: np.ndarray
+    """(M,) mean distance from front to back [m]."""
+    pinned: np.ndarray
+    """(M,) bool: held in more than half of its pixels."""
+
+
+def layers_of(thickness: np.ndarray, spacing: float) -> np.ndarray:
+    """Number of layers (M,) of columns of a given thickness (M,) [m]: about one per spacing, two where that keeps them apart."""
+    regular = np.round(thickness / spacing)
+    return np.maximum(regular, np.where(thickness / 2.0 >= THINNEST_LAYER * spacing, 2, 1)).astype(int)
+
+
+def surface_metric(relief: Relief) -> np.ndarray:
+    """(2, 2) metres per pixel along the plane that fits the visible surface best: a lattice is to be regular there, not in the picture.
+
+    Rows are coordinates in that plane, columns are picture x and y.
+    """
+    rows, columns = np.nonzero(relief.mask)
+    xy = np.stack([columns, rows], axis=1).astype(float)
+    points = relief.points(xy, 0.0 if relief.kind == "plate" else 0.5)
+    design = np.column_stack([np.ones(len(xy)), xy])
+    slope = np.linalg.lstsq(design, points, rcond=None)[0][1:]  # (2, 3): world metres per pixel
+    # The symmetric square root of the first fundamental form: the picture plane's axes are kept as far as a stretch allows.
+    values, vectors = np.linalg.eigh(slope @ slope.T)
+    metre_per_pixel = np.median(relief.front[relief.mask]) / np.sqrt(relief.camera.fx * relief.camera.fy)
+    sizes = np.clip(np.sqrt(np.maximum(values, 0.0)), 0.5 * metre_per_pixel, 4.0 * metre_per_pixel)
+    return vectors @ np.diag(sizes) @ vectors.T
+
+
+def columns_of(relief: Relief, metric: np.ndarray, spacing: float, held: np.ndarray) -> Columns:
+    """Cut the silhouette into cells of a square lattice of `spacing` [m] in the surface's plane."""
+    rows, cols = np.nonzero(relief.mask)
+    pixels = np.stack([cols, rows], axis=1).astype(float)
+    cell_pixels = spacing / np.sqrt(np.linalg.det(metric))
+    # Small cells are cut from parts of pixels, or the lattice would beat with the pixel grid.
+    parts = max(1, int(np.ceil(5.0 / cell_pixels)))
+    offsets = (np.arange(parts) + 0.5) / parts - 0.5
+    dots = (pixels[:, None] + np.stack(np.meshgrid(offsets, offsets), -1).reshape(1, -1, 2)).reshape(-1, 2)
+    owner = np.repeat(np.arange(len(pixels)), parts**2)
+    flat = dots @ metric.T / spacing
+    flat -= flat.mean(axis=0)
+    sites, inverse, sizes = np.unique(np.round(flat).astype(int), axis=0, return_inverse=True, return_counts=True)
+    kept = sizes >= min(COVERAGE * (cell_pixels * parts) ** 2, sizes.max())
+    nearest = cKDTree(sites[kept]).query(sites)[1][inverse.ravel()]
+    number = int(kept.sum())
+    volume_of_dot = relief.pixel_volume()[rows, cols][owner] / parts**2
+    dots_in = np.bincount(nearest, minlength=number)
+    centre = np.stack([np.bincount(nearest, dots[:, i], number) for i in range(2)], axis=1) / dots_in[:, None]
+    gap = (relief.back - relief.front)[rows, cols][owner]
+    pinned = np.bincount(nearest, held[rows, cols][owner].astype(float), number) > 0.5 * dots_in
+    if held.any() and not pinned.any():
+        # A pin smaller than a cell holds the cell it lies in.
+        pinned[np.bincount(nearest, held[rows, cols][owner].astype(float), number).argmax()] = True
+    return Columns(
+        xy=centre, volume=np.bincount(nearest, volume_of_dot, number), thickness=np.bincount(nearest, gap, number) / dots_in, pinned=pinned
+    )
+
+
+def spacing_for(relief: Relief, metric: np.ndarray, count: int) -> float:
+    """Lattice spacing [m] that gives about `count` particles, by bisection on its logarithm."""
+    pixel = np.sqrt(np.linalg.det(metric))
+    finest, coarsest = MIN_SPACING_PIXELS * pixel, np.sqrt(relief.mask.sum()) * pixel
+    low, high = np.log(finest), np.log(max(coarsest, finest))
+    nothing_held = np.zeros_like(relief.mask)
+
+    def particles(spacing: float) -> int:
+        return int(layers_of(columns_of(relief, metric, spacing, nothing_held).thickness, spacing).sum())
+
+    if particles(finest) <= count:
+        return float(finest)
+    middle = high
+    for _ in range(20):
+        middle = 0.5 * (low + high)
+        found = particles(float(np.exp(middle)))
+        if abs(found - count) <= COUNT_TOLERANCE * count:
+            break
+        low, high = (middle, high) if found > count else (low, middle)
+    return float(np.exp(middle))

@@ -1,0 +1,146 @@
+"""A body that stands or hangs on something thin: the stem that carries it, what it carries, and what grows from the stem.
+
+An outline alone tells the parts of a flower that is held at its foot: the way from what is held to the widest place is the load's, and
+where that way is narrow it runs through a stem. A stem is a rod of its local width, round as most are. What it carries is as deep as it
+is broad, place by place (`balls`), and what grows from it beside the load's way, leaves and twigs, is a thin sheet.
+
+The rod has four particles to a section, half its radius off the axis: so they have the second moment of a disc, r² / 4 each way, which is
+what it bends by. Their distance is the radius, and the grid follows it, as a grid that the stem does not fill does not bend it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from .inflate import balls
+
+CARRIES = 0.5
+"""Radius of the way, in units of the widest circle's, from which it is the head's and no longer the stem's."""
+
+SLENDER, SLIM = 4.0, 0.35
+"""Least length of a stem in units of its breadth, and most of its radius in units of the widest circle's."""
+
+CENTRED = 2.0
+"""Power of the distance to the outline with which a way along the middle is shorter than one along the rim."""
+
+SWELLS = 1.3
+"""Most of a stem's radius in units of its usual one: where a leaf begins, the outline is wider than the stem."""
+
+BESIDE = 1.0
+"""Pixels of an outline's raggedness that go to the stem."""
+
+SHEET_PIXELS = 24
+"""Fewer pixels beside the stem are its own ragged outline."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Stem, head and sheets in picture 0."""
+
+    axis: np.ndarray
+    """(S, 2) the stem's axis [px], from what is held to the head, a pixel apart."""
+    radius: np.ndarray
+    """(S,) of the stem there [px]."""
+    stem: np.ndarray
+    """(H, W) bool."""
+    head: np.ndarray
+    """(H, W) bool."""
+    sheets: np.ndarray
+    """(H, W) int: from 1 on, the sheet that a pixel belongs to."""
+
+    def half(self) -> np.ndarray:
+        """(H, W) half the depth of stem and head [px], 0 elsewhere."""
+        return np.where(self.stem, balls(self.stem).half, np.where(self.head, balls(self.stem | self.head).half, 0.0))
+
+
+def parts_of(mask: np.ndarray, held: np.ndarray) -> Parts | None:
+    """The parts of the silhouette `mask` (H, W) bool that is held where `held` (H, W) bool; None where no stem carries the rest."""
+    foot = held & mask
+    if not foot.any():
+        return None
+    rim = np.where(mask, ndimage.distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1] - 0.5, 0.0)
+    widest = np.unravel_index(int(rim.argmax()), rim.shape)
+    largest = float(rim[widest])
+    way = _way(mask, rim, foot, widest)
+    if way is None:
+        return None
+    along = rim[way[:, 0], way[:, 1]]
+    wide = np.flatnonzero(along < CARRIES * largest)
+    if not len(wide):
+        return None
+    usual = float(np.median(along[: wide[-1] + 1]))
+    end = np.flatnonzero(along[: wide[-1] + 1] <= SWELLS * usual)[-1] + 1
+    way, along = way[:end], along[:end]
+    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    if length < SLENDER * 2.0 * usual or usual > SLIM * largest:
+        return None
+    radius = np.clip(ndimage.gaussian_filter1d(along, max(2.0, 2.0 * usual), mode="nearest"), 0.5, SWELLS * usual)
+    axis = _smooth(way[:, ::-1].astype(float), max(2.0, 2.0 * usual))
+    rows, columns = np.nonzero(mask)
+    distance, nearest = cKDTree(axis).query(np.stack([columns, rows], axis=1))
+    stem = np.zeros_like(mask)
+    stem[rows, columns] = distance <= radius[nearest] + BESIDE
+    return Parts(axis, radius, *_beside(mask, stem, widest))
+
+
+def _smooth(line: np.ndarray, sigma: float) -> np.ndarray:
+    """A line of points (S, 2) blurred along itself, its ends where they were: beyond them it goes on as it came."""
+    more = min(int(3.0 * sigma), len(line) - 1)
+    beyond = np.pad(line, ((more, more), (0, 0)), mode="reflect", reflect_type="odd")
+    return ndimage.gaussian_filter1d(beyond, sigma, axis=0)[more : more + len(line)]
+
+
+def _way(mask: np.ndarray, rim: np.ndarray, foot: np.ndarray, widest: tuple[np.intp, ...]) -> np.ndarray | None:
+    """Rows and columns (S, 2) of the way along the middle of the mask from the far end of `foot` to `widest`; None where there is none."""
+    rows, columns = np.nonzero(mask)
+    number = np.full(mask.shape, -1)
+    number[rows, columns] = np.arange(len(rows))
+    pairs, cost = [], []
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        there = np.stack([rows + down, columns + right])
+        inside: np.ndarray = np.all((there >= 0) & (there < np.array(mask.shape)[:, None]), axis=0)
+        inside[inside] &= mask[there[0, inside], there[1, inside]]
+        here, there = np.flatnonzero(inside), there[:, inside]
+        middle = 0.5 * (rim[rows[here], columns[here]] + rim[there[0], there[1]])
+        pairs.append(np.stack([here, number[there[0], there[1]]]))
+        cost.append(np.hypot(down, right) / middle**CENTRED)
+    i, j = np.concatenate(pairs, axis=1)
+    graph = coo_array((np.concatenate(cost), (i, j)), shape=(len(rows), len(rows))).tocsr()
+    reached, before = dijkstra(graph, directed=False, indices=number[widest], return_predecessors=True)
+    end = foot[rows, columns] & np.isfinite(reached) & (rim[rows, columns] >= 0.5 * rim[foot].max())
+    if not end.any():
+        return None
+    far = np.hypot(rows - int(widest[0]), columns - int(widest[1]))
+    at = int(np.where(end, far, -1.0).argmax())
+    way = [at]
+    while at != number[widest]:
+        at = int(before[at])
+        way.append(at)
+    return np.stack([rows[way], columns[way]], axis=1)
+
+
+def _beside(mask: np.ndarray, stem: np.ndarray, widest: tuple[np.intp, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is stem, head and sheets (numbered from 1) of a mask (H, W), given about where the stem is."""
+    labels, count = ndimage.label(mask & ~stem, structure=np.ones((3, 3)))
+    sizes = np.bincount(labels.ravel(), minlength=count + 1)
+    head = labels == labels[widest]
+    sheet = (sizes >= SHEET_PIXELS) & (np.arange(count + 1) != labels[widest])
+    sheet[0] = False
+    numbers = np.where(sheet, np.cumsum(sheet), 0)[labels]
+    return mask & ~head & (numbers == 0), head, numbers
+
+
+def sections(parts: Parts, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The stem cut in sections about `step` [px] long: places (M, 2) [px], radii (M,) [px], directions (M, 2) of unit length."""
+    gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(parts.axis, axis=0), axis=1))])
+    count = max(2, round(gone[-1] / step))
+    at = (np.arange(count) + 0.5) * gone[-1] / count
+    place = np.stack([np.interp(at, gone, parts.axis[:, i]) for i in range(2)], axis=1)
+    direction = np.gradient(place, axis=0)
+    return place, np.interp(at, gone, parts.radius), direction / np.linalg.norm(direction, axis=1, keepdims=True)

@@ -1,0 +1,69 @@
+"""Tracks that begin after picture 0, tied to the body's moved surface."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.observe.object.motion.keypoints import place
+from seeing_wind.engine.observe.object.motion.late import tie
+from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.relief import relief_of
+from seeing_wind.engine.observe.object.shape.surface import surface_of
+from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.records import Observation
+from seeing_wind.engine.settings import BuildSettings
+from seeing_wind.engine.stages import build_body
+
+STEP = np.array([3.0, 0.0])
+"""Pixels that the plate slides in a picture."""
+
+
+def sliding(plate: Observation, late: list[list[float]]) -> Observation:
+    """The plate on its way, with tracks that begin at the pixels `late` of picture 1 and go along with it."""
+    early = plate.xy + np.arange(3)[:, None, None] * STEP
+    later = np.array(late)[None] + (np.arange(3)[:, None, None] - 1.0) * STEP
+    xy = np.concatenate([early, later], axis=1)
+    visible = np.ones(xy.shape[:2], bool)
+    visible[0, early.shape[1] :] = False
+    masks = np.stack([np.roll(np.asarray(plate.masks[0]), 3 * t, axis=1) for t in range(3)])
+    count = xy.shape[1]
+    return dataclasses.replace(
+        plate,
+        masks=masks,
+        xy=np.where(visible[..., None], xy, np.nan),
+        visible=visible,
+        sigma=np.full(visible.shape, 0.2),
+        on_centroid=np.zeros(count, bool),
+    )
+
+
+def tied(seen: Observation) -> tuple[np.ndarray, np.ndarray]:
+    """`tie` of all later tracks."""
+    relief = relief_of(seen)
+    particles = fill(relief, 150)
+    points = place(seen, relief, particles)
+    return tie(seen, surface_of(relief, particles.x), points, seen.visible.argmax(axis=0), NoProgress())
+
+
+def test_a_later_track_is_tied_to_where_its_rays_meet_the_body(plate: Observation) -> None:
+    seen = sliding(plate, [[50.0, 32.0], [60.0, 28.0]])
+    ties, spread = tied(seen)
+    where = plate.camera.project(ties[-2:])[0]
+    assert where == pytest.approx(np.array([[47.0, 32.0], [57.0, 28.0]]), abs=1.0)
+    assert np.isnan(ties[:-2]).all() and (spread[-2:] < 1.0).all()
+
+
+def test_later_tracks_that_meet_the_body_nowhere_have_no_place(plate: Observation) -> None:
+    seen = sliding(plate, [[10.0, 60.0], [85.0, 8.0]])
+    ties, _ = tied(seen)
+    assert np.isnan(ties).all()
+
+
+def test_a_body_is_built_without_the_tracks_that_meet_it_nowhere(plate: Observation) -> None:
+    seen = sliding(plate, [[10.0, 60.0], [85.0, 8.0]])
+    body = build_body(seen, BuildSettings(particles=150), NoProgress())
+    assert np.isfinite(body.lifted[:, :-2]).all() and np.isfinite(body.particles.x).all()
+    assert not np.isfinite(body.lifted[1:, -2:]).all(axis=-1).any(), "they pull at nothing"

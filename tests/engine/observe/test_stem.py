@@ -1,0 +1,146 @@
+"""A thing on a stem, its foot below the picture, before a still wall of strong grain: the outline, the held place and the parts."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scenes import noise, write_video
+
+from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.mask.background import median_plate
+from seeing_wind.engine.observe.mask.evidence import against_shape
+from seeing_wind.engine.observe.object.shape.on_stem import too_fine
+from seeing_wind.engine.observe.object.shape.particles import fill
+from seeing_wind.engine.observe.object.shape.parts import parts_of
+from seeing_wind.engine.observe.object.shape.relief import relief_of
+from seeing_wind.engine.observe.preview.held import proposed_place
+from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.records import Observation
+from seeing_wind.engine.settings import ObserveSettings
+
+HEIGHT, WIDTH, FRAMES = 200, 150, 16
+GRAIN = 10.0
+"""Standard deviation of a pixel's grain [grey levels]."""
+CUT = 30.0
+"""Pixels from the picture's lower edge down to the clamp."""
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
+    """A flower on a stem six pixels thick that sways: path and masks (T+1, H, W)."""
+    rng = np.random.default_rng(5)
+    wall = noise(rng, (HEIGHT, WIDTH), (0, 0, 0), (1, 1, 1), 3.0)[..., :1] * np.array([80.0, 70.0, 65.0]) + np.array([110.0, 80.0, 70.0])
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH].astype(float)
+    speckles = noise(rng, (60, 60), (-1, -1, -1), (1, 1, 1), 2.0)[..., 0] * 60.0
+    frames, masks = [], []
+    for t in range(FRAMES):
+        across = columns - 75.0 - 24.0 * np.sin(0.55 * t) * ((HEIGHT + CUT - rows) / (160.0 + CUT)) ** 1.7
+        stem, head = (np.abs(across) < 3.0) & (rows > 50), np.hypot(across, rows - 45.0) < 20.0
+        picture = np.where(stem[..., None], np.array([60.0, 130.0, 50.0]), wall)
+        u, v = np.clip(across + 30.0, 0.0, 59.0), np.clip(rows - 15.0, 0.0, 59.0)
+        own = cv2.remap(speckles.astype(np.float32), u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
+        picture = np.where(head[..., None], np.array([150.0, 50.0, 60.0]) + own[..., None], picture)
+        picture = cv2.GaussianBlur(picture, (0, 0), 0.6) + rng.normal(0.0, GRAIN, picture.shape)
+        frames.append(np.clip(np.round(picture), 0, 255).astype(np.uint8))
+        masks.append(stem | head)
+    folder = tmp_path_factory.mktemp("stem")
+    write_video(folder / "clip.avi", frames, 30.0)
+    return folder / "clip.avi", np.stack(masks)
+
+
+@pytest.fixture(scope="module")
+def seen(filmed: tuple[Path, np.ndarray]) -> Observation:
+    path, masks = filmed
+    columns = np.nonzero(masks[0])[1]
+    box = (float(columns.min() - 6), 19.0, float(columns.max() + 6), HEIGHT - 1.0)
+    return observe(path, ObserveSettings(box=box, pixels_per_metre=800.0), NoProgress())
+
+
+def test_no_wall_is_in_the_outline_and_the_stem_goes_on_to_the_edge(filmed: tuple[Path, np.ndarray], seen: Observation) -> None:
+    found, true = np.asarray(seen.masks), filmed[1]
+    iou = (found & true).sum(axis=(1, 2)) / (found | true).sum(axis=(1, 2))
+    assert np.median(iou) > 0.9 and iou.min() > 0.85
+    near = np.stack([cv2.dilate(mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0 for mask in true])
+    assert (found & ~near).sum(axis=(1, 2)).max() < 0.02 * true[0].sum()
+    assert found[:, -1].any(axis=1).all(), "the lowest row holds the foot"
+
+
+def test_only_the_foot_is_proposed_as_held(seen: Observation) -> None:
+    place = proposed_place(seen)
+    assert place is not None and np.nonzero(place)[0].min() > 0.9 * HEIGHT
+
+
+def test_a_still_end_inside_the_picture_is_not_half_the_stem(seen: Observation) -> None:
+    y = np.linspace(40.0, 150.0, 56)
+    bend = ((150.0 - y) / 110.0) ** 2
+    swing = 14.0 * np.sin(0.55 * np.arange(FRAMES))[:, None] * bend
+    xy = np.stack([75.0 + swing, np.broadcast_to(y, swing.shape)], axis=-1)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    leans = (np.clip(150.0 - rows, 0, None) / 110.0) ** 2
+    upright = (rows > 40) & (rows <= 150)
+    masks = [(np.abs(columns - 75.0 - 14.0 * np.sin(0.55 * t) * leans) < 4) & upright for t in range(FRAMES)]
+    visible = np.ones(xy.shape[:2], bool)
+    free = dataclasses.replace(
+        seen, masks=np.stack(masks), xy=xy, visible=visible, sigma=np.ones(visible.shape), on_centroid=np.zeros(len(y), bool)
+    )
+    place = proposed_place(free)
+    assert place is not None
+    held = np.nonzero(place)[0]
+    assert held.max() == 150 and held.min() > 150 - 0.3 * 110
+
+
+def test_grain_is_measured_as_it_is_compared() -> None:
+    rng = np.random.default_rng(0)
+    grain = np.clip(120.0 + rng.normal(0.0, GRAIN, (15, 60, 60, 3)), 0, 255).astype(np.uint8)
+    plate = median_plate(grain, NoProgress())
+    assert plate.reliable.mean() > 0.9 and plate.noise < 0.6 * GRAIN
+
+
+def test_a_silhouette_at_the_edge_of_the_window_goes_on_there() -> None:
+    shape = np.zeros((40, 30), bool)
+    shape[:, 10:20] = True
+    odds = against_shape(shape, 3.0)
+    assert np.array_equal(odds[-1], odds[20]) and odds[-1, 15] > 2.0
+
+
+def test_the_stem_is_a_rod_of_its_own_thickness_that_carries_a_round_head(seen: Observation) -> None:
+    place = proposed_place(seen)
+    held = dataclasses.replace(seen, pin=place)
+    relief = relief_of(held)
+    assert relief.kind == "parts" and relief.parts is not None
+    assert np.median(relief.parts.radius) == pytest.approx(3.0, abs=0.6)
+    assert relief.thickness == pytest.approx(40.0 / 800.0, rel=0.15)
+    particles = fill(relief, 600, held.pin)
+    assert particles.volume.sum() == pytest.approx(relief.pixel_volume().sum(), rel=1e-9)
+    assert particles.spacing == pytest.approx(3.0 / 800.0, rel=0.2), "it follows the stem, not the head"
+    xy = held.camera.project(particles.x)[0]
+    assert particles.pinned.any() and xy[particles.pinned, 1].min() > 0.9 * HEIGHT
+    assert relief_of(seen).kind != "parts", "what is not held needs no stem"
+
+
+def test_a_stem_of_three_pixels_is_said_to_be_too_fine_and_one_of_eight_is_not() -> None:
+    rows, columns = np.mgrid[:160, :120]
+    head, foot = np.hypot(columns - 60, rows - 30) < 24, rows >= 150
+    said = []
+    for half in (1, 4):
+        mask = head | ((np.abs(columns - 60) <= half) & (rows > 30))
+        parts = parts_of(mask, foot & mask)
+        assert parts is not None
+        said.append(too_fine(parts))
+    assert said[0] is not None and "px thick" in said[0] and said[1] is None
+
+
+def test_leaves_beside_the_stem_are_sheets_and_a_broad_thing_has_no_stem() -> None:
+    rows, columns = np.mgrid[:160, :120]
+    foot, stem = rows >= 150, (np.abs(columns - 60) <= 4) & (rows > 30)
+    leaf = (np.abs(rows - 100) <= 5) & (columns > 60) & (columns < 100)
+    parts = parts_of(stem | leaf | (np.hypot(columns - 60, rows - 30) < 24), foot & stem)
+    assert parts is not None and parts.sheets.max() == 1
+    assert (parts.sheets > 0)[96:105, 70:98].all() and not (parts.sheets > 0)[:, :64].any()
+    assert parts.head[30, 60] and parts.stem[120, 60] and np.median(parts.radius) == pytest.approx(4.5, abs=0.7)
+    assert parts_of((np.abs(columns - 60) <= 20) & (rows > 10), foot) is None
+    assert parts_of(stem, foot) is None, "a rod is a post"
