@@ -77,7 +77,8 @@ class BuildSettings:
         otherwise="read from the sides that a measured depth shows, or guessed from the silhouette",
     )  # fmt: skip
     particles: int | None = option(
-        None, help="about how many particles stand for the body: more see finer bends and take longer", minimum=8, maximum=100_000,
+        None, minimum=8, maximum=100_000,
+        help="about how many particles stand for the body: more see finer bends and take longer; one on a stem has those its stem asks for",
         metavar="N", group=BODY, otherwise=f"{PARTICLES}, or {FLOWING_PARTICLES} where the material flows", unset=0, typical=(None, 5000),
     )  # fmt: skip
     seed: int = seed_option()

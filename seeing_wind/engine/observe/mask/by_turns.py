@@ -54,13 +54,13 @@ def with_background(
             seen = np.flatnonzero(areas(masks))
             some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
             looks = Looks(plate, ((frames[int(t)], masks[int(t)]) for t in some))
-            stayed = _stayed(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
+            stayed = stays(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
     if motion is not None:
         mask = refined(frames[0], mask | stayed, plate, allowed, motion, looks)
     return mask, plate, looks
 
 
-def _stayed(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
+def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
     """(H, W) bool: the object in most pictures, and `first` shows the same there: a foot that hardly moves."""
     count = np.zeros(first.shape[:2], np.int32)
     for mask in masks:
