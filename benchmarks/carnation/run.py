@@ -22,8 +22,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from outlines import box_round, overlap  # noqa: E402
 
+from seeing_wind.engine.record_arrays import from_arrays  # noqa: E402
 from seeing_wind.engine.records import Observation  # noqa: E402
-from seeing_wind.engine.take import Take, from_arrays  # noqa: E402
+from seeing_wind.engine.take import Take  # noqa: E402
 
 OUTLINE, CURTAIN, FOOT, SECONDS = 0.75, 0.05, 0.12, 120.0
 """Least overlap in any frame; most of the outline that is curtain, 3 px and more off the flower; part of the flower's height within which
