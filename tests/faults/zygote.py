@@ -24,8 +24,8 @@ import time
 from typing import Any
 
 ROOMS = (
-    "command.verbs", "command.trajectories", "field.sampling", "look.report", "observe", "observe.object", "observe.object.motion.views",
-    "recovery", "recovery.resimulate", "recovery.paper", "mpm.rollout",
+    "command.verbs", "command.trajectories.bodies", "field.sampling", "look.report", "observe", "observe.object",
+    "observe.object.motion.views", "recovery", "recovery.resimulate", "recovery.paper", "mpm.rollout",
 )  # fmt: skip
 """What verbs import when they run."""
 CODECS = ("cp437", "utf_8_sig")

@@ -205,7 +205,7 @@ def test_the_particle_that_broke_it_is_named(body):
         rollout(model, replace(rest, x=with_value(rest.x, 37, 1e12)), still)
 
 
-@pytest.mark.parametrize("count, module", [(3, "rollout"), (21, "body")], ids=["small", "large"])
+@pytest.mark.parametrize("count, module", [(3, "copies"), (21, "body.substeps")], ids=["small", "large"])
 def test_the_particle_that_flew_off_is_named(monkeypatch, count, module):
     body = block((count, count, count))
     lost = Particles(np.full((1, 3), 0.3), body.volume[:1], np.zeros(1, bool), body.spacing)
