@@ -34,9 +34,10 @@ def test_the_background_is_the_lower_median(count: int) -> None:
     frames = np.random.default_rng(count).integers(0, 256, (count, 40, 30, 3)).astype(np.uint8)
     plate = median_plate(frames, NoProgress())
     assert np.array_equal(plate.color, np.sort(frames, axis=0)[(count - 1) // 2])
-    # Grain is averaged out before pictures are compared with it.
-    smooth, middle = np.stack([cv2.GaussianBlur(one, (0, 0), 0.8) for one in frames]), cv2.GaussianBlur(plate.color, (0, 0), 0.8)
-    away = np.abs(smooth.astype(int) - middle)
+    away = np.abs(frames.astype(int) - plate.color)
+    if count > 2:  # of two, the lower difference is none; more are nothing but grain, which is averaged out first
+        smooth, middle = np.stack([cv2.GaussianBlur(one, (0, 0), 0.8) for one in frames]), cv2.GaussianBlur(plate.color, (0, 0), 0.8)
+        away = np.abs(smooth.astype(int) - middle)
     assert np.array_equal(plate.reliable, (np.sort(away, axis=0)[(count - 1) // 2] <= 5).all(axis=2))
 
 

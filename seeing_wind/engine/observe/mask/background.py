@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -127,20 +127,34 @@ def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
 
 
 def median_plate(frames: Frames, progress: Progress) -> Plate:
-    """The temporal median of `frames` (T+1, H, W, 3) uint8, trusted where half of the time stays close to it."""
+    """The temporal median of `frames` (T+1, H, W, 3) uint8, trusted where half of the time stays close to it.
+
+    Where most pixels do not, that is grain, and how close they stay is measured again as pictures are compared: with grain averaged out.
+    """
+    color, spread = _median_and_spread(frames, progress, _as_it_is)
+    if np.median(spread) > STEADY:
+        color, spread = _median_and_spread(frames, progress, _grainless)
+    steady = spread <= STEADY
+    noise = 1.5 * float(np.median(spread[steady])) + 1.0 if steady.any() else STEADY
+    return Plate(color, steady, noise)
+
+
+def _median_and_spread(frames: Frames, progress: Progress, seen: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The temporal median (H, W, 3) and the median difference to it of pictures as they are `seen` (H, W), both uint8."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
     color = np.empty(frames.shape[1:], np.uint8)
     spread = np.empty(frames.shape[1:3], np.uint8)
     for part in _row_blocks(color, len(chosen)):
         progress.check()
         block = np.stack([frames[t, part] for t in chosen])
-        middle = _median(block)
-        color[part] = middle
-        smooth, middle = np.stack([_grainless(one) for one in block]), _grainless(middle)
-        spread[part] = largest(_median(np.maximum(smooth, middle) - np.minimum(smooth, middle)))
-    steady = spread <= STEADY
-    noise = 1.5 * float(np.median(spread[steady])) + 1.0 if steady.any() else STEADY
-    return Plate(color, steady, noise)
+        color[part] = _median(block)
+        now, middle = np.stack([seen(one) for one in block]), seen(color[part])
+        spread[part] = largest(_median(np.maximum(now, middle) - np.minimum(now, middle)))
+    return color, spread
+
+
+def _as_it_is(picture: np.ndarray) -> np.ndarray:
+    return picture
 
 
 def _grainless(picture: np.ndarray) -> np.ndarray:
