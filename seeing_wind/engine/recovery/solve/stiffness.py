@@ -163,11 +163,11 @@ def remark(stiffness: Stiffness, model: Model) -> list[str]:
     """What the user should know of a stiffness that was free."""
     given = youngs_modulus(model)
     if stiffness.known:
-        percent, found = 100.0 * math.expm1(stiffness.s), youngs_modulus(model, stiffness.s)
-        beside = f"{abs(percent):.0f} % {'above' if percent > 0.0 else 'below'} the given {given:.3g} Pa"
+        percent, found = round(100.0 * math.expm1(stiffness.s)), youngs_modulus(model, stiffness.s)
+        beside = f"{abs(percent)} % {'above' if percent > 0 else 'below'} the given {given:.3g} Pa" if percent else "as given"
         away = 1000.0 * stiffness.deeper * model.dx
         return [
-            f"The motion fits a Young's modulus of {found:.3g} Pa ({beside}, +-{100.0 * stiffness.deviation:.2g} %) on a body held from "
+            f"The motion fits a Young's modulus of {found:.3g} Pa ({beside}, ±{100.0 * stiffness.deviation:.2g} %) on a body held from "
             f"{abs(away):.1f} mm {'inside' if away > 0.0 else 'outside'} the border given: the forces are those on such a body. "
             f"--stiffness given keeps what was given."
         ]
