@@ -52,12 +52,16 @@ class Protocol:
         self.cancelled = False
 
     def send(self, message: dict[str, Any]) -> None:
-        """One message. A reader that has gone away counts as a cancel."""
+        """One message. A reader that has gone away counts as a cancel; a log on a disk that is full stops no job."""
         try:
             self._out.write(json.dumps(message, allow_nan=False) + "\n")
             self._out.flush()
         except BrokenPipeError:
             self.cancelled = True
+        except OSError as error:
+            if error.errno not in OUTSIDE:
+                raise
+            print(f"A message could not be written: {error.strerror}.", file=sys.stderr)
 
     def cancel(self) -> None:
         """Stop at the next safe point."""

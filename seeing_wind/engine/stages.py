@@ -38,6 +38,8 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     """
     from .observe import observe, pinned
 
+    if Path(clip).resolve() == take.path.resolve():
+        raise UsageError(f"{clip} is the clip's folder and the take's.", "Give --take a folder of its own: a report is a picture, too.")
     stamp, seen = observation_stamp(clip, settings), observation_stamp(clip, dataclasses.replace(settings, pin=None))
     kept = take.kept("observe", seen, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
     if kept is None:

@@ -40,6 +40,12 @@ FORMAT = 1
 VERSION = 14
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
+RESULTS = re.compile(
+    r"take\.(toml|lock)|(observation|particles|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"
+    r"|(wind|report|preview|resimulation)\.json"
+)
+"""Names of the files in a take that its stages go by."""
+
 LONGEST_NAME = 80
 """Characters kept free behind a take's folder for the names of its files, those written aside included."""
 
@@ -73,6 +79,16 @@ class Take:
                 pass
         except OSError as error:
             raise TakeError(f"{self.path} cannot be written: {error.strerror or error}.", "Choose another folder with --take.") from error
+
+    @staticmethod
+    def refuse_result(path: Path) -> None:
+        """Refuse to write to `path` what a user asked for, if that is a file that some take's stages go by.
+
+        Raises:
+            UsageError: then.
+        """
+        if RESULTS.fullmatch(path.name) and (path.parent / "take.toml").is_file():
+            raise UsageError(f"{path} is a file of the take {path.parent}.", "Give --out another name.")
 
     def clear_leftovers(self) -> None:
         """Remove what processes that are dead by now were writing."""

@@ -127,3 +127,11 @@ def test_a_broken_pipe_of_windows_is_a_parent_that_is_gone(monkeypatch: pytest.M
     assert cancelling.listen(cancelled.set) is not None and cancelled.wait(10.0)
     os.close(into)
     stdin.close()  # type: ignore[attr-defined]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_log_on_a_full_disk_stops_no_job(tmp_path: Path) -> None:
+    with open("/dev/full", "w") as full:
+        command = [sys.executable, "-m", "seeing_wind.engine", "recover", "none.mp4", "--take", str(tmp_path / "t.take")]
+        job = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert job.returncode == 1 and "could not be written" in job.stderr and "Traceback" not in job.stderr

@@ -74,8 +74,8 @@ def square(tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--distance", "0"], "`--distance` must be above 0 m; this is 0."),
-        (["--distance", "-2"], "`--distance` must be above 0 m; this is -2."),
+        (["--distance", "0"], "`--distance` must be at least 0.01 m; this is 0."),
+        (["--distance", "-2"], "`--distance` must be at least 0.01 m; this is -2."),
         (["--distance", "near"], "`--distance` must be a finite number; this is 'near'."),
         (["--pixels-per-metre", "nan"], "`--pixels-per-metre` must be above 0 px/m; this is nan."),
         (["--frames", "9:3"], "must be two pictures in order"),
@@ -125,7 +125,20 @@ def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, squa
     quick = ["--distance", 2, "--iterations", 1, "--representation", "point", "--frames", "0:4"]
     result = engine("recover", square, "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, *quick, expect=DONE_WITH_WARNINGS)[-1]
     assert result["type"] == "result" and any("report.png" in warning for warning in result["warnings"])
-    assert (tmp_path / "t.take" / "field.safetensors").is_file()
+    field = tmp_path / "t.take" / "field.safetensors"
+    np.save(tmp_path / "points.npy", np.zeros((1, 3)))
+    for out in (field, tmp_path / "points.npy"):
+        before = out.read_bytes()
+        error = engine("sample", tmp_path / "t.take", "--points", tmp_path / "points.npy", "--frame", 0, "--out", out, expect=2)[-2]
+        assert "--out" in error["hint"] and out.read_bytes() == before
+    engine("export", tmp_path / "t.take", "--format", "npz", "--out", field, expect=2)
+
+
+def test_the_take_is_no_folder_of_the_clip_s_pictures(engine, tmp_path: Path) -> None:
+    for number in range(3):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((40, 40, 3), 90, np.uint8))
+    error = engine("recover", tmp_path, "--take", tmp_path, "--box", 1, 1, 9, 9, expect=2)[-2]
+    assert "--take" in error["hint"] and not (tmp_path / "take.toml").exists()
 
 
 def test_one_picture_is_no_clip(engine, tmp_path: Path) -> None:

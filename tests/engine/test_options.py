@@ -78,6 +78,7 @@ def test_every_option_of_a_stage_is_on_the_command_line_once(verb: str) -> None:
         (ColliderEdit, {"friction": -0.5}, "here: friction must be at least 0; this is -0.5."),
         (ColliderEdit, {"kind": "glue"}, "here: kind must be separate or slip or sticky; this is 'glue'."),
         (RecoverSettings, {"iterations": 1001}, "here: iterations must be at least 1 and at most 1000; this is 1001."),
+        (RecoverSettings, {"iterations": 10**400}, "here: iterations must be at least 1 and at most 1000; this is a number of 401 digits."),
         (RecoverSettings, {"device": "cuda"}, "The solver runs on the CPU and has no kernels for CUDA."),
     ],
 )

@@ -175,3 +175,9 @@ def test_wrong_files_are_refused_before_anything_is_done(workplace, text, says):
     (workplace / "jobs.toml").write_text(text)
     with pytest.raises(UsageError, match=says):
         read_jobs(workplace / "jobs.toml")
+
+
+def test_a_job_s_options_name_no_other_take(workplace: Path) -> None:
+    (workplace / "jobs.toml").write_text(FULL.replace("distance = 2.0", 'take = "x"'))
+    with pytest.raises(UsageError, match="names a take"):
+        read_jobs(workplace / "jobs.toml")

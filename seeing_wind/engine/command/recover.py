@@ -131,8 +131,7 @@ def _recover_into(
         take.withdraw("report")  # which writes that file, too
         write_gaussians(take, body.gaussians, write_ply)
     if settings.still is not None:
-        first, last = (frame - observation.first_frame for frame in settings.still)
-        settings = dataclasses.replace(settings, still=(first, last))
+        settings = dataclasses.replace(settings, still=_from_first(settings.still, observation.first_frame, len(observation.xy) - 1))
     upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
     loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
     recovery, field, solve_seconds = recover_stage(
@@ -151,6 +150,16 @@ def _recover_into(
         return write_report(take, observation, body, recovery, field, spent, settings, progress, level=arguments.report, wind=wind.told)
 
     return reported(take, recovery, arguments.report, observation.clip, draw, progress)
+
+
+def _from_first(still: tuple[int, int], first: int, frames: int) -> tuple[int, int]:
+    """The still frames, counted from the first of the `frames` that are read, which is the clip's number `first`."""
+    if still[0] < first or still[1] > first + frames:
+        raise UsageError(
+            f"--still {still[0]}:{still[1]} names frames that are not read: they are {first} to {first + frames - 1}.",
+            "Name the frames in which the air is still; in the others a force is looked for.",
+        )
+    return still[0] - first, still[1] - first
 
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:

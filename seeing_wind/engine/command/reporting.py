@@ -15,7 +15,8 @@ Result = dict[str, Any]
 
 
 def reported(take: Take, recovery: Recovery, level: str, clip: str, draw: Callable[[], dict[str, Any]], progress: Progress) -> Result:
-    """The result of a recovery whose field is in the take. What of the report could not be made is a warning in it: it fails no job.
+    """The result of a recovery whose field is in the take. That the field is of no use, and what of the report could not be made, are
+    warnings in it: they fail no job.
 
     Args:
         level: how much of it is drawn, see `look.report.write_report`.
@@ -25,10 +26,13 @@ def reported(take: Take, recovery: Recovery, level: str, clip: str, draw: Callab
     Raises:
         Cancelled: at a safe point.
     """
+    from ..recovery.diagnostics.remarks import distrusted
+
     try:
         report = _report_stage(take, level, clip, draw, progress)
         missing = report.get("report", {}).get("missing", {})
-        return _summary(report, take) | {"warnings": [f"{product}: {reason}" for product, reason in missing.items()]}
+        warnings = distrusted(recovery.notes) + [f"{product}: {reason}" for product, reason in missing.items()]
+        return _summary(report, take) | {"warnings": warnings}
     except Cancelled:
         raise
     except Exception as error:  # a codec, a full disk, an OpenCV or a Matplotlib that is unlike those we know
@@ -37,7 +41,7 @@ def reported(take: Take, recovery: Recovery, level: str, clip: str, draw: Callab
         warning = f"The report could not be made, the field is there: {error}"
         progress.warn(warning)
         found = {"outcome": recovery.outcome.value, "iterations": recovery.iterations, "notes": recovery.notes}
-        return _summary(found, take) | {"warnings": [warning]}
+        return _summary(found, take) | {"warnings": [*distrusted(recovery.notes), warning]}
 
 
 def _summary(report: dict[str, Any], take: Take) -> Result:

@@ -28,6 +28,9 @@ def sample(arguments: argparse.Namespace, progress: Progress) -> Result:
     out = Path(arguments.out)
     if not out.name:
         raise UsageError(f"'{arguments.out}' is no file's name.", "Give --out a path such as forces.npz.")
+    if out.resolve() == Path(arguments.points).resolve():
+        raise UsageError(f"{out} is the file of the points.", "Give --out another name.")
+    Take.refuse_result(out)
     force_density, confidence = sample_file(field, arguments.points, arguments.frame, progress)
     arrays = {"force_density": force_density, "confidence": confidence}
     wind = read_wind(Take(arguments.take))
@@ -45,6 +48,7 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
 
     take = require_take(arguments.take)
     field, wind = load_field(take.file("field.safetensors")), read_wind(take)
+    Take.refuse_result(Path(arguments.out))
     progress.begin("export", arguments.format)
     files = export_field(field, arguments.format, Path(arguments.out), progress, wind=wind)
     return {"outcome": "converged", "files": [str(path) for path in files]}

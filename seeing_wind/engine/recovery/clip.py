@@ -19,7 +19,7 @@ from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .diagnostics.remarks import astray, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
+from .diagnostics.remarks import DISTRUST, astray, far_off, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
 from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.learning import Expected
 from .solve.section import section_axes
@@ -56,16 +56,17 @@ def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
     """(T,) bool, of a clip of T frames.
 
     Raises:
-        UsageError: when it has none of those that are said to be still, or no others.
+        UsageError: when it lacks some of those that are said to be still, or has no others.
     """
     still = np.zeros(frames, dtype=bool)
     if settings.still is not None:
         first, last = settings.still
+        inside = 0 <= first < frames and last <= frames  # the last picture's number is taken for the frame before it
         still[max(first, 0) : last + 1] = True
-        if not still.any() or still.all():
-            whole = "all frames of the clip" if still.any() else "none of them"
+        if not inside or still.all():
+            wrong = "is all frames of the clip" if inside else "names frames that the clip does not have"
             raise UsageError(
-                f"--still {first}:{last} is {whole}: it has the frames 0 to {frames - 1}.",
+                f"--still {first}:{last} {wrong}: it has the frames 0 to {frames - 1}.",
                 "Name the frames in which the air is still; in the others a force is looked for.",
             )
     return still
@@ -195,7 +196,9 @@ class Clip:
             self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
         self.notes[:0] = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
         if lost:
-            self.notes.insert(0, f"{lost} Do not use this field: check the outline, the tracks and the scale.")
+            self.notes.insert(0, f"{lost} {DISTRUST}: check the outline, the tracks and the scale.")
+        elif views:
+            self.notes[:0] = far_off(self.particles, self.objective.channels, x, residual)
         deviation = np.concatenate([one.deviation for one in kept])
         for one in self.objective.channels:
             if isinstance(one, PointChannels):

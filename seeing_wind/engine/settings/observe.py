@@ -50,7 +50,7 @@ class ObserveSettings:
         one_of="scale", file=True, panel="",
     )  # fmt: skip
     distance: float | None = option(
-        None, help="distance from the camera to the object in the first picture", unit="m", above=0.0, metavar="M", group=SEEN,
+        None, help="distance from the camera to the object in the first picture", unit="m", minimum=0.01, metavar="M", group=SEEN,
         one_of="scale", otherwise="2, and a warning says so", panel="main", start=2.0, typical=(None, 100.0), digits=3,
     )  # fmt: skip
     pixels_per_metre: float | None = option(

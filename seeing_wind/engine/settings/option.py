@@ -147,13 +147,15 @@ class Option:
     def _within(self, value: float) -> bool:
         low = (self.above is None or value > self.above) and (self.minimum is None or value >= self.minimum)
         high = (self.below is None or value < self.below) and (self.maximum is None or value <= self.maximum)
-        return math.isfinite(value) and low and high
+        return (isinstance(value, int) or math.isfinite(value)) and low and high
 
     def _wrong(self, called: str, must: str, value: Any) -> UsageError:
         shown = number_text(value) if isinstance(value, (int, float)) else repr(value)
         return UsageError(f"{called} must {must}; this is {shown}.", self.sentence())
 
 
+LONGEST_NUMBER = 40
+"""Characters of a number that is still shown."""
 KINDS = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text in quotes"}
 """What a value must be, in words."""
 
@@ -209,8 +211,9 @@ def words_of(*settings: Any) -> list[str]:
 
 
 def number_text(value: float) -> str:
-    """A number as a person would type it: 20, not 20.0, and every digit of others."""
-    return repr(value).removesuffix(".0")
+    """A number as a person would type it: 20, not 20.0, and every digit of others but of those that fill a line."""
+    text = repr(value).removesuffix(".0")
+    return text if len(text) <= LONGEST_NUMBER else f"a number of {len(text)} digits"
 
 
 def frame_range(text: str) -> tuple[int, int]:

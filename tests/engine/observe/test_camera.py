@@ -168,3 +168,15 @@ def test_a_distance_that_no_camera_films_is_a_mistaken_unit(settings: ObserveSet
         camera_for(settings)
     with pytest.raises(UsageError, match="depth file"):
         camera_for(ObserveSettings(), depth=1e20)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "says"),
+    [((3, 3), 2.0, "last row"), ((0, 0), -1.0, "mirrors"), ((0, 1), 0.5, "rotation is off by"), ((0, 3), 1e12, "m from the origin")],
+)
+def test_matrices_that_are_no_camera_s_are_told_apart(tmp_path: Path, place: tuple[int, int], value: float, says: str) -> None:
+    pose = np.eye(4)
+    pose[place] = value
+    with pytest.raises(UsageError) as refused:
+        read_camera(write(tmp_path, {**good(), "camera_to_world": pose.tolist()}), 640, 480, 5)
+    assert says in refused.value.message

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scenes import Scene, write_video
 
-from seeing_wind.engine.errors import ClipError, UsageError
+from seeing_wind.engine.errors import ClipError, TakeError, UsageError
 from seeing_wind.engine.observe.clip.frames import read_clip
+from seeing_wind.engine.observe.clip.video import video_writer
 from seeing_wind.engine.progress import Progress
 
 
@@ -154,3 +155,8 @@ def test_a_variable_frame_rate_is_told_and_its_mean_taken(tmp_path: Path) -> Non
     assert read_clip(tmp_path / "uneven.mp4", (0, 4), progress=Progress(told.append)).fps == pytest.approx(25.0)
     assert read_clip(tmp_path / "uneven.mp4", fps=30.0, progress=Progress(told.append)).fps == 30.0
     assert not told
+
+
+def test_a_video_that_nobody_can_read_is_no_video(tmp_path):
+    with pytest.raises(TakeError, match="is no video"), video_writer(tmp_path / "empty.mp4", 25.0, (64, 48)):
+        pass  # as one whose pictures a full disk has swallowed

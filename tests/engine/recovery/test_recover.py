@@ -10,6 +10,8 @@ from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
 from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.clip import windows
+from seeing_wind.engine.recovery.diagnostics.remarks import distrusted, far_off
+from seeing_wind.engine.recovery.targets.points import point_channels
 from seeing_wind.engine.settings import RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
@@ -107,6 +109,15 @@ def test_motion_that_no_force_explains_is_no_result():
     x[0] = body.x  # the halves jump apart and together, through each other
     with pytest.raises(ObjectError, match="no force explains this motion"):
         recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
+
+
+def test_a_body_that_stays_off_what_was_seen_is_not_to_be_trusted():
+    body = plate((6, 5, 2))
+    x = np.stack([body.x + [0.01 * t, 0.0, 0.0] for t in range(9)])
+    channels, off = [point_channels(body, points(body, x), False)], np.full(9, 0.002)
+    assert far_off(body, channels, x, off) == []
+    notes = far_off(body, channels, x, 5.0 * off)
+    assert "0.01 m (median)" in notes[0] and distrusted(["else", *notes]) == notes
 
 
 def test_small_slow_bodies_need_no_substeps_for_speeds_they_do_not_have():

@@ -173,6 +173,8 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     options = table.get("recover", {})
     if not isinstance(options, dict):
         raise UsageError(f"recover of {name} is no table.", "Write it as { distance = 2.0 }.")
+    if "take" in options:
+        raise UsageError(f"recover of {name} names a take.", "A job's take stands beside its recover, not in it.")
     if "take" not in table:
         raise UsageError(f"{name} has no take.", 'Say with take = "NAME.take" where the results go.')
     if set(SOURCES) <= table.keys():

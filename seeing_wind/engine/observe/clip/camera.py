@@ -19,7 +19,7 @@ from .transforms import LENS, from_transforms, is_transforms
 DEFAULT_DISTANCE = 2.0
 """Metres assumed when nothing says the scale: someone filming a thing within reach. Force scales with it, and the user is told so."""
 
-NEAREST, FARTHEST = 1e-3, 1e6
+NEAREST, FARTHEST = 0.01, 1e6
 """Metres between which an object can be: beyond them a unit or a sign was mistaken."""
 
 ROTATION_TOLERANCE = 1e-3
@@ -185,16 +185,25 @@ def _poses(path: str, poses: np.ndarray, pictures: int, first_frame: int) -> np.
         poses = poses[first_frame : first_frame + pictures]
     if not np.isfinite(poses).all():
         raise UsageError(f"camera_to_world of {path} holds values that are not finite.", "Export the camera again.")
+    if np.abs(poses[..., :3, 3]).max() > FARTHEST:
+        raise UsageError(f"camera_to_world of {path} is more than {FARTHEST:g} m from the origin.", "Give metres, near the scene's origin.")
     rotation = poses[..., :3, :3]
     off = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).max()
     if off > ROTATION_TOLERANCE or (np.linalg.det(rotation) < 0).any() or np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max() > 1e-6:
         raise UsageError(
-            f"camera_to_world of {path} is not a rotation and a translation (off by {off:.2g}).",
+            f"camera_to_world of {path} is not a rotation and a translation: {_flaw(poses, float(off))}.",
             "Remove scale and mirroring; OpenCV axes are x right, y down, z forward.",
         )
     if poses.ndim == 3 and np.abs(poses - poses[0]).max() < 1e-9:
         return poses[0]
     return poses
+
+
+def _flaw(poses: np.ndarray, off: float) -> str:
+    """What keeps matrices (..., 4, 4), whose rotations are `off` from orthonormal ones, from being those of a camera."""
+    if np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max() > 1e-6:
+        return "its last row is not 0 0 0 1"
+    return f"its rotation is off by {off:.2g}" if off > ROTATION_TOLERANCE else "it mirrors"
 
 
 def _distance(settings: ObserveSettings, focal: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from ...errors import MissingPackage, TakeError
 CODECS = ("avc1", "mp4v", "vp09")
 """H.264 where OpenCV's FFmpeg has an encoder for it, else MPEG-4 part 2 (Blender and players play it, browsers do not), else VP9, which
 OpenCV lets encode only at its slowest: 0.22 processor seconds a frame of 720x1280, thirteen times those of MPEG-4, and half of a job."""
+LEAST_SPACE = 100_000
+"""Bytes without which no video can be begun."""
 
 
 @contextlib.contextmanager
@@ -21,7 +24,7 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
 
     Raises:
         MissingPackage: when it has none.
-        TakeError: when nothing was written.
+        TakeError: when the disk is full, or what was written cannot be read.
     """
     with _quiet():
         for codec in CODECS:
@@ -29,14 +32,17 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
             if writer.isOpened():
                 break
         else:
+            if shutil.disk_usage(path.parent).free < LEAST_SPACE:
+                raise TakeError(f"Cannot write {path.name}: the disk is full.", "Free some space or choose another folder.")
             message = f"This OpenCV can write none of the video codecs {', '.join(CODECS)}."
             raise MissingPackage(message, "Install opencv-python-headless from PyPI.")
     try:
         yield writer
     finally:
         writer.release()
-    if not path.is_file() or path.stat().st_size == 0:
-        raise TakeError(f"Cannot write {path.name}: the encoder left nothing.", "Free some space or choose another folder.")
+    # OpenCV says nothing of a disk that fills up while it writes: such a video lacks its table of contents, and no player opens it.
+    if not cv2.VideoCapture(str(path)).read()[0]:
+        raise TakeError(f"Cannot write {path.name}: what the encoder left is no video.", "Free some space or choose another folder.")
 
 
 @contextlib.contextmanager

@@ -15,6 +15,10 @@ from ..targets.tracks import TrackChannels
 
 ASTRAY, ASTRAY_NOISE = 0.1, 10.0
 """A simulation explains nothing that misses the points by more than the body's size, this share of their way, and so many deviations."""
+DISTRUST = "Do not use this field"
+"""In every note that says so."""
+FAR = 0.05
+"""Median distance of tracks from the simulation, relative to the body's size, from which nobody should trust the force."""
 UNEXPLAINED = 0.1
 """Median distance of points from the simulation, relative to how far they moved, from which there is a note."""
 SUDDEN, SUDDEN_WAY = 6.0, 1e-4
@@ -38,23 +42,46 @@ def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, re
 
     Nobody can use such a force: units, frame rate or the points' order are wrong, or the body jumps between two frames.
     """
-    first = channels[0]
+    first, worst = channels[0], int(residual.argmax())
+    size, noise, unit = _size(particles, first, x)
     if isinstance(first, PointChannels):
-        seen, visible, unit = first.targets.x, first.targets.visible, "m"
-        size, noise = max(2.0 * _radius(particles.x), 3.0 * particles.spacing), 0.0
-    elif isinstance(first, TrackChannels):
-        seen, visible, unit = first.targets.xy, first.targets.visible, "pixels"
-        size, noise = 2.0 * _radius(first.camera.project(x[0])[0]), float(np.median(first.targets.sigma[visible]))
+        seen, visible = first.targets.x, first.targets.visible
     else:
-        return ""
+        assert isinstance(first, TrackChannels)
+        seen, visible = first.targets.xy, first.targets.visible
     way = np.linalg.norm(np.where((visible & visible[0])[..., None], seen - seen[0], 0.0), axis=-1).max()
-    worst = int(residual.argmax())
     if residual[worst] <= max(size, ASTRAY * way, ASTRAY_NOISE * noise):
         return ""
     return (
         f"In frame {worst} the simulated body is {residual[worst]:.3g} {unit} from where it was seen, more than its size "
         f"({size:.3g} {unit}): no force explains this motion."
     )
+
+
+def far_off(particles: Particles, channels: Sequence[Channels], x: np.ndarray, residual: np.ndarray) -> list[str]:
+    """On a simulation x (T+1, N, 3) [m] that most of the time is off what was seen by residual (T+1,), in parts of the body's size."""
+    shown = residual[1:][residual[1:] > 0.0]
+    size, noise, unit = _size(particles, channels[0], x)
+    far = float(np.median(shown)) if len(shown) else 0.0
+    if far <= max(FAR * size, ASTRAY_NOISE * noise):
+        return []
+    return [
+        f"The simulated body is {far:.3g} {unit} (median) from where it was seen, {100.0 * far / size:.0f} % of its size. {DISTRUST}: "
+        "check the outline, what is held, the depth and the material."
+    ]
+
+
+def distrusted(notes: Sequence[str]) -> list[str]:
+    """Those of a recovery's notes that say that its field is of no use."""
+    return [note for note in notes if DISTRUST in note]
+
+
+def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, float, str]:
+    """Diameter of the body in the first picture of x (T+1, N, 3), noise of what was seen, and the unit of both."""
+    if isinstance(first, TrackChannels):
+        noise = float(np.median(first.targets.sigma[first.targets.visible]))
+        return 2.0 * _radius(first.camera.project(x[0])[0]), noise, "pixels"
+    return max(2.0 * _radius(particles.x), 3.0 * particles.spacing), 0.0, "m"
 
 
 def _radius(x: np.ndarray) -> float:
@@ -74,7 +101,7 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
     elif not views and far > UNEXPLAINED * moved:
         notes.append(
             f"The simulated body moves by {1000 * moved:.2g} mm and stays {1000 * far:.2g} mm (median) off the points: no force that was "
-            "found explains the motion. Check units, axes and the material."
+            f"found explains the motion. {DISTRUST}: check units, axes and the material."
         )
     if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
         notes.append(
