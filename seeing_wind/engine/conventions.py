@@ -74,7 +74,9 @@ PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", "
 
 
 def is_sequence(path: str) -> bool:
-    """Whether a path names a clip that is many images: a folder, or a pattern such as shot_%04d.png or shot_*.png."""
+    """Whether a path names a clip that is many images: a folder, or a pattern such as shot_%04d.png that is no file's name."""
+    if Path(path).is_file():
+        return False
     return Path(path).is_dir() or "*" in path or re.search(r"%0?\d*d", Path(path).name) is not None
 
 

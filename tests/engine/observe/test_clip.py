@@ -46,6 +46,22 @@ def test_pictures_are_sorted_by_number(disc: Scene, tmp_path: Path) -> None:
     assert np.array_equal(read_clip(tmp_path, fps=25.0).frames, disc.frames[:2])
 
 
+def test_a_picture_that_is_missing_is_told(disc: Scene, tmp_path: Path) -> None:
+    told: list[dict] = []
+    for index in (2, 4, 6, 10):  # every second one of a clip, but the eighth
+        cv2.imwrite(str(tmp_path / f"s_{index:04d}.png"), disc.frames[index])
+    read_clip(tmp_path, (0, 2), 30.0, Progress(told.append))
+    assert not told
+    read_clip(tmp_path, None, 30.0, Progress(told.append))
+    assert "between s_0006.png and s_0010.png" in told[0]["message"]
+
+
+def test_a_file_may_have_a_pattern_for_a_name(disc: Scene, tmp_path: Path) -> None:
+    place = tmp_path / f"leaf %d{Path(disc.path).suffix}"
+    place.write_bytes(Path(disc.path).read_bytes())
+    assert len(read_clip(place).frames) == len(disc.frames)
+
+
 def test_pictures_without_rate_are_refused(disc: Scene, tmp_path: Path) -> None:
     for index in range(2):
         cv2.imwrite(str(tmp_path / f"{index}.png"), disc.frames[index])

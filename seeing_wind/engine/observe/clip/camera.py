@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ... import conventions
 from ...conventions import front_view
 from ...errors import UsageError
 from ...progress import Progress
@@ -185,8 +186,9 @@ def _poses(path: str, poses: np.ndarray, pictures: int, first_frame: int) -> np.
         poses = poses[first_frame : first_frame + pictures]
     if not np.isfinite(poses).all():
         raise UsageError(f"camera_to_world of {path} holds values that are not finite.", "Export the camera again.")
-    if np.abs(poses[..., :3, 3]).max() > FARTHEST:
-        raise UsageError(f"camera_to_world of {path} is more than {FARTHEST:g} m from the origin.", "Give metres, near the scene's origin.")
+    if np.abs(poses[..., :3, 3]).max() > conventions.FARTHEST:
+        message = f"camera_to_world of {path} is more than {conventions.FARTHEST:g} m from the origin."
+        raise UsageError(message, "Give metres, near the scene's origin.")
     rotation = poses[..., :3, :3]
     off = np.abs(np.swapaxes(rotation, -1, -2) @ rotation - np.eye(3)).max()
     if off > ROTATION_TOLERANCE or (np.linalg.det(rotation) < 0).any() or np.abs(poses[..., 3, :] - [0, 0, 0, 1]).max() > 1e-6:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,6 +76,8 @@ def read_clip(
         raise UsageError(f"The frame rate {fps:g} is not one of a camera.", "Give the clip's frames per second, for example --fps 30.")
     first, last = _range(frames)
     source, file_fps = _open(str(path))
+    if is_sequence(str(path)):
+        _tell_gaps(files_of(str(path), frames), progress)
     copies: _Copies | None = None
     times: list[float] = []
     count = 0
@@ -151,6 +154,19 @@ def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
             f"The frame range {first}:{last} is empty.", "Give the first and the last frame, counted from 0, for example --frames 0:40."
         )
     return first, last
+
+
+def _tell_gaps(files: list[Path], progress: Progress) -> None:
+    """Warn where the numbers of pictures, evenly spaced but for that, leave some out: they are taken as equally far apart in time."""
+    numbers = [re.findall(r"\d+", file.stem)[-1:] for file in files]
+    if len(files) < 3 or not all(numbers):
+        return
+    steps = np.diff([int(found) for (found,) in numbers])
+    usual = int(np.median(steps))
+    wide = np.flatnonzero(steps > usual)
+    if usual > 0 and len(wide):
+        where = " and ".join(f"between {files[at].name} and {files[at + 1].name}" for at in wide[:3])
+        progress.warn(f"Pictures are missing {where}: the others are taken as equally far apart in time. Put the missing ones back.")
 
 
 def _check_count(path: str, kept: int, count: int, first: int, last: int | None) -> None:
