@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import pytest
 from seeing_wind.engine.command.batch.in_order import run_in_order
 from seeing_wind.engine.command.batch.jobs import FIELD, Job, read_jobs
 from seeing_wind.engine.command.batch.summary import Summary
+from seeing_wind.engine.command.batch.verb import batch
 from seeing_wind.engine.errors import SeeingWindError, UsageError
-from seeing_wind.engine.progress import Cancelled
+from seeing_wind.engine.progress import Cancelled, NoProgress
 from seeing_wind.engine.take import Take
 
 TABLE = '[[job]]\nname = "{0}"\nclip = "clip.mp4"\ntake = "{0}.take"\n'
@@ -181,3 +183,13 @@ def test_a_job_s_options_name_no_other_take(workplace: Path) -> None:
     (workplace / "jobs.toml").write_text(FULL.replace("distance = 2.0", 'take = "x"'))
     with pytest.raises(UsageError, match="names a take"):
         read_jobs(workplace / "jobs.toml")
+
+
+@pytest.mark.parametrize(("old", "new", "says"), [("distance = 2.0", "distance = -1", "at least 0.01 m"), ("box =", "bx =", "--bx")])
+def test_options_are_checked_before_any_job_is_begun(workplace: Path, old: str, new: str, says: str) -> None:
+    (workplace / "jobs.toml").write_text(TABLE.format("first") + FULL.replace(old, new))
+    plain = argparse.Namespace(jobs=workplace / "jobs.toml", ray=None, shared=False, attempts=None, openjd=None, again=False)
+    with pytest.raises(UsageError) as refused:
+        batch(plain, NoProgress())
+    assert refused.value.message.startswith("leaf: ") and says in refused.value.message
+    assert not (workplace / "first.take").exists() and not (workplace / "jobs.summary.json").exists()

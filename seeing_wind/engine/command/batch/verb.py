@@ -8,6 +8,7 @@ from typing import Any
 
 from ...errors import SeeingWindError, UsageError
 from ...progress import Cancelled, Progress
+from ...settings.tables import read_edit
 from .in_order import run_in_order
 from .jobs import Job, read_jobs
 from .process import messages_of
@@ -24,6 +25,8 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """
     path = Path(arguments.jobs)
     jobs = read_jobs(path)
+    for job in jobs:
+        _check(job)
     if arguments.ray is None and (arguments.shared or arguments.attempts is not None):
         raise UsageError("--shared and --attempts belong to --ray.", "Add --ray auto, or leave them out.")
     if arguments.openjd is not None:
@@ -45,6 +48,19 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         with Cluster(arguments.ray) as cluster:
             Farm(cluster, summary, progress, shared=arguments.shared, attempts=arguments.attempts or ATTEMPTS).run()
     return _result(summary)
+
+
+def _check(job: Job) -> None:
+    """Refuse a job whose options or edit the engine would refuse, before any job is begun."""
+    from ..arguments import parser
+
+    try:
+        for call in job.calls():
+            parser().parse_args(call)
+        if job.edit is not None:
+            read_edit(job.edit)
+    except UsageError as error:
+        raise UsageError(f"{job.name}: {error.message}", error.hint) from error
 
 
 def _do(job: Job, made: bool, progress: Progress) -> None:
