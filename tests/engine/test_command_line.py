@@ -112,6 +112,9 @@ def test_a_further_view_that_is_not_there_is_told_before_the_work(engine, square
     missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", tmp_path / "no.mp4", "c.json", "m.png", expect=1)[-2]
     assert "no.mp4" in missing["message"]
     missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", square, tmp_path / "c.json", "m.png", expect=2)[-2]
+    assert "the clip itself" in missing["message"] and not (tmp_path / "t.take").exists()
+    other = clip(tmp_path / "other.avi")
+    missing = engine("recover", square, "--take", tmp_path / "t.take", *box, "--view", other, tmp_path / "c.json", "m.png", expect=2)[-2]
     assert "c.json, which is no file" in missing["message"] and not (tmp_path / "t.take").exists()
 
 
