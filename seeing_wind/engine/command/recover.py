@@ -88,7 +88,7 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     for clip, *files in arguments.view:
         require_clip(clip)
         if Path(clip).resolve() == Path(arguments.clip).resolve():
-            raise UsageError(f"--view names {clip}, the clip itself.", "A further view is a clip of another camera, taken at the same time.")
+            raise UsageError(f"--view names {clip}, the clip itself.", "A further view is what another camera took meanwhile.")
         for name in files:
             if not Path(name).is_file():
                 raise UsageError(f"--view names {name}, which is no file.", "Give each further view a clip, a camera and a mask.")
