@@ -63,7 +63,7 @@ def far_off(particles: Particles, channels: Sequence[Channels], x: np.ndarray, r
     shown = residual[1:][residual[1:] > 0.0]
     size, noise, unit = _size(particles, channels[0], x)
     far = float(np.median(shown)) if len(shown) else 0.0
-    if far <= max(FAR * size, ASTRAY_NOISE * noise):
+    if far <= max(FAR * size, ASTRAY_NOISE * noise) or size == 0.0:  # of a body that is a point, `astray` says what there is to say
         return []
     return [
         f"The simulated body is {far:.3g} {unit} (median) from where it was seen, {100.0 * far / size:.0f} % of its size. {DISTRUST}: "
