@@ -38,24 +38,10 @@ class Masks:
         Raises:
             ValueError: no masks, or of several sizes.
         """
-        windows: list[tuple[int, int, int, int]] = []
-        ends: list[int] = []
-        parts: list[bytes] = []
-        shape: tuple[int, ...] = ()
+        packing = Packing()
         for mask in masks:
-            if shape and mask.shape != shape:
-                raise ValueError(f"masks of {shape} and {mask.shape}")
-            shape = mask.shape
-            rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-            window = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1) if len(rows) else (0, 0, 0, 0)
-            bits = np.packbits(mask[window[1] : window[3], window[0] : window[2]])
-            parts.append(zlib.compress(bits.tobytes(), 1))
-            windows.append(window)
-            ends.append(len(parts[-1]) + (ends[-1] if ends else 0))
-        if len(shape) != 2:
-            raise ValueError("no masks")
-        packed = np.frombuffer(b"".join(parts), np.uint8)
-        return Masks(shape[0], shape[1], np.array(windows, np.int32), np.array(ends, np.int64), packed)
+            packing.add(mask)
+        return packing.masks()
 
     def __post_init__(self) -> None:
         windows, ends = self.windows, self.ends
@@ -102,6 +88,43 @@ class Masks:
         """All masks in memory (T+1, H, W) bool, for short clips."""
         whole = np.stack(list(self))
         return whole if dtype is None else whole.astype(dtype)
+
+
+class Packing:
+    """Masks of one size that are packed as they are found, after those of `begun` if there are some already."""
+
+    def __init__(self, begun: Masks | None = None) -> None:
+        self._shape: tuple[int, ...] = () if begun is None else begun.shape[1:]
+        self._windows: list[np.ndarray] = [] if begun is None else list(begun.windows)
+        self._ends: list[int] = [] if begun is None else begun.ends.tolist()
+        self._parts: list[bytes] = [] if begun is None else [begun.packed.tobytes()]
+
+    def add(self, mask: np.ndarray) -> None:
+        """Pack the next `mask` (H, W) bool.
+
+        Raises:
+            ValueError: of another size than those before.
+        """
+        if self._shape and mask.shape != self._shape:
+            raise ValueError(f"masks of {self._shape} and {mask.shape}")
+        self._shape = mask.shape
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        window = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1) if len(rows) else (0, 0, 0, 0)
+        bits = np.packbits(mask[window[1] : window[3], window[0] : window[2]])
+        self._parts.append(zlib.compress(bits.tobytes(), 1))
+        self._windows.append(np.array(window, np.int32))
+        self._ends.append(len(self._parts[-1]) + (self._ends[-1] if self._ends else 0))
+
+    def masks(self) -> Masks:
+        """All of them so far.
+
+        Raises:
+            ValueError: there are none.
+        """
+        if len(self._shape) != 2:
+            raise ValueError("no masks")
+        packed = np.frombuffer(b"".join(self._parts), np.uint8)
+        return Masks(self._shape[0], self._shape[1], np.array(self._windows, np.int32), np.array(self._ends, np.int64), packed)
 
 
 def areas(masks: Iterable[np.ndarray]) -> np.ndarray:

@@ -31,27 +31,34 @@ LATE_OFFSET = 0.5
 """Standard deviation [px] of the place of a track that was not there in picture 0, at best."""
 
 
-def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Progress) -> tuple[Observation, str]:
+def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Progress, view: int = 0) -> tuple[Observation, str]:
     """Stage *observe* -> `observation.npz`. Returns the observation and its stamp.
 
     What is held is marked in it, and nothing that is seen depends on the mark: with another pin, only that is done again.
+
+    Args:
+        view: which further view of the same object the clip is, from 1; 0 for the one that the take is of. They have stages of their own.
     """
     from .observe import observe, pinned
+    from .recovery.journal import TakeJournal
 
     if Path(clip).resolve() == take.path.resolve():
         raise UsageError(f"{clip} is the clip's folder and the take's.", "Give --take a folder of its own: a report is a picture, too.")
+    stage, file = (f"view{view}", f"view{view}.npz") if view else ("observe", "observation.npz")
     stamp, seen = observation_stamp(clip, settings), observation_stamp(clip, dataclasses.replace(settings, pin=None))
-    kept = take.kept("observe", seen, lambda: from_arrays(Observation, take.read_arrays("observation.npz")), progress)
+    kept = take.kept(stage, seen, lambda: from_arrays(Observation, take.read_arrays(file)), progress, "observe")
+
+    def finished(observation: Observation) -> Observation:
+        take.write_arrays(file, to_arrays(observation))
+        take.finish(stage, seen, {"clip": str(clip), **to_mapping(settings)})
+        return observation
+
     if kept is None:
-        progress.begin("observe", "reading the clip")
-        observation = observe(clip, settings, progress)
-    else:
-        observation = pinned(dataclasses.replace(kept, clip=str(clip)), settings.pin)  # it may have been moved since
-        if np.array_equal(observation.pin, kept.pin):
-            return observation, stamp
-    take.write_arrays("observation.npz", to_arrays(observation))
-    take.finish("observe", seen, {"clip": str(clip), **to_mapping(settings)})
-    return observation, stamp
+        progress.begin("observe", f"further view {Path(clip).name}" if view else "reading the clip")
+        with TakeJournal(take, seen, progress) as journal:
+            return finished(observe(clip, settings, progress, journal)), stamp
+    observation = pinned(dataclasses.replace(kept, clip=str(clip)), settings.pin)  # it may have been moved since
+    return observation if np.array_equal(observation.pin, kept.pin) else finished(observation), stamp
 
 
 def observation_stamp(clip: str, settings: ObserveSettings) -> str:

@@ -41,7 +41,7 @@ VERSION = 14
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 RESULTS = re.compile(
-    r"take\.(toml|lock)|(observation|particles|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"
+    r"take\.(toml|lock)|(observation|view\d+|particles|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"
     r"|(wind|report|preview|resimulation)\.json"
 )
 """Names of the files in a take that its stages go by."""
@@ -184,11 +184,14 @@ class Take:
         """Whether `stage` was finished with exactly these inputs and settings."""
         return self.description().get("stages", {}).get(stage, {}).get("stamp") == stamp
 
-    def kept(self, stage: str, stamp: str, read: Callable[[], R], progress: Progress) -> R | None:
-        """What an earlier run left of `stage`, None if it has to be done: not finished, of other inputs, or its files are damaged."""
+    def kept(self, stage: str, stamp: str, read: Callable[[], R], progress: Progress, told: str = "") -> R | None:
+        """What an earlier run left of `stage`, None if it has to be done: not finished, of other inputs, or its files are damaged.
+
+        `told`: the stage's name in `progress`, if it goes by another there.
+        """
         if not self.is_done(stage, stamp):
             return None
-        progress.begin(stage, "already done")
+        progress.begin(told or stage, "already done")
         try:
             return read()
         except TakeError as error:

@@ -105,7 +105,6 @@ def _recover_into(
 ) -> Result:
     from ..look import write_ply
     from ..look.multiview import with_views
-    from ..observe import observe
     from ..observe.object.motion.views import lifted_together, view_targets
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
@@ -120,12 +119,11 @@ def _recover_into(
         building = _timed(seconds, "material", lambda: estimated(take, endpoint, observation, building, progress))
     body, built = _timed(seconds, "build", lambda: build_stage(take, observation, seen, building, progress))
     targets, sights = [track_targets(observation, body)], []
-    for clip, camera, mask in arguments.view:
+    for number, (clip, camera, mask) in enumerate(arguments.view, start=1):
         # Depth and pins of a further view are not used: its points are found on the first view's body.
         further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
         further = dataclasses.replace(further, distance=1.0, depth_model=None, prompt=None, detector_model=None)
-        progress.begin("observe", f"further view {Path(clip).name}")
-        sights.append(observe(clip, further, progress))
+        sights.append(observe_stage(take, clip, further, progress, view=number)[0])
         targets.append(view_targets(body, sights[-1]))
     if arguments.view:
         body = lifted_together(observation, body, targets, progress)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from ..conventions import DEFAULT_FOV_DEGREES
 from ..errors import ObjectError, UsageError
+from ..masks import Masks, Packing
 from ..progress import Progress
 from ..settings import ObserveSettings
 from .clip.camera import read_camera
@@ -21,7 +21,7 @@ from .mask.background import Plate
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import first_mask, point_list
 from .mask.from_box import Moving, mask_in_box
-from .mask.motion import Flow, FlowSolver, window_of
+from .mask.motion import Flow, FlowSolver, middle_of, window_of
 from .tracks.tracker import find_corners
 
 LEAST_TRACKS = 3
@@ -95,34 +95,47 @@ def first_outline(
     return lens.straight_map(mask) if settings.mask is not None or settings.depth is not None else mask
 
 
-@dataclass
-class Followed:
-    """What the tracker wants to know of a step: the flow from the picture before, None where the object is hidden in one of them."""
-
-    flow: Flow | None
-
-
-def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> Iterator[tuple[np.ndarray, Followed]]:
-    """The masks (H, W) bool of pictures 1 to T by the network `name`, with the flow between pictures round them."""
-    import cv2
-
+def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> Masks:
+    """The masks (T+1, H, W) of `frames` (T+1, H, W, 3) by the network `name`, `mask` (H, W) bool being that of picture 0."""
     from .models.masks import MaskModel
 
-    solver, before, gray = FlowSolver(), mask, cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
+    packing = Packing()
+    packing.add(mask)
     for t, new in enumerate(MaskModel(name).follow(frames, mask, progress), start=1):
-        progress.update(0.1 + 0.6 * t / len(frames), f"following the object, frame {t} of {len(frames) - 1}")
-        after = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY)
-        flow = None
-        if before.any() and new.any():
-            shift = _middle(new) - _middle(before)
-            flow = solver.between(gray, after, window_of(before, 24), shift)
-        yield new, Followed(flow)
-        before, gray = new, after
+        progress.update(t / len(frames), f"following the object, frame {t} of {len(frames) - 1}")
+        packing.add(new)
+    return packing.masks()
 
 
-def _middle(mask: np.ndarray) -> np.ndarray:
-    rows, columns = np.nonzero(mask)
-    return np.array([columns.mean(), rows.mean()])
+class Outlined:
+    """Follows an object whose `masks` (T+1, H, W) a network has found (see `mask.follow.Follower`): seeks the flow between them."""
+
+    def __init__(self, picture: np.ndarray, masks: Masks) -> None:
+        """`picture` (H, W, 3) uint8 RGB: number 0."""
+        self._solver, self._masks, self._count = FlowSolver(), masks, 0
+        self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        self.mask = masks[0]
+        self.flow: Flow | None = None
+
+    def advance(self, picture: np.ndarray) -> np.ndarray:
+        """See `Follower.advance`."""
+        before, gray = self.mask, cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        self._count += 1
+        self.mask, self.flow = self._masks[self._count], None
+        if before.any() and self.mask.any():
+            shift = middle_of(self.mask) - middle_of(before)
+            self.flow = self._solver.between(self._gray, gray, window_of(before, 24), shift)
+        self._gray = gray
+        return self.mask
+
+    def state(self) -> dict[str, np.ndarray]:
+        """See `Follower.state`."""
+        return {"outlined": np.array(self._count)}
+
+    def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+        """See `Follower.resume`."""
+        self._count, self._gray = int(state["outlined"]), cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        self.mask, self.flow = mask, None
 
 
 def network_tracks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from ..errors import ObjectError
-from ..masks import Masks, areas
-from ..progress import Progress
+from ..progress import Journal, Progress
 from ..records import Observation
 from ..settings import ObserveSettings
 from .clip.camera import find_camera
@@ -22,50 +20,33 @@ from .clip.frames import Clip, read_clip
 from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
 from .clip.shake import as_filmed, camera_turns, steadied, turning
-from .clip.stored import Frames
-from .mask.background import Plate, clean_plate, median_plate, stands_still
+from .following import follow
+from .mask.background import clean_plate, median_plate, stands_still
 from .mask.by_turns import with_background
-from .mask.evidence import Looks
 from .mask.first_mask import point_list, read_mask
-from .mask.follow import MaskFollower, carried
 from .mask.from_box import moving_in
-from .networks import Followed, check_networks, first_depth, first_outline, network_masks, network_tracks
-from .tracks.centroid import centroid_track
-from .tracks.file import read_tracks
-from .tracks.reseed import Generations
-from .tracks.tracker import ENOUGH, find_corners
+from .networks import check_networks, first_depth, first_outline
 from .working_size import WorkingSize, working_scale
-
-FEW_PATCHES = 900
-"""Pixels (three tracking patches) below which a body's corners are nearly one and the same patch: losing some, all go."""
-
-SILHOUETTE = 0.02
-"""A turning body's silhouette has its centroid off the body's own by about this part of its size."""
 
 ROUND_POINT = 0.25
 """About how far the object may reach from a point on it, in units of the picture's shorter side."""
 
 
-@dataclass(frozen=True)
-class _Tracks:
-    xy: np.ndarray
-    visible: np.ndarray
-    sigma: np.ndarray
-    on_centroid: np.ndarray
-
-
-def observe(clip: str | Path, settings: ObserveSettings, progress: Progress) -> Observation:
+def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal | None = None) -> Observation:
     """What is seen in `clip` (a video, a folder of pictures, or a pattern), with pixels those of the file.
+
+    Args:
+        journal: keeps what was followed so far, for one clip and its settings without the pin.
 
     Raises:
         ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
         Cancelled: at a safe point, at least twice a second.
     """
     with one_thread():
-        return _observe(clip, settings, progress)
+        return _observe(clip, settings, progress, journal or Journal())
 
 
-def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) -> Observation:
+def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal) -> Observation:
     check_networks(settings)
     progress.update(0.0, "reading the clip")
 
@@ -75,14 +56,14 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress) ->
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized)
     check_pictures(clip.frames, clip.first_frame, progress)
     if clip.frames.shape[1:3] == clip.size:
-        return _seen(clip, settings, progress)
+        return _seen(clip, settings, progress, journal)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
     with tempfile.TemporaryDirectory(prefix="seeing_wind_") as folder:
-        seen = _seen(clip, size.settings(settings, clip, Path(folder)), progress)
+        seen = _seen(clip, size.settings(settings, clip, Path(folder)), progress, journal)
     return pinned(size.observation(seen, clip), settings.pin)
 
 
-def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observation:
+def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal) -> Observation:
     """The observation of a clip at the size at which it is."""
     pictures, height, width = clip.frames.shape[:3]
     around = _marked_area(settings, height, width)
@@ -94,7 +75,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
     around = lens.straight_map(around)
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
-    turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress)
+    turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress, journal)
     if turns is not None:
         progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
         still = True
@@ -109,10 +90,10 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress) -> Observat
     progress.update(0.1, "following the object")
     looks = None
     if plate is not None and moving is not None:
-        mask, plate, looks = with_background(clip.frames, mask, plate, moving, settings, around, progress)
+        mask, plate, looks = with_background(clip.frames, mask, plate, moving, settings, around, progress, journal)
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
-    masks, tracks = _follow(clip, mask, plate, looks, lens, settings, progress)
+    masks, tracks = follow(clip, mask, plate, looks, lens, settings, progress, journal)
     tell_defects(clip.frames, masks, progress)
     progress.update(0.95, "background")
     background = clean_plate(clip.frames, masks, median, progress)
@@ -197,84 +178,3 @@ def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
             "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first picture."
         )
     return pin
-
-
-def _follow(
-    clip: Clip, mask: np.ndarray, plate: Plate | None, looks: Looks | None, lens: Lens, settings: ObserveSettings, progress: Progress
-) -> tuple[Masks, _Tracks]:
-    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
-    frames = clip.frames
-    given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-    if settings.tracks:
-        xy, visible, sigma = read_tracks(settings.tracks, len(frames), clip.first_frame, lens.filmed_map(mask), progress)
-        given = (lens.straight_points(xy), visible, sigma)
-    elif settings.track_model:
-        given = network_tracks(settings.track_model, frames, mask, progress)
-    corners = find_corners(frames[0], mask) if given is None else np.zeros((0, 2))
-    # A body of a few patches or corners is followed by its silhouette where they are lost: new ones would be as few.
-    reseed = len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
-    points = Generations(frames[0], mask, corners, reseed=reseed)
-    steps: Iterator[tuple[np.ndarray, MaskFollower | Followed]] = (
-        network_masks(settings.mask_model, frames, mask, progress)
-        if settings.mask_model
-        else carried(frames, len(frames), mask, plate, progress, 0.3, 0.9, looks)
-    )
-
-    def followed() -> Iterator[np.ndarray]:
-        yield mask
-        for t, (new, follower) in enumerate(steps, start=1):
-            points.advance(frames[t], follower.flow, new)
-            yield new
-
-    masks = Masks.of(followed())
-    seen = areas(masks) > 0
-    _tell_lost(seen, progress)
-    if given is not None:
-        return masks, _Tracks(*given, np.zeros(given[0].shape[1], bool))
-    xy, visible, sigma = points.tracks()
-    found = _Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool))
-    # Later tracks do not count: only those of picture 0 say for certain where on the body they are.
-    enough = visible[:, : len(corners)].sum(axis=1) >= ENOUGH
-    if enough[seen].all():
-        return masks, found
-    return masks, _with_centroid(frames, masks, plate, found, enough, progress)
-
-
-def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
-    """Say where the object is out of sight: `seen` (T+1,) bool. Raises ObjectError where that is everywhere but in picture 0."""
-    if not seen[1:].any():
-        raise ObjectError(
-            "The object is lost right after the first picture.",
-            "Mark it more closely, start where it is in full view, or choose a slower clip.",
-        )
-    if not seen.all():
-        lost = np.flatnonzero(~seen)
-        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in picture {lost[0]}.")
-
-
-def _with_centroid(
-    frames: Frames, masks: Masks, plate: Plate | None, corners: _Tracks, enough: np.ndarray, progress: Progress
-) -> _Tracks:
-    """The silhouette's centroid instead of the corner tracks, or after them.
-
-    Not `enough` (T+1,) corners for most of the clip's first half, or a tiny body: the centroid alone. Corners that turn out of sight
-    later (a sheet seen edge-on): the centroid joins where they are too few, with the larger sigma of a silhouette that turns.
-    """
-    place, visible, sigma = centroid_track(frames, masks, plate)
-    if enough[: max(2, len(frames) // 2)].mean() < 0.75 or masks[0].sum() < FEW_PATCHES:
-        progress.warn(
-            "The object is too small or too plain for single points, so its silhouette's centroid is followed: its rotation stays unknown."
-        )
-        return _Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
-    joins = visible & ~enough
-    progress.warn(
-        f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} pictures; "
-        "there the silhouette's centroid is followed."
-    )
-    sigma = np.hypot(sigma, SILHOUETTE * np.sqrt(areas(masks).max()))
-    return _Tracks(
-        np.concatenate([corners.xy, place[:, None]], axis=1),
-        np.concatenate([corners.visible, joins[:, None]], axis=1),
-        np.concatenate([corners.sigma, sigma[:, None]], axis=1),
-        np.append(corners.on_centroid, True),
-    )

@@ -25,7 +25,7 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from ..errors import ObjectError, SimulationError, TakeError, UsageError
+from ..errors import ClipError, ObjectError, SimulationError, TakeError, UsageError
 from ..progress import Journal, Loop, Progress
 from ..record_arrays import from_arrays, to_arrays
 from ..take import Take, stamp_of
@@ -92,7 +92,7 @@ class TakeJournal(Journal):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if kind is None or issubclass(kind, (UsageError, ObjectError, SimulationError)):
+        if kind is None or issubclass(kind, (UsageError, ClipError, ObjectError, SimulationError)):
             self.clear()
         else:
             self.write()

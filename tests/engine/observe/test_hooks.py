@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from interrupted import assert_same, in_pieces
 from scenes import Scene
 
 from seeing_wind.engine.command.arguments import parser, settings_of
 from seeing_wind.engine.command.verbs import recover
 from seeing_wind.engine.errors import ModelError, UsageError
 from seeing_wind.engine.observe import observe
+from seeing_wind.engine.observe.networks import Outlined
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -35,7 +37,7 @@ class TrueMasks:
         yield from self.scene.masks[1:]
 
 
-def test_words_and_masks(disc: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_words_and_masks(disc: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     TrueMasks.scene = disc
     monkeypatch.setattr("seeing_wind.engine.observe.models.masks.MaskModel", TrueMasks)
     monkeypatch.setattr("seeing_wind.engine.observe.models.masks.find_box", lambda name, text, picture, progress: disc.box)
@@ -45,6 +47,9 @@ def test_words_and_masks(disc: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     alive = seen.visible[-1] & ~seen.on_centroid
     off = np.linalg.norm(seen.xy[-1, alive] - disc.moved(seen.xy[0, alive], len(disc.frames) - 1), axis=1)
     assert alive.sum() > 20 and np.median(off) < 0.2, "the tracker runs on the network's masks as on its own"
+    resumed, kills, pictures = in_pieces(disc.path, settings, tmp_path, 5, Outlined)
+    assert_same(resumed, seen)
+    assert kills == (pictures - 1) // 5 and pictures == len(disc.frames) - 1
 
 
 def test_depth_is_the_networks_and_a_distance_scales_it(disc: Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from interrupted import assert_same, in_pieces
 from scenes import HEIGHT, WIDTH, noise, write_video
 
 from seeing_wind.engine.conventions import front_view
@@ -71,11 +72,15 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
 
 
 @pytest.fixture(scope="module")
-def seen(board: tuple[Path, np.ndarray]) -> Observation:
+def marked(board: tuple[Path, np.ndarray]) -> ObserveSettings:
     rows, columns = np.nonzero(board[1][0])
     box = (columns.min() - 3.0, rows.min() - 3.0, columns.max() + 3.0, rows.max() + 3.0)
-    settings = ObserveSettings(box=box, distance=DISTANCE - 0.5 * DEPTH, fov=float(np.degrees(2 * np.arctan(0.5 * WIDTH / FOCAL))))
-    return observe(board[0], settings, NoProgress())
+    return ObserveSettings(box=box, distance=DISTANCE - 0.5 * DEPTH, fov=float(np.degrees(2 * np.arctan(0.5 * WIDTH / FOCAL))))
+
+
+@pytest.fixture(scope="module")
+def seen(board: tuple[Path, np.ndarray], marked: ObserveSettings) -> Observation:
+    return observe(board[0], marked, NoProgress())
 
 
 @pytest.fixture(scope="module")
@@ -136,3 +141,13 @@ def test_the_recovery_is_told_how_sure_the_ties_are(seen: Observation, body: Bod
     assert targets.offset is not None and targets.offset.shape == first.shape
     assert np.allclose(targets.offset[first == 0], 0.5) and (targets.offset[(first > 0) & targets.visible[-1]] > 0.5).all()
     assert (targets.visible <= seen.visible).all() and targets.visible[:, first == 0].sum() == seen.visible[:, first == 0].sum()
+
+
+@pytest.mark.parametrize("every", [3, 5])
+def test_a_kill_costs_no_picture_that_was_followed(
+    board: tuple[Path, np.ndarray], marked: ObserveSettings, seen: Observation, tmp_path: Path, every: int
+) -> None:
+    found, kills, pictures = in_pieces(board[0], marked, tmp_path, every)
+    assert_same(found, seen)
+    # Twice through the clip, roughly and well, and nothing again.
+    assert pictures == 2 * (FRAMES - 1) and kills == (pictures - 1) // every

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
+from interrupted import assert_same, in_pieces
 from scenes import HEIGHT, WIDTH, Scene, disc_scene, noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.clip.camera import find_camera
 from seeing_wind.engine.observe.clip.shake import as_filmed, camera_turns, homography, steadied, through, without_spikes
-from seeing_wind.engine.progress import NoProgress, Progress
+from seeing_wind.engine.progress import Journal, NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 
 CAMERA, DISTANCE = find_camera(ObserveSettings(distance=1.0), WIDTH, HEIGHT, 13, 0, None, NoProgress())
@@ -51,7 +54,7 @@ def test_turns_are_found(trembling: tuple[Scene, np.ndarray]) -> None:
     scene, turns = trembling
     video = cv2.VideoCapture(str(scene.path))
     frames = np.stack([cv2.cvtColor(video.read()[1], cv2.COLOR_BGR2RGB) for _ in range(13)])
-    found = camera_turns(frames, CAMERA, scene.masks[0], NoProgress())
+    found = camera_turns(frames, CAMERA, scene.masks[0], NoProgress(), Journal())
     assert found is not None
     grid = np.stack(np.meshgrid(np.arange(20.0, WIDTH, 60), np.arange(20.0, HEIGHT, 60)), -1).reshape(-1, 2)
     for ours, true in zip(found, turns):
@@ -72,6 +75,13 @@ def test_object_in_the_world_is_free_of_tremble(trembling: tuple[Scene, np.ndarr
     # ... and seen through the poses they do not.
     still = CAMERA.project(np.stack([seen.camera.unproject(seen.xy[t], np.ones(seen.xy.shape[1]), t) for t in range(13)]))[0]
     assert np.median(np.linalg.norm(still - body, axis=2)[seen.visible]) < 0.35
+
+
+def test_a_kill_costs_no_picture_of_a_trembling_camera(trembling: tuple[Scene, np.ndarray], tmp_path: Path) -> None:
+    settings = ObserveSettings(box=trembling[0].box, distance=DISTANCE)
+    found, kills, pictures = in_pieces(trembling[0].path, settings, tmp_path, 4)
+    assert_same(found, observe(trembling[0].path, settings, NoProgress()))
+    assert kills == 5 and pictures == 24
 
 
 def test_steadying_and_back_again() -> None:
@@ -101,4 +111,4 @@ def test_a_turn_that_jumps_away_and_back_is_a_mistake() -> None:
 def test_unrelated_pictures_are_no_tremble() -> None:
     rng = np.random.default_rng(4)
     frames = np.stack([noise(rng, (HEIGHT, WIDTH), (0, 0, 0), (255, 255, 255), 3.0).astype(np.uint8) for _ in range(3)])
-    assert camera_turns(frames, CAMERA, np.zeros((HEIGHT, WIDTH), bool), NoProgress()) is None
+    assert camera_turns(frames, CAMERA, np.zeros((HEIGHT, WIDTH), bool), NoProgress(), Journal()) is None

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from interrupted import assert_same, in_pieces
 from scenes import Scene, moving_body, noise, painted_scene
 from scipy.interpolate import RBFInterpolator
 
@@ -112,6 +113,9 @@ def test_ball_that_leaves_the_picture_becomes_invisible(tmp_path: Path) -> None:
     inside = scene.centers[:, 0] < 205
     assert seen.visible[inside].all() and not seen.visible[scene.centers[:, 0] > 212].any()
     assert any("out of sight" in message["message"] for message in told if message["type"] == "warning")
+    resumed, kills, _ = in_pieces(scene.path, ObserveSettings(box=scene.box, distance=1.0), tmp_path, 3)
+    assert_same(resumed, seen)
+    assert kills == 7
 
 
 def test_given_tracks_replace_ours(disc: Scene, tmp_path: Path) -> None:

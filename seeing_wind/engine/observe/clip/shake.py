@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from ...masks import Masks
-from ...progress import Progress
+from ...progress import Journal, Progress
 from ...records import Camera
 from .stored import Frames, each
 
@@ -29,7 +29,7 @@ LARGEST_TURN = 0.1
 """Shift as a part of the picture's width beyond which this is no tremble but a moving camera, whose parallax a turn cannot explain."""
 
 
-def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: Progress) -> np.ndarray | None:
+def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: Progress, journal: Journal) -> np.ndarray | None:
     """Rotations (T+1, 3, 3) from each picture's camera axes to those of picture 0; None when turns do not explain the motion.
 
     Args:
@@ -42,8 +42,10 @@ def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: P
     corners = cv2.goodFeaturesToTrack(first, 200, 0.01, max(8.0, width / 40), mask=np.where(around, 0, 255).astype(np.uint8))
     if corners is None or len(corners) < LEAST_CORNERS:
         return None
-    turns = [np.eye(3)]
-    for t in range(1, len(frames)):
+    loop = journal.loop("camera turns")
+    done, kept = loop.resume()
+    turns = list(kept["turns"]) if done else [np.eye(3)]
+    for t in range(done + 1, len(frames)):
         progress.check()
         gray = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY)
         moved, found, _ = cv2.calcOpticalFlowPyrLK(first, gray, corners, None, winSize=(21, 21), maxLevel=3)
@@ -60,6 +62,7 @@ def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: P
         if np.linalg.norm(turn[:2, 2] / turn[2, 2]) * camera.fx > LARGEST_TURN * width:
             return None
         turns.append(turn)
+        loop.reached(t, lambda: {"turns": np.stack(turns)})
     return without_spikes(np.stack(turns), camera)
 
 

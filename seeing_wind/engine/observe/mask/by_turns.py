@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-
 import cv2
 import numpy as np
 
 from ...masks import Masks, areas
-from ...progress import Progress
+from ...progress import Journal, Progress
 from ...settings import ObserveSettings
 from ..clip.stored import Frames
 from .background import Plate, plate_behind, seen_first
 from .evidence import Looks
-from .follow import carried
+from .follow import MaskFollower, followed
 from .from_box import NEARBY, Moving, refined
 from .motion import window_of, within
 
@@ -28,7 +26,14 @@ LEARNT = 9
 
 
 def with_background(
-    frames: Frames, mask: np.ndarray, plate: Plate, moving: Moving, settings: ObserveSettings, around: np.ndarray, progress: Progress
+    frames: Frames,
+    mask: np.ndarray,
+    plate: Plate,
+    moving: Moving,
+    settings: ObserveSettings,
+    around: np.ndarray,
+    progress: Progress,
+    journal: Journal,
 ) -> tuple[np.ndarray, Plate, Looks | None]:
     """The outline of picture 0, the background, and how the object differs from it, each found again by the others.
 
@@ -48,7 +53,7 @@ def with_background(
         mask = refined(frames[0], mask, plate, allowed, motion)
     looks, stayed = None, np.zeros_like(mask)
     if not settings.mask_model:
-        masks = _roughly(frames, mask, plate, progress)
+        masks = _roughly(frames, mask, plate, progress, journal)
         if areas(masks)[1:].any():
             plate = plate_behind(frames, masks, plate, median, progress)
             seen = np.flatnonzero(areas(masks))
@@ -68,7 +73,7 @@ def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
     return (count > STAYED * len(masks)) & (median.difference(first) < 4.0 * median.noise)
 
 
-def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress) -> Masks:
+def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress, journal: Journal) -> Masks:
     """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large."""
     x0, y0, x1, y1 = window_of(mask, 0)
     # Halving is several times quicker than other factors.
@@ -80,9 +85,10 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress)
         return picture if scale == 1.0 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
 
     def large(found: np.ndarray) -> np.ndarray:
-        return found if scale == 1.0 else cv2.resize(found.astype(np.uint8) * 255, full, interpolation=cv2.INTER_LINEAR) >= 128
+        return cv2.resize(found.astype(np.uint8) * 255, full, interpolation=cv2.INTER_LINEAR) >= 128
 
     behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
     first = small(mask.astype(np.uint8) * 255) >= 128
-    steps = carried((small(picture) for picture in frames), len(frames), first, behind, progress, 0.1, 0.3)
-    return Masks.of(itertools.chain([mask], (large(new) for new, _ in steps)))
+    follower = MaskFollower(small(frames[0]), first, behind, progress)
+    found = followed(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly"))
+    return found if scale == 1.0 else Masks.of(large(found[t]) if t else mask for t in range(len(found)))

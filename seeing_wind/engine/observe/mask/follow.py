@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 
-from ...progress import Progress
+from ...masks import Masks, Packing
+from ...progress import Loop, Progress
+from ...record_arrays import from_arrays, to_arrays
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
 from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out
 from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, window_of, within
+
+if TYPE_CHECKING:
+    from ..tracks.reseed import Generations
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -34,6 +40,22 @@ BESIDE_PLATE = 0.3
 """Weight of colours where the background is known."""
 
 
+class Follower(Protocol):
+    """What knows where the object is in one picture after the other. `flow` leads to the newest, None where it is hidden in either."""
+
+    mask: np.ndarray
+    flow: Flow | None
+
+    def advance(self, picture: np.ndarray) -> np.ndarray:
+        """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the pictures to come depend on, besides the newest picture and its mask."""
+
+    def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+        """Go on behind `picture` with its `mask`, as what gave `state` would have."""
+
+
 class MaskFollower:
     """Follows one object: whole-body search, flow, then all evidence round the carried silhouette.
 
@@ -46,9 +68,7 @@ class MaskFollower:
         hidden: the object was not found in the newest picture.
     """
 
-    def __init__(
-        self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, looks: Looks | None = None
-    ) -> None:
+    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, looks: Looks | None = None) -> None:
         """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
 
         `looks`: how the object differs from the plate; None learns it from picture 0.
@@ -90,6 +110,24 @@ class MaskFollower:
             paste(mask, found, where)
         self.mask = mask
         return mask
+
+    def state(self) -> dict[str, np.ndarray]:
+        """See `Follower.state`."""
+        return {
+            "shape": self._shape,
+            "shape_window": np.array(self._shape_window),
+            "template": self._template,
+            "velocity": self.velocity,
+            "counts": np.array([self._steps, self._missed, self.hidden]),
+        }
+
+    def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+        """See `Follower.resume`."""
+        x0, y0, x1, y1 = (int(value) for value in state["shape_window"])
+        steps, missed, hidden = (int(value) for value in state["counts"])
+        self._shape, self._shape_window, self._template = state["shape"], (x0, y0, x1, y1), state["template"]
+        self._steps, self._missed, self.hidden, self.velocity = steps, missed, hidden > 0, state["velocity"]
+        self._gray, self.mask, self.flow = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), mask, None
 
     def _changed(self, picture: np.ndarray) -> np.ndarray | None:
         """Evidence (H, W) float32 in 0..1 that a pixel is not background: 0.5 at five times the noise."""
@@ -172,19 +210,37 @@ class MaskFollower:
         self._template = cut(picture, self._shape_window).copy()
 
 
-def carried(
-    pictures: Iterable[np.ndarray],
+def followed(
+    picture: Callable[[int], np.ndarray],
     count: int,
-    mask: np.ndarray,
-    plate: Plate | None,
+    follower: Follower,
     progress: Progress,
-    start: float,
-    end: float,
-    looks: Looks | None = None,
-) -> Iterator[tuple[np.ndarray, MaskFollower]]:
-    """The masks of pictures 1 to T of `count` and the follower in its state after each; reports progress from `start` to `end`."""
-    rest = iter(pictures)
-    follower = MaskFollower(next(rest), mask, plate, progress, looks)
-    for t, picture in enumerate(rest, start=1):
-        progress.update(start + (end - start) * t / count, f"following the object, frame {t} of {count - 1}")
-        yield follower.advance(picture), follower
+    loop: Loop,
+    points: Generations | None = None,
+) -> Masks:
+    """The masks (T+1, H, W) of `count` pictures, all False where the object is hidden or gone.
+
+    Args:
+        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at picture 0.
+        points: advanced beside the follower, so that a large clip is read once.
+    """
+    packing = Packing()
+    packing.add(follower.mask)
+    done, kept = loop.resume()
+    if done:
+        masks = from_arrays(Masks, kept, "masks.")
+        packing = Packing(masks)
+        follower.resume(picture(done), masks[done], kept)
+        if points is not None:
+            points.resume(picture, masks, kept)
+
+    def state() -> dict[str, np.ndarray]:
+        return to_arrays(packing.masks(), "masks.") | follower.state() | (points.state() if points is not None else {})
+
+    for t in range(done + 1, count):
+        progress.update(t / count, f"following the object, frame {t} of {count - 1}")
+        packing.add(follower.advance(picture(t)))
+        if points is not None:
+            points.advance(picture(t), follower.flow, follower.mask)
+        loop.reached(t, state)
+    return packing.masks()

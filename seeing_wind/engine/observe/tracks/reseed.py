@@ -6,11 +6,13 @@ is known (`observe/object/motion/late.py`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
+from ...masks import Masks
 from ..mask.motion import Flow
 from .tracker import MOST, Tracker, find_corners
 
@@ -34,8 +36,11 @@ MOST_LATE = 400
 class _Generation:
     first: int
     """The picture in which it began."""
+    corners: np.ndarray
+    """(K, 2) [px], from which it set out."""
     tracker: Tracker
     rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    """Position, visibility and sigma in each picture since then."""
 
 
 class Generations:
@@ -68,7 +73,30 @@ class Generations:
 
     def _begin(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
         tracker = Tracker(picture, mask, corners)
-        self._generations.append(_Generation(self._count, tracker, [(tracker.xy, tracker.visible, tracker.sigma)]))
+        self._generations.append(_Generation(self._count, corners, tracker, [(tracker.xy, tracker.visible, tracker.sigma)]))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the pictures to come depend on, besides the pictures and masks behind, and the tracks so far."""
+        found = {"generations": np.array([one.first for one in self._generations])}
+        for number, one in enumerate(self._generations):
+            rows = dict(zip(("rows.xy", "rows.visible", "rows.sigma"), (np.stack(values) for values in zip(*one.rows))))
+            parts = one.tracker.state() | rows | {"corners": one.corners}
+            found |= {f"generation {number}.{key}": value for key, value in parts.items()}
+        return found
+
+    def resume(self, picture: Callable[[int], np.ndarray], masks: Masks, state: dict[str, np.ndarray]) -> None:
+        """Go on behind the last of `masks`, as what gave `state` would have; `picture` gives (H, W, 3) uint8 RGB by its number."""
+        self._generations.clear()
+        for number, first in enumerate(state["generations"].tolist()):
+            before = f"generation {number}."
+            own = {key.removeprefix(before): value for key, value in state.items() if key.startswith(before)}
+            self._count = first
+            self._begin(picture(first), masks[first], own["corners"])
+            begun = self._generations[-1]
+            begun.tracker.resume(own)
+            begun.rows = list(zip(own["rows.xy"], own["rows.visible"], own["rows.sigma"]))
+        self._late = sum(len(one.corners) for one in self._generations[1:])
+        self._count = len(masks)
 
     def _bare(self, mask: np.ndarray) -> np.ndarray:
         """(H, W) bool: the object where no track is near."""

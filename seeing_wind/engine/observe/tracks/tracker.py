@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ...record_arrays import from_arrays, to_arrays
 from ..mask.motion import Flow, middle_of
 from .anchor import HALF, Patches, align, cut_patches, sample, smooth
 from .neighbours import disagreement, predict
@@ -212,6 +213,28 @@ class Tracker:
         self.visible = seen
         self._unseen = np.where(seen, 0, self._unseen + 1)
         self._sigma = np.maximum(sigma, FLOOR)
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the pictures to come depend on, besides what the tracker was made of."""
+        second = {} if self._second is self._patches else to_arrays(self._second, "second.")
+        return second | {
+            "second_affine": self._second_affine,
+            "second_sigma": self._second_sigma,
+            "affine": self._affine,
+            "unseen": self._unseen,
+            "center": self._center,
+            "xy": self._xy,
+            "sigma": self._sigma,
+            "visible": self.visible,
+        }
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Go on as a tracker made of the same, which gave `state`, would have."""
+        if "second.values" in state:
+            self._second = from_arrays(Patches, state, "second.")
+        self._second_affine, self._second_sigma = state["second_affine"], state["second_sigma"]
+        self._affine, self._unseen, self._center = state["affine"], state["unseen"], state["center"]
+        self._xy, self._sigma, self.visible = state["xy"], state["sigma"], state["visible"]
 
     def _anchor(
         self, now: np.ndarray, start: np.ndarray, affine: np.ndarray, wanted: np.ndarray

@@ -1,0 +1,118 @@
+"""Following the object through the clip: its masks and its tracks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ObjectError
+from ..masks import Masks, areas
+from ..progress import Journal, Progress
+from ..settings import ObserveSettings
+from .clip.frames import Clip
+from .clip.lens import Lens
+from .clip.stored import Frames
+from .mask.background import Plate
+from .mask.evidence import Looks
+from .mask.follow import Follower, MaskFollower, followed
+from .networks import Outlined, network_masks, network_tracks
+from .tracks.centroid import centroid_track
+from .tracks.file import read_tracks
+from .tracks.reseed import Generations
+from .tracks.tracker import ENOUGH, find_corners
+
+FEW_PATCHES = 900
+"""Pixels (three tracking patches) below which a body's corners are nearly one and the same patch: losing some, all go."""
+
+SILHOUETTE = 0.02
+"""A turning body's silhouette has its centroid off the body's own by about this part of its size."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Of K points through T+1 pictures; the fields are those of `records.Observation`."""
+
+    xy: np.ndarray
+    visible: np.ndarray
+    sigma: np.ndarray
+    on_centroid: np.ndarray
+
+
+def follow(
+    clip: Clip,
+    mask: np.ndarray,
+    plate: Plate | None,
+    looks: Looks | None,
+    lens: Lens,
+    settings: ObserveSettings,
+    progress: Progress,
+    journal: Journal,
+) -> tuple[Masks, Tracks]:
+    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
+    frames = clip.frames
+    given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    if settings.tracks:
+        xy, visible, sigma = read_tracks(settings.tracks, len(frames), clip.first_frame, lens.filmed_map(mask), progress)
+        given = (lens.straight_points(xy), visible, sigma)
+    elif settings.track_model:
+        given = network_tracks(settings.track_model, frames, mask, progress)
+    corners = find_corners(frames[0], mask) if given is None else np.zeros((0, 2))
+    # A body of a few patches or corners is followed by its silhouette where they are lost: new ones would be as few.
+    reseed = len(corners) >= ENOUGH and int(mask.sum()) >= FEW_PATCHES
+    points = Generations(frames[0], mask, corners, reseed=reseed)
+    if settings.mask_model:
+        outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
+        follower: Follower = Outlined(frames[0], outlines)
+    else:
+        follower = MaskFollower(frames[0], mask, plate, progress, looks)
+    masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
+    seen = areas(masks) > 0
+    _tell_lost(seen, progress)
+    if given is not None:
+        return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))
+    xy, visible, sigma = points.tracks()
+    found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool))
+    # Later tracks do not count: only those of picture 0 say for certain where on the body they are.
+    enough = visible[:, : len(corners)].sum(axis=1) >= ENOUGH
+    if enough[seen].all():
+        return masks, found
+    return masks, _with_centroid(frames, masks, plate, found, enough, progress)
+
+
+def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
+    """Say where the object is out of sight: `seen` (T+1,) bool. Raises ObjectError where that is everywhere but in picture 0."""
+    if not seen[1:].any():
+        raise ObjectError(
+            "The object is lost right after the first picture.",
+            "Mark it more closely, start where it is in full view, or choose a slower clip.",
+        )
+    if not seen.all():
+        lost = np.flatnonzero(~seen)
+        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in picture {lost[0]}.")
+
+
+def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: Tracks, enough: np.ndarray, progress: Progress) -> Tracks:
+    """The silhouette's centroid instead of the corner tracks, or after them.
+
+    Not `enough` (T+1,) corners for most of the clip's first half, or a tiny body: the centroid alone. Corners that turn out of sight
+    later (a sheet seen edge-on): the centroid joins where they are too few, with the larger sigma of a silhouette that turns.
+    """
+    place, visible, sigma = centroid_track(frames, masks, plate)
+    if enough[: max(2, len(frames) // 2)].mean() < 0.75 or masks[0].sum() < FEW_PATCHES:
+        progress.warn(
+            "The object is too small or too plain for single points, so its silhouette's centroid is followed: its rotation stays unknown."
+        )
+        return Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
+    joins = visible & ~enough
+    progress.warn(
+        f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} pictures; "
+        "there the silhouette's centroid is followed."
+    )
+    sigma = np.hypot(sigma, SILHOUETTE * np.sqrt(areas(masks).max()))
+    return Tracks(
+        np.concatenate([corners.xy, place[:, None]], axis=1),
+        np.concatenate([corners.visible, joins[:, None]], axis=1),
+        np.concatenate([corners.sigma, sigma[:, None]], axis=1),
+        np.append(corners.on_centroid, True),
+    )
