@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .errors import UsageError
-from .progress import NoProgress, Progress
+from .progress import Journal, NoProgress, Progress
 from .reading import LARGEST_ARRAYS
 from .record_arrays import from_arrays, read_body, to_arrays
 from .records import Body, Gaussians, Observation, TrackTargets
@@ -77,20 +77,24 @@ def observation_stamp(clip: str, settings: ObserveSettings) -> str:
 def build_stage(take: Take, observation: Observation, upstream: str, settings: BuildSettings, progress: Progress) -> tuple[Body, str]:
     """Stage *build* -> `particles.npz` and `gaussians.ply`. Returns the body and its stamp."""
     from .look import write_ply
+    from .recovery.journal import TakeJournal
 
     stamp = stamp_of("build", VERSION, upstream, settings)
     kept = take.kept("build", stamp, lambda: read_body(take), progress)
     if kept is not None and take.file("gaussians.ply").is_file():
         return kept, stamp
     progress.begin("build", "building the body")
-    body = build_body(observation, settings, progress)
-    write_gaussians(take, body.gaussians, write_ply)
-    take.write_arrays("particles.npz", to_arrays(body))
-    take.finish("build", stamp, to_mapping(settings))
+    with TakeJournal(take, stamp, progress) as journal:
+        body = build_body(observation, settings, progress, journal)
+        write_gaussians(take, body.gaussians, write_ply)
+        take.write_arrays("particles.npz", to_arrays(body))
+        take.finish("build", stamp, to_mapping(settings))
     return body, stamp
 
 
-def build_body(observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None) -> Body:
+def build_body(
+    observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None, journal: Journal | None = None
+) -> Body:
     """The object as physics moves it and as it looks, without a take.
 
     Raises:
@@ -100,7 +104,7 @@ def build_body(observation: Observation, settings: BuildSettings | None = None, 
     from .observe.object import build
 
     progress = progress or NoProgress()
-    return dress(build(observation, settings, progress.part(0.0, 0.2)), observation, progress.part(0.2, 1.0))
+    return dress(build(observation, settings, progress.part(0.0, 0.2), journal), observation, progress.part(0.2, 1.0))
 
 
 def write_gaussians(take: Take, gaussians: Gaussians, write_ply) -> None:

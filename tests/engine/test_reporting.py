@@ -16,7 +16,7 @@ from seeing_wind.engine.command import verbs
 from seeing_wind.engine.command.reporting import reported
 from seeing_wind.engine.errors import MissingPackage, TakeError
 from seeing_wind.engine.field import UniformField
-from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
+from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.take import Take
 
@@ -37,7 +37,7 @@ class Drawing:
     def __init__(self, take: Take, missing: dict[str, str] | None = None, error: BaseException | None = None) -> None:
         self.take, self.missing, self.error, self.drawn = take, missing or {}, error, 0
 
-    def __call__(self) -> dict[str, Any]:
+    def __call__(self, journal: Journal) -> dict[str, Any]:
         self.drawn += 1
         if self.error is not None:
             raise self.error

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
-from tests.faults.counts import COUNTS, draws
+from tests.faults.counts import COUNTS, WHOLE, draws
 from tests.faults.seeds import FPS
 from tests.faults.worker import Worker
 
@@ -106,3 +108,49 @@ def test_a_killed_job_resumes_to_the_same_result(worker: Worker, seeds: Path, re
     worst = max(again)
     print(f"\nkills: at most {worst[0]:.1f} s were worked again, in {worst[1]}, killed in {worst[2] or 'its start'}")
     assert not wrong, "\n".join(wrong)
+
+
+SWUNG = ["long.avi", "--take", "o.take", "--box", 46, 20, 114, 82, "--distance", 2, "--fps", FPS]
+LONG = {
+    "observe": Job(["observe", *SWUNG], (), ("o.take/observation.npz",)),
+    "recover": Job(["recover", *SWUNG, "--iterations", 1], (), ("o.take/particles.npz", "o.take/field.safetensors")),
+}
+PICTURES = 200
+
+
+def write_long_clip(folder: Path) -> None:
+    """A patterned square that swings before a patterned wall: seconds of work in every stage."""
+    draw = np.random.default_rng(5)
+    wall, square = (cv2.resize(draw.integers(low, high, (h, w, 3)).astype(np.uint8), size, interpolation=cv2.INTER_CUBIC)
+                    for low, high, h, w, size in ((60, 120, 30, 40, (320, 240)), (120, 255, 15, 15, (60, 60))))  # fmt: skip
+    writer = cv2.VideoWriter(str(folder / "long.avi"), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (320, 240))
+    for t in range(PICTURES):
+        picture, x, y = wall.copy(), 50 + t // 2, round(20 + 30 * np.sin(t / 9.0) ** 2)
+        picture[y : y + 60, x : x + 60] = square
+        writer.write(picture)
+    writer.release()
+
+
+@pytest.mark.parametrize("verb", ["observe", pytest.param("recover", marks=pytest.mark.skipif(not WHOLE, reason="minutes"))])
+def test_a_long_clip_goes_on_where_it_was_killed(worker: Worker, seeds: Path, tmp_path: Path, verb: str) -> None:
+    write_long_clip(seeds)
+    whole, job = tmp_path / "whole", LONG[verb]
+    shutil.copytree(seeds, whole)
+    reference = worker.run(job.argv, whole, seconds=PATIENT)
+    wanted, chance, again = left(job, whole), random.Random(25), []
+    assert reference.code in (0, 3) and len(wanted) == len(job.results), (reference.code, reference.error, reference.stderr[-2000:])
+    for number in range(draws(1, 8)):
+        folder = tmp_path / str(number)
+        shutil.copytree(seeds, folder)
+        moment = chance.uniform(0.0, reference.seconds)
+        cut = worker.run(job.argv, folder, seconds=PATIENT, marker='"stage": "observe"', kill_after=moment)
+        COUNTS["kills"] += cut.code == -9
+        resumed = worker.run(job.argv, folder, seconds=PATIENT)
+        COUNTS["tracebacks"] += cut.traceback + resumed.traceback
+        same = resumed.code == reference.code and not resumed.traceback and left(job, folder) == wanted
+        COUNTS["lost"] += not same
+        assert same, f"{number}, killed after {moment:.1f} s: {resumed.code}, {resumed.error}, {resumed.stderr[-800:]}"
+        again.append((cut.seconds + resumed.seconds - reference.seconds, moment))
+        shutil.rmtree(folder)
+    print(f"\n{verb} of a clip of {PICTURES} pictures, {reference.seconds:.0f} s: at most {max(again)[0]:.1f} s were worked again, "
+          f"killed after {max(again)[1]:.1f} s")  # fmt: skip

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import UsageError
 from ..materials import adjusted, find
-from ..progress import Progress
+from ..progress import Journal, Progress
 from ..records import Outcome
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
 from ..stages import build_stage, check_solve, observe_stage, picture_loss, track_targets, write_gaussians
@@ -143,11 +143,13 @@ def _recover_into(
     wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
     recovery = dataclasses.replace(recovery, notes=[*wind.notes, *recovery.notes])
 
-    def draw() -> dict[str, Any]:
+    def draw(journal: Journal) -> dict[str, Any]:
         from ..look.report import write_report
 
-        spent = seconds | solve_seconds
-        return write_report(take, observation, body, recovery, field, spent, settings, progress, level=arguments.report, wind=wind.told)
+        spent, level = seconds | solve_seconds, arguments.report
+        return write_report(
+            take, observation, body, recovery, field, spent, settings, progress, level=level, wind=wind.told, journal=journal
+        )
 
     return reported(take, recovery, arguments.report, observation.clip, draw, progress)
 
@@ -189,7 +191,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
         wind = wind_stage(take, None, particles, material, recovery, source.fps, blown, settings, progress)
         recovery = dataclasses.replace(recovery, notes=[*wind.notes, *recovery.notes])
 
-        def draw() -> dict[str, Any]:
+        def draw(_: Journal) -> dict[str, Any]:
             from ..look.report import write_trajectory_report
 
             return write_trajectory_report(

@@ -7,21 +7,22 @@ from collections.abc import Callable
 from typing import Any
 
 from ..errors import SeeingWindError
-from ..progress import Cancelled, Progress
+from ..progress import Cancelled, Journal, Progress
 from ..records import Outcome, Recovery
 from ..take import VERSION, Take, stamp_of
 
 Result = dict[str, Any]
+Draw = Callable[[Journal], dict[str, Any]]
 
 
-def reported(take: Take, recovery: Recovery, level: str, clip: str, draw: Callable[[], dict[str, Any]], progress: Progress) -> Result:
+def reported(take: Take, recovery: Recovery, level: str, clip: str, draw: Draw, progress: Progress) -> Result:
     """The result of a recovery whose field is in the take. That the field is of no use, and what of the report could not be made, are
     warnings in it: they fail no job.
 
     Args:
         level: how much of it is drawn, see `look.report.write_report`.
         clip: path that the report names; "" for trajectories.
-        draw: draws it, and returns what report.json holds.
+        draw: draws it, keeping in the journal what is made, and returns what report.json holds.
 
     Raises:
         Cancelled: at a safe point.
@@ -54,11 +55,13 @@ def diverged(recovery: Recovery) -> Result:
     return {"outcome": Outcome.DIVERGED.value, "iterations": recovery.iterations, "notes": recovery.notes}
 
 
-def _report_stage(take: Take, level: str, clip: str, draw: Callable[[], dict[str, Any]], progress: Progress) -> dict[str, Any]:
+def _report_stage(take: Take, level: str, clip: str, draw: Draw, progress: Progress) -> dict[str, Any]:
     """Stage *report* of the recovery that the take holds: what `draw` returns, or what it has left in `report.json`.
 
     A report that lacks a product gets no stamp, so that it is drawn again when the job is.
     """
+    from ..recovery.journal import TakeJournal
+
     stages = take.description().get("stages", {})
     recovered, wind = (stages.get(stage, {}).get("stamp", "") for stage in ("recover", "wind"))
     stamp = stamp_of("report", VERSION, recovered, level, clip, *([wind] if wind else []))
@@ -68,9 +71,10 @@ def _report_stage(take: Take, level: str, clip: str, draw: Callable[[], dict[str
             return kept
     progress.begin("report", "drawing the report")
     take.withdraw("report")
-    report = draw()
-    if level != "none" and not report["report"]["missing"]:
-        take.finish("report", stamp, {"level": level})
+    with TakeJournal(take, stamp, progress) as journal:
+        report = draw(journal)
+        if level != "none" and not report["report"]["missing"]:
+            take.finish("report", stamp, {"level": level})
     progress.update(1.0, "done")
     return report
 

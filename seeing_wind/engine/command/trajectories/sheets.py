@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import MaterialError, ObjectError, UsageError
 from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, find
-from ...progress import Progress
+from ...progress import Journal, Progress
 from ...reading import array_names
 from ...records import Outcome
 from ...settings import RecoverSettings, WindSettings
@@ -62,7 +62,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
         recovery = dataclasses.replace(found.recovery, notes=[*notes, *found.wind.notes, *found.recovery.notes])
         assert recovery.outcome != Outcome.DIVERGED
 
-        def draw() -> dict[str, Any]:
+        def draw(_: Journal) -> dict[str, Any]:
             from ...look.report import write_trajectory_report
 
             told = found.wind.told if found.wind.field is not None or arguments.field == "auto" else None

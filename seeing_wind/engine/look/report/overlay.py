@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -37,16 +36,13 @@ def write_overlay(
     field: ForceField,
     progress: Progress | None = None,
     sampled: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Path:
+) -> None:
     """Draw the field's forces at the moving particles on every picture and write overlay.mp4 into the take.
 
     Args:
         frames: the clip's T + 1 pictures (H, W, 3) uint8 RGB; observation: at their size.
         recovery: its simulated particle positions carry the arrows.
         sampled: force density (T, N, 3) and confidence (T, N) of `field` at the particles, if they are known already: it takes long.
-
-    Returns:
-        The video's path.
 
     Raises:
         ClipError: when `frames` ends before picture T.
@@ -62,7 +58,6 @@ def write_overlay(
                 raise ClipError(f"The clip ends at picture {picture}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
             writer.write(cv2.cvtColor(drawing.draw(image, picture), cv2.COLOR_RGB2BGR))
             progress.update((picture + 1) / len(recovery.x), "overlay.mp4")
-    return take.file("overlay.mp4")
 
 
 class _Drawing:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import time
 import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from ...errors import SeeingWindError
-from ...progress import Cancelled, Progress
+from ...progress import Cancelled, Journal, Progress
 
 T = TypeVar("T")
 
@@ -16,15 +19,24 @@ Level = Literal["none", "quick", "full"]
 """How much of a report is made: see `write_report`."""
 
 
+@dataclass(frozen=True)
+class _Numbers:
+    found: str
+    """JSON."""
+
+
 class Products:
     """Makes products one by one, keeping the time that each takes and why one is missing.
+
+    Args:
+        journal: of the report, so that a file that a killed run has made is not made again.
 
     Attributes:
         record: `level`; `seconds` per product made; `missing`, a sentence per product that could not be.
     """
 
-    def __init__(self, level: Level, progress: Progress) -> None:
-        self._progress = progress
+    def __init__(self, level: Level, progress: Progress, journal: Journal) -> None:
+        self._progress, self.journal = progress, journal
         self.record: dict[str, Any] = {"level": level, "seconds": {}, "missing": {}}
 
     def make(self, name: str, work: Callable[[], T], *, timed: bool = True) -> T | None:
@@ -49,6 +61,18 @@ class Products:
         if timed:
             self.record["seconds"][name] = round(time.perf_counter() - started, 3)
         return result
+
+    def film(self, path: Path, work: Callable[[], dict[str, float] | None]) -> dict[str, float] | None:
+        """`make` for the file `path` that `work` writes, and the numbers about it that it returns."""
+
+        def numbers() -> _Numbers:
+            return _Numbers(json.dumps(work()))
+
+        def kept() -> dict[str, float]:
+            found = self.journal.once(path.name, _Numbers, numbers)
+            return json.loads((found if path.is_file() else numbers()).found) or {}
+
+        return self.make(path.name, kept)
 
     def _miss(self, name: str, why: str) -> None:
         self.record["missing"][name] = why

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
 from ...field import ForceField
 from ...field.sampling import sample_points
-from ...progress import NoProgress, Progress
-from ...records import Body, Material, Observation, Particles, Recovery, as_found
+from ...progress import Journal, NoProgress, Progress
+from ...records import Body, Gaussians, Material, Observation, Particles, Recovery, as_found
 from ...settings import RecoverSettings, to_mapping
 from ...take import Take
 from ..over_clip import pictures_fitted
@@ -34,6 +35,7 @@ def write_report(
     truth: ForceField | None = None,
     level: Level = "full",
     wind: dict[str, Any] | None = None,
+    journal: Journal | None = None,
 ) -> dict[str, Any]:
     """Write what `level` asks for of a recovery from a clip.
 
@@ -45,6 +47,7 @@ def write_report(
         settings: of the recovery, repeated in the report.
         truth: the known field of a synthetic clip; adds the paper's two errors. Never part of the recovery.
         wind: what `recovery.wind.stage` says of it; None or empty where none was asked for.
+        journal: keeps what was made so far.
 
     Returns:
         What report.json holds. Its `report` tells of this report: `level`, `seconds` per product, and `missing`, the products that could
@@ -59,7 +62,7 @@ def write_report(
     figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, settings, truth)
     _add_wind(figures, wind)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
-    products = Products(level, progress)
+    products = Products(level, progress, journal or Journal())
     figures["report"] = products.record
     if level == "none":
         return figures
@@ -69,12 +72,13 @@ def write_report(
     keep = {*measured, *pictures_fitted(observation.masks, recovery).tolist()} if full else set(measured)
     footage = products.make("clip", lambda: film(observation, recovery, small, keep, progress))
     if footage is not None:
-        products.make("overlay.mp4", lambda: write_overlay(take, footage.clip.frames, small, recovery, field, progress, sampled))
+        products.film(take.file("overlay.mp4"), lambda: write_overlay(take, footage.clip.frames, small, recovery, field, progress, sampled))
     if footage is not None and full:
         # Where the look cannot be fitted, that of picture 0 does.
-        body = products.make("gaussians.ply", lambda: _write_look(take, footage, body, recovery, progress)) or body
+        body = products.make("gaussians.ply", lambda: _write_look(take, footage, body, recovery, progress, products.journal)) or body
         # How well force, body and look together explain the pictures themselves.
-        alike = products.make("resimulated.mp4", lambda: write_resimulated(take, footage.clip.frames, small, body, recovery, progress))
+        written = take.file("resimulated.mp4")
+        alike = products.film(written, lambda: write_resimulated(take, footage.clip.frames, small, body, recovery, progress))
         if small is not observation and alike is not None:
             alike = products.make("likeness", lambda: likeness(footage, body, recovery, measured, progress))
         if alike is not None:
@@ -100,7 +104,7 @@ def write_trajectory_report(
     confidence = sample_points(field, recovery.x[:-1])[1]
     figures = _figures(particles, material, recovery, field, confidence, seconds, settings, truth)
     _add_wind(figures, wind)
-    products = Products(level, progress or NoProgress())
+    products = Products(level, progress or NoProgress(), Journal())
     figures["report"] = products.record
     if level != "none":
         _first(take, products, figures, recovery, particles, field.fps, confidence, None)
@@ -128,9 +132,10 @@ def _first(
     products.make("report.json", lambda: take.write_json("report.json", figures), timed=False)
 
 
-def _write_look(take: Take, footage: Footage, body: Body, recovery: Recovery, progress: Progress) -> Body:
+def _write_look(take: Take, footage: Footage, body: Body, recovery: Recovery, progress: Progress, journal: Journal) -> Body:
     """gaussians.ply with the look of the whole clip; the body with that look."""
-    body = look_over_clip(footage, body, recovery, progress)
+    gaussians = journal.once("look", Gaussians, lambda: look_over_clip(footage, body, recovery, progress).gaussians)
+    body = dataclasses.replace(body, gaussians=gaussians)
     with take.writing("gaussians.ply") as path:
         write_ply(path, body.gaussians)
     return body

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...materials import PLASTIC_LAWS, Material, adjusted, find
-from ...progress import NoProgress, Progress
+from ...progress import Journal, NoProgress, Progress
 from ...records import Attachment, Body, Gaussians, Observation, Particles, Surface
 from ...settings import FLOWING_PARTICLES, PARTICLES, BuildSettings
 from .motion.keypoints import held, place, ride
@@ -39,11 +39,14 @@ class Built:
         return Body(self.particles, self.material, gaussians, self.surface, self.keypoints, self.lifted, self.tie_sigma)
 
 
-def build(observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None) -> Built:
+def build(
+    observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None, journal: Journal | None = None
+) -> Built:
     """Particles, material, surface and key points of the object in frame 0.
 
     Args:
         observation: what was seen; settings: material, thickness, number of particles.
+        journal: keeps the tracks that were lifted so far.
 
     Raises:
         MaterialError: an unknown material or numbers that are not physical.
@@ -78,7 +81,7 @@ def build(observation: Observation, settings: BuildSettings | None = None, progr
     arap: Arap = "previous" if flows else "rest"
     visible = observation.visible & np.isfinite(points).all(axis=1)
     sigma = np.hypot(observation.sigma, tie_sigma)
-    lifted = lift(observation.camera, observation.xy, visible, sigma, points, held(observation, points), arap, progress)
+    lifted = lift(observation.camera, observation.xy, visible, sigma, points, held(observation, points), arap, progress, journal)
     progress.update(1.0, f"{len(points)} key points lifted, surface of {len(surface.vertices)} vertices")
     return Built(
         particles=particles,

@@ -12,10 +12,12 @@ import pytest
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.field import UniformField
+from seeing_wind.engine.look.report import report as module
 from seeing_wind.engine.look.report import write_overlay, write_report, write_trajectory_report
-from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Observation, Outcome, Particles, Recovery, Surface
-from seeing_wind.engine.take import Take
+from seeing_wind.engine.recovery.journal import TakeJournal
+from seeing_wind.engine.take import Take, stamp_of
 
 FRAMES, COUNT, FPS = 5, 40, 20.0
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
@@ -113,6 +115,43 @@ def test_a_product_that_cannot_be_made_does_not_cost_the_others(tmp_path, pictur
     assert [path.name for path in (tmp_path / "b.take").iterdir()] == ["report.json"]
 
 
+def test_what_a_killed_report_has_made_is_not_made_again(tmp_path, pictures, monkeypatch):
+    found, particles = recovery()
+    seen, field = observation(pictures), UniformField(BOX, FPS, FRAMES, FORCE)
+    whole = write_report(Take(tmp_path / "whole.take"), seen, body(particles), found, field, {})
+    take, made = Take(tmp_path / "a.take"), []
+
+    class Killed(BaseException):
+        pass
+
+    def watched(name):
+        work = getattr(module, name)
+
+        def begun(*arguments):
+            made.append(name)
+            if made.count("write_resimulated") == 1 == made.count(name) and name == "write_resimulated":
+                raise Killed
+            return work(*arguments)
+
+        return begun
+
+    for name in ("write_overlay", "look_over_clip", "write_resimulated"):
+        monkeypatch.setattr(module, name, watched(name))
+    with pytest.raises(Killed), TakeJournal(take, "report", NoProgress()) as journal:
+        write_report(take, seen, body(particles), found, field, {}, journal=journal)
+    with TakeJournal(take, "report", NoProgress()) as journal:
+        resumed = write_report(take, seen, body(particles), found, field, {}, journal=journal)
+    assert made == ["write_overlay", "look_over_clip", "write_resimulated", "write_resimulated"]
+    assert resumed["resimulated"] == whole["resimulated"] and not resumed["report"]["missing"]
+    for name in ("overlay.mp4", "resimulated.mp4", "gaussians.ply"):
+        assert take.file(name).read_bytes() == (tmp_path / "whole.take" / name).read_bytes()
+    take.file("overlay.mp4").unlink()
+    with TakeJournal(take, "report", NoProgress()) as journal:
+        journal.keep("overlay.mp4 0", stamp_of(), {"found": np.array("null")})
+        write_report(take, seen, body(particles), found, field, {}, level="quick", journal=journal)
+    assert take.file("overlay.mp4").is_file(), "a film that somebody has removed is made again, whatever the journal says"
+
+
 def test_a_clip_that_was_replaced_is_not_drawn_on(tmp_path, pictures):
     found, particles = recovery()
     seen, field = observation(pictures), UniformField(BOX, FPS, FRAMES, FORCE)
@@ -155,7 +194,8 @@ def read(path) -> np.ndarray:
 def test_arrows_stand_on_the_object_and_point_with_the_force(tmp_path):
     found, _ = recovery()
     seen, field = observation("clip"), UniformField(BOX, FPS, FRAMES, [40.0, 0.0, 0.0])
-    path = write_overlay(Take(tmp_path), [seen.image] * (FRAMES + 1), seen, found, field)
+    write_overlay(Take(tmp_path), [seen.image] * (FRAMES + 1), seen, found, field)
+    path = tmp_path / "overlay.mp4"
     video = read(path)
     assert video.shape == (FRAMES + 1, 726, 966, 3), "enlarged to whole multiples, with even sides"
     colourful = np.ptp(video, axis=-1) > 60
@@ -176,7 +216,8 @@ def test_untrusted_forces_are_not_drawn(tmp_path):
 
     found, _ = recovery()
     seen = observation("clip")
-    video = read(write_overlay(Take(tmp_path), [seen.image] * (FRAMES + 1), seen, found, Doubtful(BOX, FPS, FRAMES, FORCE)))
+    write_overlay(Take(tmp_path), [seen.image] * (FRAMES + 1), seen, found, Doubtful(BOX, FPS, FRAMES, FORCE))
+    video = read(tmp_path / "overlay.mp4")
     assert (np.ptp(video[:, 250:500, 350:700], axis=-1) > 60).mean() < 0.001
 
 

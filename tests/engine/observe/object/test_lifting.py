@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.observe.object.motion.lifting import Sight, best_rotations, lift, lift_views, neighbour_edges
-from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.observe.object.motion.lifting import Sight, _Picture, best_rotations, lift, lift_views, neighbour_edges
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Camera
+from seeing_wind.engine.recovery import journal as journals
+from seeing_wind.engine.recovery.journal import TakeJournal
+from seeing_wind.engine.take import Take
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +47,28 @@ def test_rotation_aware_lift_follows_the_turn(scene) -> None:
     along, across = errors(run(scene), scene[0])
     assert along < 3e-3
     assert across < 3e-4
+
+
+def test_a_kill_costs_no_picture_that_was_lifted(scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Killed(BaseException):
+        pass
+
+    whole, solve, pictures = run(scene), _Picture.solve, 0
+
+    def killed_once(self, *arguments):
+        nonlocal pictures
+        pictures += 1
+        if pictures == 8:
+            raise Killed
+        return solve(self, *arguments)
+
+    monkeypatch.setattr(journals, "LATEST", 0.0)
+    monkeypatch.setattr(_Picture, "solve", killed_once)
+    with pytest.raises(Killed), TakeJournal(Take(tmp_path), "lift", NoProgress()) as journal:
+        run(scene, journal=journal)
+    with TakeJournal(Take(tmp_path), "lift", NoProgress()) as journal:
+        assert np.array_equal(run(scene, journal=journal), whole)
+    assert pictures == 13, "twelve and the one that was begun"
 
 
 def test_two_views_hold_a_stretching_plate(scene) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ....errors import ObjectError
-from ....progress import NoProgress, Progress
+from ....progress import Journal, NoProgress, Progress
 from ....records import Camera
 
 Arap = Literal["rest", "previous", "difference"]
@@ -60,6 +60,7 @@ def lift(
     pinned: np.ndarray | None = None,
     arap: Arap = "rest",
     progress: Progress | None = None,
+    journal: Journal | None = None,
 ) -> np.ndarray:
     """Lift tracks to 3D.
 
@@ -74,7 +75,7 @@ def lift(
     Raises:
         ObjectError: shapes that do not fit, or a start that is not finite.
     """
-    return lift_views([Sight(camera, xy, visible, sigma)], start, pinned, arap, progress)
+    return lift_views([Sight(camera, xy, visible, sigma)], start, pinned, arap, progress, journal)
 
 
 def lift_views(
@@ -83,6 +84,7 @@ def lift_views(
     pinned: np.ndarray | None = None,
     arap: Arap = "rest",
     progress: Progress | None = None,
+    journal: Journal | None = None,
 ) -> np.ndarray:
     """Lift the tracks of several cameras together: what one does not see, its neighbours' pixels in another hold, through rigidity.
 
@@ -108,7 +110,15 @@ def lift_views(
     points[0] = start[use]
     edges = neighbour_edges(points[0])
     rotation = np.broadcast_to(np.eye(3), (use.size, 3, 3)).copy()
-    for t in range(1, frames):
+    loop = (journal or Journal()).loop("lift")
+    done, kept = loop.resume()
+    if done:
+        points[: done + 1], rotation = kept["points"], kept["rotation"]
+
+    def state() -> dict[str, np.ndarray]:
+        return {"points": points[: done + 1], "rotation": rotation}
+
+    for t in range(done + 1, frames):
         progress.check()
         ahead = points[t - 1] if t == 1 else 2.0 * points[t - 1] - points[t - 2]
         looks = []
@@ -117,6 +127,8 @@ def lift_views(
             looks.append(_Look(one.camera, seen, one.xy[t, use[seen]], np.maximum(one.sigma[t, use[seen]], 1e-3)))
         problem = _Picture(looks, t, edges, points[0], held, arap)
         points[t], rotation = problem.solve(ahead, points[t - 1], rotation)
+        done = t
+        loop.reached(done, state)
     lifted[:, use] = points
     return lifted
 
