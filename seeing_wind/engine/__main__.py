@@ -25,6 +25,8 @@ from .conventions import LARGEST_PICTURE  # noqa: E402
 
 # Pictures that are larger are refused by their header, before anything is allocated. Read when OpenCV loads.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_PICTURE))
+# FFmpeg talks on stderr of every encoder that this machine has not; what went wrong is told in sentences.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 from .command import cancelling  # noqa: E402
 from .command.arguments import parser  # noqa: E402

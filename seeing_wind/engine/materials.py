@@ -179,6 +179,12 @@ def _check(material: Material) -> None:
         raise MaterialError(f"The loss factor of {material.name} is {material.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")
     if material.law in PLASTIC_LAWS and material.yield_stress == 0.0:
         raise MaterialError(f"{material.name} has the plastic law {material.law} but no yield stress.", "Give --yield-stress in Pa.")
+    if material.law not in PLASTIC_LAWS and material.yield_stress > 0.0:
+        plastic = " or ".join(sorted(PLASTIC_LAWS))
+        raise MaterialError(
+            f"{material.name} has the elastic law {material.law}, which knows no yield stress.",
+            f"Leave the yield stress out, or give --law {plastic}.",
+        )
 
 
 def _read_library() -> tuple[dict[str, Material], dict[str, Sheet]]:

@@ -125,9 +125,13 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
     if settings.body is not None:
         from .recovery.stage import known_body
 
+        if not Path(settings.body).is_dir():
+            raise UsageError(f"--body names {settings.body}, which is no folder.", "Give the take of another clip of the same thing.")
         known_body(settings.body)
     if settings.schedule == "paper" and (settings.still is not None or settings.body is not None):
         raise UsageError("--still and --body belong to the default schedule.", "Leave them out, or leave out --schedule paper.")
+    if settings.schedule != "paper" and settings.frame_iterations != RecoverSettings().frame_iterations:
+        raise UsageError("--frame-iterations belongs to --schedule paper.", "Leave it out, or add --schedule paper.")
     if settings.objective == "tracking":
         return
     if not clip:

@@ -5,9 +5,15 @@ Everything asks `windows()` here, so that a test can put one system's rules in a
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
+import shutil
+import socket
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -68,3 +74,36 @@ def long_paths() -> bool:
             return bool(winreg.QueryValueEx(key, "LongPathsEnabled")[0])  # type: ignore[attr-defined]
     except OSError:
         return False
+
+
+def alive(pid: int) -> bool:
+    """Whether there is a process of that number on this machine."""
+    if sys.platform == "win32":  # where os.kill would end it
+        import ctypes
+
+        kernel, synchronize = ctypes.windll.kernel32, 0x100000
+        handle = kernel.OpenProcess(synchronize, False, pid)
+        if handle:
+            running = kernel.WaitForSingleObject(handle, 0) != 0
+            kernel.CloseHandle(handle)
+            return bool(running)
+        return kernel.GetLastError() == 5  # it is there, and another user's
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
+
+
+@contextlib.contextmanager
+def scratch() -> Iterator[Path]:
+    """A folder for this process alone, removed at the end. Those that killed processes have left behind go first."""
+    host = re.sub(r"[^A-Za-z0-9-]", "-", socket.gethostname())  # others may have the same folder for temporary files
+    for path in Path(tempfile.gettempdir()).iterdir():
+        found = re.fullmatch(rf"seeing_wind_{host}_(\d+)_.*", path.name)
+        if found and not alive(int(found[1])):
+            shutil.rmtree(path, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=f"seeing_wind_{host}_{os.getpid()}_") as folder:
+        yield Path(folder)

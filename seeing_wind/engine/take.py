@@ -15,7 +15,6 @@ import io
 import json
 import os
 import re
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -94,7 +93,7 @@ class Take:
         """Remove what processes that are dead by now were writing."""
         for path in [*self.path.glob(".*.part*"), *self.path.glob("*/.*.part*")]:
             found = re.fullmatch(r"\..*\.(\d+)\.part(\..*)?", path.name)
-            if found and path.is_file() and (int(found[1]) == os.getpid() or not alive(int(found[1]))):
+            if found and path.is_file() and (int(found[1]) == os.getpid() or not systems.alive(int(found[1]))):
                 with contextlib.suppress(OSError):
                     path.unlink()
 
@@ -247,27 +246,6 @@ def npz(name: str, arrays: dict[str, np.ndarray]) -> bytes:
     content = io.BytesIO()
     np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
     return content.getvalue()
-
-
-def alive(pid: int) -> bool:
-    """Whether there is a process of that number on this machine."""
-    if sys.platform == "win32":  # where os.kill would end it
-        import ctypes
-
-        kernel, synchronize = ctypes.windll.kernel32, 0x100000
-        handle = kernel.OpenProcess(synchronize, False, pid)
-        if handle:
-            running = kernel.WaitForSingleObject(handle, 0) != 0
-            kernel.CloseHandle(handle)
-            return bool(running)
-        return kernel.GetLastError() == 5  # it is there, and another user's
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:
-        return True
-    return True
 
 
 def stamp_of(*parts: Any) -> str:

@@ -84,6 +84,9 @@ def square(tmp_path: Path) -> Path:
         (["--representation", "magic"], "must be causal_triplane or kplanes or point; this is 'magic'."),
         (["--box", "1", "2", "3", "4", "--mask", "m.png"], "not allowed with"),
         (["--material", "unobtainium", "--box", "12", "10", "32", "30"], "unobtainium"),
+        (["--yield-stress", "9", "--box", "12", "10", "32", "30"], "leaf has the elastic law neo_hookean"),
+        (["--frame-iterations", "5", "--box", "12", "10", "32", "30"], "--frame-iterations belongs to --schedule paper."),
+        (["--body", "nobody.take", "--box", "12", "10", "32", "30"], "--body names nobody.take, which is no folder."),
         (["--poisson-ratio", "0.5", "--box", "12", "10", "32", "30"], "oisson"),
     ],
 )
@@ -243,6 +246,15 @@ def test_sigint_cancels_at_a_safe_point_and_leaves_no_half_written_file(square: 
     assert first["type"] in ("progress", "warning")
     assert worker.wait(timeout=60) == 130 and rest[-1]["outcome"] == "cancelled"
     assert not [path for path in (tmp_path / "t.take").rglob("*") if "part" in path.name]
+
+
+def test_a_farm_is_asked_in_a_way_that_makes_sense(engine, tmp_path: Path) -> None:
+    (tmp_path / "jobs.toml").write_text('[[job]]\ntake = "t"\nclip = "jobs.toml"\n')
+    messages = engine("batch", tmp_path / "jobs.toml", "--ray", "nohost", expect=2)
+    assert messages[-1]["message"] == "--ray is nohost, no address. Give HOST:PORT of the cluster's head, or auto."
+    with pytest.raises(UsageError) as caught:
+        parser().parse_args(["batch", "jobs.toml", "--ray", "auto", "--attempts", "0"])
+    assert "at least 1 and at most 100; this is 0." in caught.value.message and not caught.value.hint
 
 
 def test_gravity_takes_exponents_and_counts_have_bounds() -> None:

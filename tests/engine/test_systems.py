@@ -75,6 +75,22 @@ def test_a_take_whose_path_is_too_long_is_refused_before_the_work(on_windows: py
     Take(deep).prepare()
 
 
+def test_a_scratch_folder_of_a_killed_process_goes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(systems.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setattr(systems.tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(systems.socket, "gethostname", lambda: "host.net")
+    with systems.scratch() as ours:
+        assert ours.parent == tmp_path and ours.name.startswith(f"seeing_wind_host-net_{os.getpid()}_")
+        names = ("host-net_999999999", "elsewhere_999999999", f"host-net_{os.getppid()}")
+        killed, other, alive = (tmp_path / f"seeing_wind_{name}_x" for name in names)
+        for folder in (killed, other, alive):
+            folder.mkdir()
+            (folder / "mask.png").touch()
+        with systems.scratch():
+            assert not killed.exists() and other.is_dir() and alive.is_dir() and ours.is_dir()
+    assert not ours.exists()
+
+
 def test_how_processes_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(systems, "windows", lambda: True)
     assert systems.quiet() == {"creationflags": 0x08000000} and systems.apart() == {"creationflags": 0x08000200}

@@ -55,6 +55,7 @@ def test_what_the_file_says(tmp_path: Path) -> None:
         {"gravity": [1.0, 2.0]},
         {"gravity": [0.0, 0.0, float("nan")]},
         {"gravity": 9.81},
+        {"gravity": [0.0, 0.0, 1e30]},
         {"rho": np.ones(27)},
         {"rho": 0.0},
         {"yield_stress": -1.0},

@@ -181,7 +181,7 @@ def _substeps_for(speed: float, path: np.ndarray | None, dx: float, frame_dt: fl
     if needed > max_substeps:
         raise SimulationError(
             f"{who} at {speed:.3g} m/s crosses {needed} cells of {dx:.2g} m in a frame, more than {max_substeps} substeps.",
-            "Use fewer particles, allow more substeps, or move more slowly.", quantity="velocity",
+            "Use fewer particles or allow more substeps; if it is not as fast as that, check scale and fps.", quantity="velocity",
         )  # fmt: skip
     return needed
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from .. import systems
 from ..errors import ObjectError
 from ..progress import Journal, Progress
 from ..records import Observation
@@ -58,8 +58,8 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, jo
     if clip.frames.shape[1:3] == clip.size:
         return _seen(clip, settings, progress, journal)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
-    with tempfile.TemporaryDirectory(prefix="seeing_wind_") as folder:
-        seen = _seen(clip, size.settings(settings, clip, Path(folder)), progress, journal)
+    with systems.scratch() as folder:
+        seen = _seen(clip, size.settings(settings, clip, folder), progress, journal)
     return pinned(size.observation(seen, clip), settings.pin)
 
 

@@ -137,8 +137,8 @@ class Option:
         return f"{self.help}{f' [{self.unit}]' if self.unit else ''}{choices}{f' ({more})' if more else ''}"
 
     def sentence(self) -> str:
-        """The help as a sentence."""
-        return f"{self.help[:1].upper()}{self.help[1:]}."
+        """The help as a sentence; "" without."""
+        return f"{self.help[:1].upper()}{self.help[1:]}." if self.help else ""
 
     def _bounds(self) -> str:
         parts = [("above", self.above), ("at least", self.minimum), ("below", self.below), ("at most", self.maximum)]

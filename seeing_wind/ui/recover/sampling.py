@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ...engine.take import Take, alive
+from ...engine.systems import alive
+from ...engine.take import Take
 from ..field.lattice import fine_lattice, lattice
 from ..job import worker
 from ..job.take_reading import field_summary, trajectory

@@ -38,7 +38,7 @@ def test_rim_takes_the_objects_own_depth(tmp_path: Path) -> None:
     assert (depth[MASK] == 1.0).all() and told[0]["type"] == "warning"
 
 
-@pytest.mark.parametrize("case", ["shape", "half", "empty", "text", "none", "object"])
+@pytest.mark.parametrize("case", ["shape", "half", "empty", "text", "none", "object", "bool"])
 def test_files_refused(tmp_path: Path, case: str) -> None:
     path = tmp_path / "d.npy"
     values = np.ones((20, 30))
@@ -51,6 +51,8 @@ def test_files_refused(tmp_path: Path, case: str) -> None:
         np.save(path, -values)
     elif case == "text":
         path.write_text("no array")
+    elif case == "bool":
+        np.save(path, values > 0.0)
     elif case == "object":
         np.save(path, np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(UsageError) as caught:

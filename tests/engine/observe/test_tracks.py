@@ -137,7 +137,7 @@ def test_given_tracks_replace_ours(disc: Scene, tmp_path: Path) -> None:
     assert np.allclose(part.xy[0], xy[2, :8])
 
 
-@pytest.mark.parametrize("case", ["keys", "rows", "shape", "nan", "sigma", "off", "text", "none"])
+@pytest.mark.parametrize("case", ["keys", "rows", "shape", "nan", "sight", "sigma", "off", "text", "none"])
 def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
     xy = np.tile(disc.centers[0], (13, 4, 1))
     values = {"xy": xy, "visible": np.ones((13, 4), bool), "sigma": np.full((13, 4), 0.2)}
@@ -149,6 +149,8 @@ def test_track_files_refused(disc: Scene, tmp_path: Path, case: str) -> None:
         values["visible"] = np.ones((13, 3), bool)
     elif case == "nan":
         xy[4, 1] = np.nan
+    elif case == "sight":
+        values["visible"] = np.where(np.eye(13, 4) > 0, np.nan, 1.0)
     elif case == "sigma":
         values["sigma"][0, 0] = 0.0
     elif case == "off":

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import socket
-import tempfile
 import time
 from collections.abc import Generator, Iterable, Mapping
 from dataclasses import dataclass
@@ -19,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ... import __version__
+from ... import __version__, systems
 from ...errors import SeeingWindError, UsageError
 from ...take import Take
 from .. import lock
@@ -62,7 +60,11 @@ def carry_out(order: Order, files: Mapping[str, bytes]) -> Generator[Message, No
         files: content by the asker's path; none where the folder is shared.
     """
     yield {"type": "started", "host": socket.gethostname()}
-    root = Path(tempfile.mkdtemp(prefix="seeing_wind_job_"))
+    with systems.scratch() as root:
+        yield from _carry_out(order, files, root)
+
+
+def _carry_out(order: Order, files: Mapping[str, bytes], root: Path) -> Generator[Message, None, None]:
     away = {} if order.shared else {path: str(_below(root, path)) for path in {*order.paths, *order.takes, *files}}
     home = dict(sorted(((there, here) for here, there in away.items()), key=lambda pair: -len(pair[0])))
     try:
@@ -83,8 +85,6 @@ def carry_out(order: Order, files: Mapping[str, bytes]) -> Generator[Message, No
         yield {"type": "died", "message": _at_home(str(error), home)}
     except SeeingWindError as error:
         yield {"type": "failed", "message": _at_home(str(error), home)}
-    finally:
-        shutil.rmtree(root, ignore_errors=True)
 
 
 def _below(root: Path, path: str) -> Path:

@@ -17,6 +17,8 @@ FASTEST = 1000.0
 """Speed [m/s] of most of a body's points that no wind gives: three times that of sound."""
 NUMBERS = {"density": "rho", "youngs_modulus": "E", "poisson_ratio": "nu"}
 """Properties of `Material` -> keys of the file."""
+STRONGEST = 1e4
+"""Gravity [m/s²] along an axis at most, as of `RecoverSettings.gravity`."""
 READ = ("x", "fps", "rho", "E", "nu", "yield_stress", "fixed", "gravity", "visible", "sigma", "covariance", "material")
 """Keys of a file."""
 SHEET_KEYS = ("faces", "areal_density", "thickness", "damping")
@@ -118,6 +120,8 @@ def gravity_of(
     gravity = numbers_in(values.get("gravity", np.zeros(3)), "gravity", path)
     if gravity.shape not in ((), (3,)) or not np.isfinite(gravity).all() or (gravity.shape == () and gravity != 0.0):
         raise UsageError(f"{path}: gravity is {gravity.tolist()}.", "It must be three finite numbers in m/s².")
+    if (np.abs(gravity) > STRONGEST).any():
+        raise UsageError(f"{path}: gravity is {gravity.tolist()} m/s².", f"Give at most {STRONGEST:g} m/s² along each axis.")
     x, y, z = np.broadcast_to(gravity, (3,)).tolist()
     missing = "The file has no gravity, and no option gives it: it counts as part of the field."
     return (x, y, z), [] if "gravity" in values else [missing]

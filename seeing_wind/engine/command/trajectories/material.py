@@ -27,7 +27,10 @@ def material_of(
     yield stress that `Material` and the literature speak of is sqrt(3/2) times that.
     """
     stated: dict[str, Any] = {name: number_in(values[key], key, path) for name, key in NUMBERS.items() if key in values}
-    yield_stress = float(np.sqrt(1.5)) * number_in(values.get("yield_stress", np.zeros(())), "yield_stress", path)
+    norm = number_in(values.get("yield_stress", np.zeros(())), "yield_stress", path)
+    if norm < 0.0:
+        raise MaterialError(f"{path}: yield_stress is {norm:g} Pa.", "It must not be negative; zero is an elastic body.")
+    yield_stress = float(np.sqrt(1.5)) * norm
     if yield_stress != 0.0:
         stated["yield_stress"] = yield_stress
     if preset is not None:

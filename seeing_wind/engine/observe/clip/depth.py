@@ -26,7 +26,9 @@ def read_depth(path: str, height: int, width: int) -> np.ndarray:
         raise UsageError(
             f"The depth file {path} is not an NPY array ({error}).", "Save it with numpy.save, metres, shape (H, W)."
         ) from error
-    if depth.shape != (height, width) or depth.dtype.kind not in "fiu":
+    if depth.dtype.kind not in "fiu":
+        raise UsageError(f"The depth file {path} holds {depth.dtype}, no numbers.", "Give metres per pixel of the first picture.")
+    if depth.shape != (height, width):
         raise UsageError(
             f"The depth file {path} has the shape {depth.shape}, the clip {(height, width)}.", "Give metres per pixel of the first picture."
         )

@@ -14,6 +14,7 @@ import numpy as np
 from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ...reading import read_json
+from ...settings.tables import RESERVED
 from ...take import Take
 from ..mask.from_box import mask_in_box
 from .endpoint import LONGEST_SIDE, Endpoint
@@ -148,16 +149,17 @@ def read_objects(path: str) -> list[dict[str, Any]]:
     """
     advice = "Give the objects.json that `identify` writes."
     try:
-        listed = read_json(path)["objects"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        values = read_json(path)
+    except (OSError, ValueError) as error:
         raise UsageError(f"{path} lists no objects: {error}.", advice) from error
+    listed = values.get("objects") if isinstance(values, dict) else None
     if not isinstance(listed, list) or not listed or not all(isinstance(one, dict) for one in listed):
         raise UsageError(f"{path} lists no objects.", advice)
     texts, numbers = ("name", "object", "material", "mask", "law"), tuple(RANGES)
     for one in listed:
         wrong = [key for key in texts if not isinstance(one.get(key), str) or not one[key]]
         wrong += [key for key in numbers if one.get(key, "") is not None and not isinstance(one.get(key), (int, float))]
-        if wrong or not re.fullmatch(r"[A-Za-z0-9_-]+", one["name"]):
+        if wrong or not re.fullmatch(r"[A-Za-z0-9_-]+", one["name"]) or one["name"].upper() in RESERVED:
             raise UsageError(f"{path}: an object has no usable {', '.join(wrong) or 'name'}.", advice)
     names = [one["name"] for one in listed]
     if len(set(names)) < len(names):

@@ -69,7 +69,10 @@ def load_tracks(path: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         if missing:
             raise UsageError(f"The tracks {path} lack {' and '.join(missing)}.", SHAPES)
         sigma = np.asarray(file["sigma"], dtype=np.float64) if "sigma" in file else np.array(SIGMA)
-        return np.asarray(file["xy"], dtype=np.float64), file["visible"].astype(bool), sigma
+        visible = np.asarray(file["visible"])
+        if visible.dtype.kind not in "biuf" or (visible.dtype.kind == "f" and not np.isfinite(visible).all()):
+            raise UsageError(f"The tracks {path} have a `visible` that is not true or false everywhere.", SHAPES)
+        return np.asarray(file["xy"], dtype=np.float64), visible.astype(bool), sigma
     except OSError as error:
         raise UsageError(f"The tracks {path} cannot be read ({error.strerror or error}).", "Check the path.") from error
     except ValueError as error:

@@ -16,7 +16,8 @@ from seeing_wind.engine.command.verbs import identify, recover
 from seeing_wind.engine.errors import ModelError, ObjectError, UsageError
 from seeing_wind.engine.observe.mask.first_mask import read_mask
 from seeing_wind.engine.observe.models.endpoint import endpoint_of
-from seeing_wind.engine.observe.models.objects import find_objects
+from seeing_wind.engine.observe.models.language import RANGES
+from seeing_wind.engine.observe.models.objects import find_objects, read_objects
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import BuildSettings
 
@@ -149,7 +150,7 @@ def test_all_objects_of_a_clip_get_their_mask_material_and_pin(tmp_path: Path, m
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", '{"objects": []}', '{"objects": [{"name": "a"}]}', '{"objects": [{"name": "../a", "mask": "m.png"}]}', None]
+    "text", ["", "[]", "5", '{"objects": []}', '{"objects": [{"name": "a"}]}', '{"objects": [{"name": "../a", "mask": "m.png"}]}', None]
 )
 def test_lists_of_objects_that_are_none(tmp_path: Path, text: str | None) -> None:
     path = tmp_path / "objects.json"
@@ -157,3 +158,12 @@ def test_lists_of_objects_that_are_none(tmp_path: Path, text: str | None) -> Non
         path.write_text(text)
     with pytest.raises(UsageError):
         recover(parser().parse_args(["recover", "clip", "--take", str(tmp_path / "t"), "--objects", str(path)]), NoProgress())
+
+
+def test_an_object_s_take_must_be_a_folder_on_every_system(tmp_path: Path) -> None:
+    one = {"name": "NUL", "object": "leaf", "material": "leaf", "mask": "m.png", "law": "neo_hookean"} | dict.fromkeys(RANGES)
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [one]}))
+    with pytest.raises(UsageError, match="no usable name"):
+        read_objects(str(tmp_path / "objects.json"))
+    (tmp_path / "objects.json").write_text(json.dumps({"objects": [one | {"name": "null"}]}))
+    assert read_objects(str(tmp_path / "objects.json"))[0]["name"] == "null"
