@@ -9,6 +9,7 @@ import numpy as np
 from ...errors import UsageError
 from ...records import Particles, PointTargets
 from ..prior.basis import held_axis, spatial_basis
+from .arc import along_the_curve
 from .channels import attachment_matrix, check, first_speed, noise_of, second_derivative
 from .mismatch import point_mismatch
 
@@ -19,6 +20,18 @@ WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
 
 LEAST_WEIGHT = 0.02
 """Weight of the least certain point, relative to that of the most certain, at least."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Places along a bent body; see `arc`."""
+
+    operator: np.ndarray
+    """(T+1, modes, N, 3): particles -> mode amplitudes."""
+    observed: np.ndarray
+    """(T+1, modes) [m]."""
+    axis: np.ndarray
+    """(3,) at rest."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +60,8 @@ class PointChannels:
     """(T+1, 3, 3) how the body has turned since picture 0, as the points show it; in `frame`."""
     frame: np.ndarray
     """(3, 3) axes of the channels in its columns: those in which the points' errors are independent."""
+    curve: Curve | None = None
+    """Of a body held at one side: component 0 is that along it."""
     mismatch_scale: float = 1.0
     """Factor on the mismatch's standard deviation."""
 
@@ -57,6 +72,8 @@ class PointChannels:
     def residual(self, x: np.ndarray, frame: int) -> np.ndarray:
         amplitudes = np.tensordot(x, self.operator[frame], axes=([1], [1]))  # (B, 3, modes)
         difference = (amplitudes.transpose(0, 2, 1) - self.observed[frame]) @ self.frame
+        if self.curve is not None:
+            difference[..., 0] = np.tensordot(x, self.curve.operator[frame], axes=([1, 2], [1, 2])) - self.curve.observed[frame]
         return difference.reshape(len(x), -1) * self.used[frame]
 
     def covariance(self, channel: int) -> np.ndarray:
@@ -120,27 +137,46 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
             observed[t, :fitted] = inverse @ targets.x[t, seen]
             known[t, :fitted] = True
     observed = _between(observed, known)
-    axis = held_axis(particles.x, particles.pinned) if particles.pinned.any() and targets.covariance is None else None
-    frame, whole = _along(axis), observed[1:][_longest_run(known[1:].all(axis=1))]
+    curve = _curve(particles, targets, points, weight, modes.shape[1])
+    inverse = _inverse(modes, weight)
+    frame, sigma = np.eye(3), np.full(3 * modes.shape[1], (targets.sigma or 0.0) / np.sqrt(count))
     if targets.covariance is not None:
-        frame, sigma = _propagated(targets.covariance, _inverse(modes, weight))
+        frame, sigma = _propagated(targets.covariance, inverse)
+    elif curve is not None:
+        frame = np.linalg.svd(curve.axis[None])[2].T
+    moved, turned = (observed - observed[0]) @ frame, frame.T @ rotations(targets.x, targets.visible) @ frame
+    if curve is not None:
+        moved[..., 0], turned[:, 0] = curve.observed - curve.observed[0], [1.0, 0.0, 0.0]
+    whole = moved[1:][_longest_run(known[1:].all(axis=1))]
+    if targets.covariance is not None:
         # A covariance of each point alone knows nothing of errors that neighbours share; what is measured does.
-        measured = [noise_of(series) for series in (whole @ frame).reshape(len(whole), len(sigma)).T]
-        sigma = np.maximum(sigma, measured)
-    elif targets.sigma is not None:
-        sigma = np.full(3 * modes.shape[1], targets.sigma / np.sqrt(count))
-    else:
+        sigma = np.maximum(sigma, [noise_of(series) for series in whole.reshape(len(whole), len(sigma)).T])
+    elif targets.sigma is None:
         sigma = np.repeat([noise_of(whole[:, m]) for m in range(modes.shape[1])], 3)
-    mismatch = point_mismatch(particles, (observed - observed[0]) @ frame, plastic, axis is not None)
+    mismatch = point_mismatch(particles, moved, plastic, curve is not None)
     inflation = np.ones((pictures, 3 * modes.shape[1]))
-    turned = frame.T @ rotations(targets.x, targets.visible) @ frame
     used = np.repeat(known & (np.arange(pictures) > 0)[:, None], 3, axis=1)
-    return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame)
+    return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame, curve)
 
 
-def _along(axis: np.ndarray | None) -> np.ndarray:
-    """Axes (3, 3) as columns, the first of which is `axis` (3,); the world's without one."""
-    return np.eye(3) if axis is None else np.linalg.svd(axis[None])[2].T
+def _curve(particles: Particles, targets: PointTargets, points: np.ndarray, weight: np.ndarray, modes: int) -> Curve | None:
+    """Along the bent body, in modes of what is free, by the points that are seen in every picture.
+
+    None where these are fewer than half, and of a body that is not held at one side, or whose points have errors with a direction.
+    """
+    axis = held_axis(particles.x, particles.pinned) if particles.pinned.any() else None
+    always = targets.visible.all(axis=0)
+    free = (points @ ~particles.pinned)[always] > 0.5
+    if axis is None or targets.covariance is not None or 2 * always.sum() < len(always) or free.sum() < modes:
+        return None
+    smooth = spatial_basis(points[always][free] @ particles.x, np.ones(int(free.sum())), modes).phi
+    inverse = np.zeros((modes, len(free)))
+    inverse[: smooth.shape[1], free] = _inverse(smooth, weight[always][free])
+    found = along_the_curve(targets.x[:, always], axis, particles.spacing, inverse)
+    if found is None:
+        return None
+    observed = np.einsum("tmkc,tkc->tm", found, targets.x[:, always])
+    return Curve(np.einsum("tmkc,kn->tmnc", found, points[always], optimize=True), observed, axis)
 
 
 def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
