@@ -36,7 +36,7 @@ BLOCK = 2**24
 FORMAT = 1
 """Version of the take's layout."""
 
-VERSION = 14
+VERSION = 15
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 RESULTS = re.compile(

@@ -3,5 +3,6 @@
     objective.py  all channels together       channels.py  what both kinds of channel share
     tracks.py     tracks of a camera [px]     points.py    points in 3D [m]
     mismatch.py   how far the solver's body strays from the filmed one
+    arc.py        how far along a bent body its points lie
     clamp_motion.py  a clamp that moves, and the body as seen from it
 """
