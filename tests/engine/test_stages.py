@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
+from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.record_arrays import read_recovery, to_arrays
-from seeing_wind.engine.records import Material, Recovery
+from seeing_wind.engine.records import Material, Observation, Recovery
 from seeing_wind.engine.recovery.stage import FITTED, SOLVED, recover_stage
 from seeing_wind.engine.settings import ObserveSettings
-from seeing_wind.engine.stages import observation_stamp
+from seeing_wind.engine.stages import observation_stamp, observe_stage
 from seeing_wind.engine.take import Take, stamp_of
+from tests.engine.observations import observed
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
 
 
@@ -126,3 +127,21 @@ def test_a_take_that_an_older_engine_left_with_two_runs_in_it_is_done_again(tmp_
     take.write_arrays("trajectory.npz", to_arrays(replace(first, force_density=4.0 * first.force_density)))
     take.finish("solve", "another", {})
     np.testing.assert_array_equal(job().force_density, first.force_density)
+
+
+def test_a_further_view_is_a_stage_of_its_own_and_observed_once(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clips: list[str] = []
+
+    def seen(clip: str, settings: ObserveSettings, progress: Progress, journal: Journal) -> Observation:
+        clips.append(clip)
+        return observed(np.pad(np.ones((20, 20), bool), 8), 1.0, clip=clip)
+
+    monkeypatch.setattr("seeing_wind.engine.observe.observe", seen)
+    take, told = Take(tmp_path / "a.take"), []
+    (project / "aside.mp4").write_bytes(b"aside")
+    for _ in range(2):
+        for view, name in enumerate(("clip.mp4", "aside.mp4")):
+            found, _ = observe_stage(take, str(project / name), ObserveSettings(), Progress(told.append), view)
+            assert found.clip == str(project / name)
+    assert clips == [str(project / "clip.mp4"), str(project / "aside.mp4")]
+    assert take.file("view1.npz").is_file() and {message["stage"] for message in told} == {"observe"}
