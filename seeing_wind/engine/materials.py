@@ -134,7 +134,7 @@ def adjusted(
         law: one of `LAWS`; density: [kg/m³]; youngs_modulus, yield_stress: [Pa]; viscosity: [Pa s]; loss_factor: elastic laws only.
 
     Raises:
-        MaterialError: unknown law, a number that is not finite or out of its range, a plastic law without a yield stress.
+        MaterialError: unknown law, a number that is not finite or out of its range, a plastic law without a yield stress, or an elastic one with.
     """
     given = {"law": law, "density": density, "youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
     given |= {"yield_stress": yield_stress, "viscosity": viscosity, "loss_factor": loss_factor}
@@ -142,6 +142,12 @@ def adjusted(
     sources = [material.source, f"given by the user: {', '.join(changes)}" if changes else ""]
     result = dataclasses.replace(material, **changes, source="; ".join(filter(None, sources)))  # type: ignore[arg-type]
     _check(result)
+    if changes.get("yield_stress") and result.law not in PLASTIC_LAWS:
+        plastic = " or ".join(sorted(PLASTIC_LAWS))
+        raise MaterialError(
+            f"{material.name} has the elastic law {result.law}, which knows no yield stress.",
+            f"Leave the yield stress out, or give --law {plastic}.",
+        )
     return result
 
 
@@ -179,12 +185,6 @@ def _check(material: Material) -> None:
         raise MaterialError(f"The loss factor of {material.name} is {material.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")
     if material.law in PLASTIC_LAWS and material.yield_stress == 0.0:
         raise MaterialError(f"{material.name} has the plastic law {material.law} but no yield stress.", "Give --yield-stress in Pa.")
-    if material.law not in PLASTIC_LAWS and material.yield_stress > 0.0:
-        plastic = " or ".join(sorted(PLASTIC_LAWS))
-        raise MaterialError(
-            f"{material.name} has the elastic law {material.law}, which knows no yield stress.",
-            f"Leave the yield stress out, or give --law {plastic}.",
-        )
 
 
 def _read_library() -> tuple[dict[str, Material], dict[str, Sheet]]:

@@ -94,12 +94,17 @@ def test_adjusted_replaces_and_records() -> None:
         {"law": "jelly"},
         {"law": "von_mises"},
         {"density": "heavy"},
+        {"yield_stress": 300.0},
     ],
 )
 def test_unphysical_numbers_are_refused(change: dict) -> None:
     with pytest.raises(MaterialError) as caught:
         adjusted(find("leaf"), **change)
     assert caught.value.hint
+
+
+def test_a_plastic_material_may_be_taken_for_elastic() -> None:
+    assert adjusted(find("clay"), law="corotated").law == "corotated"
 
 
 def test_a_plastic_law_with_its_yield_stress_is_fine() -> None:
