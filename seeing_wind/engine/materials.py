@@ -134,7 +134,8 @@ def adjusted(
         law: one of `LAWS`; density: [kg/m³]; youngs_modulus, yield_stress: [Pa]; viscosity: [Pa s]; loss_factor: elastic laws only.
 
     Raises:
-        MaterialError: unknown law, a number that is not finite or out of its range, a plastic law without a yield stress, or an elastic one with.
+        MaterialError: unknown law, a number that is not finite or out of its range, a plastic law without
+            a yield stress, or an elastic one with.
     """
     given = {"law": law, "density": density, "youngs_modulus": youngs_modulus, "poisson_ratio": poisson_ratio}
     given |= {"yield_stress": yield_stress, "viscosity": viscosity, "loss_factor": loss_factor}
