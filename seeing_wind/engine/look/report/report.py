@@ -78,7 +78,9 @@ def write_report(
         body = products.make("gaussians.ply", lambda: _write_look(take, footage, body, recovery, progress, products.journal)) or body
         # How well force, body and look together explain the pictures themselves.
         written = take.file("resimulated.mp4")
-        alike = products.film(written, lambda: write_resimulated(take, footage.clip.frames, small, body, recovery, progress))
+        alike = products.film(
+            written, lambda: write_resimulated(take, footage.clip.frames, small, body, recovery, progress, products.journal)
+        )
         if small is not observation and alike is not None:
             alike = products.make("likeness", lambda: likeness(footage, body, recovery, measured, progress))
         if alike is not None:

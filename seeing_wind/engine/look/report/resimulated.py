@@ -6,7 +6,10 @@ measured, not predicted.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -15,7 +18,7 @@ from ...masks import Masks, areas
 from ...observe.clip.lens import Lens
 from ...observe.clip.stored import Frames
 from ...observe.clip.video import video_writer
-from ...progress import NoProgress, Progress
+from ...progress import Journal, NoProgress, Progress
 from ...records import Body, Observation, Recovery
 from ...take import Take
 from .. import over_clip
@@ -27,6 +30,9 @@ from .footage import Footage, check_length
 
 SAMPLED = 24
 """Pictures of a clip larger than the report's videos that are compared at the file's own size; of a smaller one it is all."""
+
+PART = 24
+"""Pictures that are rendered before they are kept."""
 
 REACH = 3.0
 """Standard deviations of a Gaussian that the part of the picture which is rendered reaches beyond its centre."""
@@ -57,12 +63,19 @@ class _Likeness:
 
 
 def write_resimulated(
-    take: Take, frames: Frames, observation: Observation, body: Body, recovery: Recovery, progress: Progress | None = None
+    take: Take,
+    frames: Frames,
+    observation: Observation,
+    body: Body,
+    recovery: Recovery,
+    progress: Progress | None = None,
+    journal: Journal | None = None,
 ) -> dict[str, float]:
     """Render the Gaussians, carried by the simulated particles and their F (Eq. (8)), into resimulated.mp4 of the take.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB, the clip's pictures as filmed; observation: at their size.
+        journal: keeps the pictures rendered so far.
 
     Returns:
         `first_psnr`, inside the mask of picture 0 [dB]; `psnr` [dB] and `ssim`, means of the boxes round the object over the pictures from
@@ -72,21 +85,48 @@ def write_resimulated(
         ClipError: when `frames` ends before picture T.
         TakeError, MissingPackage: when the video cannot be written.
     """
-    progress = progress or NoProgress()
+    progress, journal = progress or NoProgress(), journal or Journal()
     check_length(len(frames), recovery)
     height, width = observation.image.shape[:2]
     lens, likeness = Lens(observation.camera), _Likeness()
+
+    def render(t: int) -> np.ndarray:
+        progress.update((t + 1) / len(recovery.x), "resimulated.mp4")
+        return resimulated(lens.straight_one(frames[t]), observation, body, recovery, t)
+
     with take.writing("resimulated.mp4") as path, video_writer(path, observation.fps, (width // 2 * 2, height // 2 * 2)) as writer:
-        for t in range(len(recovery.x)):
-            progress.update((t + 1) / len(recovery.x), "resimulated.mp4")
+        for t, image in enumerate(_in_parts(render, len(recovery.x), journal)):
             filmed = lens.straight_one(frames[t])
-            image = resimulated(filmed, observation, body, recovery, t)
             writer.write(cv2.cvtColor(image[: height // 2 * 2, : width // 2 * 2], cv2.COLOR_RGB2BGR))
             mask = observation.masks[t]
             if mask.any():
                 rows, columns = _around(mask)
                 likeness.add(t, filmed[rows, columns], image[rows, columns], mask[rows, columns])
     return likeness.figures()
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Some pictures in a row, as PNG."""
+
+    ends: np.ndarray
+    """(P,) int64, of each in `packed`."""
+    packed: np.ndarray
+    """(B,) uint8."""
+
+
+def _in_parts(render: Callable[[int], np.ndarray], count: int, journal: Journal) -> Iterator[np.ndarray]:
+    """The pictures (H, W, 3) uint8 of numbers 0 to `count` - 1, `PART` at a time, so that a journal can keep them."""
+
+    def part(begin: int) -> _Part:
+        fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+        files = [cv2.imencode(".png", render(t), fast)[1].ravel() for t in range(begin, min(begin + PART, count))]
+        return _Part(np.cumsum([len(one) for one in files]), np.concatenate(files))
+
+    for begin in range(0, count, PART):
+        kept = journal.once("pictures", _Part, partial(part, begin))
+        for low, high in pairwise([0, *kept.ends.tolist()]):
+            yield cv2.imdecode(kept.packed[low:high], cv2.IMREAD_COLOR)
 
 
 def pictures_measured(masks: Masks, recovery: Recovery) -> list[int]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ClipError
+from seeing_wind.engine.look.report import resimulated as module
 from seeing_wind.engine.look.report.backdrop import behind, relit
 from seeing_wind.engine.look.report.footage import Footage, reduced
 from seeing_wind.engine.look.report.resimulated import (
@@ -23,7 +24,10 @@ from seeing_wind.engine.look.report.resimulated import (
 )
 from seeing_wind.engine.observe.clip.frames import Clip
 from seeing_wind.engine.observe.clip.lens import Lens
+from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Attachment, Body, Gaussians, Observation, Recovery
+from seeing_wind.engine.recovery import journal as journals
+from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.take import Take
 
 from .test_report import COUNT, FRAMES, body, observation, recovery
@@ -66,6 +70,32 @@ def test_the_motion_that_was_filmed_is_like_the_clip_and_another_is_not(tmp_path
     assert video.get(cv2.CAP_PROP_FRAME_COUNT) == FRAMES + 1
     with pytest.raises(ClipError, match="ends at picture 3"):
         write_resimulated(Take(tmp_path / "short"), filmed[:3], seen, blobs, found)
+
+
+def test_a_kill_costs_no_part_that_was_rendered(tmp_path, monkeypatch):
+    seen, blobs, found = coloured()
+    filmed, rendered = np.stack([seen.background] * (FRAMES + 1)), []
+    whole = write_resimulated(Take(tmp_path / "whole"), filmed, seen, blobs, found)
+
+    class Killed(BaseException):
+        pass
+
+    def render(image, observation, body, recovery, t):
+        rendered.append(t)
+        if len(rendered) == 6:
+            raise Killed
+        return resimulated(image, observation, body, recovery, t)
+
+    monkeypatch.setattr(module, "PART", 2)
+    monkeypatch.setattr(module, "resimulated", render)
+    monkeypatch.setattr(journals, "LATEST", 0.0)
+    take = Take(tmp_path / "killed")
+    with pytest.raises(Killed), TakeJournal(take, "film", NoProgress()) as journal:
+        write_resimulated(take, filmed, seen, blobs, found, journal=journal)
+    with TakeJournal(take, "film", NoProgress()) as journal:
+        assert write_resimulated(take, filmed, seen, blobs, found, journal=journal) == whole
+    assert rendered == [0, 1, 2, 3, 4, 5, 4, 5]
+    assert take.file("resimulated.mp4").read_bytes() == (tmp_path / "whole" / "resimulated.mp4").read_bytes()
 
 
 def test_a_moving_camera_keeps_each_pictures_own_background():
