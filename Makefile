@@ -35,6 +35,7 @@ help:
 	@echo "make references docs/reference/cli.md and materials.md from the options and the material library"
 	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
 	@echo "make screenshots BLENDER=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
+	@echo "make solvers BLENDER=PROGRAM  how far Blender's solvers are off a curved field, and how fast particles play in it"
 	@echo "make winds      the wind library anew: thirteen winds recovered; half an hour or more on two idle cores"
 	@echo "make film       build/film.mp4: clip, arrows and composite side by side, of what make demo and make scenes left"
 	@echo "make clean      remove build/"
@@ -181,6 +182,10 @@ screenshots: setup
 	@[ -n "$(BLENDER)" ] || { echo "BLENDER= names a Blender of which a window can be shown and photographed, see docs/screenshots/make.sh" >&2; exit 2; }
 	bash docs/screenshots/make.sh $(BLENDER) $(SHOTS)
 
+solvers:
+	@[ -n "$(BLENDER)" ] || { echo "BLENDER= names the Blender whose solvers are measured" >&2; exit 2; }
+	$(BLENDER) -b --factory-startup --python-exit-code 9 --python tests/blender/playback_check.py
+
 # The library of winds that the extension carries, and the films of what `make demo` and `make scenes` left.
 winds: setup
 	$(PY) sample_scenes/winds/make.py --out seeing_wind/ui/field/library/winds --takes build/wind_takes
@@ -191,4 +196,4 @@ film: setup
 clean:
 	rm -rf build
 
-.PHONY: help docs references sensitivity setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots winds film clean
+.PHONY: help docs references sensitivity setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots solvers winds film clean

@@ -16,8 +16,10 @@ import bpy
 import numpy as np
 from mathutils import Euler, Vector
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[2]), str(Path(__file__).parent)]
 checks = runpy.run_path(str(Path(__file__).with_name("field_object_check.py")), run_name="checks")
+
+from felt import Felt  # noqa: E402
 
 from seeing_wind.ui.field.node_groups import GroupBuilder, set_input, set_up_modifier  # noqa: E402
 from seeing_wind.ui.field.samples import sample_wind_group, samples_of  # noqa: E402
@@ -44,11 +46,9 @@ def released(field: bpy.types.Object, points: np.ndarray) -> np.ndarray:
     return (points - CENTRE) @ moved[:3, :3].T + moved[:3, 3]
 
 
-def errors(field: bpy.types.Object, at: np.ndarray, found: np.ndarray, interval: int, density: float = DENSITY) -> tuple[float, float]:
-    """Worst angle [degrees] and relative error of accelerations [m/s²] found at places (P, 3), in the field object's own frame."""
-    moved = np.array(field.matrix_world)
-    home = (at - moved[:3, 3]) @ moved[:3, :3] + CENTRE
-    return checks["worst_errors"](found, checks["swirl"](home, interval) / density @ moved[:3, :3].T)
+def worst(field: bpy.types.Object, felt: Felt, interval: int) -> tuple[float, float]:
+    """Worst angle [degrees] and relative error of the size against the swirl."""
+    return checks["worst_errors"](*felt.beside(field, CENTRE, checks["swirl"], interval))
 
 
 def first_move(obj: bpy.types.Object, cache: bpy.types.PointCache | None, frame: int, read, substeps: int) -> np.ndarray:
@@ -93,12 +93,13 @@ def middles(evaluated: bpy.types.Object) -> np.ndarray:
     return flat.reshape(PROBES, -1, 3).astype(float).mean(1) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def particle_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+def felt_by_particles(field: bpy.types.Object, interval: int) -> Felt:
     """Newtonian particles."""
-    return checks["field_errors"](bpy.context.scene, field, interval, PROBES)
+    at, found = checks["released_accelerations"](bpy.context.scene, field, released(field, places(interval)), FRAME_START + interval)
+    return Felt(at, found * DENSITY)
 
 
-def rigid_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+def felt_by_rigid_bodies(field: bpy.types.Object, interval: int) -> Felt:
     """Small cubes as rigid bodies."""
     scene, frame = bpy.context.scene, FRAME_START + interval
     bpy.ops.rigidbody.world_add()
@@ -125,10 +126,10 @@ def rigid_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
     bpy.ops.rigidbody.world_remove()
     for cube in cubes:
         bpy.data.objects.remove(cube)
-    return errors(field, at, found, interval)
+    return Felt(at, found * DENSITY)
 
 
-def cloth_errors(field: bpy.types.Object, interval: int, cells: int) -> tuple[float, float]:
+def felt_by_cloth(field: bpy.types.Object, interval: int, cells: int) -> Felt:
     """Small sheets of cells x cells faces; a sheet's acceleration is that of its middle."""
     scene = bpy.context.scene
     obj = patches(released(field, places(interval)), cells, 0.04)
@@ -138,10 +139,10 @@ def cloth_errors(field: bpy.types.Object, interval: int, cells: int) -> tuple[fl
     at = middles(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
     found = first_move(obj, cloth.point_cache, FRAME_START + interval, middles, cloth.settings.quality)
     bpy.data.objects.remove(obj)
-    return errors(field, at, found, interval)
+    return Felt(at, found * DENSITY)
 
 
-def hair_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+def felt_by_hair(field: bpy.types.Object, interval: int) -> Felt:
     """Short hairs without stiffness; their tips, across the hair: along it the hair itself holds them."""
     obj = patches(released(field, places(interval)), 1, 0.001)
     system = obj.modifiers.new("Hair", "PARTICLE_SYSTEM").particle_system
@@ -162,12 +163,7 @@ def hair_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
     at = keys(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()))
     bpy.data.objects.remove(obj)
     along = at[:, -1] - at[:, -2]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    moved = np.array(field.matrix_world)
-    truth = checks["swirl"]((at[:, -1] - moved[:3, 3]) @ moved[:3, :3] + CENTRE, interval) / DENSITY @ moved[:3, :3].T
-    truth, found = (each - (each * along).sum(1, keepdims=True) * along for each in (truth, found))
-    clear = np.linalg.norm(truth, axis=1) > 0.3 * np.linalg.norm(truth, axis=1).max()
-    return checks["worst_errors"](found[clear], truth[clear])
+    return Felt(at[:, -1], found * DENSITY, along / np.linalg.norm(along, axis=1, keepdims=True))
 
 
 def sample_wind(field: bpy.types.Object, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
@@ -198,13 +194,13 @@ def sample_wind(field: bpy.types.Object, points: np.ndarray, frame: int) -> tupl
     return at, found
 
 
-def sample_wind_errors(field: bpy.types.Object, interval: int) -> tuple[float, float]:
+def felt_by_sample_wind(field: bpy.types.Object, interval: int) -> Felt:
     """Sample Wind in the frame in which solvers feel the interval."""
     at, found = sample_wind(field, released(field, places(interval)), FRAME_START + interval + 1)
-    return errors(field, at, found, interval)
+    return Felt(at, found * DENSITY)
 
 
-def nodes_errors(field: bpy.types.Object, interval: int, substeps: int) -> tuple[float, float]:
+def felt_by_nodes(field: bpy.types.Object, interval: int, substeps: int) -> Felt:
     """Blender 5.2's Cloth Dynamics as a modifier, on small sheets; two frames, since it starts with half a move."""
     scene = bpy.context.scene
     from seeing_wind.ui.field.solvers.physics_nodes import ASSETS
@@ -231,18 +227,18 @@ def nodes_errors(field: bpy.types.Object, interval: int, substeps: int) -> tuple
         scene.frame_set(now)
         seen.append(middles(obj.evaluated_get(bpy.context.evaluated_depsgraph_get())))
     bpy.data.objects.remove(obj)
-    return errors(field, seen[0], (seen[1] - seen[0]) * FPS**2 * 2 * substeps / (substeps + 1), interval, DENSITY / 10)
+    return Felt(seen[0], (seen[1] - seen[0]) * FPS**2 * 2 * substeps / (substeps + 1) * DENSITY / 10)
 
 
 KINDS = {
-    "particles": ("particles", particle_errors),
-    "rigid bodies": ("rigid", rigid_errors),
-    "cloth of 2x2 faces": ("cloth", lambda field, interval: cloth_errors(field, interval, 2)),
-    "cloth of 5x5 faces": ("cloth", lambda field, interval: cloth_errors(field, interval, 5)),
-    "hair": ("hair", hair_errors),
-    "Sample Wind": ("nodes", sample_wind_errors),
-    "Cloth Dynamics, 1 substep": ("nodes", lambda field, interval: nodes_errors(field, interval, 1)),
-    "Cloth Dynamics, 20 substeps": ("nodes", lambda field, interval: nodes_errors(field, interval, 20)),
+    "particles": ("particles", felt_by_particles),
+    "rigid bodies": ("rigid", felt_by_rigid_bodies),
+    "cloth of 2x2 faces": ("cloth", lambda field, interval: felt_by_cloth(field, interval, 2)),
+    "cloth of 5x5 faces": ("cloth", lambda field, interval: felt_by_cloth(field, interval, 5)),
+    "hair": ("hair", felt_by_hair),
+    "Sample Wind": ("nodes", felt_by_sample_wind),
+    "Cloth Dynamics, 1 substep": ("nodes", lambda field, interval: felt_by_nodes(field, interval, 1)),
+    "Cloth Dynamics, 20 substeps": ("nodes", lambda field, interval: felt_by_nodes(field, interval, 20)),
 }
 
 
@@ -262,7 +258,7 @@ def measured(name: str, moved: bool) -> tuple[list[tuple[float, float]], int]:
         if moved:
             field.location += Vector(MOVED[0])
             field.rotation_euler = Euler(MOVED[1])
-        found.append(measure(field, interval))
+        found.append(worst(field, measure(field, interval), interval))
     return found, sum(angle > BARS[kind][0] or size > BARS[kind][1] for angle, size in found)
 
 
