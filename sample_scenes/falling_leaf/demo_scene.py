@@ -27,8 +27,10 @@ BESIDE = 0.27
 """The ribbons hang that far apart [m]."""
 SAMPLES = 16
 """Of Cycles, per pixel."""
-SEEDS = 60
-"""Native particles: few and bright enough to be seen as what they are, not as noise of the picture."""
+LEAVES, LEAF = 60, 0.04
+"""Native particles: few and large enough to be seen as what they are, not as noise of the picture; their length [m]."""
+AUTUMN = ([0.30, 0.07, 0.015], [0.55, 0.17, 0.02], [0.62, 0.36, 0.04], [0.24, 0.22, 0.04], [0.20, 0.09, 0.03])
+"""Linear colours of small leaves."""
 
 
 def main(folder: Path) -> None:
@@ -40,7 +42,7 @@ def main(folder: Path) -> None:
     say("simulating three ribbons in the recovered wind")
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
-    add_seeds(scene)
+    add_leaves(scene)
     # make.py's camera has no shutter: its pictures are sharp
     done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0))
     scene.frame_set(scene.frame_start)
@@ -76,9 +78,9 @@ def insert_ribbons(scene) -> None:
     right = np.array([BESIDE, 0.0, 0.0])
     place = start_of(scene.seeing_wind.recovered_object) + 2.0 * right + [0.0, 0.0, 0.02]
     for name, at, colour in (
-        ("Ribbon", place, (0.02, 0.33, 0.42)),
-        ("Ribbon Pinned", place - right, (0.50, 0.05, 0.16)),
-        ("Ribbon Twice the Mass", place + [0.0, 0.02, 0.0], (0.62, 0.33, 0.02)),
+        ("Ribbon", place, (0.03, 0.22, 0.27)),
+        ("Ribbon Pinned", place - right, (0.42, 0.03, 0.06)),
+        ("Ribbon Twice the Mass", place + [0.0, 0.02, 0.0], (0.55, 0.27, 0.03)),
     ):
         ribbon = make_ribbon(name, at, colour)
         done(bpy.ops.seeing_wind.insert_mesh(object=ribbon.name, material=MATERIAL["material"]))
@@ -97,58 +99,130 @@ def start_of(leaf) -> np.ndarray:
 
 
 def make_ribbon(name: str, centre: np.ndarray, colour: tuple[float, float, float]):
-    """A ribbon that hangs, slightly twisted, with stripes across; its upper edge is the vertex group "Held"."""
-    across, along = np.meshgrid(np.linspace(-0.5, 0.5, CELLS[0] + 1), np.linspace(0.5, -0.5, CELLS[1] + 1))
+    """A ribbon that hangs, slightly twisted; its upper edge is the vertex group "Held"."""
+    u, v = np.meshgrid(np.linspace(0.0, 1.0, CELLS[0] + 1), np.linspace(0.0, 1.0, CELLS[1] + 1))
+    across, along = u - 0.5, 0.5 - v
     twist = 0.9 * along
     vertices = np.stack([np.cos(twist) * across * RIBBON[0], np.sin(twist) * across * RIBBON[0], along * RIBBON[1]], -1).reshape(-1, 3)
-    index = np.arange(len(vertices)).reshape(across.shape)
-    faces = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], -1).reshape(-1, 4)
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata((vertices + centre).tolist(), [], faces.tolist())
-    mesh.shade_smooth()
-    for tone in (colour, (0.92, 0.88, 0.80)):
-        mesh.materials.append(cloth(name, tone))
-    stripe = (np.arange(CELLS[1]) // 3 % 2).repeat(CELLS[0])
-    mesh.polygons.foreach_set("material_index", stripe.astype(np.int32))
-    ribbon = bpy.data.objects.new(name, mesh)
-    bpy.context.scene.collection.objects.link(ribbon)
-    ribbon.vertex_groups.new(name="Held").add(index[0].tolist(), 1.0, "REPLACE")
+    ribbon = new_object(name, vertices + centre, u, v)
+    ribbon.data.materials.append(cloth(name, colour))
+    ribbon.vertex_groups.new(name="Held").add(list(range(CELLS[0] + 1)), 1.0, "REPLACE")
     return ribbon
 
 
+def new_object(name: str, vertices: np.ndarray, u: np.ndarray, v: np.ndarray):
+    """A smooth mesh of vertices (R * C, 3) [m] in rows and columns, with u and v (R, C) as its UV map."""
+    index = np.arange(u.size).reshape(u.shape)
+    faces = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], -1).reshape(-1, 4)
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices.tolist(), [], faces.tolist())
+    mesh.shade_smooth()
+    flat = np.stack([u.ravel(), v.ravel()], -1)[faces.ravel()]
+    mesh.uv_layers.new().data.foreach_set("uv", flat.astype(np.float32).ravel())
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
 def cloth(name: str, colour: tuple[float, float, float]):
-    """A matt, slightly shining material."""
-    material = bpy.data.materials.new(name)
-    material.use_nodes = True
-    surface = material.node_tree.nodes["Principled BSDF"]
-    surface.inputs["Base Color"].default_value = (*colour, 1.0)
-    surface.inputs["Roughness"].default_value = 0.5
+    """Cotton: unevenly dyed, with a lighter hem, and bright where the light is behind it."""
+    material, surface, add = thin(name, 0.85)
+    flat = add("TexCoord", {}).outputs["UV"]
+    metres = add("VectorMath", {0: flat, 1: (*RIBBON, 0.0)}, operation="MULTIPLY").outputs[0]
+    dye = add("TexNoise", {"Vector": metres, "Scale": 45.0, "Detail": 3.0})
+    uneven = ramp(add, dye.outputs[0], ((0.3, [0.8 * value for value in colour]), (0.7, [1.15 * value for value in colour])))
+    across = add("SeparateXYZ", {0: flat}).outputs[0]
+    hem = ramp(add, across, ((0.0, [1] * 3), (0.12, [0] * 3), (0.88, [1] * 3)), "CONSTANT")
+    faded = [0.3 + 0.6 * value for value in colour]
+    link = material.node_tree.links.new
+    mixed = add("Mix", {}, data_type="RGBA")
+    for value, socket in ((hem.outputs[0], 0), (uneven.outputs[0], 6)):
+        link(value, mixed.inputs[socket])
+    mixed.inputs[7].default_value = (*faded, 1.0)
+    for node in surface:
+        link(mixed.outputs[2], node.inputs[0])
     return material
 
 
-def add_seeds(scene) -> None:
+def thin(name: str, roughness: float):
+    """A new material of what lets a third of the light through: it, its two surfaces, and a function that adds nodes."""
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    tree = material.node_tree
+
+    def add(kind: str, inputs: dict, **properties):
+        node = tree.nodes.new(f"ShaderNode{kind}")
+        for key, value in properties.items():
+            setattr(node, key, value)
+        for key, value in inputs.items():
+            if isinstance(value, bpy.types.NodeSocket):
+                tree.links.new(value, node.inputs[key])
+            else:
+                node.inputs[key].default_value = value
+        return node
+
+    front, behind = tree.nodes["Principled BSDF"], add("BsdfTranslucent", {})
+    front.inputs["Roughness"].default_value = roughness
+    both = add("MixShader", {0: 0.35, 1: front.outputs[0], 2: behind.outputs[0]})
+    tree.links.new(both.outputs[0], tree.nodes["Material Output"].inputs["Surface"])
+    return material, (front, behind), add
+
+
+def ramp(add, value, stops, interpolation: str = "LINEAR"):
+    """A colour ramp node over stops of places and linear colours."""
+    node = add("ValToRGB", {0: value})
+    elements = node.color_ramp.elements
+    node.color_ramp.interpolation = interpolation
+    while len(elements) < len(stops):
+        elements.new(1.0)
+    for element, (at, colour) in zip(elements, stops, strict=True):
+        element.position, element.color = at, (*colour, 1.0)
+    return node
+
+
+def add_leaves(scene) -> None:
     """A native particle system, moved by the field object and gravity as matter of the recovered density."""
     field = scene.seeing_wind.field_object
-    places = np.random.default_rng(5).uniform([-0.1, -0.04, -0.15], [0.75, 0.04, 0.15], (SEEDS, 3))
+    places = np.random.default_rng(5).uniform([-0.1, -0.04, -0.15], [0.75, 0.04, 0.15], (LEAVES, 3))
     places += start_of(scene.seeing_wind.recovered_object)
-    mesh = bpy.data.meshes.new("Seeds")
+    mesh = bpy.data.meshes.new("Leaves")
     mesh.from_pydata(places.tolist(), [], [])
-    emitter = bpy.data.objects.new("Seeds", mesh)
+    emitter = bpy.data.objects.new("Leaves", mesh)
     scene.collection.objects.link(emitter)
     emitter.show_instancer_for_render = False
-    settings = emitter.modifiers.new("Seeds", "PARTICLE_SYSTEM").particle_system.settings
-    settings.count, settings.emit_from, settings.use_emit_random = SEEDS, "VERT", False
+    settings = emitter.modifiers.new("Leaves", "PARTICLE_SYSTEM").particle_system.settings
+    settings.count, settings.emit_from, settings.use_emit_random = LEAVES, "VERT", False
     settings.normal_factor, settings.lifetime = 0.0, 1000.0
     settings.frame_start = settings.frame_end = scene.frame_start
+    settings.use_rotations, settings.rotation_factor_random, settings.phase_factor_random = True, 1.0, 2.0
+    settings.angular_velocity_mode, settings.angular_velocity_factor = "RAND", 5.0
     calibrate_particles(settings, field, mass=1.0e-3)
-    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=2, radius=1.0, location=(0.0, 0.0, -50.0))
-    seed = bpy.context.object
-    seed.name = "Seed"
-    seed.data.materials.append(cloth("Seed", (0.9, 0.45, 0.02)))
-    settings.render_type, settings.instance_object, settings.particle_size = "OBJECT", seed, 0.0065
+    settings.render_type, settings.instance_object = "OBJECT", small_leaf()
+    settings.particle_size, settings.size_random = 1.0, 0.55
     for frame in range(scene.frame_start, scene.frame_end + 1):  # fills the point cache
         scene.frame_set(frame)
     bpy.ops.ptcache.bake_all(bake=True)
+
+
+def small_leaf():
+    """A pointed leaf, folded along its rib and curled, out of the picture; each of its instances has its own colour of autumn."""
+    u, v = np.meshgrid(np.linspace(0.0, 1.0, 7), np.linspace(0.0, 1.0, 13))
+    side, along = 2.0 * u - 1.0, LEAF * (v - 0.5)
+    across = 0.36 * LEAF * side * np.sin(np.pi * v**0.8) ** 0.8
+    up = 0.4 * np.abs(across) + 2.2 * along**2 / LEAF
+    leaf = new_object("Small Leaf", np.stack([across, along, up], -1).reshape(-1, 3), u, v)
+    leaf.location = (0.0, 0.0, -50.0)
+    material, surface, add = thin("Small Leaf", 0.6)
+    chance = add("ParticleInfo", {}).outputs["Random"]
+    tone = ramp(add, chance, tuple((k / (len(AUTUMN) - 1), colour) for k, colour in enumerate(AUTUMN)))
+    spots = ramp(add, add("TexNoise", {"Scale": 160.0, "Detail": 3.0}).outputs[0], ((0.35, [0.45] * 3), (0.6, [1.0] * 3)))
+    mixed = add("Mix", {0: 1.0}, data_type="RGBA", blend_type="MULTIPLY")
+    for value, socket in ((tone.outputs[0], 6), (spots.outputs[0], 7)):
+        material.node_tree.links.new(value, mixed.inputs[socket])
+    for node in surface:
+        material.node_tree.links.new(mixed.outputs[2], node.inputs[0])
+    leaf.data.materials.append(material)
+    return leaf
 
 
 if __name__ == "__main__":
