@@ -8,6 +8,7 @@ hdri        a panorama in their place
 catchers    what catches shadows: floor, wall, obstacles
 mattes      the object's outline as pictures, the card that holds out by them, the clip's grain
 lens        where the clip's lens shows what is rendered
+overscan    a wider render where the lens draws in what is beyond the borders
 nodes       the compositor, in Blender 4.5 and 5
 composite   setting all of it up, and rendering
 """

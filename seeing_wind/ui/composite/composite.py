@@ -28,6 +28,7 @@ from .hdri import set_hdri, unset_hdri
 from .lens import lens_of
 from .light import SUN, set_light, sun_of
 from .mattes import Mattes, grain_of, mattes_of, set_card
+from .overscan import set_overscan
 
 PLATE = "Seeing Wind Clean Plate"
 
@@ -102,7 +103,8 @@ def set_up(
     light = _light(scene, take)
     noise = grain * grain_of(take) if take is not None else 0.0
     lens = lens_of(take, tuple(clip.size)) if take is not None else None
-    nodes.build(scene, clip, picture, mattes, noise, lens)
+    rendered = set_overscan(scene, 1.0 if lens is None else lens.wider)
+    nodes.build(scene, clip, picture, mattes, noise, lens, rendered)
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
     return Composite(behind, tuple(catchers), held_out, lens is not None, noise, light, shutter)
 

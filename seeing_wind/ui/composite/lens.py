@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import bpy
 import numpy as np
 
@@ -11,21 +13,33 @@ from ...engine.take import Take
 from ..clip.inputs.lens import straightened
 from .mattes import FOLDER
 
-IMAGE = "Seeing Wind Lens"
+IMAGE, WIDE_IMAGE = "Seeing Wind Lens", "Seeing Wind Wide Lens"
 OUTSIDE = -1.0
 """Where the render shows nothing of what the clip does."""
+WIDEST = 1.6
+"""Of a render over the clip's picture: beyond it a lens is a fisheye, and its corners stay empty."""
 
 
-def lens_of(take: Take, size: tuple[int, int]) -> bpy.types.Image | None:
-    """Write the ST map of a take's lens into the take, and load it; None for a lens that bends nothing, or a take without a camera.
+@dataclass(frozen=True)
+class Lens:
+    """The ST maps of a lens. Red and green count from 0 to 1, from the lower left corner to the upper right one."""
 
-    Red and green count from 0 to 1, from the lower left corner of the render to its upper right one.
+    image: bpy.types.Image
+    """Where in a picture without distortion, of the clip's own width, each pixel of the clip is found."""
+    wide: bpy.types.Image
+    """The same in a render that is `wider`."""
+    wider: float
+    """How much wider and higher a render must be, so that the lens finds all that it draws in; 1 where it draws in nothing."""
+
+
+def lens_of(take: Take, size: tuple[int, int]) -> Lens | None:
+    """Write the ST maps of a take's lens into the take, and load them; None for a lens that bends nothing, or a take without a camera.
 
     Args:
         size: width and height of the clip.
 
     Raises:
-        TakeError: when the camera is damaged, or the picture cannot be written.
+        TakeError: when the camera is damaged, or the pictures cannot be written.
     """
     arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
     if "camera.width" not in arrays:
@@ -33,15 +47,36 @@ def lens_of(take: Take, size: tuple[int, int]) -> bpy.types.Image | None:
     camera = from_arrays(Camera, arrays, "camera.")
     if not any(camera.distortion):
         return None
-    former = bpy.data.images.get(IMAGE)
+    places = st_map(camera, size)
+    wider = overscan_of(places)
+    return Lens(_saved(take, IMAGE, "lens", places), _saved(take, WIDE_IMAGE, "lens_wide", widened(places, wider)), wider)
+
+
+def overscan_of(places: np.ndarray) -> float:
+    """How much wider a render must be to have all places (H, W, 4) of an ST map in it: from 1 to `WIDEST`."""
+    known = places[..., 0] != OUTSIDE
+    return float(np.clip(2.0 * np.abs(places[known][:, :2] - 0.5).max(initial=0.5), 1.0, WIDEST))
+
+
+def widened(places: np.ndarray, wider: float) -> np.ndarray:
+    """The ST map (H, W, 4) into a render that is wider on every side; what is beyond that, too, is `OUTSIDE`."""
+    found = places.copy()
+    found[..., :2] = 0.5 + (places[..., :2] - 0.5) / wider
+    found[places[..., 0] == OUTSIDE, :2] = OUTSIDE
+    return found
+
+
+def _saved(take: Take, name: str, file: str, places: np.ndarray) -> bpy.types.Image:
+    """An ST map as an image of the file and as an EXR in the take."""
+    former = bpy.data.images.get(name)
     if former is not None:
         bpy.data.images.remove(former)
-    image = bpy.data.images.new(IMAGE, *size, float_buffer=True, is_data=True)
-    image.pixels.foreach_set(st_map(camera, size).ravel())
-    with take.writing(f"{FOLDER}/lens.exr") as aside:
+    image = bpy.data.images.new(name, places.shape[1], places.shape[0], float_buffer=True, is_data=True)
+    image.pixels.foreach_set(places.ravel())
+    with take.writing(f"{FOLDER}/{file}.exr") as aside:
         image.filepath_raw, image.file_format = str(aside), "OPEN_EXR"
         image.save()
-    image.filepath, image.source = str(take.file(f"{FOLDER}/lens.exr")), "FILE"
+    image.filepath, image.source = str(take.file(f"{FOLDER}/{file}.exr")), "FILE"
     return image
 
 

@@ -163,10 +163,13 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
 
 
 def _shape(card: bpy.types.Object, scene: bpy.types.Scene) -> None:
-    """Half as large again as the picture, at a distance of one."""
-    corners = [1.5 * corner / -corner.z for corner in scene.camera.data.view_frame(scene=scene)]
+    """Twice as large as the picture, at a distance of one. Its UV map has the picture from 0 to 1, whatever camera renders it."""
+    frame = np.array([(corner / -corner.z)[:2] for corner in scene.camera.data.view_frame(scene=scene)])
+    low, high = frame.min(axis=0), frame.max(axis=0)
+    corners = 0.5 * (low + high) + 2.0 * (frame - 0.5 * (low + high))
     card.data.clear_geometry()
-    card.data.from_pydata([(corner.x, corner.y, -1.0) for corner in corners], [], [(0, 1, 2, 3)])
+    card.data.from_pydata([(x, y, -1.0) for x, y in corners.tolist()], [], [(0, 1, 2, 3)])
+    card.data.uv_layers.new().data.foreach_set("uv", ((corners - low) / (high - low)).astype(np.float32).ravel())
 
 
 def _card_material(mattes: Mattes) -> bpy.types.Material:
@@ -184,7 +187,7 @@ def _card_material(mattes: Mattes) -> bpy.types.Material:
     picture.image, picture.extension, picture.interpolation = mattes.image, "CLIP", "Linear"
     user = picture.image_user
     user.frame_duration, user.frame_start, user.use_auto_refresh = mattes.pictures, mattes.frame_start, True
-    link(place.outputs["Window"], picture.inputs["Vector"])
+    link(place.outputs["UV"], picture.inputs["Vector"])
     link(picture.outputs["Color"], channel.inputs[0])
     link(channel.outputs[HELD_OUT], mix.inputs[0])
     link(clear.outputs[0], mix.inputs[1])

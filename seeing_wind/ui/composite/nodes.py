@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from .lens import Lens
 from .mattes import COVERED, Mattes
 
 TREE = "Seeing Wind Composite"
@@ -19,7 +20,7 @@ def is_set_up(scene: bpy.types.Scene) -> bool:
 
 def build(
     scene: bpy.types.Scene, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None, grain: float,
-    lens: bpy.types.Image | None,
+    lens: Lens | None, rendered: bpy.types.Scene,
 ) -> None:  # fmt: skip
     """Other nodes of the user's stay; ours are made anew.
 
@@ -27,7 +28,8 @@ def build(
         plate: covers the clip's object; None shows the clip as it is.
         mattes: where it covers; None: everywhere.
         grain: standard deviation, of display values in 0..1, of the noise on plate and render; 0: none.
-        lens: where in render, plate and mattes each pixel of the clip is found (`lens`); None where they have the clip's pixels.
+        lens: where in render, plate and mattes each pixel of the clip is found; None where they have the clip's pixels.
+        rendered: the scene whose render is put over the clip, see `overscan`.
     """
     tree, output = _tree(scene)
     for node in [node for node in tree.nodes if node.get("seeing_wind")]:
@@ -35,8 +37,8 @@ def build(
     make = _Maker(tree, lens)
     behind, covered = _behind(make, clip, plate, mattes)
     layers = make.node("RLayers")
-    layers.scene = scene
-    front = make.bent(layers.outputs["Image"])
+    layers.scene, layers.layer = rendered, rendered.view_layers[0].name
+    front = make.bent(layers.outputs["Image"], wide=rendered != scene)
     picture = make.over(behind, front)
     if grain > 0.0:
         alpha = make.node("SeparateColor")
@@ -90,7 +92,7 @@ def _grained(make: _Maker, picture: Any, strength: Any) -> Any:
 class _Maker:
     """Adds our nodes to a tree, from left to right, in Blender 4.5 and 5."""
 
-    def __init__(self, tree: bpy.types.NodeTree, lens: bpy.types.Image | None) -> None:
+    def __init__(self, tree: bpy.types.NodeTree, lens: Lens | None) -> None:
         self.tree, self.count, self.lens = tree, 0, lens
         self.link = tree.links.new
 
@@ -144,12 +146,12 @@ class _Maker:
         self.link(picture, scale.inputs["Image"])
         return scale.outputs["Image"]
 
-    def bent(self, picture: Any) -> Any:
-        """A picture without distortion as the clip's lens shows it; transparent where it does not reach."""
+    def bent(self, picture: Any, wide: bool = False) -> Any:
+        """A picture without distortion, or a wider one, as the clip's lens shows it; transparent where it does not reach."""
         if self.lens is None:
             return picture
         places, mapped = self.node("Image"), self.node("MapUV")
-        places.image = self.lens
+        places.image = self.lens.wide if wide else self.lens.image
         self.link(picture, mapped.inputs["Image"])
         self.link(self.fitted(places.outputs["Image"]), mapped.inputs["UV"])
         return mapped.outputs["Image"]

@@ -15,7 +15,7 @@ from seeing_wind.engine.records import Camera
 from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.inputs.lens import straightened
 from seeing_wind.ui.composite.composite import set_up
-from seeing_wind.ui.composite.lens import OUTSIDE, st_map
+from seeing_wind.ui.composite.lens import OUTSIDE, WIDEST, overscan_of, st_map, widened
 from seeing_wind.ui.job.take_reading import field_summary, read_seen
 from tests.ui.composite.pictures import red_cube, render
 
@@ -75,6 +75,38 @@ def test_the_clean_plate_covers_what_the_lens_showed(scene, tmp_path) -> None:
     inside = ((at >= 0) & (at < (96, 64))).all(axis=-1)
     expected = inside & straight[np.clip(at[..., 1], 0, 63), np.clip(at[..., 0], 0, 95)]
     assert (bent != expected).sum() < 0.1 * expected.sum() < 0.5 * (straight != expected).sum()
+
+
+def test_what_is_rendered_reaches_the_borders_where_the_lens_draws_in_what_is_beyond_them(scene, tmp_path) -> None:
+    """By a second scene; the shot and its camera stay as they are."""
+    red_cube(scene)
+    bpy.context.object.scale = (40.0, 0.01, 40.0)
+    bend(scene, (-0.4, 0.0, 0.0, 0.0, 0.0))
+    camera = scene.camera
+    before = (camera.data.sensor_width, camera.data.shift_x, len(camera.data.background_images), scene.render.resolution_x)
+    for _ in range(2):
+        set_up(scene, samples=4, shutter=0.0, grain=0.0)
+    assert len(bpy.data.scenes) == 2 and len(bpy.data.cameras) == 2
+    picture = render(tmp_path / "bent.png").astype(int)
+    rim = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    assert (rim[:, 0] > rim[:, 1] + 60).all()
+    now = (camera.data.sensor_width, camera.data.shift_x, len(camera.data.background_images), scene.render.resolution_x)
+    assert scene.camera == camera and now == before
+    bend(scene, ())
+    set_up(scene, samples=4, shutter=0.0, grain=0.0)
+    assert len(bpy.data.scenes) == 1 and len(bpy.data.cameras) == 1
+
+
+def test_a_render_is_as_much_wider_as_the_map_asks() -> None:
+    places = np.ones((2, 2, 4), np.float32)
+    places[..., :2] = [[[-0.1, 0.0], [1.0, 0.5]], [[OUTSIDE, OUTSIDE], [0.5, 1.05]]]
+    assert overscan_of(places) == pytest.approx(1.2)
+    found = widened(places, 1.2)
+    assert np.allclose(found[0, 0, :2], [0.0, 0.5 - 0.5 / 1.2], atol=1e-6) and (found[1, 0, :2] == OUTSIDE).all()
+    places[0, 0, 0] = -3.0
+    assert overscan_of(places) == pytest.approx(WIDEST)
+    places[..., :2] = 0.5
+    assert overscan_of(places) == 1.0
 
 
 @pytest.mark.parametrize("size", [(96, 64), (192, 128)])
