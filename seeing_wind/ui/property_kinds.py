@@ -14,14 +14,27 @@ KEPT = {"SKIP_SAVE"}
 
 PATH = KEPT | {"PATH_SUPPORTS_BLEND_RELATIVE"}
 
-MATERIAL_ITEMS = [
-    (
-        name,
-        name.replace("_", " ").title(),
-        f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}",
-    )
-    for name, m in MATERIALS.items()
-]
+HEADINGS = {
+    "leaf": "Foliage", "fruit": "Fruit", "wood": "Wood", "jelly": "Food", "paper": "Paper", "cotton": "Cloth", "feather": "Animal",
+    "rubber": "Rubber and Foam", "beeswax": "Wax and Clay", "plastic": "Plastic", "steel": "Metal", "glass": "Glass and Stone",
+}  # fmt: skip
+"""Of the menu of materials, by the first one below each: the library stands in that order."""
+SHORT_FOR = {"eva", "hdpe", "pet", "pvc", "ptfe"}
+
+
+def _material_items() -> list[tuple[str, str, str, int]]:
+    """The materials below their headings. Files keep their numbers, which headings leave alone."""
+    items = []
+    for number, (name, m) in enumerate(MATERIALS.items()):
+        if name in HEADINGS:
+            items.append(("", HEADINGS[name], "", 0))
+        title = name.upper() if name in SHORT_FOR else name.replace("_", " ").title()
+        said = f"{m.law.replace('_', ' ')}, {m.density:g} kg/m³, Young's modulus {m.youngs_modulus:.3g} Pa. {m.source}"
+        items.append((name, title, said, number))
+    return items
+
+
+MATERIAL_ITEMS = _material_items()
 
 WAYS = [
     ("AUTO", "Automatic", "Location and rotation for bodies that stay rigid, a point cache for very large ones, else shape keys"),

@@ -9,9 +9,11 @@ import bpy
 import pytest
 
 import seeing_wind.ui as ui
+from seeing_wind.engine.materials import MATERIALS
 from seeing_wind.engine.settings import BodyEdit, BuildSettings, ColliderEdit, Edit, ObserveSettings, RecoverSettings
 from seeing_wind.engine.settings.option import option
 from seeing_wind.ui.option_properties import give, panel_options, part_of, value_of, values_of, with_options
+from seeing_wind.ui.property_kinds import HEADINGS, MATERIAL_ITEMS
 
 STAGES = (ObserveSettings, BuildSettings, RecoverSettings)
 
@@ -78,3 +80,11 @@ def test_options_without_a_place_of_their_own_are_drawn_and_the_others_by_hand(s
             assert f'"{one.identifier}"' in drawn, one.identifier
     assert {"stiffness", "iterations", "law", "seed"} <= {one.name for one in panel_options(*STAGES, part="more")}
     assert "part=\"more\"" in (home / "clip" / "object" / "panel.py").read_text(encoding="utf-8")
+
+
+def test_materials_stand_below_headings_and_keep_their_numbers(settings) -> None:
+    items = settings.bl_rna.properties["material"].enum_items
+    assert [(item.identifier, item.value) for item in items] == [(name, number) for number, name in enumerate(MATERIALS)]
+    listed = [(name, title) for name, title, *_ in MATERIAL_ITEMS]
+    assert listed[0] == ("", "Foliage") and [title for name, title in listed if not name] == list(HEADINGS.values())
+    assert ("hdpe", "HDPE") in listed and ("plant_stem", "Plant Stem") in listed

@@ -20,7 +20,7 @@ HERE = {"options": {"SKIP_SAVE"}, "update": None}
 """Of the properties of operators that are not the scene's."""
 BODY = options_of(BodyEdit)
 
-SAME = [("SAME", "As Recovered", "The material of the object in the clip"), *MATERIAL_ITEMS]
+SAME = [("SAME", "As Recovered", "The material of the object in the clip", len(MATERIAL_ITEMS)), *MATERIAL_ITEMS]
 
 
 @with_options(BodyEdit, ticks=False, **HERE)
