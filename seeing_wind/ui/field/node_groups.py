@@ -86,7 +86,7 @@ class GroupBuilder:
     def strength(self, field: bpy.types.Object) -> Any:
         """Output socket of a field object's strength relative to the recovered one."""
         paths = {"now": "field.strength", "recovered": '["seeing_wind_strength"]'}
-        return self.driven("Strength", field, paths, "now / recovered", 1.0)
+        return self.driven("Strength", field, paths, "now / recovered if recovered else 1.0", 1.0)
 
     def attribute(self, name: str, kind: str = "FLOAT") -> Any:
         """Output socket of a named attribute; `kind` is FLOAT or FLOAT_VECTOR."""
