@@ -49,7 +49,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
         with contextlib.ExitStack() as together:  # all are there before any takes its place, the stamp last
             together.enter_context(out.finishing("resimulate", stamp, {"source": str(source.path), "edit": str(arguments.edit)}))
             for name, body in bodies.items():
-                arrays = {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps)}
+                arrays = {"vertices": body.vertices, "triangles": body.triangles, "fps": np.array(field.fps), "shell": np.array(body.shell)}
                 together.enter_context(out.writing(f"bodies/{name}.npz")).write_bytes(npz(name, arrays))
             together.enter_context(out.writing("resimulation.json")).write_text(json_text(summary), encoding="utf-8")
     progress.update(1.0, "done")

@@ -47,7 +47,8 @@ def bake_body(
     source = settings.recovered_object if body.is_recovered else body.object
     if source is None or scene not in source.users_scene:
         raise TakeError(f"The object of {body.name} is gone.", "Take it off the list, or undo its deletion.")
-    plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"))
+    smooth = 0 if arrays.get("shell", False) else plan.smooth  # a shell's vertices are its own: what ripples in it, it has
+    plan = dataclasses.replace(plan, fps=fps, cache=take.file(f"bodies/{body.result}"), smooth=smooth)
     if not force:
         plan = dataclasses.replace(plan, stamp=_stamp(vertices, plan, metres_per_unit(scene), stamp_of_bakes(scene)))
     obj = _carrier(scene, body, source, vertices, plan)

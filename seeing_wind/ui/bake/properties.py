@@ -18,7 +18,8 @@ class BakeSettings:
     )
     bake_smooth: IntProperty(
         name="Smooth", default=4, min=0, soft_max=10, options=KEPT, update=changed,
-        description="Passes that take ripples of one edge's length out of the motion, which render as a quilt; bends stay. 0: as simulated",
+        description="Passes that take ripples of one edge's length out of the motion, which render as a quilt; bends stay. "
+        "0: as simulated, as cloth always is",
     )  # fmt: skip
     bake_tolerance: number(
         "Rigid Within (%)", 0.2, "A body counts as rigid while it bends by less than this part of its size", min=0.0, soft_max=5.0, step=10,

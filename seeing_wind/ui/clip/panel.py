@@ -31,6 +31,8 @@ class ClipTab(Tab):
         if settings.use_frames:
             sub.prop(settings, "frames", index=0, text="")
             sub.prop(settings, "frames", index=1, text="")
+            first, last = settings.frames
+            column.label(text=f"Scene frames {settings.frame_start} to {settings.frame_start + last - first}")
         else:
             sub.label(text="All")
         column.prop(settings, "camera_mode")

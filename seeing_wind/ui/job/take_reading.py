@@ -140,7 +140,7 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
 
 
 def simulated_motion(take: Take, name: str) -> dict[str, np.ndarray]:
-    """A body of a re-simulation: `vertices` (T+1, V, 3) [m], `triangles` (M, 3), `fps` [1/s].
+    """A body of a re-simulation: `vertices` (T+1, V, 3) [m], `triangles` (M, 3), `fps` [1/s], `shell` whether a shell was simulated.
 
     Raises:
         TakeError: when it is missing, damaged or not finite.

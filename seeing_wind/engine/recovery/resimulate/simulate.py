@@ -49,6 +49,8 @@ class Simulated:
     """How many particles stood for it; of a shell, vertices."""
     notes: list[str]
     """What the user should know."""
+    shell: bool = False
+    """Whether its own vertices were simulated, as a shell's: then nothing rides on particles."""
 
 
 def simulate_bodies(
@@ -123,7 +125,7 @@ def _moved(
         notes = one.notes
         if edit.contact and len(edit.body) > 1:
             notes = [*notes, "a shell does not push other bodies, and they do not push it"]
-        moved.append((one, Simulated(x[:, one.vertex], one.triangles, len(one.shell.mass), notes), x))
+        moved.append((one, Simulated(x[:, one.vertex], one.triangles, len(one.shell.mass), notes, shell=True), x))
     return moved
 
 
