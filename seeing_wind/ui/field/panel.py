@@ -20,8 +20,8 @@ from .display import (
 from .node_groups import get_input, modifier_input
 
 SHOWN = {
-    "Length": "Length", "Density": "Density", "Confidence Shown": "Confidence", "Slice Axis": "Slice (1-3: X-Z)", "Slice Position": "Slice At",
-    "Slice Thickness": "Slice Width",
+    "Length": "Length", "Density": "Density", "Confidence Shown": "Confidence", "Slice Axis": "Slice (1-3: X-Z)",
+    "Slice Position": "Slice At", "Slice Thickness": "Slice Width",
 }  # fmt: skip
 """Settings of the arrows' modifier, and words for them that a sidebar does not cut off."""
 
