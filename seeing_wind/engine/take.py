@@ -41,9 +41,9 @@ VERSION = 15
 
 RESULTS = re.compile(
     r"take\.(toml|lock)|(observation|view\d+|particles|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"
-    r"|(wind|report|preview|resimulation)\.json"
+    r"|(wind|report|preview|resimulation)\.json|gaussians\.ply|(report|preview|held)\.png|(overlay|preview|resimulated)\.mp4"
 )
-"""Names of the files in a take that its stages go by."""
+"""Names of the files of a take that its stages write."""
 
 LONGEST_NAME = 80
 """Characters kept free behind a take's folder for the names of its files, those written aside included."""
@@ -81,12 +81,13 @@ class Take:
 
     @staticmethod
     def refuse_result(path: Path) -> None:
-        """Refuse to write to `path` what a user asked for, if that is a file that some take's stages go by.
+        """Refuse to write to `path` what a user asked for, if that is a file of some take: one that stages have stamped, or with a field.
 
         Raises:
             UsageError: then.
         """
-        if RESULTS.fullmatch(path.name) and (path.parent / "take.toml").is_file():
+        is_take = any((path.parent / name).is_file() for name in ("take.toml", "field.safetensors"))
+        if is_take and RESULTS.fullmatch(path.name):
             raise UsageError(f"{path} is a file of the take {path.parent}.", "Give --out another name.")
 
     def clear_leftovers(self) -> None:
@@ -163,13 +164,15 @@ class Take:
         """take.toml as a mapping; empty for a take that is not there yet.
 
         Raises:
-            TakeError: when it cannot be read, or its stages are no tables.
+            TakeError: when it cannot be read, is of another format, or its stages are no tables.
         """
         path = self.file("take.toml")
         if not path.exists():
             return {}
         try:
             values = read_toml(path)
+            if values.get("format", FORMAT) != FORMAT:
+                raise ValueError(f"its format is {values['format']!r}, and this version of Seeing Wind reads format {FORMAT}")
             stages = values.get("stages", {})
             if not isinstance(stages, dict) or not all(isinstance(stage, dict) for stage in stages.values()):
                 raise ValueError("its stages are no tables")

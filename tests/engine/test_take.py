@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seeing_wind.engine.errors import TakeError
+from seeing_wind.engine.errors import TakeError, UsageError
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Outcome, Recovery
 from seeing_wind.engine.settings import BuildSettings
@@ -113,6 +113,23 @@ def test_a_damaged_description_is_an_error_that_says_so(tmp_path: Path) -> None:
         (tmp_path / "take.toml").write_text(text)
         with pytest.raises(TakeError, match=r"take\.toml cannot be read"):
             Take(tmp_path).is_done("recover", "a")
+
+
+def test_a_take_of_another_format_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "take.toml").write_text("format = 99\n")
+    with pytest.raises(TakeError, match="format is 99"):
+        Take(tmp_path).finish("observe", "stamp", {})
+    assert (tmp_path / "take.toml").read_text() == "format = 99\n"
+
+
+@pytest.mark.parametrize("made", ["take.toml", "field.safetensors"])
+def test_no_result_takes_the_place_of_a_takes_own_file(tmp_path: Path, made: str) -> None:
+    Take.refuse_result(tmp_path / "overlay.mp4")
+    (tmp_path / made).touch()
+    for name in ("field.safetensors", "observation.npz", "overlay.mp4", "report.png", "gaussians.ply", "view12.npz"):
+        with pytest.raises(UsageError, match="is a file of the take"):
+            Take.refuse_result(tmp_path / name)
+    Take.refuse_result(tmp_path / "forces.npz")
 
 
 def test_stamps_follow_settings_and_file_contents(tmp_path: Path) -> None:

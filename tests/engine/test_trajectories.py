@@ -16,6 +16,7 @@ from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import MaterialError, ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.materials import find
 from seeing_wind.engine.progress import Progress
+from seeing_wind.engine.recovery.diagnostics.remarks import DISTRUST
 
 LATTICE = 0.1 * np.stack(np.meshgrid(*[np.arange(3.0)] * 3, indexing="ij"), -1).reshape(-1, 3)
 FALL = np.stack([LATTICE - [0, 0, 4.9 * (t / 24) ** 2] for t in range(6)])
@@ -111,6 +112,27 @@ def test_what_is_assumed_or_contradicts_itself_is_told(tmp_path: Path) -> None:
     seen = np.arange(6)[:, None] < np.where(fixed, 3, 6)  # what held particles did unseen is not known
     source = read_trajectories(write(tmp_path / "t.npz", x=np.where(seen[..., None], FALL, np.nan), visible=seen, fixed=fixed))
     assert any("held move by up to 34 mm" in note for note in source.notes)
+
+
+def test_a_particle_that_leaves_its_body_makes_the_field_useless(tmp_path: Path) -> None:
+    """Else each particle gets a force of its own that explains its flight to the last digit."""
+    astray = FALL.copy()
+    astray[:, 13] += np.linspace(0.0, 32.0, 6)[:, None] * [1.0, 0.0, 0.0]
+    notes = read_trajectories(write(tmp_path / "t.npz", x=astray)).notes
+    assert any("1 of 27 particles (13) go up to 31.9 m" in note and DISTRUST in note for note in notes)
+    hidden = np.ones((6, 27), bool)
+    hidden[1:, 13] = False
+    halves = FALL + np.where(LATTICE[:, :1] > 0.15, 1.0, 0.0) * np.linspace(0.0, 3.0, 6)[:, None, None]
+    for values in ({"x": astray, "visible": hidden}, {"x": halves}, {}):
+        assert not any("go up to" in note for note in read_trajectories(write(tmp_path / "t.npz", **values)).notes)
+
+
+def test_particles_that_are_held_and_travel_make_the_field_useless(tmp_path: Path) -> None:
+    fixed = LATTICE[:, 2] < 0.05
+    for way, useless in ((0.05, False), (0.5, True)):
+        moved = FALL[:1] + way * np.linspace(0.0, 1.0, 6)[:, None, None] * [1.0, 0.0, 0.0]
+        (note,) = (note for note in read_trajectories(write(tmp_path / "t.npz", x=moved, fixed=fixed)).notes if "held" in note)
+        assert (DISTRUST in note) == useless
 
 
 def test_points_that_are_not_visible_are_left_out(tmp_path: Path) -> None:

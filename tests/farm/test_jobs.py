@@ -63,6 +63,12 @@ def stop(job: Job, made: bool) -> None:
     raise Cancelled
 
 
+def test_a_summary_that_cannot_be_written_is_told_first(workplace):
+    (workplace / "jobs.summary.json").mkdir()
+    with pytest.raises(UsageError, match="summary"):
+        run(workplace, do=lambda job, made: pytest.fail("no job is begun"))
+
+
 def test_a_failed_job_does_not_stop_the_others_and_is_tried_again(workplace):
     (workplace / "jobs.toml").write_text(TABLE.format("a") + TABLE.format("b") + TABLE.format("c"))
     done = []

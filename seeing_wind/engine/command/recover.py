@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 Result = dict[str, Any]
 
+KEPT = ("observation.npz", "particles.npz", "trajectory.npz", "field.safetensors")
+"""Files that every finished recovery of a clip has."""
 PAINTED_DEPTH = 0.5
 """Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a picture takes in some material that gives way."""
 
@@ -151,7 +153,11 @@ def _recover_into(
             take, observation, body, recovery, field, spent, settings, progress, level=level, wind=wind.told, journal=journal
         )
 
-    return reported(take, recovery, arguments.report, observation.clip, draw, progress)
+    result = reported(take, recovery, arguments.report, observation.clip, draw, progress)
+    gone = [name for name in KEPT if not take.file(name).is_file()]
+    if gone:  # somebody has removed the folder meanwhile
+        result["warnings"].append(f"{' and '.join(gone)} were removed from the take while it was made: run `recover` again.")
+    return result
 
 
 def _from_first(still: tuple[int, int], first: int, frames: int) -> tuple[int, int]:

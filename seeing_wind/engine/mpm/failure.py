@@ -24,7 +24,7 @@ def failure(status: Sequence[int] | np.ndarray, frame: int, substeps: int) -> Si
     who = f"Particle {particle}" if particle >= 0 else "A particle"
     return SimulationError(
         f"{who} {reason} in frame {frame}, substep {at} of {substeps}.",
-        "Allow more substeps a frame, lower the force or Young's modulus, or use fewer particles.",
+        "Lower the force, the gravity or Young's modulus, or use fewer particles.",
         frame=frame, substep=at, particle=particle, quantity=quantity,
     )  # fmt: skip
 

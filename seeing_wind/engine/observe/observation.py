@@ -11,7 +11,7 @@ import numpy as np
 from .. import systems
 from ..errors import ObjectError
 from ..progress import Journal, Progress
-from ..records import Observation
+from ..records import Camera, Observation
 from ..settings import ObserveSettings
 from .clip.camera import find_camera
 from .clip.defects import check_pictures, tell_defects
@@ -28,6 +28,8 @@ from .mask.from_box import moving_in
 from .networks import check_networks, first_depth, first_outline
 from .working_size import WorkingSize, working_scale
 
+HUGE = 50.0
+"""Metres: an object longer than this is more often one whose distance is in millimetres."""
 ROUND_POINT = 0.25
 """About how far the object may reach from a point on it, in units of the picture's shorter side."""
 
@@ -93,6 +95,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         mask, plate, looks = with_background(clip.frames, mask, plate, moving, settings, around, progress, journal)
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
+    _tell_huge(mask, depth, camera, progress)
     masks, tracks = follow(clip, mask, plate, looks, lens, settings, progress, journal)
     tell_defects(clip.frames, masks, progress)
     progress.update(0.95, "background")
@@ -119,6 +122,17 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         sigma=tracks.sigma,
         on_centroid=tracks.on_centroid,
     )
+
+
+def _tell_huge(mask: np.ndarray, depth: np.ndarray, camera: Camera, progress: Progress) -> None:
+    """Warn of an object so large that its distance is hardly in metres."""
+    rows, columns = np.nonzero(mask)
+    width = max(np.ptp(rows), np.ptp(columns)) + 1
+    far = float(np.median(depth[mask]))
+    if width * far / camera.fx > HUGE:
+        progress.warn(
+            f"The object is {width * far / camera.fx:.0f} m long, {far:.0f} m away. Are distance and depth in metres?"
+        )
 
 
 def _depth_map(depth: np.ndarray | None, mask: np.ndarray, distance: float, lens: Lens, settings: ObserveSettings) -> np.ndarray | None:

@@ -180,7 +180,7 @@ def test_too_fast_names_where_and_what_to_change():
         rollout(model, State.at_rest(body.x), acceleration)
     error = caught.value
     assert error.frame == 2 and error.substep >= 0 and error.particle >= 0 and error.quantity == "velocity"
-    assert f"of {2 * model.substeps}" in error.message and "substeps" in error.hint
+    assert f"of {2 * model.substeps}" in error.message and "gravity" in error.hint
 
 
 def test_a_frame_that_is_a_little_too_fast_takes_half_the_substep():

@@ -88,6 +88,13 @@ def test_not_a_video(tmp_path: Path) -> None:
         read_clip(tmp_path / "notes.mp4")
 
 
+def test_a_list_of_files_is_no_video(disc: Scene, tmp_path: Path) -> None:
+    """FFmpeg would play it; what it names could change, or lie anywhere."""
+    (tmp_path / "list.ffconcat").write_text(f"ffconcat version 1.0\nfile {Path(disc.path).name}\n")
+    with pytest.raises(ClipError, match="a list of files"):
+        read_clip(tmp_path / "list.ffconcat")
+
+
 def test_one_picture(disc: Scene, tmp_path: Path) -> None:
     write_video(tmp_path / "one.avi", [disc.frames[0]], 25.0)
     with pytest.raises(ClipError, match="one picture"):

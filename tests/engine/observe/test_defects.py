@@ -31,6 +31,9 @@ def test_a_cut_is_named_with_its_pictures(disc: Scene, tmp_path: Path) -> None:
     assert "--frames 0:6" in caught.value.hint and "7:11" in caught.value.hint
     with pytest.raises(ClipError, match="12 and 13"):
         check_pictures(frames[2:], 8, NoProgress())
+    with pytest.raises(ClipError, match="6 and 7") as caught:
+        check_pictures(frames[6:], 6, NoProgress())
+    assert "--frames 7:11" in caught.value.hint and "6:6" not in caught.value.hint, "one picture is no shot"
 
 
 def test_motion_a_lamp_and_a_moving_camera_are_no_cuts(disc: Scene, ball: Scene) -> None:

@@ -135,6 +135,16 @@ def test_given_tracks_replace_ours(disc: Scene, tmp_path: Path) -> None:
         disc.path, ObserveSettings(box=(50, 30, 130, 120), distance=1.0, tracks=str(tmp_path / "tracks.npz"), frames=(2, 6)), NoProgress()
     )
     assert np.allclose(part.xy[0], xy[2, :8])
+    np.savez(tmp_path / "tracks.npz", xy=xy[:, :1], visible=visible[:, :1])
+    told: list[dict] = []
+    observe(disc.path, ObserveSettings(box=disc.box, distance=1.0, tracks=str(tmp_path / "tracks.npz")), Progress(told.append))
+    assert any("One track" in message["message"] for message in told if message["type"] == "warning")
+
+
+def test_an_object_that_can_hardly_be_in_metres_is_told(disc: Scene) -> None:
+    told: list[dict] = []
+    observe(disc.path, ObserveSettings(box=disc.box, distance=1500.0), Progress(told.append))
+    assert any("in metres?" in message["message"] for message in told if message["type"] == "warning")
 
 
 @pytest.mark.parametrize("case", ["keys", "rows", "shape", "nan", "sight", "sigma", "off", "text", "none"])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ... import systems
+from ...errors import UsageError
 from ...reading import read_json
 from .jobs import Job
 
@@ -36,10 +37,15 @@ class Summary:
         path: of the jobs' file.
         whole: whether this process also makes what needs Blender; else a job is done with its takes.
         again: whether what is done counts as not done.
+
+    Raises:
+        UsageError: where the summary is to be, there is a folder.
     """
 
     def __init__(self, path: Path, jobs: list[Job], *, whole: bool, again: bool = False) -> None:
         self.path = path.with_name(path.stem + SUMMARY)
+        if self.path.exists() and not self.path.is_file():
+            raise UsageError(f"The summary's place {self.path} is taken by what is no file.", "Move it away, or rename the file of jobs.")
         self.jobs, self.whole, self.again = jobs, whole, again
         self.outcomes: dict[str, Outcome] = {}
         self._before = _former(self.path)

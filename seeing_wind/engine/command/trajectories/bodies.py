@@ -11,6 +11,7 @@ import numpy as np
 
 from ...errors import ObjectError, UsageError
 from ...records import Attachment, Material, Particles, PointTargets
+from ...recovery.diagnostics.remarks import DISTRUST
 from .file import gravity_of, motion_of, number_in, numbers_in, values_of
 from .material import material_of
 
@@ -18,10 +19,14 @@ FIXED_DEPTH = 0.5
 """Grid cells (`RecoverSettings.clamp_depth`) at first. A file's `fixed` is what hardly moved: that reaches some way above what is held."""
 HELD_WAY = 0.2
 """Particle spacings that held particles may move without a word."""
+HELD_WILD = 3.0
+"""Particle spacings from which those that move are not held at all."""
 FINEST = 1e-9
 """Metres: no position is more certain."""
 FEW = 8
 """Points below which a body has no shape to speak of."""
+STRAYS = 0.1
+"""Share of a body's particles up to which those that leave it are taken for errors: more of them are a body that falls apart."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,7 @@ def read_trajectories(
     targets = PointTargets(np.where(visible[..., None], x, np.nan), visible, everyone, sigma, covariance)
     found, assumed = material_of(values, material, properties, path)
     down, missing = gravity_of(values, gravity, path)
-    notes = [*_few(x.shape[1]), *assumed, *missing, *notes, *_moving(targets.x[:, fixed], spacing)]
+    notes = [*_few(x.shape[1]), *assumed, *missing, *notes, *_moving(targets.x[:, fixed], spacing), *_strays(targets.x, spacing)]
     return Trajectories(particles, found, targets, fps, down, notes=tuple(notes))
 
 
@@ -120,7 +125,30 @@ def _moving(x: np.ndarray, spacing: float) -> Iterator[str]:
     """A note where held particles x (T+1, M, 3), NaN where not seen, move further than those do that are only near a clamp."""
     way = float(np.nan_to_num(np.linalg.norm(x - x[0], axis=2)).max()) if x.size else 0.0
     if way > HELD_WAY * spacing:
-        yield f"Particles that `fixed` marks as held move by up to {1e3 * way:.2g} mm; they are simulated standing still."
+        wild = f" {DISTRUST}: mark only what is held." if way > HELD_WILD * spacing else ""
+        yield f"Particles that `fixed` marks as held move by up to {1e3 * way:.2g} mm; they are simulated standing still.{wild}"
+
+
+def _strays(x: np.ndarray, spacing: float) -> Iterator[str]:
+    """A note on single particles of x (T+1, N, 3), NaN where not seen, that leave their neighbours behind by more than the body's size."""
+    from scipy.spatial import cKDTree
+
+    count = len(x[0])
+    if count < FEW:
+        return
+    size = float(np.linalg.norm(np.ptp(x[0], axis=0))) + spacing
+    beside = cKDTree(x[0]).query(x[0], k=FEW)[1][:, 1:]
+    apart = np.zeros(beside.shape)
+    for seen in x:
+        apart = np.fmax(apart, np.linalg.norm(seen[:, None] - seen[beside], axis=-1))
+    way = apart.min(axis=1)  # from all of its neighbours
+    astray = np.flatnonzero(way > size)
+    if 0 < len(astray) <= STRAYS * count:
+        which = ", ".join(str(each) for each in astray[:3]) + (", ..." if len(astray) > 3 else "")
+        yield (
+            f"{len(astray)} of {count} particles ({which}) go up to {way[astray].max():.3g} m away from their neighbours, more than the "
+            f"body's size ({size:.3g} m). {DISTRUST}: take them out of the file, or make them invisible there."
+        )
 
 
 def particle_spacing(x: np.ndarray) -> float:

@@ -55,10 +55,11 @@ def check_pictures(frames: Frames, first_frame: int, progress: Progress) -> None
         )
     cut = _cut(small)
     if cut is not None:
-        before, after = first_frame + cut, first_frame + cut + 1
+        before, after, last = first_frame + cut, first_frame + cut + 1, first_frame + len(frames) - 1
+        shots = [f"--frames {begin}:{end}" for begin, end in ((first_frame, before), (after, last)) if end > begin]
         raise ClipError(
             f"The clip cuts to another shot between its pictures {before} and {after}.",
-            f"Choose one shot: --frames {first_frame}:{before} or --frames {after}:{first_frame + len(frames) - 1}.",
+            f"Choose one shot: {' or '.join(shots)}." if shots else "Film it again, or choose another range of --frames.",
         )
 
 

@@ -22,6 +22,9 @@ UNEVEN = 0.1
 ROUNDING = 0.02
 """Relative difference between a file's frame rate and that of its times that is rounding: some containers keep whole milliseconds."""
 
+PLAYLIST = b"ffconcat"
+"""How a list of FFmpeg's begins, which it plays like a video; OpenCV opens none of the other kinds."""
+
 TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 """What makes a picture upright that a phone stored with this rotation in the file's metadata [degrees]."""
 
@@ -137,6 +140,13 @@ def require_clip(path: str) -> None:
         )
 
 
+def _refuse_playlist(place: Path) -> None:
+    """Raise ClipError for FFmpeg's playlists: they name other files, which nobody would see change, or be missing on another machine."""
+    with open(place, "rb") as file:
+        if file.read(len(PLAYLIST)) == PLAYLIST:
+            raise ClipError(f"{place} is a list of files, not a video.", "Give the video itself, or join the listed ones with FFmpeg.")
+
+
 def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
     """The files that a clip is read from: the video itself, or those of a folder's or pattern's pictures that lie in the range."""
     if not is_sequence(path):
@@ -216,6 +226,7 @@ def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
         return _pictures(pictures_of(path), path), float("nan")
     if place.suffix.lower() in PICTURE_SUFFIXES:
         return _pictures([place], path), float("nan")
+    _refuse_playlist(place)
     capture = cv2.VideoCapture(path)
     if not capture.isOpened():
         raise ClipError(f"{path} is not a video that can be opened.", "Convert it to H.264 MP4, or give a folder of pictures.")

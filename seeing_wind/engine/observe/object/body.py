@@ -69,7 +69,8 @@ def build(
     relief = relief_of(observation, settings.thickness)
     flows = material.law in PLASTIC_LAWS
     count = settings.particles if settings.particles is not None else FLOWING_PARTICLES if flows else PARTICLES
-    particles = fill(relief, count, observation.pin)
+    progress.update(0.05, f"filling a {relief.kind if relief.parts is None else 'body on a stem'} with particles")
+    particles = fill(relief, count, observation.pin, progress)
     fine = None if relief.parts is None else too_fine(relief.parts)
     if fine is not None:
         progress.warn(fine)

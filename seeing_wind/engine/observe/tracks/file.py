@@ -11,6 +11,9 @@ from ...reading import read_arrays
 SIGMA = 0.3
 """Standard deviation [px] of tracks that come without one."""
 
+FEW = 3
+"""Tracks below which a body's turns stay unknown."""
+
 SHAPES = "It needs xy (T+1, K, 2) pixels and visible (T+1, K) bool; sigma (T+1, K) pixels is optional."
 
 
@@ -52,6 +55,9 @@ def read_tracks(
         )
     if not on.all():
         progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first picture and are left out.")
+    if on.sum() < FEW:
+        few = "One track tells" if on.sum() == 1 else f"{int(on.sum())} tracks tell"
+        progress.warn(f"{few} where the object is, not how it turns or bends. Give three or more that start on it.")
     # An invisible point's place is never used; zero keeps arithmetic on whole arrays finite.
     held = np.where(visible[..., None], xy, 0.0)
     return held[:, on], visible[:, on], np.where(visible, sigma, SIGMA)[:, on]

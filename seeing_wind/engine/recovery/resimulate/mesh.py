@@ -37,7 +37,10 @@ def load_mesh(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarray]:
     if not np.issubdtype(triangles.dtype, np.integer):
         raise UsageError(f"{path.name}: triangles are {triangles.dtype}, not whole numbers.", _HINT)
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise UsageError(f"{path.name}: a triangle names vertex {int(triangles.max())} of {len(vertices)}.", "Export the mesh again.")
+        wrong = int(triangles.min()) if triangles.min() < 0 else int(triangles.max())
+        named = f"a triangle names vertex {wrong + 1} of {len(vertices)}, counted from 1" if path.suffix.lower() == ".obj" else ""
+        named = named or f"a triangle names vertex {wrong} of {len(vertices)}, counted from 0"
+        raise UsageError(f"{path.name}: {named}.", "Export the mesh again.")
     if not np.isfinite(vertices).all():
         bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         raise UsageError(f"{path.name}: the position of vertex {bad} is not finite.", "Mend the mesh and export it again.")

@@ -10,6 +10,7 @@ import pytest
 from seeing_wind.engine.errors import ObjectError
 from seeing_wind.engine.observe.object.shape.particles import fill, spread
 from seeing_wind.engine.observe.object.shape.relief import relief_of
+from seeing_wind.engine.progress import Cancelled, Progress
 from tests.engine.observations import FOCAL, camera, observed
 
 
@@ -130,6 +131,13 @@ def test_thickness_overrides_the_guess(plate, ball) -> None:
     assert tall == pytest.approx(2.0 * flat, rel=0.05)
     with pytest.raises(ObjectError):
         relief_of(plate, thickness=-1.0)
+
+
+def test_filling_a_body_heeds_a_cancel(plate) -> None:
+    calls = iter(range(3))
+    with pytest.raises(Cancelled):
+        fill(relief_of(plate), 300, progress=Progress(cancelled=lambda: next(calls, None) is None))
+    assert next(calls, None) is None
 
 
 def test_pin_holds_all_layers(plate) -> None:

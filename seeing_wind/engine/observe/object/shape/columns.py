@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ....progress import Progress
 from .relief import Relief
 
 MIN_SPACING_PIXELS = 2.0
@@ -68,9 +69,9 @@ def columns_of(relief: Relief, metric: np.ndarray, spacing: float, held: np.ndar
     owner = np.repeat(np.arange(len(pixels)), parts**2)
     flat = dots @ metric.T / spacing
     flat -= flat.mean(axis=0)
-    sites, inverse, sizes = np.unique(np.round(flat).astype(int), axis=0, return_inverse=True, return_counts=True)
+    sites, inverse, sizes = _cells(np.round(flat).astype(int))
     kept = sizes >= min(COVERAGE * (cell_pixels * parts) ** 2, sizes.max())
-    nearest = cKDTree(sites[kept]).query(sites)[1][inverse.ravel()]
+    nearest = cKDTree(sites[kept]).query(sites)[1][inverse]
     number = int(kept.sum())
     volume_of_dot = relief.pixel_volume()[rows, cols][owner] / parts**2
     dots_in = np.bincount(nearest, minlength=number)
@@ -85,14 +86,35 @@ def columns_of(relief: Relief, metric: np.ndarray, spacing: float, held: np.ndar
     )
 
 
-def spacing_for(relief: Relief, metric: np.ndarray, count: int) -> float:
-    """Lattice spacing [m] that gives about `count` particles, by bisection on its logarithm."""
+def _cells(indices: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What `np.unique` says of rows (D, 2) of whole numbers, without sorting millions of them.
+
+    Returns:
+        The different rows (C, 2) in order, which of them each row is (D,), and how many are each (C,).
+    """
+    lowest = indices.min(axis=0)
+    width = int(np.ptp(indices[:, 1])) + 1
+    code = (indices - lowest) @ np.array([width, 1])
+    count = np.bincount(code)
+    taken = np.flatnonzero(count)
+    place = np.zeros(len(count), dtype=np.intp)
+    place[taken] = np.arange(len(taken))
+    return np.stack(np.divmod(taken, width), axis=1) + lowest, place[code], count[taken]
+
+
+def spacing_for(relief: Relief, metric: np.ndarray, count: int, progress: Progress) -> float:
+    """Lattice spacing [m] that gives about `count` particles, by bisection on its logarithm.
+
+    Raises:
+        Cancelled: at a safe point.
+    """
     pixel = np.sqrt(np.linalg.det(metric))
     finest, coarsest = MIN_SPACING_PIXELS * pixel, np.sqrt(relief.mask.sum()) * pixel
     low, high = np.log(finest), np.log(max(coarsest, finest))
     nothing_held = np.zeros_like(relief.mask)
 
     def particles(spacing: float) -> int:
+        progress.check()
         return int(layers_of(columns_of(relief, metric, spacing, nothing_held).thickness, spacing).sum())
 
     if particles(finest) <= count:

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ....errors import ObjectError
+from ....progress import NoProgress, Progress
 from ....records import Particles
 from .block import Block
 from .columns import COVERAGE, MIN_SPACING_PIXELS, columns_of, layers_of, spacing_for, surface_metric
@@ -39,7 +40,7 @@ RIM = 0.002
 """Share of a block's dots that may lie beyond the outermost cells: pixels of its outline are uneven."""
 
 
-def fill(relief: Relief, count: int, pin: np.ndarray | None = None) -> Particles:
+def fill(relief: Relief, count: int, pin: np.ndarray | None = None, progress: Progress | None = None) -> Particles:
     """Fill the body with about `count` particles.
 
     Args:
@@ -52,6 +53,7 @@ def fill(relief: Relief, count: int, pin: np.ndarray | None = None) -> Particles
 
     Raises:
         ObjectError: count below 1, or a pin that lies off the object.
+        Cancelled: at a safe point.
     """
     if count < 1:
         raise ObjectError(f"{count} particles cannot stand for a body.", "Ask for some hundreds.")
@@ -63,7 +65,7 @@ def fill(relief: Relief, count: int, pin: np.ndarray | None = None) -> Particles
     if relief.kind in SOLID:
         return cells_of(relief, count, held)
     metric = surface_metric(relief)
-    spacing = spacing_for(relief, metric, count)
+    spacing = spacing_for(relief, metric, count, progress or NoProgress())
     columns = columns_of(relief, metric, spacing, held)
     layers = layers_of(columns.thickness, spacing)
     column = np.repeat(np.arange(len(layers)), layers)
