@@ -7,6 +7,7 @@ JSON lines on stdout and nothing else: progress, warning, error, and one result 
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import os
@@ -77,12 +78,16 @@ class Protocol:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit code."""
+    options = list(sys.argv[1:] if argv is None else argv)
+    if not {"-h", "--help"}.isdisjoint(options):
+        with contextlib.suppress(SeeingWindError):  # told below, as a message
+            parser().parse_args(options)  # the help goes to the real stdout, and the process ends
     protocol = Protocol()
     signal.signal(signal.SIGINT, protocol.interrupt)
     cancelling.listen(protocol.cancel)
     started = time.perf_counter()
     try:
-        arguments = parser().parse_args(argv)
+        arguments = parser().parse_args(options)
         # The heavy floors are imported only once the options are known to make sense.
         from .command.verbs import VERBS
 

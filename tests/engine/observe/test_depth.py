@@ -65,3 +65,11 @@ def test_a_file_that_is_no_depth(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "d.npy").write_bytes(content)
     with pytest.raises(UsageError, match="depth file"):
         object_depth(read_depth(str(tmp_path / "d.npy"), *MASK.shape), "d.npy", MASK, 1.0, NoProgress())
+
+
+def test_noise_is_no_depth() -> None:
+    noise = np.random.default_rng(2).uniform(0.1, 1e4, MASK.shape).astype(np.float32)
+    with pytest.raises(UsageError, match="from pixel to pixel"):
+        object_depth(noise, "d.npy", MASK, 1.0, NoProgress())
+    tilted = np.broadcast_to(np.geomspace(1.0, 3.0, MASK.shape[1]), MASK.shape).astype(np.float32)
+    assert np.array_equal(object_depth(tilted, "d.npy", MASK, 1.0, NoProgress())[MASK], tilted[MASK])

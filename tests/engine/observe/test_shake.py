@@ -112,3 +112,22 @@ def test_unrelated_pictures_are_no_tremble() -> None:
     rng = np.random.default_rng(4)
     frames = np.stack([noise(rng, (HEIGHT, WIDTH), (0, 0, 0), (255, 255, 255), 3.0).astype(np.uint8) for _ in range(3)])
     assert camera_turns(frames, CAMERA, np.zeros((HEIGHT, WIDTH), bool), NoProgress(), Journal()) is None
+
+
+def test_another_thing_before_a_plain_wall_is_no_moving_camera(tmp_path: Path) -> None:
+    """All corners beside the object are on the second one, which moves on its own."""
+    rng = np.random.default_rng(5)
+    patches = [noise(rng, (40, 40), (20, 20, 20), (230, 230, 230), 2.0).astype(np.uint8) for _ in range(2)]
+    frames = []
+    for t in range(13):
+        frame = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+        for patch, (x, y) in zip(patches, ((20 + 2 * t, 20 + t), (WIDTH - 60 - 2 * t, HEIGHT - 50 - t))):
+            frame[y : y + 40, x : x + 40] = patch
+        frames.append(frame)
+    write_video(tmp_path / "two.avi", frames, 30.0)
+    told: list[dict] = []
+    seen = observe(tmp_path / "two.avi", ObserveSettings(box=(15, 15, 65, 65), distance=1.0), Progress(told.append))
+    assert not [message for message in told if "camera" in message.get("message", "").lower() and message["type"] == "warning"]
+    assert np.ndim(seen.camera.camera_to_world) == 2
+    shift = np.nanmedian(np.where(seen.visible[-1][:, None], seen.xy[-1] - seen.xy[0], np.nan), axis=0)
+    assert shift == pytest.approx([24.0, 12.0], abs=0.5)

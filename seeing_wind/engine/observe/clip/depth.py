@@ -8,6 +8,8 @@ from ...errors import UsageError
 from ...progress import Progress
 from ...reading import read_array
 
+ROUGHEST = 0.1
+"""Median difference of neighbouring pixels' depths over the depth, from which it is no surface's."""
 LEAST_KNOWN = 0.8
 """Part of the object's pixels that a depth file must cover; the rest, mostly the silhouette's rim, takes the nearest known depth."""
 
@@ -55,7 +57,7 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
         name: where `depth` is from, for messages.
 
     Raises:
-        UsageError: `depth` leaves more than a fifth of the object without depth.
+        UsageError: `depth` leaves more than a fifth of the object without depth, or is noise.
     """
     if depth is None:
         return np.where(mask, np.float32(distance), np.float32(np.inf)).astype(np.float32)
@@ -72,4 +74,12 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
 
     # Only depths on the object itself may fill its rim: the nearest pixel outside could belong to the wall behind it.
     rows, columns = distance_transform_edt(~(known & mask), return_distances=False, return_indices=True)
-    return np.where(mask, depth[rows, columns], np.float32(np.inf)).astype(np.float32)
+    filled = np.where(mask, depth[rows, columns], np.float32(np.inf)).astype(np.float32)
+    beside = mask[:, 1:] & mask[:, :-1]
+    steps = np.abs(filled[:, 1:][beside] - filled[:, :-1][beside])
+    if steps.size and np.median(steps) > ROUGHEST * np.median(filled[mask]):
+        raise UsageError(
+            f"{name} gives depths that differ by {np.median(steps):.2g} m from pixel to pixel: no surface looks like that.",
+            "Check the file: metres along the view axis, one per pixel of the first picture.",
+        )
+    return filled

@@ -19,6 +19,9 @@ LEAST_CORNERS = 8
 LEAST_PART = 0.4
 """Part of the corners that must move as one for that motion to be the camera's."""
 
+LEAST_SPAN = 0.4
+"""Part of the picture, along either side, that the middle nine tenths of the corners span: others may all be of one thing that moves."""
+
 CLOSE = 1.0
 """Pixels within which a corner agrees with the common motion."""
 
@@ -27,6 +30,21 @@ SPIKE = 6.0
 
 LARGEST_TURN = 0.1
 """Shift as a part of the picture's width beyond which this is no tremble but a moving camera, whose parallax a turn cannot explain."""
+
+
+def surrounding_corners(gray: np.ndarray, around: np.ndarray, apart: float) -> np.ndarray | None:
+    """Corners (K, 1, 2) [px] of what is around the object, by which a camera's motion is told; None where there is too little.
+
+    Args:
+        gray: (H, W) uint8, picture 0.
+        around: (H, W) bool, where the object is.
+        apart: least distance of two corners [px].
+    """
+    corners = cv2.goodFeaturesToTrack(gray, 200, 0.01, apart, mask=np.where(around, 0, 255).astype(np.uint8))
+    if corners is None or len(corners) < LEAST_CORNERS:
+        return None
+    span = np.ptp(np.percentile(corners.reshape(-1, 2), (5, 95), axis=0), axis=0) / gray.shape[::-1]
+    return corners if span.max() >= LEAST_SPAN else None
 
 
 def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: Progress, journal: Journal) -> np.ndarray | None:
@@ -38,9 +56,9 @@ def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: P
         around: (H, W) bool, where the object is in picture 0 and corners are not to be trusted.
     """
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
-    height, width = first.shape
-    corners = cv2.goodFeaturesToTrack(first, 200, 0.01, max(8.0, width / 40), mask=np.where(around, 0, 255).astype(np.uint8))
-    if corners is None or len(corners) < LEAST_CORNERS:
+    width = first.shape[1]
+    corners = surrounding_corners(first, around, max(8.0, width / 40))
+    if corners is None:
         return None
     loop = journal.loop("camera turns")
     done, kept = loop.resume()

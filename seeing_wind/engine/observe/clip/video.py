@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,7 +26,8 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
 
     Raises:
         MissingPackage: when it has none.
-        TakeError: when the disk is full, or what was written cannot be read.
+        TakeError: when what was written cannot be read.
+        OSError: when the disk is full.
     """
     with _quiet():
         for codec in CODECS:
@@ -33,7 +36,7 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
                 break
         else:
             if shutil.disk_usage(path.parent).free < LEAST_SPACE:
-                raise TakeError(f"Cannot write {path.name}: the disk is full.", "Free some space or choose another folder.")
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
             message = f"This OpenCV can write none of the video codecs {', '.join(CODECS)}."
             raise MissingPackage(message, "Install opencv-python-headless from PyPI.")
     try:
@@ -42,7 +45,9 @@ def video_writer(path: Path, fps: float, size: tuple[int, int]) -> Iterator[cv2.
         writer.release()
     # OpenCV says nothing of a disk that fills up while it writes: such a video lacks its table of contents, and no player opens it.
     if not cv2.VideoCapture(str(path)).read()[0]:
-        raise TakeError(f"Cannot write {path.name}: what the encoder left is no video.", "Free some space or choose another folder.")
+        if shutil.disk_usage(path.parent).free < LEAST_SPACE:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        raise TakeError("What the encoder left is no video that can be read.", "Free some space or choose another folder.")
 
 
 @contextlib.contextmanager

@@ -12,6 +12,7 @@ import numpy as np
 from ...masks import Masks
 from ...progress import Progress
 from ...records import Camera
+from ..clip.shake import surrounding_corners
 from ..clip.stored import Frames
 from .motion import Window, cut, window_of
 
@@ -112,10 +113,9 @@ def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
     if around.all():
         return True
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
-    surroundings = np.where(around, 0, 255).astype(np.uint8)
-    corners = cv2.goodFeaturesToTrack(first, 200, 0.01, 8, mask=surroundings)
-    if corners is None or len(corners) < 12:
-        # Nothing to hold on to (a plain studio wall): a moving camera would still shift what little there is.
+    corners = surrounding_corners(first, around, 8.0)
+    if corners is None:
+        # Nothing to hold on to (a plain studio wall, before which another thing may move): a moving camera would still shift what there is.
         return bool(np.median(cv2.absdiff(frames[0], frames[-1])[~around]) < 3)
     for t in np.unique(np.linspace(1, len(frames) - 1, 4).astype(int)):
         gray = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY)
