@@ -11,13 +11,16 @@ from ...engine.errors import TakeError
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
 from ...engine.take import Take
 from ..option_properties import give, panel_options
+from ..user_paths import absolute
 from .properties import MODES
 
 OPTIONS = {one.name: one for one in panel_options(ObserveSettings, BuildSettings, RecoverSettings, WindSettings)}
 
 
 def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
-    """Fill the settings of a scene that has none of its own from a take; those of a scene that has a clip are left alone.
+    """Fill the settings of a scene that has none of its own from a take.
+
+    Those of a scene that has another clip, or in which the object is marked already, are left alone.
 
     A file that is not there any more is left out.
 
@@ -25,7 +28,10 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
         clip: where the take's clip is now; "" for a field from trajectories.
     """
     settings = scene.seeing_wind
-    if settings.clip or not clip or not os.path.isfile(clip):
+    if not clip or not os.path.isfile(clip):
+        return
+    own = absolute(settings.clip) if settings.clip else clip
+    if own != clip and (not os.path.isfile(own) or not os.path.samefile(own, clip)) or settings.clip and _is_marked(settings):
         return
     given: dict[str, Any] = {}
     for stage in take.description().get("stages", {}).values():
@@ -44,3 +50,8 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
             setattr(settings, mode, implied)
     if "solve" in take.description().get("stages", {}) and "gravity" not in given:
         settings.gravity_mode = "NONE"
+
+
+def _is_marked(settings: bpy.types.PropertyGroup) -> bool:
+    """Whether the user has said where the object is; an empty box, as in a new scene, says nothing."""
+    return settings.object_mode != "BOX" or any(settings.box)

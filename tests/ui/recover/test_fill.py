@@ -48,9 +48,19 @@ def test_reload_into_a_new_file_fills_the_panel(take, workplace) -> None:
 
 def test_settings_that_are_there_are_left_alone(take, workplace) -> None:
     settings = bpy.context.scene.seeing_wind
-    settings.clip, settings.distance = str(workplace / "clip.mp4"), 7.0
+    settings.clip, settings.distance, settings.box = str(workplace / "clip.mp4"), 7.0, (1.0, 2.0, 30.0, 40.0)
     bpy.ops.seeing_wind.build_scene(take=str(take))
-    assert settings.distance == 7.0 and tuple(settings.box) == (0.0, 0.0, 0.0, 0.0)
+    assert settings.distance == 7.0 and tuple(settings.box) == (1.0, 2.0, 30.0, 40.0)
+    settings.clip, settings.box = str(workplace / "other.mp4"), (0.0, 0.0, 0.0, 0.0)
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    assert settings.distance == 7.0 and settings.clip.endswith("other.mp4")
+
+
+def test_a_scene_with_the_same_clip_and_nothing_marked_is_filled(take, workplace) -> None:
+    bpy.ops.seeing_wind.choose_clip(filepath=str(workplace / "clip.mp4"))
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    settings = bpy.context.scene.seeing_wind
+    assert tuple(settings.box) == (20.0, 20.0, 44.0, 44.0) and settings.distance == pytest.approx(2.5)
 
 
 @pytest.fixture
