@@ -14,10 +14,12 @@ import pytest
 
 from seeing_wind.engine.command import verbs
 from seeing_wind.engine.command.reporting import reported
+from seeing_wind.engine.conventions import UNHELD
 from seeing_wind.engine.errors import MissingPackage, TakeError
 from seeing_wind.engine.field import UniformField
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
+from seeing_wind.engine.recovery.diagnostics.remarks import DISTRUST, EXPLAINS_NOTHING, worst_first
 from seeing_wind.engine.take import Take
 
 BOX = np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
@@ -151,3 +153,10 @@ def test_a_folder_that_cannot_be_written_is_told_before_anything_is_simulated(ed
     with pytest.raises(TakeError, match="is no folder"):
         verbs.resimulate(edit, Progress(lambda message: stages.append(message["stage"])))
     assert not stages
+
+
+def test_what_makes_a_field_useless_is_said_first() -> None:
+    useless, far = f"22 px off. {DISTRUST}: check.", f"In frame 3 the body is far off: {EXPLAINS_NOTHING}."
+    unheld = f"{UNHELD}; the force found is what holds the body up."
+    notes = ["a knot every 4 frames", unheld, "the body hardly moves", useless, far]
+    assert worst_first(notes) == [useless, far, unheld, "a knot every 4 frames", "the body hardly moves"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import runpy
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,8 @@ def workplace(tmp_path_factory) -> Path:
 
 @pytest.fixture
 def stand_in(clean_file, workplace, monkeypatch):
-    """The add-on switched on, the stand-in in the engine's place."""
+    """The add-on switched on, the stand-in in the engine's place. What an earlier test's file has simulated is gone."""
+    for take in workplace.glob("*.edit*.take"):
+        shutil.rmtree(take)
     with extension.switched_on(monkeypatch, workplace):
         yield

@@ -108,6 +108,7 @@ def _recover_into(
     from ..look import write_ply
     from ..look.multiview import with_views
     from ..observe.object.motion.views import lifted_together, view_targets
+    from ..recovery.diagnostics.remarks import worst_first
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
 
@@ -143,7 +144,7 @@ def _recover_into(
         return diverged(recovery)
     blown = settings_of(WindSettings, arguments)
     wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
-    recovery = dataclasses.replace(recovery, notes=[*wind.notes, *recovery.notes])
+    recovery = dataclasses.replace(recovery, notes=worst_first([*wind.notes, *recovery.notes]))
 
     def draw(journal: Journal) -> dict[str, Any]:
         from ..look.report import write_report
@@ -172,6 +173,7 @@ def _from_first(still: tuple[int, int], first: int, frames: int) -> tuple[int, i
 
 def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> Result:
     """`recover-trajectories TRUTH.npz --take DIR`."""
+    from ..recovery.diagnostics.remarks import worst_first
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
     from .trajectories.bodies import read_trajectories
@@ -190,12 +192,12 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
             progress.warn(note)
         upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)
         recovery, field, seconds = recover_stage(take, particles, material, source.targets, source.fps, upstream, settings, progress)
-        recovery = dataclasses.replace(recovery, notes=[*source.notes, *recovery.notes])
+        recovery = dataclasses.replace(recovery, notes=worst_first([*source.notes, *recovery.notes]))
         if field is None:
             return diverged(recovery)
         blown = settings_of(WindSettings, arguments)
         wind = wind_stage(take, None, particles, material, recovery, source.fps, blown, settings, progress)
-        recovery = dataclasses.replace(recovery, notes=[*wind.notes, *recovery.notes])
+        recovery = dataclasses.replace(recovery, notes=worst_first([*wind.notes, *recovery.notes]))
 
         def draw(_: Journal) -> dict[str, Any]:
             from ..look.report import write_trajectory_report

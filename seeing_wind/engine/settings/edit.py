@@ -50,6 +50,9 @@ class BodyEdit:
         None, otherwise="all hold firmly", file=True, panel="",
         help="NPY of one weight in 0..1 per index of `pin`: 1 holds firmly, less draws back like a spring (0.5: about 4 swings a second)",
     )  # fmt: skip
+    pin_path: str | None = option(
+        None, help="NPY (T+1,P,3) of where the vertices of `pin` are in every frame", unit="m", otherwise="they stay", file=True, panel=""
+    )
     free: str | None = option(
         None, help="NPY of particle indices of the recovered object that are held in the clip and let go here", file=True, panel=""
     )
@@ -118,5 +121,9 @@ class Edit:
     field: str | None = option(
         None, identifier="edit_field", help="which of the take's fields moves the bodies", otherwise="recovered", panel="main",
         choices={"force": "the body force in N/m³", "wind": "the wind in m/s, by the bodies' own surface and speed"},
+    )  # fmt: skip
+    preroll: int = option(
+        0, label="Pre-roll", identifier="edit_preroll", panel="main", minimum=0, typical=(None, 100),
+        help="frames for which bodies settle, in the wind of the first frame, before the clip begins",
     )  # fmt: skip
     contact: bool = option(False, help="all bodies share one grid and push each other; otherwise each moves alone", panel="main")

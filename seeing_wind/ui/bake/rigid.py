@@ -89,11 +89,14 @@ def bake(obj: bpy.types.Object, fit: RigidFit, pictures: np.ndarray, frames: np.
     }
     basis, previous = obj.matrix_basis.copy(), None
     frame_of_parent = obj.matrix_world @ basis.inverted_safe()
+    unscaled = Matrix.Diagonal((*obj.scale, 1.0)).inverted_safe()
     obj.rotation_mode = "QUATERNION"
     for picture, frame in zip(pictures, frames):
         motion = Matrix(fit.rotation[picture].tolist()).to_4x4()
         motion.translation = fit.translation[picture] / unit
-        location, rotation, _ = (frame_of_parent.inverted_safe() @ motion @ frame_of_parent @ basis).decompose()
+        placed = frame_of_parent.inverted_safe() @ motion @ frame_of_parent @ basis
+        # not by decompose(), which takes a mirrored axis for a point reflection
+        location, rotation = placed.translation.copy(), (placed @ unscaled).to_quaternion()
         if previous is not None:
             # the same turn has two quaternions; the nearer one keeps the curve from swinging round between pictures
             rotation.make_compatible(previous)

@@ -52,6 +52,8 @@ def _plane(scene: bpy.types.Scene, name: str) -> bpy.types.Object:
         obj.location = middle + behind * away
         obj.rotation_euler = (0.5 * np.pi, 0.0, float(np.arctan2(away[1], away[0])) - 0.5 * np.pi)
     obj.is_shadow_catcher, obj.display_type = True, "WIRE"
+    # white as it is, it would light the edit from below
+    obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = False
     scene.collection.objects.link(obj)
     return obj
 

@@ -113,6 +113,7 @@ def _draw_surroundings(column, settings, space: str) -> None:
     column.prop(settings, "edit_gravity_mode")
     if settings.edit_gravity_mode == "CUSTOM":
         column.prop(settings, "edit_gravity")
+    column.prop(settings, "edit_preroll")
     column.prop(settings, "contact")
     row = column.row(heading="Floor (m)")
     row.prop(settings, "use_floor", text="")

@@ -12,7 +12,9 @@ import hashlib
 import os
 import re
 import shutil
+import socket
 import tempfile
+import uuid
 from pathlib import Path
 
 import bpy
@@ -20,6 +22,7 @@ from bpy.app.handlers import persistent
 
 from ...engine import systems
 from ...engine.errors import TakeError
+from ...engine.reading import read_json
 from ..user_paths import absolute
 
 EDIT = "edit.toml"
@@ -55,9 +58,45 @@ def edit_folder(settings: bpy.types.PropertyGroup, take: Path) -> Path:
     taken = {Path(each.simulated_take).name for other in others for each in (other, *other.edits)}
     name = f"{stem}.{edit}.take"
     folder = take.with_name(name if name not in taken else f"{stem}.{edit}.{_plain(scene.name)}.take")
-    # a batch or the command line keeps its edit elsewhere: what they have simulated stays as it is
-    theirs = (each for each in (folder, *(folder.with_name(f"{folder.stem}.{k}.take") for k in range(2, 1000))))
-    return next((each for each in theirs if not (each / "take.toml").is_file() or (each / EDIT).is_file()), folder)
+    # what another file, a batch or the command line (which keeps its edit elsewhere) simulates stays as it is
+    every = (folder, *(folder.with_name(f"{folder.stem}.{k}.take") for k in range(2, 1000)))
+    free = (each for each in every if each.name not in taken)
+    mine = (each for each in free if _owner(each) == settings.owner or not any((each / name).is_file() for name in ("take.toml", EDIT)))
+    return next(mine, folder)
+
+
+def refuse_in_use(folder: Path) -> None:
+    """Refuse to write to a take that a job of another Blender, with the same file open, is writing to: the engine would come too late.
+
+    Raises:
+        TakeError: then.
+    """
+    try:
+        holder = read_json(folder / "take.lock")
+        busy = holder["host"] == socket.gethostname() and int(holder["pid"]) != os.getpid() and systems.alive(int(holder["pid"]))
+    except (OSError, ValueError, TypeError, KeyError):  # nobody has signed it
+        return
+    if busy:
+        raise TakeError(
+            f"{folder.name} is in use: `{holder['verb']}` (process {holder['pid']}) has been writing to it since {holder['since']}.",
+            "Wait until it has finished, or save this file under another name and duplicate the edit.",
+        )
+
+
+def own(settings: bpy.types.PropertyGroup) -> str:
+    """The line by which an edit's file says of which scene it is; copies of a .blend file are versions of one scene."""
+    settings.owner = settings.owner or uuid.uuid4().hex
+    return f"# scene {settings.owner}"
+
+
+def _owner(folder: Path) -> str | None:
+    """Of which scene the edit in a folder is; None where there is none, or it was written by another program."""
+    try:
+        with open(folder / EDIT, encoding="utf-8", errors="replace") as file:
+            first = file.readline()
+    except OSError:
+        return None
+    return first.removeprefix("# scene ").strip() if first.startswith("# scene ") else None
 
 
 def stamp_of_field(folder: Path) -> str:
@@ -142,6 +181,8 @@ def _moved(stored: str, stamp: str) -> Path:
     if not bpy.data.filepath:
         return former
     home = Path(bpy.data.filepath).parent
+    if former.is_dir() and former.is_relative_to(home) and (not stamp or _is_of(former, stamp)):
+        return former  # the project's own, whatever is beside the project
     for count in range(1, min(4, len(former.parts))):
         for start in (home, home.parent):
             candidate = start.joinpath(*former.parts[-count:])

@@ -52,6 +52,7 @@ class RecoverResults:
     field_verdict: StringProperty(
         options={"HIDDEN"}, description="What the recovery says of its field: a force or a wind, how strong, and why"
     )
+    owner: StringProperty(options={"HIDDEN"}, description="By which edits in takes are known to be this scene's")
     started_take: StringProperty(options={"HIDDEN"}, description="Where the last Recover of this scene went")
     field_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})
     arrows_object: PointerProperty(type=bpy.types.Object, options={"HIDDEN"})

@@ -137,6 +137,20 @@ def test_what_stays_rigid_gets_location_and_rotation(grid, tmp_path) -> None:
     assert grid.animation_data is None and np.abs(shown(grid, 9) - motion[0]).max() < 1e-6
 
 
+def test_a_mirrored_object_stays_where_it_is(tmp_path) -> None:
+    """Three corners of a triangle of three lengths, on an object with one negative scale."""
+    mesh = bpy.data.meshes.new("Mirrored")
+    mesh.from_pydata([(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.0, 0.2, 0.1)], [], [(0, 1, 2)])
+    obj = bpy.data.objects.new("Mirrored", mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    obj.scale, obj.rotation_euler = (-1.0, 1.5, 1.0), (0.4, -0.2, 0.7)
+    bpy.context.view_layer.update()
+    motion = tumbling(obj)
+    assert bake_motion(obj, motion, plan("AUTO", tmp_path)).way == "TRANSFORM"
+    for frame in (0, 9, 24):
+        assert np.abs(shown(obj, 7 + frame) - motion[frame]).max() < 2e-5
+
+
 def test_what_bends_or_moves_already_does_not(grid, tmp_path) -> None:
     assert bake_motion(grid, bending(grid), plan("AUTO", tmp_path)).way == "SHAPE_KEYS"
     clear_bake(grid)

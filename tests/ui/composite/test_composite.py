@@ -185,6 +185,7 @@ def test_a_wall_catches_the_shadow_of_the_edit(scene, tmp_path):
     darker = shades[False].astype(int) - shades[True]
     assert (darker > 15).sum() > 20 and abs(np.median(darker)) < 3
     wall = scene.objects[WALL]
+    assert not (wall.visible_diffuse or wall.visible_glossy), "white as it is, it would light the edit"
     assert wall.location.y > 0.1 and abs((wall.matrix_world.to_3x3().col[2]).y) > 0.99
 
 

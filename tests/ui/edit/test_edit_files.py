@@ -57,10 +57,12 @@ def test_pins_are_the_group_s_vertices(cube, tmp_path):
     group = cube.vertex_groups.new(name="Pin")
     group.add([1, 4, 6], 1.0, "REPLACE")
     group.add([5], 0.0, "REPLACE")
-    assert export_pins(cube, depsgraph(), "Pin", tmp_path / "pinned.npy") == (3, None)
+    pinned, weights = export_pins(cube, depsgraph(), "Pin", tmp_path / "pinned.npy")
+    assert len(pinned) == 3 and weights is None
     assert np.load(tmp_path / "pinned.npy", allow_pickle=False).tolist() == [1, 4, 6]
     group.add([2], 0.25, "REPLACE")
-    assert export_pins(cube, depsgraph(), "Pin", tmp_path / "pinned.npy") == (4, tmp_path / "pinned.weights.npy")
+    pinned, weights = export_pins(cube, depsgraph(), "Pin", tmp_path / "pinned.npy")
+    assert len(pinned) == 4 and weights == tmp_path / "pinned.weights.npy"
     assert np.load(tmp_path / "pinned.npy", allow_pickle=False).tolist() == [1, 2, 4, 6]
     assert np.load(tmp_path / "pinned.weights.npy", allow_pickle=False).tolist() == [1.0, 0.25, 1.0, 1.0]
 

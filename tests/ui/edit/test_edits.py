@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import json
+import os
+import socket
+
 import bpy
 import numpy as np
 import pytest
@@ -37,6 +41,76 @@ def test_the_engine_reads_what_the_panel_says(workplace, recovered) -> None:
     bpy.context.view_layer.update()
     freshness.refresh(recovered)
     assert state("resimulate") == "stale"
+
+
+def test_pins_go_with_the_bone_that_holds_them(workplace, recovered) -> None:
+    held = cube("Held")
+    group(held, "Top", {0: 1.0, 1: 1.0})
+    bpy.ops.object.armature_add()
+    rig = bpy.context.object
+    held.modifiers.new("Armature", "ARMATURE").object = rig
+    group(held, "Bone", dict.fromkeys(range(8), 1.0))
+    bone = rig.pose.bones[0]
+    for frame, height in ((1, 0.0), (13, 0.5)):
+        bone.location = (0.0, height, 0.0)  # along the bone, which is upright
+        bone.keyframe_insert("location", frame=frame)
+    bpy.ops.seeing_wind.insert_mesh(object="Held", pin_group="Top")
+    bpy.ops.seeing_wind.resimulate()
+    (body,) = written(workplace)["body"]
+    way, pins = (np.load(workplace / "out.edit.take" / body[name]) for name in ("pin_path", "pin"))
+    frames = [shown(held, frame)[pins] for frame in range(1, 14)]
+    assert np.ptp(way[:, 0, 2]) == pytest.approx(0.5, abs=1e-5)
+    np.testing.assert_allclose(way, frames, atol=1e-6)
+    assert state("resimulate") == "done"
+    bone.keyframe_insert("location", frame=7)
+    freshness.refresh(recovered)
+    assert state("resimulate") == "stale"
+    rig.animation_data_clear()
+    bpy.ops.seeing_wind.resimulate()
+    assert "pin_path" not in written(workplace)["body"][0]
+
+
+def test_a_collider_that_moves_is_told(workplace, recovered, capfd) -> None:
+    cube("Held")
+    table = cube("Table", (0.0, 0.0, -0.5))
+    table.keyframe_insert("location", frame=1)
+    bpy.ops.seeing_wind.insert_mesh(object="Held")
+    bpy.ops.seeing_wind.insert_collider(object="Table")
+    recovered.seeing_wind.edit_preroll = 12
+    bpy.ops.seeing_wind.resimulate()
+    assert "Table moves; bodies meet it where it stands" in capfd.readouterr().out
+    assert written(workplace)["preroll"] == 12
+
+
+def test_what_another_file_has_simulated_is_left_alone(workplace, recovered) -> None:
+    cube("Mine")
+    bpy.ops.seeing_wind.insert_mesh(object="Mine")
+    bpy.ops.seeing_wind.resimulate()
+    first = recovered.seeing_wind.simulated_take
+    bpy.ops.seeing_wind.scale_mass(object="Mine", factor=2.0)
+    bpy.ops.seeing_wind.resimulate()
+    assert recovered.seeing_wind.simulated_take == first, "the scene's own is renewed"
+    before = written(workplace)
+    recovered.seeing_wind.owner = "somebody else"
+    bpy.ops.seeing_wind.scale_mass(object="Mine", factor=3.0)
+    bpy.ops.seeing_wind.resimulate()
+    assert recovered.seeing_wind.simulated_take.endswith("out.edit.2.take") and written(workplace) == before
+
+
+def test_an_edit_that_another_blender_simulates_is_left_alone(workplace, recovered) -> None:
+    cube("Mine")
+    bpy.ops.seeing_wind.insert_mesh(object="Mine")
+    bpy.ops.seeing_wind.resimulate()
+    lock, before = workplace / "out.edit.take" / "take.lock", written(workplace)
+    bpy.ops.seeing_wind.scale_mass(object="Mine", factor=2.0)
+    holder = {"verb": "resimulate", "pid": os.getppid(), "host": socket.gethostname(), "since": "2026-01-01 12:00:00"}
+    lock.write_text(json.dumps(holder))
+    with pytest.raises(RuntimeError, match="is in use"):
+        bpy.ops.seeing_wind.resimulate()
+    assert written(workplace) == before
+    lock.write_text(json.dumps(holder | {"host": "elsewhere"}))
+    bpy.ops.seeing_wind.resimulate()
+    assert written(workplace) != before
 
 
 def test_field_strength_is_read_from_its_keyframes(workplace, recovered) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import bpy
@@ -9,7 +10,7 @@ import pytest
 
 from seeing_wind.ui.field.node_groups import get_input, set_input
 from seeing_wind.ui.field.samples import SAMPLE_WIND, samples_of
-from seeing_wind.ui.job import status
+from seeing_wind.ui.job import status, takes
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -105,6 +106,17 @@ def test_a_take_that_was_moved_comes_into_its_own_objects(recovered, workplace: 
     (workplace / "one.take").rename(workplace / "moved.take")
     bpy.ops.seeing_wind.build_scene(take=str(workplace / "moved.take"))
     assert [obj.session_uid for obj in made(recovered)] == before
+
+
+def test_a_projects_own_take_goes_before_the_same_take_beside_the_project(recovered, workplace: Path, tmp_path: Path) -> None:
+    inner = tmp_path / "project" / "v2"
+    inner.mkdir(parents=True)
+    take = Path(recovered.seeing_wind.recovered_take)
+    for folder in (inner.parent, inner):
+        shutil.copytree(take, folder / "own.take")
+    bpy.ops.seeing_wind.build_scene(take=str(inner / "own.take"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(inner / "p.blend"))
+    assert takes.recovered(bpy.context.scene.seeing_wind) == inner / "own.take"
 
 
 def test_nothing_is_left_of_a_field_that_was_deleted(recovered) -> None:

@@ -45,6 +45,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
     Raises:
         UsageError, ObjectError, MaterialError, SimulationError: as `read_sheet` and `sheet_stage`.
     """
+    from ...recovery.diagnostics.remarks import worst_first
     from ...recovery.wind.sheet import sheet_stage
 
     if arguments.schedule != "default" or arguments.objective != "tracking" or arguments.refine:
@@ -59,7 +60,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
             progress.warn(note)
         upstream = stamp_of("trajectories", Path(arguments.truth), source)
         found = sheet_stage(take, source, upstream, settings, blown, progress)
-        recovery = dataclasses.replace(found.recovery, notes=[*notes, *found.wind.notes, *found.recovery.notes])
+        recovery = dataclasses.replace(found.recovery, notes=worst_first([*notes, *found.wind.notes, *found.recovery.notes]))
         assert recovery.outcome != Outcome.DIVERGED
 
         def draw(_: Journal) -> dict[str, Any]:

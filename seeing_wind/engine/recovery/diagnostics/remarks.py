@@ -17,6 +17,8 @@ ASTRAY, ASTRAY_NOISE = 0.1, 10.0
 """A simulation explains nothing that misses the points by more than the body's size, this share of their way, and so many deviations."""
 DISTRUST = "Do not use this field"
 """In every note that says so."""
+EXPLAINS_NOTHING = "no force explains this motion"
+"""In the note of `astray`."""
 FAR = 0.05
 """Median distance of tracks from the simulation, relative to the body's size, from which nobody should trust the force."""
 UNEXPLAINED = 0.1
@@ -54,7 +56,7 @@ def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, re
         return ""
     return (
         f"In frame {worst} the simulated body is {residual[worst]:.3g} {unit} from where it was seen, more than its size "
-        f"({size:.3g} {unit}): no force explains this motion."
+        f"({size:.3g} {unit}): {EXPLAINS_NOTHING}."
     )
 
 
@@ -74,6 +76,11 @@ def far_off(particles: Particles, channels: Sequence[Channels], x: np.ndarray, r
 def distrusted(notes: Sequence[str]) -> list[str]:
     """Those of a recovery's notes that say that its field is of no use."""
     return [note for note in notes if DISTRUST in note]
+
+
+def worst_first(notes: Sequence[str]) -> list[str]:
+    """A recovery's notes: first those that make its field useless, then that nothing was held, then the others as they come."""
+    return sorted(notes, key=lambda note: 0 if DISTRUST in note or EXPLAINS_NOTHING in note else 1 if UNHELD in note else 2)
 
 
 def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, float, str]:

@@ -16,7 +16,7 @@ from ...settings import BodyEdit
 from . import sheets
 from .fill import fill
 from .mesh import load_mesh
-from .pins import Rider, hold_of, read_pins, read_weights, ride
+from .pins import Rider, carried, hold_of, read_pin_path, read_pins, read_weights, ride
 
 MIN_SUBSTEPS = 100
 """Per frame at least, whatever the stiffness, so that a fall's first frame is right to a hundredth."""
@@ -63,6 +63,10 @@ def enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | 
         raise UsageError(f"{body.name}: mass and density are both given.", "Give one of them; the other follows from the volume.")
     if body.pin_weights is not None and body.pin is None:
         raise UsageError(f"{body.name}: pin_weights without pin.", "Give the indices in pin as well.")
+    if body.pin_path is not None and (body.pin is None or body.mesh == "recovered"):
+        raise UsageError(f"{body.name}: pin_path needs the vertices of a mesh in pin.", "Leave it out, or give them.")
+    if body.pin_path is not None and body.start_frame:
+        raise UsageError(f"{body.name}: pins that move, and a start_frame of {body.start_frame}.", "Leave one of them out.")
     if body.free is not None and body.mesh != "recovered":
         raise UsageError(f"{body.name}: free is given, but nothing holds a mesh besides its own pin.", "Leave it out, or change pin.")
     if not 0 <= body.start_frame < field.frames:
@@ -78,11 +82,11 @@ def enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | 
     else:
         vertices, triangles = load_mesh(base_dir / body.mesh)
         if sheets.is_shell(body, vertices, triangles):
-            return sheets.enter(body, vertices, triangles, base_dir)
+            return sheets.enter(body, vertices, triangles, base_dir, field.frames)
         actor = _enter_mesh(body, vertices, triangles)
     if body.free is not None:
         actor = _free(actor, base_dir / body.free)
-    return actor if body.pin is None else _pin(actor, base_dir)
+    return actor if body.pin is None else _pin(actor, base_dir, field.frames)
 
 
 def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> Actor:
@@ -131,8 +135,8 @@ def _free(actor: Actor, path: Path) -> Actor:
     return dataclasses.replace(actor, particles=dataclasses.replace(actor.particles, pinned=pinned))
 
 
-def _pin(actor: Actor, base_dir: Path) -> Actor:
-    """The actor with pins, firm and soft: vertex indices for a mesh, particle indices for the recovered object."""
+def _pin(actor: Actor, base_dir: Path, frames: int) -> Actor:
+    """The actor with pins, firm and soft: vertex indices for a mesh, particle indices for the recovered object. Firm ones may move."""
     edit, particles, rest = actor.edit, actor.particles, actor.rider.rest
     recovered, path = edit.mesh == "recovered", base_dir / str(edit.pin)
     pins = read_pins(path, len(particles.x) if recovered else len(rest), "particles" if recovered else "vertices")
@@ -145,5 +149,8 @@ def _pin(actor: Actor, base_dir: Path) -> Actor:
     pinned = particles.pinned | (hold >= 1.0)
     particles = dataclasses.replace(particles, pinned=pinned)
     velocity = np.where(pinned[:, None], 0.0, actor.velocity)
-    rider = actor.rider if recovered else ride(rest, particles, pins[weights >= 1.0])
-    return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=rider, soft=np.where(pinned, 0.0, hold))
+    firm = weights >= 1.0
+    rider, way = actor.rider if recovered else ride(rest, particles, pins[firm]), actor.path
+    if edit.pin_path is not None and firm.any():
+        way = carried(rest[pins[firm]], read_pin_path(base_dir / edit.pin_path, path, frames)[:, firm], particles)
+    return dataclasses.replace(actor, particles=particles, velocity=velocity, rider=rider, soft=np.where(pinned, 0.0, hold), path=way)

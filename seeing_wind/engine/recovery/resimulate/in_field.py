@@ -4,7 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...errors import UsageError
 from ...field.force_field import ForceField
+
+
+class Waiting(ForceField):
+    """A field that begins later: its first frame lasts `lead` frames longer. It is in no file."""
+
+    def __init__(self, field: ForceField, lead: int) -> None:
+        super().__init__(field.box, field.fps, field.frames + lead)
+        self.field, self.lead, self.kind = field, lead, field.kind
+
+    @classmethod
+    def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Waiting:
+        """There is none."""
+        raise UsageError("A field that waits is in no file.", "Save the field itself.")
+
+    def _tensors(self) -> dict[str, np.ndarray]:
+        raise UsageError("A field that waits is in no file.", "Save the field itself.")
+
+    def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
+        return self.field.sample(points, max(frame - self.lead, 0))[0]
+
+    def _gradient(self, points: np.ndarray, frame: int) -> np.ndarray:
+        return self.field.gradient(points, max(frame - self.lead, 0))
 
 
 def continued(field: ForceField, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:

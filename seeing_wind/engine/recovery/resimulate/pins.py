@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...conventions import FARTHEST
 from ...errors import UsageError
 from ...observe.object.motion.control import attach, carry
 from ...reading import read_array
@@ -76,6 +77,35 @@ def read_weights(path: str | os.PathLike[str], pins: str | os.PathLike[str]) -> 
     strongest = np.zeros(int(index.max()) + 1)
     np.maximum.at(strongest, index, weights)
     return strongest[np.unique(index)]
+
+
+def read_pin_path(path: str | os.PathLike[str], pins: str | os.PathLike[str], frames: int) -> np.ndarray:
+    """Where pinned vertices are in every frame: (T+1, P, 3) [m] from an NPY file, in the order of `read_pins`.
+
+    Raises:
+        UsageError: no such file, another number of frames or vertices, or positions that are not finite or too far.
+    """
+    if not Path(path).is_file():
+        raise UsageError(f"There is no file {path} of the pins' way.", "Write their positions with numpy.save.")
+    try:
+        way, index = read_array(path), read_array(pins)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"The pins' way {path} cannot be read: {error}.", "Write their positions with numpy.save.") from error
+    if way.shape != (frames + 1, index.size, 3) or not np.issubdtype(way.dtype, np.floating):
+        raise UsageError(
+            f"The pins' way {path} is {way.dtype} of shape {way.shape}.", f"It must be ({frames + 1}, {index.size}, 3), in metres."
+        )
+    if not np.isfinite(way).all() or np.abs(way).max() > FARTHEST:
+        raise UsageError(f"The pins' way {path} has places that are nowhere, or too far.", "Check the animation, and the unit: metres.")
+    return way[:, np.unique(index, return_index=True)[1]].astype(np.float64)
+
+
+def carried(rest: np.ndarray, way: np.ndarray, particles: Particles) -> np.ndarray:
+    """(T+1, N, 3) [m] where pinned particles go with the firm pins next to them, from rest (P, 3) along `way` (T+1, P, 3); others stay."""
+    x = np.broadcast_to(particles.x, (len(way), *particles.x.shape)).copy()
+    held = particles.pinned
+    x[:, held] = carry(attach(particles.x[held], rest), particles.x[held], rest, way)
+    return x
 
 
 def hold_of(rest: np.ndarray, pins: np.ndarray, weights: np.ndarray, particles: Particles) -> np.ndarray:

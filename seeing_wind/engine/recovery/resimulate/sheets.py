@@ -23,7 +23,7 @@ from ..journal import Arrays
 from ..wind.drag import vertex_drag
 from .fill import connected_parts
 from .in_field import continued
-from .pins import SOFT, read_pins, read_weights
+from .pins import SOFT, read_pin_path, read_pins, read_weights
 from .voxels import enclosed
 
 
@@ -39,6 +39,8 @@ class Hanging:
     """(V,) which of the shell's vertices each of the mesh's is: those at the same place are one."""
     triangles: np.ndarray
     """(M, 3) of the mesh."""
+    path: np.ndarray | None = None
+    """(T+1, P, 3) [m] which way the pinned vertices go, if they do not keep their places."""
 
     @property
     def notes(self) -> list[str]:
@@ -70,8 +72,8 @@ def is_shell(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> boo
     return shell
 
 
-def enter(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir: Path) -> Hanging:
-    """The shell of a body.
+def enter(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir: Path, frames: int) -> Hanging:
+    """The shell of a body, in a field of so many frames.
 
     Raises:
         UsageError: a mesh that is no sheet, see `shell.surface_of`; a material without the numbers of a sheet.
@@ -80,7 +82,7 @@ def enter(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir:
     used, first, vertex = np.unique(weld(vertices, np.arange(len(vertices))), return_index=True, return_inverse=True)
     faces = np.searchsorted(used, sewn)
     area = float(triangle_areas(vertices, triangles)[0].sum())
-    pinned, spring = np.zeros(len(used), dtype=bool), np.zeros(len(used))
+    pinned, spring, way = np.zeros(len(used), dtype=bool), np.zeros(len(used)), None
     if body.pin is not None:
         path = base_dir / body.pin
         pins = read_pins(path, len(vertices), "vertices")
@@ -89,12 +91,16 @@ def enter(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir:
         np.maximum.at(hold, vertex.ravel()[pins], weights)
         pinned = hold >= 1.0
         spring = np.where(pinned, 0.0, SOFT**2 * hold / np.maximum(1.0 - hold, 1e-6))
+        if body.pin_path is not None:
+            every = np.zeros((frames + 1, len(used), 3))
+            every[:, vertex.ravel()[pins]] = read_pin_path(base_dir / body.pin_path, path, frames)
+            way = every[:, pinned]
     try:
         shell = shell_of(vertices[first], faces, sheet_of(body, area), pinned=pinned, spring=spring)
     except UsageError as error:
         raise UsageError(f"{body.name}: {error.message}", error.hint) from error
     velocity = np.zeros(3) if body.velocity is None else np.asarray(body.velocity, dtype=np.float64)
-    return Hanging(body, shell, velocity, vertex.ravel(), triangles)
+    return Hanging(body, shell, velocity, vertex.ravel(), triangles, way)
 
 
 def sheet_of(body: BodyEdit, area: float) -> Sheet:
@@ -157,7 +163,7 @@ def move(
     substeps, downward = substeps_for(field.fps), np.asarray(gravity, dtype=np.float64)
     dt = 1.0 / (field.fps * substeps)
     state, history = at_rest(shell), [shell.surface.x]
-    told = [edit, shell.surface.x, shell.surface.faces, shell.sheet, shell.pinned, shell.spring]
+    told = [edit, shell.surface.x, shell.surface.faces, shell.sheet, shell.pinned, shell.spring, hanging.path]
     loop = journal.loop("frames", list(gravity), strength, *colliders, *told)
     done, kept = loop.resume()
     if done:
@@ -174,8 +180,9 @@ def move(
                 first = downward + load(state.x, state.v, t)[0] / shell.mass[:, None]
                 state = at_rest(shell, np.broadcast_to(hanging.velocity, state.x.shape), first, dt=dt)
             state = advance_frame(
-                shell, state, frame=t, fps=field.fps, substeps=substeps, gravity=downward, load=load, obstacles=obstacles
-            )
+                shell, state, frame=t, fps=field.fps, substeps=substeps, gravity=downward, load=load, pin_path=hanging.path,
+                obstacles=obstacles,
+            )  # fmt: skip
         history.append(state.x)
         loop.reached(t + 1, partial(_so_far, history, state))
     return np.stack(history)

@@ -26,13 +26,15 @@ from ..wind.motion import Sail, advance_in_wind
 from ..wind.surface import BodySurface, mesh_surface
 from . import sheets
 from .actors import FASTEST, MOST_SCALED, Actor, enter
-from .in_field import continued, outside_note
+from .in_field import Waiting, continued, outside_note
 from .obstacles import colliders_of
 from .pins import pull_back
 
 MAX_SUBSTEPS = 500
 """Per frame: what a recovery affords itself for a held body, for what was recovered must be as stiff here."""
 
+MOST_PREROLL = 1000
+"""Frames."""
 TORN = 2.0
 """Stretch of an edge beyond which particles have parted: the solver has no model of fracture, but its particles lose touch."""
 
@@ -75,6 +77,9 @@ def simulate_bodies(
         device: auto or cpu.
         journal: keeps how far the frames have come; its stamp must tell the field.
 
+    With a preroll the bodies of meshes move for so many frames before the clip, in its first frame's field, and what they do then is left
+    out of the result.
+
     Raises:
         UsageError: a mesh, a list of pins, a start frame or a strength that does not fit; MaterialError: an unknown material.
         SimulationError: the motion broke; the message names the body.
@@ -88,6 +93,10 @@ def simulate_bodies(
         raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
     colliders = colliders_of(edit.collider, Path(base_dir))
     entered = [enter(body, field, recovered, Path(base_dir)) for body in edit.body]
+    if not 0 <= edit.preroll <= MOST_PREROLL:
+        raise UsageError(f"preroll is {edit.preroll}.", f"Give 0 to {MOST_PREROLL} frames.")
+    entered = [_early(one, edit.preroll) for one in entered]
+    field, strength = Waiting(field, edit.preroll), np.concatenate([np.repeat(strength[:1], edit.preroll), strength])
     actors = [actor for actor in entered if isinstance(actor, Actor)]
     shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
     groups: list[Sequence[Actor | sheets.Hanging]] = [*([actors] if edit.contact and actors else [[one] for one in actors]), *shells]
@@ -101,11 +110,20 @@ def simulate_bodies(
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
             raise SimulationError(f"{names}: {error.message}", error.hint, **where) from error
         for actor, body, x in moved:
-            remarks = [*body.notes, *outside_note(x, field), *_torn_note(body.vertices, body.triangles)]
+            torn = _torn_note(body.vertices, body.triangles, edit.preroll)
+            remarks = [*body.notes, *outside_note(x[edit.preroll :], field), *torn]
             for note in remarks:
                 progress.warn(f"{actor.edit.name}: {note}")
-            done[actor.edit.name] = dataclasses.replace(body, notes=remarks)
+            done[actor.edit.name] = dataclasses.replace(body, vertices=body.vertices[edit.preroll :], notes=remarks)
     return {body.name: done[body.name] for body in edit.body}
+
+
+def _early(one: Actor | sheets.Hanging, lead: int) -> Actor | sheets.Hanging:
+    """A body that begins `lead` frames before the clip; the clip's own object, and one that starts later, wait for their frame."""
+    waits = one.edit.mesh == "recovered" or one.edit.start_frame > 0
+    edit = dataclasses.replace(one.edit, start_frame=one.edit.start_frame + lead * waits)
+    path = None if one.path is None else np.concatenate([np.repeat(one.path[:1], lead, axis=0), one.path])
+    return dataclasses.replace(one, edit=edit, path=path)
 
 
 def _moved(
@@ -168,7 +186,7 @@ def _move(
         return acceleration + pull_back(state.x - places, state.v, acceleration + gravity, soft, duration)
 
     history = [state.x]
-    told = [one for a in actors for one in (a.edit, a.particles, a.material, a.velocity, a.soft, a.clamp_depth, a.substeps)]
+    told = [one for a in actors for one in (a.edit, a.particles, a.material, a.velocity, a.soft, a.clamp_depth, a.substeps, a.path)]
     loop = journal.loop("frames", list(gravity), strength, *colliders, *told)
     done, kept = loop.resume()
     if done:
@@ -209,7 +227,9 @@ def _model(
 ) -> tuple[Model, list[str]]:
     """The solver's model while all bodies that start after `frame` are held."""
     particles = [dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors]
-    speed = max(5.0, 1.5 * max(float(np.linalg.norm(actor.velocity, axis=1).max()) for actor in actors))
+    ways = [np.diff(actor.path, axis=0) * fps for actor in actors if actor.path is not None]
+    fastest = max(float(np.linalg.norm(v, axis=-1).max()) for v in (*(actor.velocity for actor in actors), *ways))
+    speed = max(5.0, 1.5 * fastest)
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
         max_substeps=MAX_SUBSTEPS, least_substeps=max(actor.substeps for actor in actors), colliders=colliders, device=device,
@@ -236,13 +256,13 @@ def _released(state: State, actors: Sequence[Actor], slices: Sequence[slice], fr
     return State(state.x, v, state.C, state.F)
 
 
-def _torn_note(vertices: np.ndarray, triangles: np.ndarray) -> list[str]:
-    """A note if an edge of the surface grew to more than `TORN` times its length. vertices (T+1, V, 3) [m]."""
+def _torn_note(vertices: np.ndarray, triangles: np.ndarray, lead: int) -> list[str]:
+    """A note if an edge of the surface grew to more than `TORN` times its length. vertices (lead + T + 1, V, 3) [m]."""
     edges = np.unique(np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1), axis=0)
     length = np.linalg.norm(vertices[:, edges[:, 0]] - vertices[:, edges[:, 1]], axis=-1)
     # Against the median as well: an edge of no length is no sign of a tear.
     worst = (length / np.maximum(length[0], 0.25 * np.median(length[0]))).max(axis=1)
     if worst.max() <= TORN:
         return []
-    frame = int(np.argmax(worst > TORN))
+    frame = max(int(np.argmax(worst > TORN)) - lead, 0)
     return [f"stretched to {worst.max():.1f} times its size, from frame {frame} on, and may have torn: a higher Young's modulus holds it"]

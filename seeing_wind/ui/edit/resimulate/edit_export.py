@@ -16,9 +16,15 @@ from ....engine.take import Take
 from ...bake.animation import values_over
 from ...bake.at_rest import at_rest
 from ...job.take_reading import field_summary
-from ...scene_mesh import pinned_vertices
+from ...job.takes import own
+from ...scene_mesh import mesh_arrays, pinned_vertices
+from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
+from .geometry import may_move
 from .request import Body, EditRequest, Mover
+
+STILL = 1e-6
+"""Metres that pinned vertices may move and still be taken to stay: single precision."""
 
 
 def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path) -> Path:
@@ -36,24 +42,30 @@ def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, fold
     at = scene.frame_current
     scene.frame_set(request.frame_start)
     try:
-        bodies = [_body(body, request, scene, source, folder) for body in request.bodies]
+        field = field_summary(Take(source))
+        frames = scene_frames(scene, field.frames + 1, field.fps)
+        bodies = [_body(body, request, scene, source, folder, frames) for body in request.bodies]
         colliders = _colliders(request, scene, folder)
     finally:
         scene.frame_set(at)
-    field = field_summary(Take(source))
     strength = field_strengths(scene, field.frames, field.fps)
-    return write_edit(folder, bodies, _gravity(request, source), colliders, field_strength=strength, **request.values)
+    values = request.values | {"field_strength": strength}
+    return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values)
 
 
 def field_strengths(scene: bpy.types.Scene, frames: int, fps: float) -> float | list[float]:
     """The factor on the field: one number, or one per frame of the clip (T,) where it has keyframes."""
-    settings = scene.seeing_wind
-    stride = scene.render.fps / scene.render.fps_base / fps if settings.real_time else 1.0
-    values = values_over(scene, settings, "field_strength", [settings.frame_start + stride * t for t in range(frames)])
+    values = values_over(scene, scene.seeing_wind, "field_strength", scene_frames(scene, frames, fps))
     return values[0] if len(set(values)) == 1 else values
 
 
-def _body(body: Body, request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path) -> dict[str, Any]:
+def scene_frames(scene: bpy.types.Scene, count: int, fps: float) -> list[float]:
+    """Scene frames at which the clip's first `count` pictures are."""
+    stride = scene.render.fps / scene.render.fps_base / fps if scene.seeing_wind.real_time else 1.0
+    return [scene.seeing_wind.frame_start + stride * t for t in range(count)]
+
+
+def _body(body: Body, request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path, frames: list[float]) -> dict[str, Any]:
     entry = body.values | {"name": body.result}
     pins = folder / "pins" / f"{body.result}.npy"
     if body.is_recovered:
@@ -64,10 +76,29 @@ def _body(body: Body, request: EditRequest, scene: bpy.types.Scene, source: Path
         exported = export_mesh(still, depsgraph, folder / "meshes" / f"{body.result}.npz", -np.array(request.offset))
         entry["mesh"] = exported.path.relative_to(folder)
         if body.pin_group:
-            _, weights = export_pins(still, depsgraph, body.pin_group, pins)
+            pinned, weights = export_pins(still, depsgraph, body.pin_group, pins)
             entry["pin"] = pins.relative_to(folder)
             entry["pin_weights"] = weights.relative_to(folder) if weights else None
+            way = _way(still, scene, pinned, frames) if may_move(still) else None
+            if way is not None:
+                path = pins.with_name(f"{body.result}.way.npy")
+                write_array(path, way - np.array(request.offset))
+                entry["pin_path"] = path.relative_to(folder)
     return entry
+
+
+def _way(obj: bpy.types.Object, scene: bpy.types.Scene, pinned: np.ndarray, frames: list[float]) -> np.ndarray | None:
+    """(T+1, P, 3) [m] where pinned vertices are in the clip's frames, as what they are tied to moves; None where they stay."""
+    way = []
+    for frame in frames:
+        scene.frame_set(int(frame // 1), subframe=frame % 1.0)
+        vertices = mesh_arrays(obj, bpy.context.evaluated_depsgraph_get())[0]
+        if len(vertices) <= pinned.max():
+            raise UsageError(f"{obj.name} has another number of vertices in frame {frame:g}.", "Its modifiers must not change it.")
+        way.append(vertices[pinned] * metres_per_unit(scene))
+    scene.frame_set(int(frames[0] // 1), subframe=frames[0] % 1.0)
+    moved = np.stack(way)
+    return moved if np.abs(moved - moved[0]).max() > STILL else None
 
 
 def present(body: Mover, scene: bpy.types.Scene) -> bpy.types.Object:

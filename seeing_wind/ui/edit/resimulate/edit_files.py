@@ -53,10 +53,10 @@ def export_mesh(
     return ExportedMesh(path, len(vertices), len(triangles), applied)
 
 
-def export_pins(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str, path: str | Path) -> tuple[int, Path | None]:
-    """Write the vertices of `pinned_vertices` as NPY. Returns how many there are, and where their weights are (None: all firm)."""
+def export_pins(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph, group: str, path: str | Path) -> tuple[np.ndarray, Path | None]:
+    """Write the vertices of `pinned_vertices` as NPY. Returns which they are (n,), and where their weights are (None: all firm)."""
     pinned, weights = pinned_vertices(obj, depsgraph, group)
-    return len(pinned), write_pins(path, pinned, weights)
+    return pinned, write_pins(path, pinned, weights)
 
 
 def write_pins(path: str | Path, pinned: np.ndarray, weights: np.ndarray) -> Path | None:
@@ -81,6 +81,7 @@ def write_edit(
     bodies: list[dict[str, Any]],
     gravity: tuple[float, float, float] | None,
     colliders: Sequence[dict[str, Any]] = (),
+    owner: str = "",
     **settings: Any,
 ) -> Path:
     """Write `edit.toml`, the engine's description of a re-simulation.
@@ -90,6 +91,7 @@ def write_edit(
         bodies: one mapping per `[[body]]`: name, mesh, material, and what is overridden; None leaves a key out.
         gravity: [m/s²], None for none.
         colliders: one mapping per `[[collider]]`.
+        owner: the file's first line, see `takes.own`.
         settings: further keys at the top, such as `field_strength` (a number, or one per frame).
     """
     top = {"gravity": list(gravity) if gravity is not None else [0.0, 0.0, 0.0], **settings}
@@ -99,7 +101,8 @@ def write_edit(
     }
     with Take(folder).writing(EDIT) as path:
         plain = {key: _plain(value) for key, value in top.items() if value is not None}
-        path.write_text(toml_text(plain | {name: table for name, table in kept.items() if table or name == "body"}), encoding="utf-8")
+        text = toml_text(plain | {name: table for name, table in kept.items() if table or name == "body"})
+        path.write_text(f"{owner}\n{text}" if owner else text, encoding="utf-8")
     return Path(folder) / EDIT
 
 

@@ -34,6 +34,26 @@ def _place(obj: bpy.types.Object) -> list:
     return [(keys or _rounded(each.matrix_basis), _rounded(each.matrix_parent_inverse)) for each, keys in zip(lineage, moves)]
 
 
+def may_move(obj: bpy.types.Object) -> bool:
+    """Whether anything could move an object's vertices as the scene plays."""
+    data = (obj, obj.data, obj.data.shape_keys)
+    animated = any(each is not None and each.animation_data is not None for each in data)
+    return animated or obj.parent is not None or bool(obj.constraints or obj.modifiers or obj.rigid_body)
+
+
+def moves(obj: bpy.types.Object | None) -> list:
+    """Keyframes of all that moves an object's vertices: it and its shape keys, its parents, what its modifiers and constraints name."""
+    if obj is None or obj.type != "MESH" or mark_of(obj) is not None and not obj.modifiers:
+        return []
+    sources: list = [obj.data.shape_keys, *(getattr(each, "object", None) for each in obj.modifiers)]
+    sources += [getattr(each, "target", None) for each in obj.constraints]
+    parent = obj if mark_of(obj) is None else obj.parent
+    while parent is not None:
+        sources.append(parent)
+        parent = parent.parent
+    return [curve for each in sources if each is not None for curve in keyframes(each)]
+
+
 def _keys_of_place(obj: bpy.types.Object) -> list:
     return [curve for curve in keyframes(obj) if curve[0].startswith(("location", "rotation", "scale", "delta_"))]
 

@@ -14,7 +14,7 @@ from ...job.status import digest_of
 from ...option_properties import part_of, single, values_of
 from ...scene_units import metres_per_unit
 from ..sheet_label import SHEET, is_shell
-from .geometry import geometry, weights
+from .geometry import geometry, moves, weights
 
 LONGEST = 50
 """Characters of an object's name that become a file's: Blender allows 255 bytes, as most file systems do, endings not counted."""
@@ -71,7 +71,8 @@ class Body(Mover):
     def stamp(self) -> tuple:
         """As of `Mover`."""
         held = (self.is_recovered, self.pin_group, self.is_recovered and self.free_mode, self.free_group)
-        return (*super().stamp(), held, weights(self.object, self.pin_group) if self.object is not None and self.pin_group else "")
+        pinned = (weights(self.object, self.pin_group), moves(self.object)) if self.object is not None and self.pin_group else ""
+        return (*super().stamp(), held, pinned)
 
 
 @dataclass(frozen=True)

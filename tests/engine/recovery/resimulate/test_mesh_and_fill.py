@@ -36,7 +36,7 @@ def test_ply_and_npz_give_the_same_mesh(tmp_path):
     [
         ("none.obj", None, "no mesh"),
         ("text.obj", "hello\n", "no triangles"),
-        ("index.obj", "v 0 0 0\nv 1 0 0\nf 1 2 9\n", "names vertex 8 of 2"),
+        ("index.obj", "v 0 0 0\nv 1 0 0\nf 1 2 9\n", "names vertex 9 of 2"),
         ("nan.obj", "v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", "vertex 1 is not finite"),
         ("word.obj", "v 0 0 zero\n", "line 1"),
         ("short.obj", "v 0 0\nf 1 1 1\n", "three coordinates"),

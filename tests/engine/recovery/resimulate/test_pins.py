@@ -46,6 +46,17 @@ def test_a_soft_pin_draws_back_like_a_spring(folder):
     assert drop[0.5] == pytest.approx(9.0 * drop[0.9], rel=0.1)
 
 
+def test_pins_that_move_take_the_body_along(folder):
+    vertices = np.load(folder / "flag.npz")["vertices"]
+    pins = np.flatnonzero(vertices[:, 0] < 1e-6)
+    away = np.linspace(0.0, 0.3, FRAMES + 1)[:, None, None] * [0.0, 1.0, 0.0]
+    np.save(folder / "pins.npy", pins)
+    np.save(folder / "way.npy", vertices[pins] + away)
+    body = run(folder, BodyEdit("held", "flag.npz", pin="pins.npy", pin_path="way.npy", **SOFT), field=uniform((0, 0, 0), FRAMES))["held"]
+    np.testing.assert_allclose(body.vertices[:, pins], vertices[pins] + away, atol=1e-4)
+    assert (body.vertices[-1] - vertices)[:, 1].mean() > 0.1
+
+
 def test_weights_of_one_are_firm_pins(folder):
     np.save(folder / "corner.npy", np.array([3, 0]))
     np.save(folder / "weights.npy", np.array([1.0, 1.0]))

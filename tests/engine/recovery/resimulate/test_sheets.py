@@ -124,7 +124,7 @@ def test_vertices_repeated_at_a_seam_move_as_one(folder, sheet):
     faces = np.concatenate([triangles[:4], triangles[4:] + len(vertices)])
     keep = np.unique(faces)
     np.savez(folder / "split.npz", vertices=split[keep], triangles=np.searchsorted(keep, faces))
-    hanging = enter(BodyEdit("b", "split.npz", material="cotton"), split[keep], np.searchsorted(keep, faces), folder)
+    hanging = enter(BodyEdit("b", "split.npz", material="cotton"), split[keep], np.searchsorted(keep, faces), folder, 6)
     assert len(hanging.shell.mass) == 9 < len(keep) == len(hanging.vertex)
     body = run(folder, BodyEdit("b", "split.npz", material="cotton"), frames=2)["b"]
     assert body.vertices.shape == (3, len(keep), 3)
@@ -173,3 +173,59 @@ def test_a_shell_says_that_it_touches_no_other_body(folder):
     done = run(folder, *bodies, frames=1, contact=True)
     assert list(done) == ["cloth", "rag"]
     assert any("does not push other bodies" in note for note in done["cloth"].notes)
+
+
+def swing(rest: np.ndarray, frames: int) -> np.ndarray:
+    """Positions (T+1, P, 3) of what is turned by half a radian about the vertical through the origin and lifted by 0.2 m."""
+    way = []
+    for share in np.linspace(0.0, 1.0, frames + 1):
+        c, s = np.cos(0.5 * share), np.sin(0.5 * share)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        way.append(rest @ turn.T + [0.0, 0.0, 0.2 * share])
+    return np.stack(way)
+
+
+def test_a_curtain_follows_its_rail(folder):
+    rest, rail = np.load(folder / "curtain.npz")["vertices"], np.load(folder / "rail.npy")
+    way = swing(rest[rail], 24)
+    shuffled = np.random.default_rng(0).permutation(len(rail))
+    np.save(folder / "order.npy", rail[shuffled])
+    np.save(folder / "way.npy", way[:, shuffled])
+    body = run(folder, BodyEdit("b", "curtain.npz", material="cotton", pin="order.npy", pin_path="way.npy"), frames=24)["b"]
+    np.testing.assert_allclose(body.vertices[:, rail], way, atol=1e-9)
+    assert np.abs(edges(body.vertices, body.triangles) / edges(rest, body.triangles) - 1.0).max() < 0.02, "the cloth comes along"
+
+
+def test_cloth_has_settled_when_the_clip_begins(folder):
+    """Held along a side, it falls; after two seconds of preroll it hangs, and the clip begins there."""
+    body = BodyEdit("b", "curtain.npz", material="wool", loss_factor=1.0, pin="side.npy")
+    falls = run(folder, body, frames=8)["b"].vertices
+    hangs = run(folder, body, frames=8, preroll=48)["b"].vertices
+    assert len(hangs) == len(falls) == 9
+    way = [np.linalg.norm(each[1:] - each[:-1], axis=-1).max() for each in (falls, hangs)]
+    assert way[1] < 0.2 * way[0]
+    assert np.linalg.norm(hangs[0] - falls[0], axis=-1).max() > 0.005, "it has sagged"
+    with pytest.raises(UsageError, match="preroll"):
+        run(folder, body, preroll=-1)
+
+
+def test_a_body_that_starts_later_does_not_settle(folder):
+    waits = BodyEdit("b", "curtain.npz", material="cotton", pin="side.npy", start_frame=3)
+    np.testing.assert_allclose(run(folder, waits, preroll=5)["b"].vertices, run(folder, waits)["b"].vertices, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "way, says",
+    [
+        (np.zeros((7, 3, 3)), "shape"), (np.zeros((6, 7, 3)), "shape"), (np.full((7, 7, 3), np.nan), "nowhere"),
+        (np.zeros((7, 7, 3), int), "int"),
+    ],
+)
+def test_ways_of_pins_that_are_refused(folder, way, says):
+    np.save(folder / "way.npy", way)
+    with pytest.raises(UsageError, match=says):
+        run(folder, BodyEdit("b", "curtain.npz", material="cotton", pin="rail.npy", pin_path="way.npy"))
+    with pytest.raises(UsageError, match="pin_path needs"):
+        run(folder, BodyEdit("b", "curtain.npz", material="cotton", pin_path="way.npy"))
+    with pytest.raises(UsageError, match="start_frame"):
+        run(folder, BodyEdit("b", "curtain.npz", material="cotton", pin="rail.npy", pin_path="way.npy", start_frame=1))
