@@ -22,12 +22,14 @@ from .kernels import substep, tangent_kernels
 from .kernels.native import aligned, aligned_zeros
 from .kernels.tangent_kernels import RECORD, SOURCE, STATE, WIDTHS
 from .laws.constitutive import ELASTIC_LAWS
-from .model import MOST_NODES, Model
+from .model import Model
 from .state import State
 
 LEAST_MASS = 1e-12
 """Nodes with less than this share of the lightest particle's mass do not move: a particle on the edge between two cells gives the far node
 of one a weight that is rounding, and its inverse is beyond single precision."""
+MOST_NUMBERS = 2**29
+"""In any one array: kernels index with 32 bits, and 2 GB is more than any body asks for that has not flown apart."""
 _WORK_PER_CALL = 6_000_000
 """Changes of a particle in a substep between two safe points."""
 
@@ -169,7 +171,7 @@ class _Carrier:
     def _attempt(self, acceleration: np.ndarray, gradient: np.ndarray, substeps: int) -> np.ndarray:
         m, n = self.model, self.model.particles
         if not self.capacity:
-            self.capacity = int(min(np.prod(np.ceil(np.ptp(self.state.x, axis=0) / m.dx) + 4) * 1.5, MOST_NODES))
+            self.capacity = int(min(np.prod(np.ceil(np.ptp(self.state.x, axis=0) / m.dx) + 4) * 1.5, self._most_nodes(substeps)))
         if substeps != self.substeps:  # memory that is used again need not be fetched from the system again
             self.substeps = substeps
             self.x, self.v = np.empty((substeps + 1, n, 3)), np.empty((substeps + 1, n, 3))
@@ -187,11 +189,16 @@ class _Carrier:
             )  # fmt: skip
             if status[0] != substep.GRID_FULL:
                 return status
-            if status[3] > MOST_NODES:
+            most = self._most_nodes(substeps)
+            if status[3] > most:
                 status[0] = substep.BURST
                 return status
-            self.capacity = int(status[3]) * 4 // 3
+            self.capacity = min(int(status[3]) * 4 // 3, most)
             self._make_room()
+
+    def _most_nodes(self, substeps: int) -> int:
+        """Of a grid, so that neither the masses of a frame nor the columns of two groups are more than `MOST_NUMBERS`."""
+        return max(MOST_NUMBERS // max(substeps, 2 * 3 * self.width), 1)
 
     def _make_room(self) -> None:
         """For `capacity` nodes and `substeps`."""
@@ -213,7 +220,7 @@ class _Carrier:
         mass, flat = m.mass.astype(np.float32), lambda array: array.reshape(-1, self.width)
         viscous = -4.0 * m.frame_dt / substeps / m.dx * m.volume * m.viscosity
         damping = np.stack([viscous, viscous * m.lam / m.mu], axis=1).astype(np.float32).reshape(-1)
-        at_once = max(1, min(groups, _WORK_PER_CALL // (m.particles * substeps * self.width)))
+        at_once = max(1, min(groups, _WORK_PER_CALL // (m.particles * substeps * self.width), MOST_NUMBERS // (nodes * self.width) - 1))
         at_once += at_once % 2
         for first in range(0, groups, at_once):
             grid = aligned((min(at_once, groups - first) * nodes, self.width), np.float32)

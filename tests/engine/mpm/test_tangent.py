@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm import rollout_batch
 from seeing_wind.engine.mpm.damping import substeps_for, with_retardation
 from seeing_wind.engine.mpm.kernels.tangent_kernels import WIDTHS
@@ -157,3 +158,15 @@ def test_particles_on_the_edge_between_two_cells():
         _, dx = tangents(on_edge, start, basis.phi, basis.gradient, np.zeros((FRAMES, 4, 3)), Changes(change), NoProgress())
         found.append(dx)
     np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-4 * np.abs(found[1]).max())
+
+
+def test_a_body_that_has_flown_apart_is_told_before_its_grid_fills_the_memory():
+    """What its kernels index with 32 bits would not hold the grid: it once ended the process."""
+    model, start, basis = body()
+    apart = start.x.copy()
+    apart[-1] += 280.0 * model.dx
+    with pytest.raises(SimulationError, match="flew off"):
+        tangents(
+            model, replace(start, x=apart), basis.phi, basis.gradient, np.zeros((FRAMES, 4, 3)),
+            Changes(np.ones((8, FRAMES, 4, 3))), NoProgress(),
+        )  # fmt: skip
