@@ -75,6 +75,16 @@ def left_alone(scene: bpy.types.Scene) -> str:
     return f"the scene keeps its own {', '.join(names)} (Match Scene changes that)" if names else ""
 
 
+def said_of_range(scene: bpy.types.Scene, first: int, last: int) -> str:
+    """What to do where the scene's range shows nothing of frames `first` to `last`, at which the clip is; "" where it does."""
+    if first <= scene.frame_end and last >= scene.frame_start:
+        return ""
+    return (
+        f"The clip is at frames {first} to {last}, outside the scene's range of {scene.frame_start} to {scene.frame_end}. Set First Frame "
+        "to where it begins in your shot, and press Reload."
+    )
+
+
 def follow(
     scene: bpy.types.Scene,
     parts: Collection[str],

@@ -12,7 +12,7 @@ from ...engine.take import Take
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
-from ..clip.match import followed, hide_default_cube
+from ..clip.match import followed, hide_default_cube, said_of_range
 from ..edit.from_file import fill_edit
 from ..field.arrows import create_arrows
 from ..field.conform import conform
@@ -42,8 +42,9 @@ def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
     take, arrows = Take(folder), scene.seeing_wind.arrows_object
     modifier = next((each for each in arrows.modifiers if each.type == "NODES"), None) if arrows is not None else None
     unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
-    told = wind_told(take)
-    return [unseen] * bool(unseen) + [in_panel_words(note) for note in recovery_notes(take) if told is None or note not in told.notes]
+    told, field, first = wind_told(take), scene.seeing_wind.field_object, scene.seeing_wind.frame_start
+    beside = said_of_range(scene, first, first + int(field["seeing_wind_frames"])) if field is not None else ""
+    return [each for each in (beside, unseen) if each] + [in_panel_words(note) for note in recovery_notes(take) if told is None or note not in told.notes]
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:

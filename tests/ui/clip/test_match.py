@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 import pytest
 
+from seeing_wind.ui.recover.results import notes
 from tests.ui.jobs import recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -80,3 +83,12 @@ def test_a_clip_stands_where_the_user_put_it(scene, workplace, start: int, offse
     assert scene.seeing_wind.frame_start == expected == scene.frame_start
     bpy.ops.seeing_wind.build_scene()
     assert len(bpy.data.movieclips) == 1 and scene.seeing_wind.field_object["seeing_wind_frame_start"] == expected
+
+
+def test_a_clip_outside_the_shots_range_is_told(own, workplace) -> None:
+    recover(workplace)
+    take = Path(own.seeing_wind.recovered_take)
+    assert any("at frames 1 to 13" in note and "1001 to 1100" in note for note in notes(own, take))
+    own.seeing_wind.frame_start = 1001
+    bpy.ops.seeing_wind.build_scene()
+    assert not any("outside the scene's range" in note for note in notes(own, take))
