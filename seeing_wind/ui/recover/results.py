@@ -44,7 +44,8 @@ def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
     unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
     told, field, first = wind_told(take), scene.seeing_wind.field_object, scene.seeing_wind.frame_start
     beside = said_of_range(scene, first, first + int(field["seeing_wind_frames"])) if field is not None else ""
-    return [each for each in (beside, unseen) if each] + [in_panel_words(note) for note in recovery_notes(take) if told is None or note not in told.notes]
+    others = [in_panel_words(note) for note in recovery_notes(take) if told is None or note not in told.notes]
+    return [each for each in (beside, unseen) if each] + others
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
