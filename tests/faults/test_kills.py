@@ -64,7 +64,7 @@ class References:
         self._made: dict[str, tuple[dict[str, bytes], float]] = {}
 
     def __getitem__(self, name: str) -> tuple[dict[str, bytes], float]:
-        """Its results and the seconds that it took."""
+        """Its results and the seconds of the processor that it took."""
         if name not in self._made:
             folder = self._home / name
             shutil.copytree(self._seeds, folder)
@@ -72,7 +72,7 @@ class References:
             assert run.code == 0 and not run.traceback, (run.code, run.error, run.stderr[-2000:])
             found = left(JOBS[name], folder)
             assert len(found) == len(JOBS[name].results)
-            self._made[name] = found, run.seconds
+            self._made[name] = found, run.work
         return self._made[name]
 
 
@@ -100,13 +100,13 @@ def test_a_killed_job_resumes_to_the_same_result(worker: Worker, seeds: Path, re
             print(f"\n{COUNTS['kills']} kills, {COUNTS['lost']} lost", flush=True)
         resumed = worker.run(job.argv, folder, seconds=PATIENT)
         COUNTS["tracebacks"] += cut.traceback + resumed.traceback
-        again.append((cut.seconds + resumed.seconds - took, name, stage))
+        again.append((cut.work + resumed.work - took, name, stage))
         if resumed.code or resumed.traceback or left(job, folder) != wanted:
             COUNTS["lost"] += 1
             wrong.append(f"{number}, {name} killed in {stage or 'its start'}: {resumed.code}, {resumed.error}, {resumed.stderr[-800:]}")
         shutil.rmtree(folder)
     worst = max(again)
-    print(f"\nkills: at most {worst[0]:.1f} s were worked again, in {worst[1]}, killed in {worst[2] or 'its start'}")
+    print(f"\nkills: at most {worst[0]:.1f} s of the processor were worked again, in {worst[1]}, killed in {worst[2] or 'its start'}")
     assert not wrong, "\n".join(wrong)
 
 
@@ -150,7 +150,8 @@ def test_a_long_clip_goes_on_where_it_was_killed(worker: Worker, seeds: Path, tm
         same = resumed.code == reference.code and not resumed.traceback and left(job, folder) == wanted
         COUNTS["lost"] += not same
         assert same, f"{number}, killed after {moment:.1f} s: {resumed.code}, {resumed.error}, {resumed.stderr[-800:]}"
-        again.append((cut.seconds + resumed.seconds - reference.seconds, moment))
+        again.append((cut.work + resumed.work - reference.work, moment))
         shutil.rmtree(folder)
-    print(f"\n{verb} of a clip of {PICTURES} pictures, {reference.seconds:.0f} s: at most {max(again)[0]:.1f} s were worked again, "
-          f"killed after {max(again)[1]:.1f} s")  # fmt: skip
+    worst, moment = max(again)
+    print(f"\n{verb} of a clip of {PICTURES} pictures, {reference.work:.0f} s of the processor: at most {worst:.1f} s of it were worked "
+          f"again, killed after {moment:.1f} s")  # fmt: skip

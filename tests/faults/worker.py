@@ -28,6 +28,8 @@ class Run:
     """What it said on stdout."""
     stderr: str
     seconds: float
+    work: float
+    """Seconds of the processor, all threads together: what else the machine does is none of it."""
 
     @property
     def result(self) -> dict[str, Any]:
@@ -88,7 +90,7 @@ class Worker:
             answer = self._answer()
             texts = [_text(Path(out) / name) for name in ("stdout", "stderr")]
         lines = [line for line in texts[0].splitlines() if line.endswith("}")]  # a killed job leaves half a line
-        return Run(answer["code"], [json.loads(line) for line in lines], texts[1], answer["seconds"])
+        return Run(answer["code"], [json.loads(line) for line in lines], texts[1], answer["seconds"], answer["work"])
 
 
 def _text(path: Path) -> str:

@@ -132,7 +132,7 @@ def run(job: dict[str, Any], main: Any) -> dict[str, Any]:
             os._exit(code)
     deadline, waiting = began + job["seconds"], True
     while True:
-        done, status = os.waitpid(pid, os.WNOHANG)
+        done, status, usage = os.wait4(pid, os.WNOHANG)
         if done:
             break
         if waiting and reached(job):
@@ -144,7 +144,8 @@ def run(job: dict[str, Any], main: Any) -> dict[str, Any]:
         if time.monotonic() > deadline:
             os.kill(pid, signal.SIGKILL)
         time.sleep(0.002)
-    return {"code": os.waitstatus_to_exitcode(status), "seconds": time.monotonic() - began}
+    work = usage.ru_utime + usage.ru_stime
+    return {"code": os.waitstatus_to_exitcode(status), "seconds": time.monotonic() - began, "work": work}
 
 
 def serve() -> None:
