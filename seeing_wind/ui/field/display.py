@@ -75,6 +75,13 @@ def said_of_speed(field: Any, scene: Any) -> str:
     return f"Goes by at {speed:.3g} times the speed of the clip ({rates})"
 
 
+def said_of_mirror(field: Any) -> str:
+    """What a negative scale does to a field, its own or a parent's; "" without one."""
+    if field.matrix_world.determinant() >= 0.0:
+        return ""
+    return "Mirrored by a negative scale: Blender's solvers take that for a turn, and feel this wind upside down. Turn it instead"
+
+
 def has_wind(field: Any) -> bool:
     """Whether a field object carries the velocity of a wind beside its force."""
     return field is not None and SPEEDS in field

@@ -12,6 +12,7 @@ from .display import (
     in_figures,
     out_of_time,
     said_of_fit,
+    said_of_mirror,
     said_of_speed,
     said_of_unseen,
     said_of_wind,
@@ -50,6 +51,11 @@ class FieldTab(Tab):
         if speed:
             draw_text(layout, context, speed, "TIME")
             layout.operator("seeing_wind.conform", icon="TIME")
+        mirrored = said_of_mirror(field)
+        if mirrored:
+            box = layout.box()
+            box.alert = True
+            draw_text(box, context, mirrored, "ERROR")
         if stride_of(field) != 1.0:
             layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
         if LOOP in field:

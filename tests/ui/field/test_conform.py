@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.ui.field.conform import set_stride
-from seeing_wind.ui.field.display import out_of_time, said_of_speed
+from seeing_wind.ui.field.display import out_of_time, said_of_mirror, said_of_speed
 from seeing_wind.ui.field.field_object import create_field_object
 from seeing_wind.ui.field.lattice import SampledField, fine_lattice
 from seeing_wind.ui.field.samples import samples_of
@@ -71,6 +71,16 @@ def test_particles_fly_as_far_in_a_second_at_any_frame_rate(scene, stand_in, fps
         scene.frame_set(frame)
     system = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0]
     assert np.mean([particle.location[2] for particle in system.particles]) == pytest.approx(0.5 * 2.0 * 0.25, rel=0.07)
+
+
+def test_a_field_that_a_parent_mirrors_is_told(scene) -> None:
+    field = numbered(scene)
+    assert said_of_mirror(field) == ""
+    parent = bpy.data.objects.new("Mirror", None)
+    scene.collection.objects.link(parent)
+    field.parent, parent.scale = parent, (-1.0, 1.0, 1.0)
+    bpy.context.view_layer.update()
+    assert "upside down" in said_of_mirror(field)
 
 
 def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> None:
