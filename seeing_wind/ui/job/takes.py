@@ -22,7 +22,6 @@ from bpy.app.handlers import persistent
 
 from ...engine import systems
 from ...engine.errors import TakeError
-from ...engine.reading import read_json
 from ..user_paths import absolute
 
 EDIT = "edit.toml"
@@ -71,6 +70,8 @@ def refuse_in_use(folder: Path) -> None:
     Raises:
         TakeError: then.
     """
+    from ...engine.reading import read_json  # needs NumPy
+
     try:
         holder = read_json(folder / "take.lock")
         busy = holder["host"] == socket.gethostname() and int(holder["pid"]) != os.getpid() and systems.alive(int(holder["pid"]))
