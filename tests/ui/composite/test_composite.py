@@ -12,7 +12,7 @@ from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.catchers import FLOOR, WALL
-from seeing_wind.ui.composite.mattes import CARD, grain_of, matte, softened, widened
+from seeing_wind.ui.composite.mattes import CARD, grain_of, matte, narrowed, softened, widened
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
@@ -223,7 +223,9 @@ def test_mattes_are_as_wide_and_as_soft_as_they_say():
     mask[8:12, 10:20] = True
     assert np.array_equal(np.argwhere(widened(mask, 3))[[0, -1]], [[5, 7], [14, 22]]) and widened(mask, 3).sum() == 10 * 16
     both = matte(mask)
-    assert np.array_equal(both[..., 0], softened(mask, 1)) and np.array_equal(both[..., 1], softened(widened(mask, 2), 2))
+    assert np.array_equal(both[..., 0], softened(narrowed(mask), 1)) and np.array_equal(both[..., 1], softened(widened(mask, 2), 2))
     assert not matte(np.zeros((4, 5), bool)).any()
+    mask[14:16, :] = True
+    assert narrowed(mask)[8:12, 10:20].sum() == 2 * 8 and narrowed(mask)[14:16].all(), "a stem stays"
     soft = softened(mask, 1)
     assert soft[10, 15] == 255 and soft[7, 15] == 64 and soft[5, 15] == 0
