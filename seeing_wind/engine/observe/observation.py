@@ -130,9 +130,7 @@ def _tell_huge(mask: np.ndarray, depth: np.ndarray, camera: Camera, progress: Pr
     width = max(np.ptp(rows), np.ptp(columns)) + 1
     far = float(np.median(depth[mask]))
     if width * far / camera.fx > HUGE:
-        progress.warn(
-            f"The object is {width * far / camera.fx:.0f} m long, {far:.0f} m away. Are distance and depth in metres?"
-        )
+        progress.warn(f"The object is {width * far / camera.fx:.0f} m long, {far:.0f} m away. Are distance and depth in metres?")
 
 
 def _depth_map(depth: np.ndarray | None, mask: np.ndarray, distance: float, lens: Lens, settings: ObserveSettings) -> np.ndarray | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from seeing_wind.engine.take import Take
 from seeing_wind.ui.bake.rigid import rigid_fit
 from seeing_wind.ui.bake.smooth import smoothed
 from seeing_wind.ui.job import takes
+from tests.ui.jobs import now, recover
 
 SIDE, CELLS = 0.8, 32
 EDGE = SIDE / CELLS
@@ -69,15 +72,18 @@ def test_every_linear_motion_and_what_is_held_stays(cloth) -> None:
     assert np.array_equal(smoothed(rough, edges, rigid_fit(rough), 0), rough)
 
 
-@pytest.mark.usefixtures("stand_in")
-def test_the_setting_reaches_the_bake_and_makes_it_stale(scene, workplace) -> None:
-    from tests.ui.jobs import now, recover
-
+def simulate_a_sheet(workplace: Path) -> None:
+    """A grid of the name *Sheet* in a recovered field."""
     recover(workplace)
     bpy.ops.mesh.primitive_grid_add(x_subdivisions=6, y_subdivisions=6, size=0.3)
     bpy.context.object.name = "Sheet"
     bpy.ops.seeing_wind.insert_mesh(object="Sheet")
     bpy.ops.seeing_wind.resimulate()
+
+
+@pytest.mark.usefixtures("stand_in")
+def test_the_setting_reaches_the_bake_and_makes_it_stale(scene, workplace) -> None:
+    simulate_a_sheet(workplace)
     bpy.ops.seeing_wind.bake(way="SHAPE_KEYS")
     assert now(scene)["bake"].state == "done"
     scene.seeing_wind.bake_smooth = 0
@@ -87,13 +93,7 @@ def test_the_setting_reaches_the_bake_and_makes_it_stale(scene, workplace) -> No
 @pytest.mark.usefixtures("stand_in")
 def test_cloth_keeps_the_lengths_that_were_simulated(scene, workplace) -> None:
     """A shell's ripples are its own: smoothing took 5.7 % off the edges of a crumpled one."""
-    from tests.ui.jobs import recover
-
-    recover(workplace)
-    bpy.ops.mesh.primitive_grid_add(x_subdivisions=6, y_subdivisions=6, size=0.3)
-    bpy.context.object.name = "Sheet"
-    bpy.ops.seeing_wind.insert_mesh(object="Sheet")
-    bpy.ops.seeing_wind.resimulate()
+    simulate_a_sheet(workplace)
     settings = scene.seeing_wind
     take, result = Take(takes.simulated(settings)), next(body.result for body in settings.bodies if body.object)
     arrays = take.read_arrays(f"bodies/{result}.npz")

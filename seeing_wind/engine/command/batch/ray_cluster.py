@@ -189,6 +189,7 @@ def _knock(address: str) -> None:
 
 
 def node_probe() -> Callable[[], str]:
+    """A function that says, on the node where it runs, which edition of the engine is there, or that it lacks one."""
     name = NODE
 
     def say_edition() -> str:

@@ -134,6 +134,7 @@ def base_python() -> str:
 
 
 def candidates() -> Iterator[str]:
+    """Programs that may be a Python for the engine, Blender's own first; none is tried yet."""
     yield sys.executable
     launcher = shutil.which("py") if systems.windows() else None
     for major, minor in reversed(VERSIONS):
