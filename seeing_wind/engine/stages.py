@@ -7,13 +7,13 @@ where it stopped and a changed setting redoes only what depends on it.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .errors import UsageError
+from .errors import TakeError, UsageError
 from .progress import Journal, NoProgress, Progress
 from .reading import LARGEST_ARRAYS
 from .record_arrays import from_arrays, read_body, to_arrays
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 FILES = ("mask", "tracks", "depth", "camera", "pin")
 """Fields of `ObserveSettings` that are paths of files."""
+
+LIFTED = "lifted.npz"
+"""Key points of the first view, (T+1, K, 3) [m], lifted by all views."""
 
 LATE_OFFSET = 0.5
 """Standard deviation [px] of the place of a track that was not there in picture 0, at best."""
@@ -90,6 +93,35 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
         take.write_arrays("particles.npz", to_arrays(body))
         take.finish("build", stamp, to_mapping(settings))
     return body, stamp
+
+
+def lift_stage(
+    take: Take, observation: Observation, body: Body, targets: Sequence[TrackTargets], upstream: str, progress: Progress
+) -> Body:
+    """Stage *lift*, of several views -> `lifted.npz`: the body with its key points lifted by all of them, see `lifted_together`.
+
+    Args:
+        upstream: stamp of the body and of all views.
+    """
+    from .observe.object.motion.views import lifted_together
+    from .recovery.journal import TakeJournal
+
+    def read() -> np.ndarray:
+        lifted = take.read_arrays(LIFTED).get("lifted")
+        if lifted is None or lifted.shape != body.lifted.shape:
+            raise TakeError(f"{take.file(LIFTED)} does not fit the body.", "It is made again.")
+        return lifted
+
+    stamp = stamp_of("lift", VERSION, upstream)
+    kept = take.kept("lift", stamp, read, progress, "build")
+    if kept is not None:
+        return dataclasses.replace(body, lifted=kept)
+    progress.begin("build", "lifting the views together")
+    with TakeJournal(take, stamp, progress) as journal:
+        together = lifted_together(observation, body, targets, progress, journal)
+        take.write_arrays(LIFTED, {"lifted": together.lifted})
+        take.finish("lift", stamp, {})
+    return together
 
 
 def build_body(

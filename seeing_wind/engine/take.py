@@ -40,7 +40,7 @@ VERSION = 15
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 RESULTS = re.compile(
-    r"take\.(toml|lock)|(observation|view\d+|particles|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"
+    r"take\.(toml|lock)|(observation|view\d+|particles|lifted|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"
     r"|(wind|report|preview|resimulation)\.json|gaussians\.ply|(report|preview|held)\.png|(overlay|preview|resimulated)\.mp4"
 )
 """Names of the files of a take that its stages write."""

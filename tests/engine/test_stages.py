@@ -16,7 +16,7 @@ from seeing_wind.engine.record_arrays import read_recovery, to_arrays
 from seeing_wind.engine.records import Material, Observation, Recovery
 from seeing_wind.engine.recovery.stage import FITTED, SOLVED, recover_stage
 from seeing_wind.engine.settings import ObserveSettings
-from seeing_wind.engine.stages import observation_stamp, observe_stage
+from seeing_wind.engine.stages import build_body, lift_stage, observation_stamp, observe_stage, track_targets
 from seeing_wind.engine.take import Take, stamp_of
 from tests.engine.observations import observed
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
@@ -145,3 +145,27 @@ def test_a_further_view_is_a_stage_of_its_own_and_observed_once(project: Path, t
             assert found.clip == str(project / name)
     assert clips == [str(project / "clip.mp4"), str(project / "aside.mp4")]
     assert take.file("view1.npz").is_file() and {message["stage"] for message in told} == {"observe"}
+
+
+def test_several_views_are_lifted_once_and_go_on_where_they_were_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stopped on the way, the lift ends in the same key points; then it is read, and a file that does not fit is made again."""
+    mask = np.zeros((72, 96), bool)
+    mask[20:50, 30:60] = True
+    seen = observed(mask, 1.0)
+    body = build_body(seen)
+    targets = [track_targets(seen, body)] * 2
+    whole = lift_stage(Take(tmp_path / "whole.take"), seen, body, targets, "up", NoProgress()).lifted
+    for pace in ("SOONEST", "COST"):
+        monkeypatch.setattr(f"seeing_wind.engine.recovery.journal.{pace}", 0.0)
+    take, safe_points = Take(tmp_path / "cut.take"), iter(range(2))
+    with pytest.raises(Cancelled):
+        lift_stage(take, seen, body, targets, "up", Progress(cancelled=lambda: next(safe_points, None) is None))
+    assert list(take.path.glob("checkpoint.*")) and not take.file("lifted.npz").exists()
+    found = lift_stage(take, seen, body, targets, "up", NoProgress()).lifted
+    np.testing.assert_array_equal(found, whole)
+    told: list[dict] = []
+    np.testing.assert_array_equal(lift_stage(take, seen, body, targets, "up", Progress(told.append)).lifted, whole)
+    assert [message["message"] for message in told] == ["already done"]
+    take.write_arrays("lifted.npz", {"lifted": whole[:1]})
+    np.testing.assert_array_equal(lift_stage(take, seen, body, targets, "up", Progress(told.append)).lifted, whole)
+    assert any("done again" in message["message"] for message in told)

@@ -14,7 +14,7 @@ from ..materials import adjusted, find
 from ..progress import Journal, Progress
 from ..records import Outcome
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
-from ..stages import build_stage, check_solve, observe_stage, picture_loss, track_targets, write_gaussians
+from ..stages import build_stage, check_solve, lift_stage, observe_stage, picture_loss, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import properties_of, settings_of
 from .lock import held
@@ -107,7 +107,7 @@ def _recover_into(
 ) -> Result:
     from ..look import write_ply
     from ..look.multiview import with_views
-    from ..observe.object.motion.views import lifted_together, view_targets
+    from ..observe.object.motion.views import view_targets
     from ..recovery.diagnostics.remarks import worst_first
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
@@ -128,14 +128,14 @@ def _recover_into(
         further = dataclasses.replace(further, distance=1.0, depth_model=None, prompt=None, detector_model=None)
         sights.append(observe_stage(take, clip, further, progress, view=number)[0])
         targets.append(view_targets(body, sights[-1]))
+    upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
     if arguments.view:
-        body = lifted_together(observation, body, targets, progress)
+        body = lift_stage(take, observation, body, targets, upstream, progress)
         body, _ = with_views(body, observation, sights, progress)
         take.withdraw("report")  # which writes that file, too
         write_gaussians(take, body.gaussians, write_ply)
     if settings.still is not None:
         settings = dataclasses.replace(settings, still=_from_first(settings.still, observation.first_frame, len(observation.xy) - 1))
-    upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
     loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
     recovery, field, solve_seconds = recover_stage(
         take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss

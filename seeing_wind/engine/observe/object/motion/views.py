@@ -9,7 +9,7 @@ import numpy as np
 
 from ....errors import ObjectError
 from ....materials import PLASTIC_LAWS
-from ....progress import Progress
+from ....progress import Journal, Progress
 from ....records import Body, Camera, Observation, TrackTargets
 from .control import attach
 from .keypoints import held
@@ -39,11 +39,14 @@ def view_targets(body: Body, observation: Observation) -> TrackTargets:
     )
 
 
-def lifted_together(observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress | None = None) -> Body:
+def lifted_together(
+    observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress | None = None, journal: Journal | None = None
+) -> Body:
     """The body with its key points P^t lifted by all views at once: one camera's depth is the other one's picture.
 
     Args:
         observation: the first view, which has the body's key points; targets: of the first view, then of further ones (`view_targets`).
+        journal: keeps the pictures that were lifted so far.
 
     Returns:
         The body with `lifted` (T+1, K, 3) of the first view's key points only, for the others are no part of the observation.
@@ -62,7 +65,7 @@ def lifted_together(observation: Observation, body: Body, targets: Sequence[Trac
     own_start = np.where(targets[0].visible.any(axis=0)[:, None], body.lifted[0], body.particles.x.mean(axis=0))
     pinned = np.concatenate([held(observation, own_start), *(np.zeros(len(points), bool) for points in further)])
     arap: Arap = "previous" if body.material.law in PLASTIC_LAWS else "rest"
-    lifted = lift_views(sights, np.concatenate([own_start, *further]), pinned, arap, progress)
+    lifted = lift_views(sights, np.concatenate([own_start, *further]), pinned, arap, progress, journal)
     return replace(body, lifted=lifted[:, : counts[0]])
 
 
