@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -30,6 +31,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         return next((rank for rank, folder in enumerate(LONG) if item.nodeid.startswith(folder)), len(LONG))
 
     items.sort(key=rank)
+
+
+def pytest_sessionfinish() -> None:
+    """Keep the kernels that were compiled here: the compiler does so when it ends, which a process of pytest-xdist does not wait for."""
+    compiler = sys.modules.get("seeing_wind.engine.mpm.compiler")
+    if compiler is not None:
+        compiler.ti.reset()
 
 
 @pytest.fixture(scope="session")

@@ -1,26 +1,30 @@
 """Compiles what recoveries need of the solver into the compiler's cache: python tests/kernels.py
 
 The tests start hundreds of processes. One that is killed, or ends without a word, keeps nothing of what it compiled, and those that run
-side by side would compile the same. The cache is the compiler's own; the Makefile puts it into build/kernels.
+side by side would compile the same. The cache is the compiler's own; the Makefile puts it into build/kernels. What else the tests compile
+they add when they end.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+# The number of threads is part of the cache's key, and each process of the tests has one (tests/conftest.py).
+os.environ["SEEING_WIND_THREADS"] = "1"
 
 from seeing_wind.engine.progress import Journal  # noqa: E402
 from tests.engine.mpm.test_body import gradients, problem  # noqa: E402
-from tests.engine.recovery.test_checkpoint import by_descent, flowing, free, held  # noqa: E402
+from tests.engine.recovery.test_checkpoint import by_descent, clay_by_descent, flowing, free, held  # noqa: E402
 
 
 def main() -> None:
     """Recover small bodies of every kind, and run a large one both ways."""
     began = time.perf_counter()
-    for recover in (free, held, flowing, by_descent):
+    for recover in (free, held, flowing, by_descent, clay_by_descent):
         recover(Journal())
     for law in ("corotated", "von_mises"):
         for precision in ("double", "single"):

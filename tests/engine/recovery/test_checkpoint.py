@@ -74,6 +74,11 @@ def by_descent(journal: Journal) -> Recovery:
     return recover_by_descent(body, RUBBER, targets, FPS, replace(WEIGHTLESS, frame_iterations=5), NoProgress(), None, journal)
 
 
+def clay_by_descent(journal: Journal) -> Recovery:
+    body, targets = seen(3, material=CLAY)
+    return recover_by_descent(body, CLAY, targets, FPS, replace(WEIGHTLESS, frame_iterations=5), NoProgress(), None, journal)
+
+
 def killed_until_done(take: Take, work: Callable[[Journal], R], seed: int, most: int = 12) -> tuple[R, int]:
     """The result of `work`, and how often it was killed on the way, each time after less than `most` checkpoints."""
     random = np.random.default_rng(seed)
