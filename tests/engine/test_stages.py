@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import TakeError
+from seeing_wind.engine.field import distillation
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.record_arrays import read_recovery, to_arrays
 from seeing_wind.engine.records import Material, Observation, Recovery
@@ -20,6 +21,12 @@ from seeing_wind.engine.stages import build_body, lift_stage, observation_stamp,
 from seeing_wind.engine.take import Take, stamp_of
 from tests.engine.observations import observed
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
+
+
+@pytest.fixture(autouse=True)
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fields are fitted in haste: nobody asks here how well."""
+    monkeypatch.setattr(distillation, "ITERATIONS", 40)
 
 
 @pytest.fixture

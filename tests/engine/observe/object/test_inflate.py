@@ -13,6 +13,8 @@ from seeing_wind.engine.records import Camera
 from tests.engine.observations import observed
 
 PIXEL = 1.0 / 400.0
+STEP = 0.002
+"""Of the march along each ray [m]; the bodies are 0.04 m thick and more."""
 HEAD, STEM = 0.075, 0.022
 Distance = Callable[[np.ndarray], np.ndarray]
 
@@ -30,10 +32,10 @@ def drawn(inside: Distance, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.
     """Mask, depth of the front, and thickness along the view (H, W) of what `inside` is negative in."""
     rows, columns = np.mgrid[: camera.height, : camera.width]
     xy = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
-    steps = np.arange(0.7, 1.3, 0.001)
+    steps = np.arange(0.8, 1.2, STEP)
     within = np.stack([inside(camera.unproject(xy, np.full(len(xy), z))) < 0.0 for z in steps])
     mask = within.any(axis=0).reshape(rows.shape)
-    near, thick = steps[within.argmax(axis=0)].reshape(rows.shape), within.sum(axis=0).reshape(rows.shape) * 0.001
+    near, thick = steps[within.argmax(axis=0)].reshape(rows.shape), STEP * within.sum(axis=0).reshape(rows.shape)
     return mask, np.where(mask, near, 1.0), np.where(mask, thick, 0.0)
 
 
@@ -46,6 +48,13 @@ def lollipop(flat: float) -> Distance:
         return np.minimum(np.linalg.norm(x - [0, -0.06, 0], axis=1) - HEAD, stem)
 
     return distance
+
+
+@pytest.fixture(scope="module")
+def round_lollipop() -> tuple[Camera, np.ndarray, np.ndarray, np.ndarray]:
+    """Seen straight on: camera, and what `drawn` gives."""
+    camera = looking_down(0.0)
+    return camera, *drawn(lollipop(1.0), camera)
 
 
 @pytest.mark.parametrize("flat", [1.0, 0.5, 1.3])
@@ -61,9 +70,8 @@ def test_head_and_stem_are_as_deep_as_they_are(flat) -> None:
     assert relief.pixel_volume().sum() == pytest.approx(volume, rel=0.15)
 
 
-def test_an_even_front_does_not_bulge() -> None:
-    camera = looking_down(0.0)
-    mask, front, _ = drawn(lollipop(1.0), camera)
+def test_an_even_front_does_not_bulge(round_lollipop) -> None:
+    camera, mask, front, _ = round_lollipop
     rows, columns = np.mgrid[:240, :240]
     tilted = 1.0 + 3e-4 * columns + 5e-4 * rows
     assert abs(inflate(tilted, mask, PIXEL).bulge) < 0.02
@@ -119,10 +127,9 @@ def test_a_border_across_the_view_goes_straight_back_and_two_ends_are_held_along
         np.testing.assert_array_equal(particles.pinned[sure], inside[sure])
 
 
-def test_a_rim_at_the_depth_of_what_is_behind_makes_no_solid() -> None:
+def test_a_rim_at_the_depth_of_what_is_behind_makes_no_solid(round_lollipop) -> None:
     """Depth maps blur the outermost pixels; a flat leaf stays flat, and a solid body no thicker than half as much again."""
-    camera = looking_down(0.0)
-    mask, front, thick = drawn(lollipop(1.0), camera)
+    camera, mask, front, thick = round_lollipop
     edge = mask & ~ndimage.binary_erosion(mask)
     for leak in (0.05, 0.3):
         assert relief_of(observed(mask, np.where(edge, 1.0 + leak, 1.0 + 3e-4 * np.arange(240)), camera=camera)).kind == "plate"
@@ -144,9 +151,8 @@ def test_a_lamp_on_a_thin_stick_is_no_ball_and_a_bun_is_flatter_than_one() -> No
 
 
 @pytest.mark.parametrize("row", [49, 50, 51])
-def test_one_painted_pixel_holds_something(row) -> None:
-    camera = looking_down(0.0)
-    mask, front, _ = drawn(lollipop(1.0), camera)
+def test_one_painted_pixel_holds_something(row, round_lollipop) -> None:
+    camera, mask, front, _ = round_lollipop
     pin = np.zeros(mask.shape, bool)
     pin[row + 50, 121] = True
     held = fill(relief_of(observed(mask, front, camera=camera)), 200, pin)
@@ -154,9 +160,8 @@ def test_one_painted_pixel_holds_something(row) -> None:
     assert abs(camera.project(held.x[held.pinned])[0] - [121, row + 50]).max() < held.spacing / PIXEL
 
 
-def test_a_stray_depth_is_not_the_object() -> None:
-    camera = looking_down(0.0)
-    mask, front, _ = drawn(lollipop(1.0), camera)
+def test_a_stray_depth_is_not_the_object(round_lollipop) -> None:
+    camera, mask, front, _ = round_lollipop
     stray = front.copy()
     stray[90, 118:121] = 1e4
     clean, found = (relief_of(observed(mask, z, camera=camera)) for z in (front, stray))
