@@ -44,8 +44,8 @@ def work(seconds: float) -> None:
                 sys.exit(130)
             send(type="progress", stage=stage, fraction=k / rounds, message=f"{stage} part {k} of {rounds}", residual=1.0 / (k + 1))
             rest = time.monotonic() + seconds / (len(STAGES) * (rounds + 1))
-            while not stopped and time.monotonic() < rest:
-                time.sleep(0.02)
+            while not stopped and (left := rest - time.monotonic()) > 0.0:
+                time.sleep(min(0.02, left))  # a whole 0.02 s at each of 36 steps would make a short job a long one
 
 
 def main() -> int:
