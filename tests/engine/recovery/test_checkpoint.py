@@ -60,7 +60,7 @@ def free(journal: Journal) -> Recovery:
 
 
 def held(journal: Journal) -> Recovery:
-    body, targets = seen(6, held=True)
+    body, targets = seen(5, held=True)
     return recover(body, RUBBER, targets, FPS, WEIGHTLESS, NoProgress(), journal)
 
 
@@ -157,7 +157,7 @@ def test_kill_9(tmp_path: Path) -> None:
     """At moments of another process that nobody chose, each at least one checkpoint further on than the last."""
     random, take, kills = np.random.default_rng(3), Take(tmp_path / "killed.take"), 0
     root = Path(__file__).parents[3]
-    while kills < 3:
+    while kills < 2:
         before = checkpoints(take)
         process = subprocess.Popen([sys.executable, "-c", JOB, str(take.path)], cwd=root, env={**os.environ, "PYTHONPATH": str(root)})
         while process.poll() is None and checkpoints(take) <= before:

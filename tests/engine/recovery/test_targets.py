@@ -132,7 +132,7 @@ def test_the_noise_of_picture_0_turns_with_the_body():
     true = np.einsum("tij,nj->tni", turns, body.x)
     np.testing.assert_allclose(rotations(true, np.ones(true.shape[:2], bool)), turns, atol=1e-9)
     random, series = np.random.default_rng(8), []
-    for _ in range(300):
+    for _ in range(150):
         noise = 0.002 * random.standard_normal(true.shape)
         built = replace(body, x=body.x + noise[0])
         channels = point_channels(built, PointTargets(true + noise, np.ones(true.shape[:2], bool), every(body), sigma=0.002), False)
