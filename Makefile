@@ -12,6 +12,7 @@ BLENDER_TESTS := tests/ui tests/test_whole_job.py
 CREW := tests/engine/mpm/test_crew.py tests/engine/mpm/test_launches.py tests/engine/mpm/shell/test_cholesky.py
 PYTEST = -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
 DEMO := build/demo
+KERNELS := $(CURDIR)/build/kernels
 
 help:
 	@echo "make demo       build a clip, recover its wind, edit, bake; prints where the results are"
@@ -79,7 +80,7 @@ QUADRANTS := .venv-quadrants
 
 $(QUADRANTS)/.complete: seeing_wind/engine/requirements.lock seeing_wind/engine/torch.lock pyproject.toml
 	@$(PY) scripts/environments.py engine $(QUADRANTS)
-	@$(QUADRANTS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[quadrants]" pytest
+	@$(QUADRANTS)/bin/python -m pip install --quiet --disable-pip-version-check -e ".[quadrants]" pytest "pytest-xdist>=3.6,<4"
 	@touch $@
 
 # Ray and openjd-cli in an environment of their own, over the engine's.
@@ -94,7 +95,8 @@ farm-test: $(FARM)/.complete
 	$(FARM)/bin/python -m pytest -s tests/farm
 
 test-quadrants: build/clip/clip.mp4 $(QUADRANTS)/.complete
-	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python -m pytest tests/engine/mpm
+	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python -m pytest $(CREW)
+	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python $(PYTEST) tests/engine/mpm $(CREW:%=--ignore=%)
 	SEEING_WIND_COMPILER=quadrants $(PY) scripts/quick_recover.py $(QUADRANTS)/bin/python build/quick_recover_quadrants --clip build/clip
 
 demo: setup
@@ -108,15 +110,18 @@ lint: setup
 	$(PY) -m ruff check seeing_wind tests sample_scenes scripts benchmarks docs __init__.py
 	$(PY) -m mypy
 
-# Compiled once for all processes of the tests, and again after a change of the solver.
+# Compiled once for all processes of the tests, and again after a change of the solver. What else the tests compile they add to it.
 build/kernels/.complete: $(TESTS)/.complete $(wildcard seeing_wind/engine/mpm/*.py seeing_wind/engine/mpm/*/*.py seeing_wind/engine/mpm/*/*/*.py)
-	@mkdir -p build/kernels
-	$(TESTS)/bin/python tests/kernels.py
+	@mkdir -p $(KERNELS)
+	TI_OFFLINE_CACHE_FILE_PATH=$(KERNELS) $(TESTS)/bin/python tests/kernels.py
 	@touch $@
 
-test quick-recover demo: export TI_OFFLINE_CACHE_FILE_PATH := $(CURDIR)/build/kernels
+test quick-recover demo scenes: export TI_OFFLINE_CACHE_FILE_PATH := $(KERNELS)
 
-test: lint build/kernels/.complete
+# Linting and compiling take a core each. A lock that a killed process left would keep the cache as it is for good.
+test: setup
+	@rm -f $(KERNELS)/*.lock
+	@$(MAKE) --no-print-directory -j 2 --output-sync=target lint build/kernels/.complete
 	$(TESTS)/bin/python -m pytest $(CREW)
 	$(TESTS)/bin/python $(PYTEST) tests $(BLENDER_TESTS:%=--ignore=%) $(CREW:%=--ignore=%)
 	$(PY) $(PYTEST) $(BLENDER_TESTS)

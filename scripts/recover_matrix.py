@@ -3,13 +3,16 @@
     python scripts/recover_matrix.py --clip CLIP [--python PYTHON]... [--versions lowest newest] [--out build/matrix] [--strict]
 
 For each PYTHON (default: those of 3.11 and 3.13 that are there) uv works out the versions, an environment is made, and CLIP, a folder that
-sample_scenes/falling_leaf/make.py made, is recovered. PyTorch is always a CPU build: the wanted version from PyTorch's own index; where
-that cannot be reached, the one that pip finds elsewhere (PIP_FIND_LINKS). What cannot be run here is skipped, and said; --strict fails.
+sample_scenes/falling_leaf/make.py made, is recovered. An environment that an earlier run made of the same versions is used again. PyTorch
+is always a CPU build: the wanted version from PyTorch's own index; where that cannot be reached, the one that pip finds elsewhere
+(PIP_FIND_LINKS). What cannot be run here is skipped, and said; --strict fails.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+import os
 import re
 import shutil
 import subprocess
@@ -72,22 +75,37 @@ def found(named: list[str] | None) -> Iterator[tuple[str | None, str]]:
 
 
 def run(python: str, versions: str, out: Path, clip: Path) -> str:
-    """Make one environment and recover in it; returns what was run.
+    """Recover in an environment of these versions, made unless it is there; returns what was run.
 
     Raises:
         Skipped: when there is no CPU build of PyTorch. Failed: when the recovery fails. CalledProcessError: when it cannot be made.
     """
     wanted = resolved(python, versions)
-    environment = out / "environment"
-    shutil.rmtree(out, ignore_errors=True)
+    environment, made = out / "environment", out / "made.json"
+    before = json.loads(made.read_text(encoding="utf-8")) if made.is_file() else {}
+    note = before.get("note", "")
+    if before.get("versions") != wanted:
+        shutil.rmtree(out, ignore_errors=True)
+        note = install(environment, python, wanted, out / "requirements.txt")
+        made.write_text(json.dumps({"versions": wanted, "note": note}) + "\n", encoding="utf-8")
+    # One folder of compiled kernels for each version of the compiler: another's are thrown away.
+    os.environ["TI_OFFLINE_CACHE_FILE_PATH"] = str(out.absolute() / "kernels")
+    return recover(str(executable(environment)), out / "take", clip) + note
+
+
+def install(environment: Path, python: str, wanted: list[str], listed: Path) -> str:
+    """Make an environment of the versions `wanted`, which are written to `listed` too; returns a note on PyTorch, see `some_torch`.
+
+    Raises:
+        Skipped: when there is no CPU build of PyTorch. CalledProcessError: when it cannot be made.
+    """
     make(environment, python)
     torch = next(line.removeprefix("torch==") for line in wanted if line.startswith("torch=="))
     note = some_torch(environment, torch)
-    listed = out / "requirements.txt"
     listed.write_text("\n".join(line for line in wanted if NOT_TORCH.match(line)) + "\n", encoding="utf-8")
     pip(environment, "--only-binary", ":all:", "-r", str(listed))
     subprocess.run([executable(environment), "-c", IMPORTS], check=True)
-    return recover(str(executable(environment)), out / "take", clip) + note
+    return note
 
 
 def resolved(python: str, versions: str) -> list[str]:
