@@ -115,7 +115,7 @@ LONG = {
     "observe": Job(["observe", *SWUNG], (), ("o.take/observation.npz",)),
     "recover": Job(["recover", *SWUNG, "--iterations", 1], (), ("o.take/particles.npz", "o.take/field.safetensors")),
 }
-PICTURES = 200 if WHOLE else 100
+PICTURES = 200
 
 
 def write_long_clip(folder: Path) -> None:
