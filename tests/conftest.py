@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-LONG = ("tests/engine/recovery/", "tests/engine/mpm/", "tests/faults/")
-"""Folders whose tests take longest, in this order."""
+LONG = ("tests/engine/recovery/", "tests/engine/mpm/", "tests/faults/", "tests/engine/test_command_line.py", "tests/test_sample_scene.py")
+"""Where the tests are that take longest, in this order."""
 
 if "PYTEST_XDIST_WORKER" in os.environ:
     # One of several processes (pytest-xdist): threads that outnumber the cores would wait for each other on the spot, and everything would
@@ -25,10 +25,10 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that take long come first, so that no process is left alone with one at the end."""
+    """What takes long comes first, so that no process is left alone with one at the end."""
 
     def rank(item: pytest.Item) -> int:
-        return next((rank for rank, folder in enumerate(LONG) if item.nodeid.startswith(folder)), len(LONG))
+        return next((rank for rank, place in enumerate(LONG) if item.nodeid.startswith(place)), len(LONG))
 
     items.sort(key=rank)
 
