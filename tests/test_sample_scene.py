@@ -27,7 +27,7 @@ import motion  # noqa: E402
 def folder(tmp_path_factory) -> Path:
     """A clip of four intervals without its pictures."""
     out = tmp_path_factory.mktemp("leaf")
-    assert make.main(["--out", str(out), "--frames", "4", "--spacing", "0.016", "--no-render"]) == 0
+    assert make.main(["--out", str(out), "--frames", "4", "--no-render"]) == 0
     return out
 
 
@@ -125,7 +125,7 @@ def test_wrong_options_are_refused(tmp_path, options, capsys):
 
 
 def test_a_missing_blender_is_a_sentence(tmp_path, capsys):
-    assert make.main(["--out", str(tmp_path), "--frames", "3", "--spacing", "0.016", "--blender", "/no/such/blender"]) == 1
+    assert make.main(["--out", str(tmp_path), "--frames", "3", "--blender", "/no/such/blender"]) == 1
     assert "/no/such/blender" in capsys.readouterr().err
 
 
