@@ -94,6 +94,7 @@ $(FARM)/.complete: $(ENGINE)/.complete tests/requirements.lock pyproject.toml
 farm-test: $(FARM)/.complete
 	$(FARM)/bin/python -m pytest -s tests/farm
 
+test-quadrants: export QD_OFFLINE_CACHE_FILE_PATH := $(KERNELS)_quadrants
 test-quadrants: build/clip/clip.mp4 $(QUADRANTS)/.complete
 	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python -m pytest $(CREW)
 	SEEING_WIND_COMPILER=quadrants $(QUADRANTS)/bin/python $(PYTEST) tests/engine/mpm $(CREW:%=--ignore=%)
