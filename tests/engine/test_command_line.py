@@ -295,10 +295,11 @@ def test_a_finished_stage_whose_file_is_damaged_is_done_again(square: Path, tmp_
 def test_a_solve_survives_a_cancel_while_the_field_is_fitted(square: Path, tmp_path: Path) -> None:
     """One iteration is enough to finish, and the same command then goes on behind the solve. The field is fitted in haste."""
     hasty = (
-        "import runpy, sys; from seeing_wind.engine.field import distillation; distillation.ITERATIONS = 200;"
+        "import runpy, sys; from seeing_wind.engine.field import distillation; distillation.ITERATIONS = 100;"
         "sys.argv[0] = 'engine'; runpy.run_module('seeing_wind.engine', run_name='__main__')"
     )
-    options = ["--box", "12", "10", "32", "30", "--distance", "1", "--particles", "60", "--iterations", "1", "--report", "none"]
+    options = ["--box", "12", "10", "32", "30", "--distance", "1", "--frames", "0:4"]
+    options += ["--particles", "60", "--iterations", "1", "--report", "none"]
     command = [sys.executable, "-c", hasty, "recover", str(square), "--take", str(tmp_path / "t.take"), *options]
     worker = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert worker.stdout is not None
