@@ -68,9 +68,9 @@ def number(name: str, default: float, description: str, options: set = KEPT, **l
     return FloatProperty(name=name, default=default, description=description, options=options, update=changed, **limits)
 
 
-def toggle(name: str, description: str) -> object:
-    """Off at first."""
-    return BoolProperty(name=name, default=False, description=description, options=KEPT, update=changed)
+def toggle(name: str, description: str, default: bool = False) -> object:
+    """On or off."""
+    return BoolProperty(name=name, default=default, description=description, options=KEPT, update=changed)
 
 
 def choice(name: str, description: str, items: list, default: str | None = None) -> object:

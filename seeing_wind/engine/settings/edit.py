@@ -122,6 +122,10 @@ class Edit:
         None, identifier="edit_field", help="which of the take's fields moves the bodies", otherwise="recovered", panel="main",
         choices={"force": "the body force in N/m³", "wind": "the wind in m/s, by the bodies' own surface and speed"},
     )  # fmt: skip
+    forces: str | None = option(
+        None, otherwise="none", file=True, panel="",
+        help="NPZ of further forces on the bodies, on a lattice: box (2,3) m and force (T,A,B,C,3) N on a whole body",
+    )  # fmt: skip
     preroll: int = option(
         0, label="Pre-roll", identifier="edit_preroll", panel="main", minimum=0, typical=(None, 100),
         help="frames for which bodies settle, in the wind of the first frame, before the clip begins",

@@ -62,8 +62,8 @@ def names_in(edit: Path | None) -> list[str]:
         tables = read_toml(edit) if edit is not None else {}
     except (OSError, ValueError):
         return []
-    files = {one.name for cls in (BodyEdit, ColliderEdit) for one in options_of(cls).values() if one.file}
-    rows = [row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict)]
+    files = {one.name for cls in (BodyEdit, ColliderEdit, Edit) for one in options_of(cls).values() if one.file}
+    rows = [tables, *(row for key in ("body", "collider") for row in tables.get(key, ()) if isinstance(row, dict))]
     return [value for row in rows for key, value in row.items() if key in files and isinstance(value, str)]
 
 

@@ -113,6 +113,11 @@ def _draw_surroundings(column, settings, space: str) -> None:
     column.prop(settings, "edit_gravity_mode")
     if settings.edit_gravity_mode == "CUSTOM":
         column.prop(settings, "edit_gravity")
+    row = column.row(heading="Force Fields")
+    row.prop(settings, "use_force_fields", text="")
+    sub = row.row()
+    sub.enabled = settings.use_force_fields
+    sub.prop(settings, "effectors", text="")
     column.prop(settings, "edit_preroll")
     column.prop(settings, "contact")
     row = column.row(heading="Floor (m)")

@@ -63,6 +63,11 @@ class EditOptions:
     field_strength: property_of(
         options_of(Edit)["field_strength"], options=KEPT | {"ANIMATABLE"}, description="Factor on the recovered field; its keyframes count"
     )
+    use_force_fields: toggle("Force Fields", "Blender's own force fields act beside the recovered one, in newtons on a whole body", True)
+    effectors: PointerProperty(
+        name="Effector Collection", type=bpy.types.Collection, update=changed,
+        description="Only the force fields of this collection act; empty: all of the scene",
+    )  # fmt: skip
     edit_gravity_mode: choice("Gravity", "Gravity in the re-simulation", [
         ("SAME", "As Recovered", "The gravity that Recover was given"),
         ("NONE", "None", "No gravity"),

@@ -37,10 +37,10 @@ def lattice(box: np.ndarray, resolution: int = 6) -> np.ndarray:
     return _filled(box, np.clip(np.round((resolution - 1) * side / side.max()).astype(int) + 1, 3, max(resolution, 3)))
 
 
-def fine_lattice(box: np.ndarray) -> np.ndarray:
-    """Nodes (L, 3) [m] at which the engine is asked for the field of a box (2, 3): `CELLS` along the longest side, z fastest."""
+def fine_lattice(box: np.ndarray, cells: int = CELLS) -> np.ndarray:
+    """Nodes (L, 3) [m] at which the engine is asked for the field of a box (2, 3): so many cells along the longest side, z fastest."""
     side = _sides(box)
-    return _filled(box, GROUP * np.maximum(np.round(CELLS / GROUP * side / side.max()).astype(int), 1) + 1)
+    return _filled(box, GROUP * np.maximum(np.round(cells / GROUP * side / side.max()).astype(int), 1) + 1)
 
 
 def lattice_counts(nodes: np.ndarray) -> tuple[int, int, int]:

@@ -4,7 +4,8 @@
     mesh.py      triangle meshes from files
     fill.py      particles for a mesh         voxels.py     the inside of a surface that is no proper solid
     pins.py      pinned vertices              obstacles.py  what the bodies run into
-    sheets.py    open meshes as shells        in_field.py   the field where bodies are
+    sheets.py    open meshes as shells        in_field.py   what is around the bodies
+    forces.py    further forces on a lattice
 """
 
 from .mesh import load_mesh

@@ -1,11 +1,17 @@
-"""The recovered field where bodies are, also where nobody saw anything move."""
+"""What is around the bodies: the recovered field, also where nobody saw anything move, gravity, obstacles and further forces."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ...errors import UsageError
 from ...field.force_field import ForceField
+from ...mpm.lattice.colliders import Collider
+from .forces import Forces
 
 
 class Waiting(ForceField):
@@ -28,6 +34,24 @@ class Waiting(ForceField):
 
     def _gradient(self, points: np.ndarray, frame: int) -> np.ndarray:
         return self.field.gradient(points, max(frame - self.lead, 0))
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """All that is around the bodies of an edit."""
+
+    field: ForceField
+    strength: np.ndarray
+    """(T,) factor on the field in each of its frames."""
+    gravity: Sequence[float]
+    """(3,) [m/s²]."""
+    colliders: Sequence[Collider]
+    forces: Forces | None
+    device: str
+
+    def told(self) -> list[Any]:
+        """What a journal is told of it, but for the field, which its stamp tells."""
+        return [list(self.gravity), self.strength, *self.colliders, self.forces]
 
 
 def continued(field: ForceField, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,17 +11,16 @@ from typing import Any
 import numpy as np
 
 from ...errors import UsageError
-from ...field.force_field import ForceField
 from ...materials import DEFAULT, PLASTIC_LAWS, SHEET_UNITS, SHEETS, Sheet, adjusted, find
 from ...mpm.lattice.closed_mesh import is_closed, triangle_areas, weld
-from ...mpm.lattice.colliders import Collider
 from ...mpm.shell import Load, Shell, State, advance_frame, at_rest, obstacles_of, shell_of, substeps_for
 from ...progress import Journal, Progress
 from ...settings import BodyEdit
 from ..journal import Arrays
 from ..wind.drag import vertex_drag
 from .fill import connected_parts
-from .in_field import continued
+from .forces import Push
+from .in_field import Surroundings, continued
 from .pins import SOFT, read_pin_path, read_pins, read_weights
 from .voxels import enclosed
 
@@ -153,18 +151,29 @@ def push_of_wind(shell: Shell, wind: np.ndarray) -> Load:
     return lambda now, v, frame: vertex_drag(wind, now, v, shell.surface.faces)
 
 
+def and_further(load: Load, shell: Shell, push: Push) -> Load:
+    """A load, and further forces during a frame, as at its start but for the velocity: each vertex has its share of the mass."""
+    share = shell.mass / shell.mass.sum()
+
+    def both(now: np.ndarray, v: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray | None]:
+        force, damping = load(now, v, frame)
+        slowed = (share * push.damping(v))[:, None, None] * np.eye(3)
+        return force + share[:, None] * push.on(v), slowed if damping is None else damping + slowed
+
+    return both
+
+
 def move(
-    hanging: Hanging, field: ForceField, gravity: Sequence[float], strength: np.ndarray, colliders: Sequence[Collider],
-    progress: Progress, begun: float, share: float, journal: Journal,
-) -> np.ndarray:  # fmt: skip
-    """Positions (T+1, V, 3) [m] of the shell's vertices in a field with a factor (T,) for each frame."""
-    shell, edit = hanging.shell, hanging.edit
-    obstacles = obstacles_of(colliders, shell.surface.edge_length)
-    substeps, downward = substeps_for(field.fps), np.asarray(gravity, dtype=np.float64)
+    hanging: Hanging, around: Surroundings, progress: Progress, begun: float, share: float, journal: Journal
+) -> np.ndarray:
+    """Positions (T+1, V, 3) [m] of the shell's vertices."""
+    shell, edit, field, strength = hanging.shell, hanging.edit, around.field, around.strength
+    obstacles = obstacles_of(around.colliders, shell.surface.edge_length)
+    substeps, downward = substeps_for(field.fps), np.asarray(around.gravity, dtype=np.float64)
     dt = 1.0 / (field.fps * substeps)
     state, history = at_rest(shell), [shell.surface.x]
     told = [edit, shell.surface.x, shell.surface.faces, shell.sheet, shell.pinned, shell.spring, hanging.path]
-    loop = journal.loop("frames", list(gravity), strength, *colliders, *told)
+    loop = journal.loop("frames", *around.told(), *told)
     done, kept = loop.resume()
     if done:
         history, state = list(kept["x"]), State(kept["x"][-1], kept["v"], kept["x_before"], kept["v_before"])
@@ -176,6 +185,8 @@ def move(
                 load = push_of_wind(shell, felt * strength[t])
             else:
                 load = push_of_field(shell, felt * strength[t], slope * strength[t], state.x)
+            if around.forces is not None:
+                load = and_further(load, shell, around.forces.at(state.x, t))
             if t == edit.start_frame:
                 first = downward + load(state.x, state.v, t)[0] / shell.mass[:, None]
                 state = at_rest(shell, np.broadcast_to(hanging.velocity, state.x.shape), first, dt=dt)

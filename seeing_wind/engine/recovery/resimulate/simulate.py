@@ -13,7 +13,6 @@ import numpy as np
 from ...errors import SimulationError, UsageError
 from ...field.force_field import ForceField
 from ...mpm.lattice.closed_mesh import is_closed, weld
-from ...mpm.lattice.colliders import Collider
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
 from ...mpm.rollout import advance
@@ -26,7 +25,8 @@ from ..wind.motion import Sail, advance_in_wind
 from ..wind.surface import BodySurface, mesh_surface
 from . import sheets
 from .actors import FASTEST, MOST_SCALED, Actor, enter
-from .in_field import Waiting, continued, outside_note
+from .forces import read_forces
+from .in_field import Surroundings, Waiting, continued, outside_note
 from .obstacles import colliders_of
 from .pins import pull_back
 
@@ -68,8 +68,8 @@ def simulate_bodies(
     """Move every body of `edit` through `field` for all the frames that it knows.
 
     In a force a particle feels strength f(x, t) / (rho mass_scale), asked at the frame's start and held over the frame, its gradient within
-    the particle's cell, the edit's gravity, and the pull of soft pins. In a wind (`field.kind`) it is the mesh that feels the air, see
-    `wind.motion`. Outside its box the field goes on as at the nearest place of the box.
+    the particle's cell, the edit's gravity, its further forces and the pull of soft pins. In a wind (`field.kind`) it is the mesh that
+    feels the air, see `wind.motion`. Outside its box the field goes on as at the nearest place of the box.
 
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
@@ -81,7 +81,7 @@ def simulate_bodies(
     out of the result.
 
     Raises:
-        UsageError: a mesh, a list of pins, a start frame or a strength that does not fit; MaterialError: an unknown material.
+        UsageError: a mesh, a list of pins, a start frame, forces or a strength that do not fit; MaterialError: an unknown material.
         SimulationError: the motion broke; the message names the body.
         Cancelled: when the user asked to stop.
     """
@@ -92,11 +92,13 @@ def simulate_bodies(
     if not np.linalg.norm(edit.gravity) <= FASTEST:
         raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
     colliders = colliders_of(edit.collider, Path(base_dir))
+    forces = None if edit.forces is None else read_forces(Path(base_dir) / edit.forces, field.frames).after(edit.preroll)
     entered = [enter(body, field, recovered, Path(base_dir)) for body in edit.body]
     if not 0 <= edit.preroll <= MOST_PREROLL:
         raise UsageError(f"preroll is {edit.preroll}.", f"Give 0 to {MOST_PREROLL} frames.")
     entered = [_early(one, edit.preroll) for one in entered]
-    field, strength = Waiting(field, edit.preroll), np.concatenate([np.repeat(strength[:1], edit.preroll), strength])
+    strength = np.concatenate([np.repeat(strength[:1], edit.preroll), strength])
+    around = Surroundings(Waiting(field, edit.preroll), strength, edit.gravity, colliders, forces, device)
     actors = [actor for actor in entered if isinstance(actor, Actor)]
     shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
     groups: list[Sequence[Actor | sheets.Hanging]] = [*([actors] if edit.contact and actors else [[one] for one in actors]), *shells]
@@ -104,14 +106,15 @@ def simulate_bodies(
     for number, group in enumerate(groups):
         try:
             share = (number / len(groups), 1.0 / len(groups))
-            moved = _moved(group, field, edit, strength, colliders, device, progress, share, journal)
+            moved = _moved(group, around, edit, progress, share, journal)
         except SimulationError as error:
             names = ", ".join(actor.edit.name for actor in group)
             where = {key: getattr(error, key) for key in ("frame", "substep", "particle", "quantity")}
             raise SimulationError(f"{names}: {error.message}", error.hint, **where) from error
         for actor, body, x in moved:
             torn = _torn_note(body.vertices, body.triangles, edit.preroll)
-            remarks = [*body.notes, *outside_note(x[edit.preroll :], field), *torn]
+            beyond = forces.outside_note(x[edit.preroll :]) if forces is not None else []
+            remarks = [*body.notes, *outside_note(x[edit.preroll :], field), *beyond, *torn]
             for note in remarks:
                 progress.warn(f"{actor.edit.name}: {note}")
             done[actor.edit.name] = dataclasses.replace(body, vertices=body.vertices[edit.preroll :], notes=remarks)
@@ -127,19 +130,19 @@ def _early(one: Actor | sheets.Hanging, lead: int) -> Actor | sheets.Hanging:
 
 
 def _moved(
-    group: Sequence[Actor | sheets.Hanging], field: ForceField, edit: Edit, strength: np.ndarray, colliders: Sequence[Collider],
-    device: str, progress: Progress, share: tuple[float, float], journal: Journal,
+    group: Sequence[Actor | sheets.Hanging], around: Surroundings, edit: Edit, progress: Progress, share: tuple[float, float],
+    journal: Journal,
 ) -> list[tuple[Actor | sheets.Hanging, Simulated, np.ndarray]]:  # fmt: skip
     """Each of a group with its motion, and the path (T+1, N, 3) of what stands for it: particles of a solid, vertices of a shell."""
     moved: list[tuple[Actor | sheets.Hanging, Simulated, np.ndarray]] = []
     solids = [actor for actor in group if isinstance(actor, Actor)]
     if solids:
-        paths, notes = _move(solids, field, edit.gravity, strength, colliders, device, progress, *share, journal)
+        paths, notes = _move(solids, around, progress, *share, journal)
         for actor, x in zip(solids, paths):
             body = Simulated(actor.rider.follow(x), actor.triangles, len(actor.particles.x), [*actor.notes, *notes])
             moved.append((actor, body, x))
     for one in (actor for actor in group if isinstance(actor, sheets.Hanging)):
-        x = sheets.move(one, field, edit.gravity, strength, colliders, progress, *share, journal)
+        x = sheets.move(one, around, progress, *share, journal)
         notes = one.notes
         if edit.contact and len(edit.body) > 1:
             notes = [*notes, "a shell does not push other bodies, and they do not push it"]
@@ -161,16 +164,7 @@ def _strengths(strength: float | tuple[float, ...], frames: int) -> np.ndarray:
 
 
 def _move(
-    actors: Sequence[Actor],
-    field: ForceField,
-    gravity: Sequence[float],
-    strength: np.ndarray,
-    colliders: Sequence[Collider],
-    device: str,
-    progress: Progress,
-    begun: float,
-    share: float,
-    journal: Journal,
+    actors: Sequence[Actor], around: Surroundings, progress: Progress, begun: float, share: float, journal: Journal
 ) -> tuple[list[np.ndarray], list[str]]:
     """Simulate actors that share a grid. Returns positions (T+1, N, 3) of each, and notes on the solver's choices."""
     ends = np.cumsum([len(actor.particles.x) for actor in actors])
@@ -178,37 +172,59 @@ def _move(
     density = np.concatenate([np.full(len(a.particles.x), a.material.density * a.edit.mass_scale) for a in actors])
     starts = {actor.edit.start_frame for actor in actors}
     state = State.at_rest(np.concatenate([actor.particles.x for actor in actors]))
-    places, soft = state.x, np.concatenate([actor.soft for actor in actors])
-    model, notes = _model(actors, 0, field.fps, gravity, colliders, device)
+    field, further = around.field, _Further.of(actors, around, state.x)
+    model, notes = _model(actors, 0, around)
     sails = [Sail(_surface(actor), part) for actor, part in zip(actors, slices)]
-
-    def with_pull(state: State, acceleration: np.ndarray, duration: float) -> np.ndarray:
-        return acceleration + pull_back(state.x - places, state.v, acceleration + gravity, soft, duration)
-
     history = [state.x]
     told = [one for a in actors for one in (a.edit, a.particles, a.material, a.velocity, a.soft, a.clamp_depth, a.substeps, a.path)]
-    loop = journal.loop("frames", list(gravity), strength, *colliders, *told)
+    loop = journal.loop("frames", *around.told(), *told)
     done, kept = loop.resume()
     if done:
         history = list(kept["x"])
         state = State(history[-1], kept["v"], kept["C"], kept["F"])
-        model = _model(actors, max(t for t in (0, *starts) if t < done), field.fps, gravity, colliders, device)[0]
+        model = _model(actors, max(t for t in (0, *starts) if t < done), around)[0]
     for t in range(done, field.frames):
         progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {', '.join(a.edit.name for a in actors)}")
         if t in starts:
-            model = _model(actors, t, field.fps, gravity, colliders, device)[0]
+            model = _model(actors, t, around)[0]
             state = _released(state, actors, slices, t)
         if t >= min(starts) and field.kind == "wind":
-            state = advance_in_wind(model, state, field, strength[t], sails, t, with_pull)
+            state = advance_in_wind(model, state, field, around.strength[t], sails, t, partial(further.added, t))
         elif t >= min(starts):
             force, gradient = continued(field, state.x, t)
-            scale = strength[t] / density
-            acceleration = with_pull(state, force * scale[:, None], 1.0 / field.fps)
+            scale = around.strength[t] / density
+            acceleration = further.added(t, state, force * scale[:, None], 1.0 / field.fps)
             state = advance(model, state, acceleration, gradient * scale[:, None, None], frame=t)
         history.append(state.x)
         loop.reached(t + 1, partial(_so_far, history, state))
     path = np.stack(history)
     return [path[:, part] for part in slices], notes
+
+
+@dataclass(frozen=True)
+class _Further:
+    """What acts on particles beside the field and gravity: the edit's further forces, and soft pins."""
+
+    around: Surroundings
+    places: np.ndarray
+    """(N, 3) to which soft pins draw [m]."""
+    soft: np.ndarray
+    """(N,) their weights."""
+    whole: np.ndarray
+    """(N,) mass of the body to which a particle belongs [kg]."""
+
+    @classmethod
+    def of(cls, actors: Sequence[Actor], around: Surroundings, x: np.ndarray) -> _Further:
+        """For actors whose particles are at x (N, 3) [m]."""
+        whole = [np.full(len(a.particles.x), a.particles.volume.sum() * a.material.density * a.edit.mass_scale) for a in actors]
+        return cls(around, x, np.concatenate([actor.soft for actor in actors]), np.concatenate(whole))
+
+    def added(self, frame: int, state: State, acceleration: np.ndarray, duration: float) -> np.ndarray:
+        """An acceleration (N, 3) [m/s²], held for a duration [s], with all that is added to it."""
+        if self.around.forces is not None:
+            push = self.around.forces.at(state.x, frame)
+            acceleration = acceleration + push.acceleration(state.v, self.whole, duration)
+        return acceleration + pull_back(state.x - self.places, state.v, acceleration + self.around.gravity, self.soft, duration)
 
 
 def _surface(actor: Actor) -> BodySurface:
@@ -222,18 +238,17 @@ def _so_far(history: list[np.ndarray], state: State) -> Arrays:
     return {"x": np.stack(history), "v": state.v, "C": state.C, "F": state.F}
 
 
-def _model(
-    actors: Sequence[Actor], frame: int, fps: float, gravity: Sequence[float], colliders: Sequence[Collider], device: str
-) -> tuple[Model, list[str]]:
+def _model(actors: Sequence[Actor], frame: int, around: Surroundings) -> tuple[Model, list[str]]:
     """The solver's model while all bodies that start after `frame` are held."""
     particles = [dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors]
+    fps = around.field.fps
     ways = [np.diff(actor.path, axis=0) * fps for actor in actors if actor.path is not None]
     fastest = max(float(np.linalg.norm(v, axis=-1).max()) for v in (*(actor.velocity for actor in actors), *ways))
     speed = max(5.0, 1.5 * fastest)
     model, notes = model_for(
-        particles, [a.material for a in actors], fps, gravity=gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
-        max_substeps=MAX_SUBSTEPS, least_substeps=max(actor.substeps for actor in actors), colliders=colliders, device=device,
-        clamp_depth=max(actor.clamp_depth for actor in actors), pin_path=_pin_path(actors, particles),
+        particles, [a.material for a in actors], fps, gravity=around.gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
+        max_substeps=MAX_SUBSTEPS, least_substeps=max(actor.substeps for actor in actors), colliders=around.colliders,
+        device=around.device, clamp_depth=max(actor.clamp_depth for actor in actors), pin_path=_pin_path(actors, particles),
     )  # fmt: skip
     return model, notes
 

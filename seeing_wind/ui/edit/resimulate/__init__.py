@@ -3,6 +3,8 @@
 operators    Re-simulate
 panel        the panel *Re-simulate*
 request      one snapshot of the scene's edit: values, digest, names; no NumPy
+force_fields    Blender's own force fields that act beside the recovered one; no NumPy
+further_forces  what they do, on a lattice
 edit_export  from the snapshot to what is written
 edit_files   the files: meshes, pinned vertices, edit.toml
 geometry     short digests of shape, place and weights; no NumPy, asked for at every change

@@ -15,20 +15,24 @@ from ....engine.records import Attachment
 from ....engine.take import Take
 from ...bake.animation import values_over
 from ...bake.at_rest import at_rest
-from ...job.take_reading import field_summary
+from ...job.take_reading import FieldSummary, field_summary
 from ...job.takes import own
 from ...scene_mesh import mesh_arrays, pinned_vertices
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
+from .force_fields import force_fields
+from .further_forces import further_forces
 from .geometry import may_move
 from .request import Body, EditRequest, Mover
 
+COARSELY = 0.1
+"""Of the size of forces: if they are that far off between the nodes of the lattice, the user is told."""
 STILL = 1e-6
 """Metres that pinned vertices may move and still be taken to stay: single precision."""
 
 
-def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path) -> Path:
-    """Write an edit of `scene` into `folder` and return the path of its edit.toml.
+def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path) -> tuple[Path, list[str]]:
+    """Write an edit of `scene` into `folder`. Returns the path of its edit.toml, and what the user should know of it.
 
     Meshes are written as they stand at the clip's first picture, before any bake, in the place where they are simulated (the edit's
     offset taken off).
@@ -49,8 +53,26 @@ def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, fold
     finally:
         scene.frame_set(at)
     strength = field_strengths(scene, field.frames, field.fps)
-    values = request.values | {"field_strength": strength}
-    return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values)
+    forces, notes = _forces(request, scene, field, folder, bodies, frames)
+    values = request.values | {"field_strength": strength, "forces": forces}
+    return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes
+
+
+def _forces(
+    request: EditRequest, scene: bpy.types.Scene, field: FieldSummary, folder: Path, bodies: list[dict[str, Any]], frames: list[float]
+) -> tuple[Path | None, list[str]]:
+    """Blender's own force fields over all that the bodies and the field take up, as the file that the edit names; None without any."""
+    fields, path = force_fields(scene), folder / "forces.npz"
+    if not fields:
+        return None, []
+    places = [Take(folder).read_arrays(str(body["mesh"]))["vertices"] for body in bodies if body["mesh"] != "recovered"]
+    corners = np.concatenate([field.box, *places])
+    found = further_forces(fields, np.stack([corners.min(axis=0), corners.max(axis=0)]), frames, request.metres)
+    Take(folder).write_arrays(path.name, found.arrays)
+    said = [f"Beside the recovered field {', '.join(obj.name for obj in fields)} acted, in newtons on a whole body"]
+    if found.error > COARSELY:
+        said.append(f"They change faster from place to place than their lattice can follow: about {100.0 * found.error:.0f} % off in it")
+    return path.relative_to(folder), said
 
 
 def field_strengths(scene: bpy.types.Scene, frames: int, fps: float) -> float | list[float]:

@@ -17,10 +17,10 @@ def geometry(obj: bpy.types.Object | None) -> tuple:
     if obj is None or obj.type != "MESH":
         return ()
     # neither name nor session id: the one changes at a renaming, the other whenever the file is opened
-    return (len(obj.data.vertices), _once(obj, "", lambda: _coordinates(obj.data)), _place(obj))
+    return (len(obj.data.vertices), _once(obj, "", lambda: _coordinates(obj.data)), place(obj))
 
 
-def _place(obj: bpy.types.Object) -> list:
+def place(obj: bpy.types.Object) -> list:
     """Where an object stands, the same at every frame; its keyframes where it moves by itself. Those of a bake do not count."""
     mark = mark_of(obj)
     if mark is not None and mark["way"] == "TRANSFORM":

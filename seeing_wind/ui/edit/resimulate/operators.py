@@ -2,7 +2,7 @@
 
 import bpy
 
-from ...job import takes, worker
+from ...job import status, takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
 from ...job.worker_command import command, environment
@@ -32,7 +32,7 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
                 self.report({"WARNING"}, f"{each.object.name} moves; bodies meet it where it stands in the clip's first frame")
         for body, asked in zip(settings.bodies, request.bodies, strict=True):
             body.result = asked.result
-        edit = export_edit(request, scene, source, self.folder)
+        edit, self.remarks = export_edit(request, scene, source, self.folder)
         self.digest = request.digest()
         self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}
         call = command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))
@@ -41,6 +41,7 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
     def finish(self, scene, result):
         """The motion stays in the take until it is baked."""
         settings = scene.seeing_wind
+        status.of(scene.session_uid).warnings.extend(self.remarks)
         # another edit may be worked on by now
         for edit in (settings, *settings.edits) if settings.edit_folder == self.of_edit else settings.edits:
             if edit.edit_folder == self.of_edit:

@@ -14,6 +14,7 @@ from ...job.status import digest_of
 from ...option_properties import part_of, single, values_of
 from ...scene_units import metres_per_unit
 from ..sheet_label import SHEET, is_shell
+from . import force_fields
 from .geometry import geometry, moves, weights
 
 LONGEST = 50
@@ -91,6 +92,8 @@ class EditRequest:
     """[m/s²], or SAME or NONE."""
     strength: object
     """Factor on the field, or its keyframes."""
+    forces: list[tuple]
+    """Blender's own force fields, as `force_fields.stamp` has them."""
     offset: tuple[float, ...]
     """Where the edit is shown, from where it is simulated [m]."""
     frame_start: int
@@ -115,6 +118,7 @@ class EditRequest:
             floor=floor, values={name: value for name, value in part_of(values, Edit).items() if value is not None},
             gravity=values["gravity"] if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode,
             strength=[curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength,
+            forces=force_fields.stamp(scene) if len(settings.bodies) else [],
             offset=tuple(settings.offset), frame_start=settings.frame_start, metres=metres_per_unit(scene),
         )  # fmt: skip
 
@@ -122,7 +126,7 @@ class EditRequest:
         """Changes whenever the re-simulation would be another one; "" while there are no bodies."""
         moved = [body.stamp() for body in self.bodies if body.is_recovered or body.object is not None]
         walls = [each.stamp() for each in self.colliders if each.object is not None]
-        around = (self.floor, self.values, self.gravity, self.strength, self.offset, self.metres)
+        around = (self.floor, self.values, self.gravity, self.strength, *((self.forces,) if self.forces else ()), self.offset, self.metres)
         return digest_of(self.field, moved, walls, *around) if moved else ""
 
 

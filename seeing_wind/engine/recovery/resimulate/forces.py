@@ -1,0 +1,139 @@
+"""Further forces on the bodies of an edit, beside the field: those that other force fields of a scene have, sampled on a lattice.
+
+A force field of Blender pushes a thing with so many newtons, however large it is. So a body of mass M accelerates by F(x) / M, as
+Blender's own particle of that mass does, and each part of it by the force at its own place. What depends on the velocity v, such as a
+drag, is there as well: F(x, v) = F(x) + A(x) v - q(x) |v| v.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...conventions import FARTHEST
+from ...errors import UsageError
+from ...reading import read_arrays
+
+STRONGEST = 1e9
+"""N, N s/m and N s²/m²: more is a mistake."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """The forces at places (P, 3)."""
+
+    force: np.ndarray
+    """(P, 3) on what is at rest [N]."""
+    linear: np.ndarray | None
+    """(P, 3, 3) by the velocity [N s/m]."""
+    quadratic: np.ndarray | None
+    """(P,) against the velocity, by its square [N s²/m²]."""
+
+    def on(self, v: np.ndarray) -> np.ndarray:
+        """Force (P, 3) [N] on what moves with v (P, 3) [m/s]."""
+        found = self.force
+        if self.linear is not None:
+            found = found + np.einsum("pij,pj->pi", self.linear, v)
+        if self.quadratic is not None:
+            found = found - (self.quadratic * np.linalg.norm(v, axis=1))[:, None] * v
+        return found
+
+    def damping(self, v: np.ndarray) -> np.ndarray:
+        """(P,) mean force against a change of the velocity v (P, 3), over that change [N s/m]; none where it would drive."""
+        against = np.zeros(len(v))
+        if self.linear is not None:
+            against -= np.trace(self.linear, axis1=1, axis2=2) / 3.0
+        if self.quadratic is not None:
+            against += self.quadratic * np.linalg.norm(v, axis=1)
+        return np.maximum(against, 0.0)
+
+    def acceleration(self, v: np.ndarray, mass: np.ndarray, duration: float) -> np.ndarray:
+        """(P, 3) [m/s²], held for a duration [s], of parts of bodies that weigh `mass` (P,) [kg] as a whole and move with v (P, 3) [m/s].
+
+        It is that of the end (implicit Euler), so that no drag turns a body round and no magnet throws it out, however light it is.
+        """
+        if self.linear is None and self.quadratic is None:
+            return self.force / mass[:, None]
+        matrix = mass[:, None, None] * np.eye(3)
+        if self.linear is not None:
+            matrix = matrix - duration * self.linear
+        if self.quadratic is not None:
+            matrix = matrix + duration * (self.quadratic * np.linalg.norm(v, axis=1))[:, None, None] * np.eye(3)
+        return np.linalg.solve(matrix, self.on(v)[..., None])[..., 0]
+
+
+@dataclass(frozen=True)
+class Forces:
+    """Forces on lattices that fill a box, each array with numbers of nodes of its own; beside the box those of its nearest place."""
+
+    box: np.ndarray
+    """(2, 3) lower and upper corner [m]."""
+    force: np.ndarray
+    """(T, A, B, C, 3) [N]; row t is held from frame t to frame t + 1."""
+    linear: np.ndarray | None = None
+    """(T, A', B', C', 3, 3) [N s/m]."""
+    quadratic: np.ndarray | None = None
+    """(T, A', B', C') [N s²/m²]."""
+    lead: int = 0
+    """Frames for which the first row lasts longer."""
+
+    def after(self, lead: int) -> Forces:
+        """The same, begun `lead` frames later."""
+        return replace(self, lead=lead)
+
+    def at(self, points: np.ndarray, frame: int) -> Push:
+        """At points (P, 3) [m]."""
+        force = self._mixed(self.force, points, frame)
+        assert force is not None
+        return Push(force, self._mixed(self.linear, points, frame), self._mixed(self.quadratic, points, frame))
+
+    def _mixed(self, values: np.ndarray | None, points: np.ndarray, frame: int) -> np.ndarray | None:
+        """Values (T, A, B, C, ...) at points, linear between the nodes."""
+        if values is None:
+            return None
+        counts, ones = np.array(values.shape[1:4]), (1,) * (values.ndim - 4)
+        where = np.clip((points - self.box[0]) / (self.box[1] - self.box[0]), 0.0, 1.0) * (counts - 1)
+        corner = np.minimum(where.astype(int), counts - 2)
+        t, row, found = where - corner, values[max(frame - self.lead, 0)], 0.0
+        for offset in np.ndindex(2, 2, 2):
+            weight = np.prod(np.where(offset, t, 1.0 - t), axis=1)
+            found = found + weight.reshape(-1, *ones) * row[tuple((corner + offset).T)]
+        return np.asarray(found)
+
+    def outside_note(self, x: np.ndarray) -> list[str]:
+        """A note if more than a tenth of a body left the lattice. x (T+1, N, 3) [m]."""
+        outside = ((x < self.box[0]) | (x > self.box[1])).any(axis=2).mean(axis=1)
+        if outside.max() <= 0.1:
+            return []
+        return [f"it leaves the box of the further forces in frame {int(np.argmax(outside > 0.1))}; beyond, those of the box's edge act"]
+
+
+def read_forces(path: str | os.PathLike[str], frames: int) -> Forces:
+    """The forces of an NPZ file, for a field of so many frames: arrays as of `Forces`, `linear` and `quadratic` if there are any.
+
+    Raises:
+        UsageError: no such file, or arrays that do not fit each other or the field, or are not finite.
+    """
+    advice = f"It needs box (2,3) m and force ({frames},A,B,C,3) N, two nodes or more along each side."
+    try:
+        arrays = read_arrays(path, ("box", "force", "linear", "quadratic"))
+    except (OSError, ValueError) as error:
+        raise UsageError(f"The forces {path} cannot be read: {getattr(error, 'strerror', None) or error}.", advice) from error
+    box, force = arrays.get("box"), arrays.get("force")
+    if box is None or force is None:
+        raise UsageError(f"The forces {path} hold {', '.join(arrays) or 'nothing'}.", advice)
+    inner = {"force": (3,), "linear": (3, 3), "quadratic": ()}
+    for name, array in arrays.items():
+        counts = array.shape[1:4]
+        shape = (2, 3) if name == "box" else (frames, *counts, *inner[name])
+        few = name != "box" and (len(counts) != 3 or min(counts) < 2)
+        if array.shape != shape or few or not np.issubdtype(array.dtype, np.floating):
+            raise UsageError(f"In the forces {path}, {name} is {array.dtype} of shape {array.shape}.", advice)
+        most = FARTHEST if name == "box" else STRONGEST
+        if not np.isfinite(array).all() or np.abs(array).max() > most:
+            raise UsageError(f"In the forces {path}, {name} holds what is no number, or more than {most:g}.", "Check strengths and unit.")
+    if (box[1] <= box[0]).any():
+        raise UsageError(f"The box of the forces {path} is {box.tolist()}.", "Give two corners in metres, the lower one first.")
+    return Forces(box.astype(np.float64), force, arrays.get("linear"), arrays.get("quadratic"))

@@ -1,0 +1,74 @@
+"""Blender's own force fields that act beside the recovered one: which they are, and a digest of them. No NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+
+from ...bake.animation import keyframes
+from ...field.display import is_field
+from ...field.solvers.in_wind import SLOWS
+from .geometry import geometry, place
+
+WITH_SPEED = {"DRAG", "HARMONIC", "MAGNET", "FLUID_FLOW"}
+"""Kinds of force fields whose force depends on the velocity of what they push; any other's does where it has a *Flow*."""
+
+ONE = ({"strength", "linear_drag", "guide_minimum"}, {"harmonic_damping", "quadratic_drag"}, {"flow", "inflow"}, {"size", "rest_length"})
+"""Properties of a force field that are one number with several names."""
+
+
+def force_fields(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Objects with a force field of Blender's own that act in the re-simulation, as they would on a solver of the scene.
+
+    Those of the edit's effector collection if it names one, else of the scene; nothing that is disabled in viewports. Recovered fields and
+    what belongs to them are not among them.
+    """
+    settings = scene.seeing_wind
+    if not settings.use_force_fields:
+        return []
+    chosen = settings.effectors
+    found = chosen.all_objects if chosen is not None else _enabled(scene.view_layers[0].layer_collection)
+    return sorted({obj for obj in found if not obj.hide_viewport and _pushes(obj)}, key=lambda obj: obj.name)
+
+
+def feels_speed(fields: list[bpy.types.Object]) -> bool:
+    """Whether the force of any of them may depend on the velocity of what it pushes."""
+    return any(obj.field.type in WITH_SPEED or obj.field.flow or "field.flow" in _moving(obj) for obj in fields)
+
+
+def stamp(scene: bpy.types.Scene) -> list[tuple]:
+    """Of all that acts: kind, place and settings, with keyframes and drivers in place of what they change."""
+    return [(place(obj), geometry(obj), _settings(obj), keyframes(obj)) for obj in force_fields(scene)]
+
+
+def _enabled(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
+    if layer.exclude or layer.collection.hide_viewport:
+        return
+    yield from layer.collection.objects
+    for child in layer.children:
+        yield from _enabled(child)
+
+
+def _pushes(obj: bpy.types.Object) -> bool:
+    return obj.field is not None and obj.field.type not in ("NONE", "GUIDE") and not is_field(obj) and obj.get(SLOWS) is None
+
+
+def _moving(obj: bpy.types.Object) -> set[str]:
+    """Paths of an object's properties that keyframes or drivers change."""
+    drivers = obj.animation_data.drivers if obj.animation_data is not None else ()
+    return {path for path, _, _ in keyframes(obj)} | {driver.data_path for driver in drivers}
+
+
+def _settings(obj: bpy.types.Object) -> list[tuple]:
+    moving, field, found = {path.removeprefix("field.") for path in _moving(obj)}, obj.field, []
+    moving = moving.union(*(names for names in ONE if names & moving))
+    for prop in field.bl_rna.properties:
+        name = prop.identifier
+        if name == "rna_type" or name in moving:
+            continue
+        value = getattr(field, name)
+        plain = getattr(value, "name", "") if prop.type == "POINTER" else round(value, 5) if prop.type == "FLOAT" else value
+        found.append((name, plain))
+    drivers = obj.animation_data.drivers if obj.animation_data is not None else ()
+    return found + [(driver.data_path, driver.driver.expression) for driver in drivers]

@@ -1,0 +1,157 @@
+"""Blender's own force fields on their way to the engine, against what Blender's own solvers feel of them."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+
+from seeing_wind.ui import freshness
+from seeing_wind.ui.bake.animation import curves_of
+from seeing_wind.ui.edit.resimulate.force_fields import force_fields
+from seeing_wind.ui.field.lattice import SampledField
+from tests.ui.edit.edits import state, written
+from tests.ui.meshes import cube
+
+FRAMES = 12
+
+
+def push(kind: str, location=(0.0, 0.0, 0.0), **settings) -> bpy.types.Object:
+    """A force field of Blender's own."""
+    bpy.ops.object.effector_add(type=kind, location=location)
+    for name, value in settings.items():
+        setattr(bpy.context.object.field, name, value)
+    return bpy.context.object
+
+
+def exported(workplace) -> dict[str, np.ndarray]:
+    """What the engine reads: `box`, `force` and the rest."""
+    assert written(workplace)["forces"] == "forces.npz"
+    with np.load(workplace / "out.edit.take" / "forces.npz", allow_pickle=False) as data:
+        return dict(data)
+
+
+def at(found: dict[str, np.ndarray], places: np.ndarray) -> np.ndarray:
+    """The forces (T, P, 3) [N] at places (P, 3) [m]."""
+    counts = found["force"].shape[1:4]
+    axes = [np.linspace(*found["box"][:, k], counts[k]) for k in range(3)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    return SampledField(nodes, found["force"].reshape(FRAMES, -1, 3).astype(float), np.ones((FRAMES, len(nodes)))).at(places)
+
+
+def felt_by_particles(places: np.ndarray, mass: float, frames: range, speed=(0.0, 0.0, 0.0)) -> np.ndarray:
+    """Accelerations (T, P, 3) [scene units/s²] of Blender's particles of a mass, let go in the user's scene a frame before each."""
+    mesh = bpy.data.meshes.new("Dust")
+    mesh.from_pydata(places.tolist(), [], [])
+    obj = bpy.data.objects.new("Dust", mesh)
+    scene = bpy.context.scene
+    scene.collection.objects.link(obj)
+    settings = obj.modifiers.new("Dust", "PARTICLE_SYSTEM").particle_system.settings
+    settings.count, settings.emit_from, settings.use_emit_random = len(places), "VERT", False
+    settings.integrator = "EULER"  # a step without what it changes by itself: a drag at the velocity that it is asked for
+    settings.mass, settings.normal_factor, settings.object_align_factor = mass, 0.0, speed
+    settings.effector_weights.gravity = settings.effector_weights.texture = 0.0  # the latter is the recovered field
+    found = []
+    for frame in frames:
+        settings.frame_start = settings.frame_end = frame - 1
+        scene.frame_set(frame - 1)
+        scene.frame_set(frame)
+        particles = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).particle_systems[0].particles
+        found.append(np.array([np.array(each.velocity) for each in particles]) - speed)
+    bpy.data.objects.remove(obj)
+    return np.stack(found) / 0.04
+
+
+@pytest.mark.parametrize(("kind", "settings"), [
+    ("FORCE", {"strength": 7.0, "falloff_power": 0.0}), ("WIND", {"strength": 5.0}), ("VORTEX", {"strength": 3.0}),
+    ("TURBULENCE", {"strength": 4.0, "size": 1.5}),
+])  # fmt: skip
+@pytest.mark.parametrize("unit", [1.0, 0.1])
+def test_a_body_is_pushed_as_a_particle_of_blender_of_its_mass(workplace, recovered, kind, settings, unit):
+    """The engine divides by the body's whole mass: so the file has newtons, and Blender's particle of that mass the acceleration."""
+    recovered.unit_settings.scale_length = unit
+    cube("Box").scale *= 1.0 / unit
+    longer = {name: value / unit if name == "size" else value for name, value in settings.items()}
+    push(kind, (3.0 / unit, 0.4, -0.2), **longer)
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    places = np.random.default_rng(3).uniform(-0.2, 0.2, (40, 3))
+    mass = 2.5
+    truth = felt_by_particles(places / unit, mass, range(2, 2 + FRAMES)) * unit
+    ratio = np.linalg.norm(at(exported(workplace), places) / mass, axis=-1) / np.linalg.norm(truth, axis=-1)
+    error = np.linalg.norm(at(exported(workplace), places) / mass - truth, axis=-1).mean() / np.linalg.norm(truth, axis=-1).mean()
+    print(f"{kind}, unit {unit}: {ratio.mean():.5f} of the acceleration of Blender's particle, {100.0 * error:.2f} % off")
+    assert abs(ratio.mean() - 1.0) < 0.01 and error < 0.02
+
+
+def test_strengths_follow_their_keyframes_as_solvers_feel_them(workplace, recovered):
+    cube("Box")
+    wind = push("WIND", (0.0, 0.0, -1.0))
+    for frame, strength in ((1, 0.0), (13, 24.0)):
+        wind.field.strength = strength
+        wind.keyframe_insert("field.strength", frame=frame)
+    for curve in curves_of(wind):
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    middle = np.zeros((1, 3))
+    found, truth = at(exported(workplace), middle)[:, 0], felt_by_particles(middle, 1.0, range(2, 2 + FRAMES))[:, 0]
+    np.testing.assert_allclose(found, truth, atol=1e-4)
+    assert np.ptp(found[:, 2]) == pytest.approx(22.0, abs=0.01)
+    for frame in (1, 6, 13):
+        recovered.frame_set(frame)
+        freshness.refresh(recovered)
+        assert state("resimulate") == "done", "scrubbing through keyframes changes nothing"
+    wind.keyframe_insert("field.strength", frame=7)
+    freshness.refresh(recovered)
+    assert state("resimulate") == "stale"
+
+
+def test_what_depends_on_speed_is_there_as_well(workplace, recovered):
+    cube("Box")
+    push("DRAG", linear_drag=0.5, quadratic_drag=0.3)
+    push("MAGNET", (2.0, 0.0, 0.0), strength=3.0)
+    push("WIND", strength=2.0, flow=0.7)
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    found = exported(workplace)
+    middle = {name: tuple(count // 2 for count in found[name].shape[1:4]) for name in ("force", "linear", "quadratic")}
+    axes = found["box"].mean(axis=0)
+    for v in ((0.0, 0.0, 0.0), (1.5, -0.5, 0.25)):
+        truth = felt_by_particles(np.array([axes]), 1.0, range(5, 6), v)[0, 0]
+        speed = np.linalg.norm(v)
+        force, linear, quadratic = (found[name][3][node] for name, node in middle.items())
+        np.testing.assert_allclose(force + linear @ v - quadratic * speed * np.array(v), truth, atol=1e-3)
+
+
+def test_only_what_would_act_on_solvers_acts(workplace, recovered):
+    cube("Box")
+    inside, outside, disabled = push("WIND"), push("VORTEX"), push("TURBULENCE")
+    disabled.hide_viewport = True
+    chosen = bpy.data.collections.new("Effectors")
+    recovered.collection.children.link(chosen)
+    chosen.objects.link(inside)
+    assert force_fields(recovered) == sorted([inside, outside], key=lambda obj: obj.name), "the recovered field is none of them"
+    recovered.seeing_wind.effectors = chosen
+    assert force_fields(recovered) == [inside]
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    scenes, objects, particles = len(bpy.data.scenes), len(bpy.data.objects), len(bpy.data.particles)
+    bpy.ops.seeing_wind.resimulate()
+    assert np.abs(exported(workplace)["force"][..., :2]).max() < 1e-6, "the wind alone, which blows upwards"
+    assert (scenes, objects, particles) == (len(bpy.data.scenes), len(bpy.data.objects), len(bpy.data.particles))
+    inside.field.strength = 3.0
+    freshness.refresh(recovered)
+    assert state("resimulate") == "stale"
+    recovered.seeing_wind.use_force_fields = False
+    bpy.ops.seeing_wind.resimulate()
+    assert "forces" not in written(workplace)
+
+
+def test_a_force_that_the_lattice_cannot_follow_is_told(workplace, recovered, capfd):
+    cube("Box")
+    push("TURBULENCE", strength=4.0, size=0.04)
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    said = capfd.readouterr().out
+    assert "Turbulence acted" in said and "faster from place to place" in said
