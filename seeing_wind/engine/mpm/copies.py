@@ -123,4 +123,4 @@ class CopiesInTurn(Copies):
 
 def conditioned(model: Model) -> bool:
     """Whether more holds at the nodes than pins that stand still: `Body` knows of it, `Copies` does not."""
-    return model.pin_path is not None or model.collider_grid.active or model.grid_force.active
+    return bool(model.movers) or model.pin_path is not None or model.collider_grid.active or model.grid_force.active

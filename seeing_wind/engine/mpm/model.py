@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .lattice.boundary import FREE
-from .lattice.colliders import NO_COLLIDERS, ColliderGrid
+from .lattice.colliders import NO_COLLIDERS, Collider, ColliderGrid
 from .laws.plasticity import VON_MISES
 
 MOST_NODES = 30_000_000
@@ -76,6 +76,10 @@ class Model:
     """auto or cpu, which is the same: see `device.start`."""
     collider_grid: ColliderGrid = NO_COLLIDERS
     """Planes, and meshes as the lattice's nodes see them."""
+    movers: tuple[Collider, ...] = ()
+    """All colliders, if any of them moves: they are sampled as the frames go by. `collider_grid` has those that stand still, then."""
+    part: tuple[int, int] = (0, 1)
+    """Which of how many equal parts of a frame it advances: `frame_dt` and `substeps` are a part's, paths are by whole frames."""
     pin_path: np.ndarray | None = None
     """(T+1, M, 3) [m] where the M pinned particles are at every picture; None is where they start."""
     pin_rest: np.ndarray | None = None

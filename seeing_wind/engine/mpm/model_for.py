@@ -15,7 +15,7 @@ from .checks import check_choices, checked_bodies
 from .damping import longest_retardation, substeps_for, with_retardation
 from .kernels.packed import MOST_NODES_ACROSS
 from .lattice.boundary import border_axes, clamped_nodes, lattice_offset, particle_roles
-from .lattice.colliders import Collider, collider_grid, collider_notes
+from .lattice.colliders import Collider, collider_grid, collider_notes, moves
 from .lattice.kinematics import checked_pin_path
 from .laws.constitutive import LAWS
 from .laws.plasticity import PLASTIC_LAWS
@@ -121,9 +121,12 @@ def model_for(
     role = particle_roles(x, pinned, offset, dx, clamp_lo, clamp, kinematic=pin_path is not None)
     obstacles = collider_grid(colliders, offset, dx)
     notes += collider_notes(x, colliders, obstacles, offset, dx)
+    standing = [one for one in colliders if not moves(one)]
+    movers = tuple(colliders) if len(standing) < len(colliders) else ()
+    obstacles = collider_grid(standing, offset, dx) if movers else obstacles
     model = Model(
         mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
-        gravity, device, obstacles, path, None if path is None else x, clamp_depth, axes=axes,
+        gravity, device, obstacles, movers, pin_path=path, pin_rest=None if path is None else x, clamp_depth=clamp_depth, axes=axes,
     )  # fmt: skip
     model = replace(model, substeps=max(least_substeps, substeps))
     if not pinned.any():  # hardly shows its damping

@@ -90,6 +90,9 @@ class ColliderEdit:
 
     name: str = option(help="name of the collider, in messages", panel="")
     mesh: str | None = option(None, help="a closed OBJ, PLY or NPZ; bodies stay outside", file=True, panel="")
+    mesh_path: str | None = option(
+        None, help="NPY (T+1,V,3) of where the mesh's vertices are in every frame", unit="m", otherwise="they stay", file=True, panel=""
+    )
     plane: tuple[float, float, float, float, float, float] | None = option(
         None, help="a point (m) and the normal of an infinite plane; bodies stay on the side that the normal points to", panel=""
     )

@@ -70,18 +70,6 @@ def test_pins_go_with_the_bone_that_holds_them(workplace, recovered) -> None:
     assert "pin_path" not in written(workplace)["body"][0]
 
 
-def test_a_collider_that_moves_is_told(workplace, recovered, capfd) -> None:
-    cube("Held")
-    table = cube("Table", (0.0, 0.0, -0.5))
-    table.keyframe_insert("location", frame=1)
-    bpy.ops.seeing_wind.insert_mesh(object="Held")
-    bpy.ops.seeing_wind.insert_collider(object="Table")
-    recovered.seeing_wind.edit_preroll = 12
-    bpy.ops.seeing_wind.resimulate()
-    assert "Table moves; bodies meet it where it stands" in capfd.readouterr().out
-    assert written(workplace)["preroll"] == 12
-
-
 def test_what_another_file_has_simulated_is_left_alone(workplace, recovered) -> None:
     cube("Mine")
     bpy.ops.seeing_wind.insert_mesh(object="Mine")

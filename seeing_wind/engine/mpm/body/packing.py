@@ -47,7 +47,7 @@ class Packing:
     def start(self, state: State, acceleration: np.ndarray, gradient: np.ndarray | None, frame: int, substeps: int) -> FrameRun:
         """A frame about to start from `state` under acceleration (N, 3), gravity included, and gradient (N, 3, 3)."""
         m = self.model
-        conditions = conditions_for(m, frame)
+        conditions = conditions_for(m, frame, state)
         by_cell = self._by_cell(state.x if len(self.active) == m.particles else state.x[self.active], conditions[0].offset)
         order = self.active[by_cell]
         first = np.linspace(0, len(order), self.tasks + 1).astype(np.int32)

@@ -1,4 +1,4 @@
-"""Static colliders: planes, closed rooms and closed meshes, and what the lattice's nodes see of them.
+"""Colliders: planes, closed rooms and closed meshes, and what the lattice's nodes see of them.
 
 Planes act wherever the body goes. Of a mesh every node inside gets the way out: its depth and the direction to the nearest place of the
 surface (a signed distance sampled on the lattice, as in Stomakhin et al. 2013, section 8).
@@ -11,16 +11,18 @@ held layer, and with it the contact, may still lie half a cell off; `laid_on` ta
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import SimulationError, UsageError
-from .closed_mesh import is_closed, signed_volume, triangle_areas, weld
-from .conditions import NONE, SEPARATE, SLIP, STICKY
-from .signed_distance import closest_on, inside_of, node_box
+from .beside import velocity_at
+from .closed_mesh import signed_volume, triangle_areas
+from .conditions import NONE
+from .contact_kind import KINDS, check_kind
+from .mesh_collider import MeshCollider
+from .signed_distance import closest_on, inside_of, kept_inside_of, node_box
 
-KINDS = {"sticky": STICKY, "slip": SLIP, "separate": SEPARATE}
 INSET = 0.95
 """Cells between a wall and the middle of the layer of nodes that begins to hold."""
 _MOST_NODES = 3_000_000
@@ -45,8 +47,8 @@ class Plane:
     """Coulomb's coefficient, for separate and slip."""
 
     def __post_init__(self) -> None:
-        """UsageError: see `_checked`."""
-        _checked("plane collider", self.kind, self.friction)
+        """UsageError: see `check_kind`."""
+        check_kind("plane collider", self.kind, self.friction)
         for name in ("point", "normal"):
             object.__setattr__(self, name, _vector(getattr(self, name), f"The plane's {name}"))
         if not np.linalg.norm(self.normal) > 0.0:
@@ -72,8 +74,8 @@ class Box:
     """As of `Plane`."""
 
     def __post_init__(self) -> None:
-        """UsageError: see `_checked`."""
-        _checked("box collider", self.kind, self.friction)
+        """UsageError: see `check_kind`."""
+        check_kind("box collider", self.kind, self.friction)
         for name in ("low", "high"):
             object.__setattr__(self, name, _vector(getattr(self, name), f"The box's {name} corner"))
         if not (np.array(self.low) < self.high).all():
@@ -88,55 +90,6 @@ class Box:
         return floors + [(-one[a], -self.high[a], self.kind, self.friction) for a in range(3)]
 
 
-@dataclass(frozen=True, eq=False)
-class MeshCollider:
-    """A closed mesh that stands still; matter stays outside. Two are equal only if they are one: what it costs to sample is kept for it."""
-
-    vertices: np.ndarray
-    """(V, 3) [m]."""
-    faces: np.ndarray
-    """(M, 3) int triangles, consistently wound; vertices at the same place count as one."""
-    kind: str = "separate"
-    """As of `Plane`."""
-    friction: float = 0.0
-    """As of `Plane`."""
-    corners: np.ndarray = field(init=False, repr=False)
-    """(M, 3, 3) of the triangles that have an area [m]."""
-
-    def __post_init__(self) -> None:
-        """UsageError: see `_checked`; for a mesh that is open, empty, flat, not finite, or names vertices that it does not have."""
-        _checked("mesh collider", self.kind, self.friction)
-        vertices, faces = np.asarray(self.vertices), np.asarray(self.faces)
-        if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3 or not len(faces):
-            message = f"A collider's mesh has vertices of shape {vertices.shape} and faces of shape {faces.shape}."
-            raise UsageError(message, "Give (V, 3) positions and (M, 3) triangles, at least four of them.")
-        if vertices.dtype.kind not in "fiu" or not np.isfinite(vertices).all():
-            raise UsageError("A vertex of a collider's mesh is not finite.", "Check the mesh and the object's transform.")
-        if faces.dtype.kind not in "iu" or faces.min() < 0 or faces.max() >= len(vertices):
-            raise UsageError(
-                f"A face of a collider's mesh names a vertex that is not there; there are {len(vertices)}.", "Export the mesh again."
-            )
-        vertices = vertices.astype(np.float64)
-        solid = weld(vertices, faces)
-        solid = solid[(solid != np.roll(solid, 1, axis=1)).all(axis=1)]
-        if not len(solid) or not is_closed(solid):
-            raise UsageError(
-                "A collider's mesh is open or its faces do not all look the same way.",
-                "Close its holes and recalculate its normals (Mesh > Normals > Recalculate Outside), or use a Plane.",
-            )
-        size = float(np.ptp(vertices, axis=0).max())
-        if not abs(signed_volume(vertices, faces)) > 1e-9 * size**3:
-            raise UsageError("A collider's mesh holds no volume.", "Give it a thickness, or use a Plane.")
-        area = triangle_areas(vertices, faces)[0]
-        object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "faces", faces.astype(np.int64))
-        object.__setattr__(self, "corners", vertices[faces[area > 1e-14 * size**2]])
-
-    def rows(self) -> list[tuple[np.ndarray, float, str, float]]:
-        """No plane."""
-        return []
-
-
 Collider = Plane | Box | MeshCollider
 
 
@@ -145,13 +98,6 @@ def _vector(value: object, name: str) -> tuple[float, float, float]:
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise UsageError(f"{name} is {value}.", "Give three finite numbers.")
     return float(numbers[0]), float(numbers[1]), float(numbers[2])
-
-
-def _checked(what: str, kind: str, friction: float) -> None:
-    if kind not in KINDS:
-        raise UsageError(f"The {what} is {kind!r}.", f"Choose one of {', '.join(KINDS)}.")
-    if not (np.isfinite(friction) and friction >= 0.0):
-        raise UsageError(f"The friction of the {what} is {friction}.", "Give a finite number that is not negative; 0 is none.")
 
 
 # -- on the lattice ---------------------------------------------------------------------------------------------------------------
@@ -186,8 +132,24 @@ def _rows(colliders: Sequence[Collider]) -> list[tuple[np.ndarray, float, str, f
     return [row for collider in colliders for row in collider.rows()]
 
 
-def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float) -> ColliderGrid:
-    """Colliders on the lattice with a node at `offset` (3,) [m] and spacing dx [m].
+def moves(collider: Collider) -> bool:
+    """Whether a collider follows a path."""
+    return isinstance(collider, MeshCollider) and collider.path is not None
+
+
+def within_reach(colliders: Sequence[Collider], region: np.ndarray, frame: int) -> tuple[Collider, ...]:
+    """Those that bodies in a region (2, 3) [m] could meet in a frame, if one of them moves, else none. Planes always count."""
+
+    def near(mesh: MeshCollider) -> bool:
+        at = mesh.vertices[None] if mesh.path is None else mesh.path[min(frame, len(mesh.path) - 1) :][:2]
+        return bool((at.min(axis=(0, 1)) <= region[1]).all() and (at.max(axis=(0, 1)) >= region[0]).all())
+
+    found = tuple(one for one in colliders if not isinstance(one, MeshCollider) or near(one))
+    return found if any(moves(one) for one in found) else ()
+
+
+def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float, region: np.ndarray | None = None) -> ColliderGrid:
+    """Colliders on the lattice with a node at `offset` (3,) [m] and spacing dx [m]; meshes only in a region (2, 3) [m], if it is given.
 
     Raises:
         UsageError: for something that is no collider.
@@ -197,11 +159,11 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float) 
     planes = np.zeros((max(1, len(rows)), 8))
     for at, (n, d, kind, friction) in zip(planes, rows):
         at[:6] = [*n, d - (INSET - 0.5) * dx, KINDS[kind], friction]
-    meshes = [collider for collider in colliders if isinstance(collider, MeshCollider)]
-    if not meshes:
+    boxes = [(mesh, *node_box(mesh, offset, dx, region)) for mesh in colliders if isinstance(mesh, MeshCollider)]
+    boxes = [(mesh, first, last) for mesh, first, last in boxes if (first <= last).all()]
+    if not boxes:
         return ColliderGrid(planes, NO_COLLIDERS.solid_lo, NO_COLLIDERS.solid, NO_COLLIDERS.depth)
-    boxes = [node_box(mesh, offset, dx) for mesh in meshes]
-    lo, hi = np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
+    lo, hi = np.min([box[1] for box in boxes], axis=0), np.max([box[2] for box in boxes], axis=0)
     nodes = int(np.prod((hi - lo + 1).astype(np.int64)))
     if nodes > _MOST_NODES:
         raise SimulationError(
@@ -209,8 +171,9 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float) 
             "Use a plane for a large floor, cut the mesh to the part that bodies reach, or use fewer particles.",
         )
     solid, depth = np.zeros((*(hi - lo + 1), 8)), np.zeros(hi - lo + 1)
-    for mesh, (first, last) in zip(meshes, boxes):
-        way_out, normals = inside_of(mesh, tuple(first), tuple(last), tuple(offset), float(dx))
+    for mesh, first, last in boxes:
+        sampled = kept_inside_of if region is None else inside_of
+        way_out, normals = sampled(mesh, tuple(first), tuple(last), tuple(offset), float(dx))
         part = tuple(slice(a, b + 1) for a, b in zip(first - lo, last - lo))
         deeper = way_out > depth[part]
         depth[part][deeper] = way_out[deeper]
@@ -219,6 +182,9 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float) 
         solid[part][held, 0] = KINDS[mesh.kind]
         solid[part][held, 1:4] = normals[held]
         solid[part][held, 4] = mesh.friction
+        if mesh.velocity is not None:
+            nodes = offset + dx * (np.argwhere(held) + first)
+            solid[part][held, 5:8] = velocity_at(nodes, mesh.vertices, mesh.velocity)
     return ColliderGrid(planes, lo.astype(np.int32), solid, depth)
 
 

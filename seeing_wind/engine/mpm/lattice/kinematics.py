@@ -1,4 +1,4 @@
-"""What holds at the nodes during a frame: pins that stand still or follow a path, and the colliders.
+"""What holds at the nodes during a frame: pins and colliders that stand still or follow a path.
 
 A pinned particle goes straight from where the path has it at one picture to where it has it at the next. The nodes that it clamps get
 the velocity that the nearest pinned particles have there: their rigid motion, and what of an affine motion is left. Two things keep the
@@ -16,14 +16,22 @@ from scipy.spatial import cKDTree
 
 from ...errors import SimulationError, UsageError
 from ..model import Model
+from ..state import State
+from .beside import carried, velocity_at
 from .boundary import clamped_nodes
+from .colliders import collider_grid, moves, within_reach
+from .mesh_collider import MeshCollider
 
 _LATTICE_LAG = 0.1
 """Cells that pins may move before the lattice follows."""
 _CLAMP_LAG = 0.25
 """Cells that pins may move against the lattice before the clamped nodes are found again."""
-_NEAREST = 12
-"""Pinned particles that tell what a place beside them does."""
+_WALL_LAG = 0.5
+"""Cells that a collider may move before it is sampled again, unless it would need more than"""
+_MOST_WALLS = 16
+"""samples in a frame."""
+_AROUND, _FASTER = 4.0, 2.0
+"""Cells beyond the particles, and times what they and the colliders go in a frame, within which they may meet."""
 _REACH = 6.0
 """Cells beyond the pins within which free particles count for the clamp."""
 _AWAY = 0.05
@@ -82,8 +90,10 @@ def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx
     return path
 
 
-def conditions_for(model: Model, frame: int) -> list[Conditions]:
+def conditions_for(model: Model, frame: int, state: State | None = None) -> list[Conditions]:
     """What holds during `frame`: piece i of P from substep i S // P of the frame's S to the next piece's.
+
+    With a `state`, that of its start, colliders that move are sampled only where its particles may come.
 
     Raises:
         SimulationError: when the path of the pins has no such frame.
@@ -93,19 +103,29 @@ def conditions_for(model: Model, frame: int) -> list[Conditions]:
         model.offset, model.clamp_lo, model.clamp, np.zeros((*model.clamp.shape, 3)), np.zeros((1, 3)),
         obstacles.planes, obstacles.solid_lo, obstacles.solid, force.lo, force.at(frame),
     )  # fmt: skip
+    movers = bool(model.movers)
+    begun, span = frame + model.part[0] / model.part[1], 1.0 / model.part[1]
+    moved = span * max((one.farthest(frame) for one in model.movers if isinstance(one, MeshCollider)), default=0.0)
+    region = None if state is None or not model.movers else _region(model, state, moved)
+    model = model if region is None else replace(model, movers=within_reach(model.movers, region, frame))
+    walls = min(_count(moved, _WALL_LAG * model.dx, model.substeps), _MOST_WALLS)
     if model.pin_path is None or model.pin_rest is None:
-        return [still]
+        shifts = _count(moved, _LATTICE_LAG * model.dx * walls, model.substeps // walls)
+        times = [begun + (k + 0.5) / walls * span for k in range(walls)]
+        return [piece for time in times for piece in _followed(model, still, time, region, span / walls, shifts)]
     if not 0 <= frame < len(model.pin_path) - 1:
         raise SimulationError(
             f"The path of the pinned particles ends at picture {len(model.pin_path) - 1}, before frame {frame} is over.",
             "Give the path for every picture of the simulation.", frame=frame, quantity="pin_path",
         )  # fmt: skip
-    start, step = model.pin_path[frame], model.pin_path[frame + 1] - model.pin_path[frame]
+    step = span * (model.pin_path[frame + 1] - model.pin_path[frame])
+    start = model.pin_path[frame] + model.part[0] * step
     at_rest = model.pin_rest[model.pinned]
     # A mesh's signed distance and a force are given on the lattice where it lies: with either, the lattice stays.
-    follow = 0.0 if obstacles.solid[..., 0].any() or force.active else 1.0
+    follow = 0.0 if movers or obstacles.solid[..., 0].any() or force.active else 1.0
     mean_step = follow * step.mean(axis=0)
     patterns = _count(float(np.linalg.norm(step - mean_step, axis=1).max()), _CLAMP_LAG * model.dx, model.substeps)
+    patterns = max(patterns, walls)
     shifts = _count(float(np.linalg.norm(mean_step)), _LATTICE_LAG * model.dx * patterns, model.substeps // patterns)
     pin_velocity = np.zeros((model.particles, 3))
     pin_velocity[model.pinned] = step / model.frame_dt
@@ -115,10 +135,42 @@ def conditions_for(model: Model, frame: int) -> list[Conditions]:
         pins = start + (k + 0.5) / patterns * step
         shift = follow * (pins - at_rest).mean(axis=0)
         pattern = _clamp_at(model, pins, step / model.frame_dt, still, model.offset + shift)
+        pattern = _walled(model, pattern, begun + (k + 0.5) / patterns * span, region)
         for j in range(shifts):
             behind = (j + 0.5) / shifts - 0.5
             pieces.append(replace(pattern, offset=pattern.offset + behind / patterns * mean_step))
     return pieces
+
+
+def _region(model: Model, state: State, moved: float) -> np.ndarray:
+    """(2, 3) corners of where particles may be within a frame in which colliders move by `moved` [m]."""
+    reach = _AROUND * model.dx + _FASTER * (moved + float(np.linalg.norm(state.v, axis=1).max()) * model.frame_dt)
+    return np.stack([state.x.min(axis=0) - reach, state.x.max(axis=0) + reach])
+
+
+def _followed(
+    model: Model, conditions: Conditions, time: float, region: np.ndarray | None, lasts: float, shifts: int
+) -> list[Conditions]:
+    """As `_walled`, for a while of `lasts` [frames] about `time`, in so many pieces.
+
+    The lattice goes with the first collider that moves, which then is as smooth to lie on as one that stands still.
+    """
+    if not model.movers:
+        return [conditions]
+    lead = next(one for one in model.movers if isinstance(one, MeshCollider) and moves(one))
+    before, middle, after = (lead.posed(time + behind * lasts, model.frame_dt).vertices.mean(axis=0) for behind in (-0.5, 0.0, 0.5))
+    offset = model.offset + middle - lead.vertices.mean(axis=0)
+    walled = _walled(model, replace(conditions, offset=offset), time, region)
+    return [replace(walled, offset=offset + ((j + 0.5) / shifts - 0.5) * (after - before)) for j in range(shifts)]
+
+
+def _walled(model: Model, conditions: Conditions, time: float, region: np.ndarray | None) -> Conditions:
+    """The conditions with the colliders as they are at a time [frames], in a region (2, 3), where any of them moves."""
+    if not model.movers:
+        return conditions
+    posed = [one.posed(time, model.frame_dt * model.part[1]) if isinstance(one, MeshCollider) else one for one in model.movers]
+    grid = collider_grid(posed, conditions.offset, model.dx, region)
+    return replace(conditions, planes=grid.planes, solid_lo=grid.solid_lo, solid=grid.solid)
 
 
 def _count(distance: float, at_most: float, limit: int) -> int:
@@ -139,36 +191,3 @@ def _clamp_at(model: Model, pins: np.ndarray, velocity: np.ndarray, still: Condi
     clamp_velocity = np.zeros((*clamp.shape, 3))
     clamp_velocity[tuple(nodes.T)] = velocity_at(offset + model.dx * (nodes + lo), pins, velocity)
     return replace(still, offset=offset, clamp_lo=lo, clamp=clamp, clamp_velocity=clamp_velocity)
-
-
-def carried(x: np.ndarray, pins_then: np.ndarray, pins_now: np.ndarray) -> np.ndarray:
-    """Where x (P, 3) would be now if each place moved rigidly with the pins nearest to it, (M, 3) then and now [m]."""
-    if not len(x):
-        return x
-    near = cKDTree(pins_then).query(x, k=min(_NEAREST, len(pins_then)))[1].reshape(len(x), -1)
-    then, now = pins_then[near], pins_now[near]
-    centre, centre_now = then.mean(axis=1, keepdims=True), now.mean(axis=1, keepdims=True)
-    covariance = np.einsum("pki,pkj->pij", now - centre_now, then - centre)
-    # A little of the identity: what the pins leave open (all on one line, or one alone) does not turn.
-    size = np.einsum("pki,pki->p", then - centre, then - centre)
-    U, _, Vt = np.linalg.svd(covariance + (1e-6 * size + 1e-30)[:, None, None] * np.eye(3))
-    U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
-    return centre_now[:, 0] + np.einsum("pij,pj->pi", U @ Vt, x - centre[:, 0])
-
-
-def velocity_at(places: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Velocity (P, 3) at places (P, 3) beside particles x (M, 3) [m] with velocities v (M, 3) [m/s]: rigid, then affine, least squares."""
-    if not len(places):
-        return np.zeros((0, 3))
-    near = cKDTree(x).query(places, k=min(_NEAREST, len(x)))[1].reshape(len(places), -1)
-    centre, mean = x[near].mean(axis=1), v[near].mean(axis=1)
-    r, u = x[near] - centre[:, None], v[near] - mean[:, None]
-    size = np.einsum("pki,pki->p", r, r)[:, None, None] + 1e-30
-    square = np.einsum("pki,pkj->pij", r, r)
-    one = np.eye(3)
-    inertia = np.trace(square, axis1=1, axis2=2)[:, None, None] * one - square + 1e-6 * size * one
-    spin = np.linalg.solve(inertia, np.cross(r, u).sum(axis=1)[..., None])[..., 0]
-    u = u - np.cross(spin[:, None], r)
-    slope = np.einsum("pki,pkj->pij", u, r) @ np.linalg.inv(square + 1e-2 * size * one)
-    away = places - centre
-    return mean + np.cross(spin, away) + np.einsum("pij,pj->pi", slope, away)

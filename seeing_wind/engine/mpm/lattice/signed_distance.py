@@ -11,6 +11,10 @@ from scipy.spatial import cKDTree
 
 from .closed_mesh import signed_volume, winding_numbers
 
+_LOOKED_AT = 6
+"""Dots on the surface, the nearest ones to a point, whose triangles are asked for the nearest place."""
+_ROUND = 8.0
+"""Times the spacing of the dots, beyond the points, within which they are looked for first."""
 _EXACT = 3.0
 """Cells below the surface down to which distances to it are exact."""
 
@@ -31,13 +35,16 @@ class Solid(Protocol):
         """(M, 3, 3) of the triangles that have an area [m]."""
 
 
-def node_box(mesh: Solid, offset: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
-    """First and last node (3,) of those that may lie inside."""
+def node_box(mesh: Solid, offset: np.ndarray, dx: float, region: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """First and last node (3,) of those that may lie inside, and in a region (2, 3) [m] if there is one; none where first is past last."""
     low, high = mesh.vertices[mesh.faces.ravel()].min(axis=0), mesh.vertices[mesh.faces.ravel()].max(axis=0)
+    if region is not None:
+        low, high = np.maximum(low, region[0]), np.minimum(high, region[1])
+        if (low > high).any():
+            return np.zeros(3, np.int64), np.full(3, -1)
     return np.floor((low - offset) / dx).astype(np.int64), np.ceil((high - offset) / dx).astype(np.int64)
 
 
-@lru_cache(maxsize=8)
 def inside_of(
     mesh: Solid, first: tuple[int, ...], last: tuple[int, ...], offset: tuple[float, ...], dx: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -47,7 +54,8 @@ def inside_of(
     axes = [offset[c] + dx * np.arange(first[c], last[c] + 1) for c in range(3)]
     inside = winding_numbers(mesh.vertices, mesh.faces, [axis + shift for axis, shift in zip(axes, aside)]) != 0
     # Far inside, where nothing gets, the way to the nearest node outside is good enough; nearby, the way to the surface itself.
-    cells, outside = distance_transform_edt(np.pad(inside, 1), return_indices=True)
+    framed = np.pad(inside, 1, mode="edge")  # at the border of a region the mesh goes on
+    cells, outside = distance_transform_edt(np.pad(inside, 1) if framed.all() else framed, return_indices=True)
     core = (slice(1, -1),) * 3
     way = np.moveaxis(outside, 0, -1)[core] - np.moveaxis(np.indices(cells.shape), 0, -1)[core]
     depth = np.maximum(cells[core] - 0.5, 0.0) * dx
@@ -62,13 +70,15 @@ def inside_of(
     return depth, normals
 
 
+kept_inside_of = lru_cache(maxsize=8)(inside_of)
+"""The same, kept for a mesh that is asked again."""
+
+
 def closest_on(mesh: Solid, points: np.ndarray, dx: float) -> tuple[np.ndarray, np.ndarray]:
     """The place (P, 3) of the surface nearest to points (P, 3) [m], and the normal (P, 3) of its face."""
     from trimesh.triangles import closest_point
 
-    dots, owner = _dots(mesh.corners, dx)
-    count = min(6, len(dots))
-    near = owner[cKDTree(dots).query(points, k=count)[1].reshape(len(points), count)]
+    near = _nearest_faces(mesh, points, dx)
     best, found, face = np.full(len(points), np.inf), np.zeros_like(points), np.zeros(len(points), int)
     for k, column in enumerate(near.T):
         new = np.flatnonzero((near[:, :k] != column[:, None]).all(axis=1))
@@ -80,6 +90,24 @@ def closest_on(mesh: Solid, points: np.ndarray, dx: float) -> tuple[np.ndarray, 
     a, b, c = (mesh.corners[:, k] for k in range(3))
     cross = np.cross(b - a, c - a) * np.sign(signed_volume(mesh.vertices, mesh.faces))
     return found, (cross / np.linalg.norm(cross, axis=1, keepdims=True))[face]
+
+
+def _nearest_faces(mesh: Solid, points: np.ndarray, dx: float) -> np.ndarray:
+    """(P, k) triangles that have the dots next to points (P, 3) [m]. Of a large mesh only what is round the points is looked at first."""
+    dots, owner = _dots(mesh.corners, dx)
+    if not len(points):
+        return np.zeros((0, 1), int)
+    margin = _ROUND * dx
+    some = np.flatnonzero(((dots >= points.min(axis=0) - margin) & (dots <= points.max(axis=0) + margin)).all(axis=1))
+    found = np.full((len(points), _LOOKED_AT), -1)
+    missing = np.arange(len(points))
+    for choice in (some, np.arange(len(dots))):
+        if len(choice) and len(missing):
+            count = min(_LOOKED_AT, len(choice))
+            distance, index = cKDTree(dots[choice]).query(points[missing], k=count)
+            found[missing] = np.pad(owner[choice[index.reshape(-1, count)]], ((0, 0), (0, _LOOKED_AT - count)), mode="edge")
+            missing = missing[distance.reshape(-1, count)[:, -1] > margin]
+    return found
 
 
 def _dots(corners: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:

@@ -38,6 +38,8 @@ class Contact:
     """(C,) bool: what touches does not leave."""
     stiffness: np.ndarray
     """(C,) [N/m]."""
+    wall: np.ndarray
+    """(C, 3) how far the plane moves in the substep [m]."""
     start: np.ndarray
     """(C, 3) where the vertices are at the substep's start [m]."""
     dt: float
@@ -48,17 +50,17 @@ class Contact:
     ) -> Contact:
         """The planes near vertices x (V, 3) that are about to be at `ahead` (V, 3); inertia (V,) [N/m] is mass over the square of time."""
         found = [obstacle.planes(x, ahead) for obstacle in obstacles]
-        vertex, normal, level, friction, bound = (
+        vertex, normal, level, friction, bound, velocity = (
             (np.concatenate(part) for part in zip(*found))
             if found
-            else (np.zeros(0, int), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, bool))
+            else (np.zeros(0, int), np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, bool), np.zeros((0, 3)))
         )
-        return cls(vertex, normal, level + 0.5 * thickness, friction, bound, STIFF * inertia[vertex], x[vertex], dt)
+        return cls(vertex, normal, level + 0.5 * thickness, friction, bound, STIFF * inertia[vertex], dt * velocity, x[vertex], dt)
 
     def _pressed(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Force along the normal (C,) [N], friction over the speed (C,) [N s/m], and which vertices count (C,) bool."""
         gap = (self.normal * x[self.vertex]).sum(axis=1) - self.level
-        held = self.bound & ((self.normal * self.start).sum(axis=1) < self.level + 1e-9)
+        held = self.bound & ((self.normal * (self.start + self.wall)).sum(axis=1) < self.level + 1e-9)
         on = (gap < 0.0) | held
         press = np.where(on, -self.stiffness * gap, 0.0)
         speed = np.linalg.norm(self._slid(x), axis=1) / self.dt
@@ -67,8 +69,8 @@ class Contact:
         return press, np.where(sticks & on, self.stiffness * self.dt, grip), on
 
     def _slid(self, x: np.ndarray) -> np.ndarray:
-        """(C, 3) way along the plane since the substep's start [m]."""
-        way = x[self.vertex] - self.start
+        """(C, 3) way along the plane, as one sees it from there, since the substep's start [m]."""
+        way = x[self.vertex] - self.start - self.wall
         return way - (way * self.normal).sum(axis=1, keepdims=True) * self.normal
 
     def force(self, x: np.ndarray) -> np.ndarray:

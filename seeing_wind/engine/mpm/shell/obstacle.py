@@ -1,19 +1,21 @@
-"""Planes, rooms and closed meshes as a shell's vertices meet them. They stand still."""
+"""Planes, rooms and closed meshes as a shell's vertices meet them. Meshes may move."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from ..lattice.colliders import Collider, MeshCollider
+from ..lattice.beside import velocity_at
+from ..lattice.colliders import Collider
+from ..lattice.mesh_collider import MeshCollider
 from ..lattice.signed_distance import closest_on
 
-Planes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""Vertices (C,), unit normals (C, 3), levels (C,) of n.x below which they may not come [m], friction (C,), and whether they may not
-leave (C,)."""
+Planes = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Vertices (C,), unit normals (C, 3), levels (C,) of n.x below which they may not come [m], friction (C,), whether they may not
+leave (C,), and velocities (C, 3) of the planes [m/s]."""
 
 
 class Obstacle(Protocol):
@@ -21,6 +23,9 @@ class Obstacle(Protocol):
 
     def planes(self, x: np.ndarray, ahead: np.ndarray) -> Planes:
         """Planes that stand for it before vertices at x (V, 3) about to be at `ahead` (V, 3) [m]."""
+
+    def at(self, time: float, frame_dt: float) -> Obstacle:
+        """It at a time [frames], a frame being `frame_dt` [s] long."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +46,12 @@ class Wall:
         count = len(vertex)
         return (
             vertex, np.broadcast_to(self.normal, (count, 3)), np.full(count, self.level), np.full(count, self.friction),
-            np.full(count, self.bound),
+            np.full(count, self.bound), np.zeros((count, 3)),
         )  # fmt: skip
+
+    def at(self, time: float, frame_dt: float) -> Wall:
+        """See `Obstacle`: it stands still."""
+        return self
 
 
 @dataclass(frozen=True)
@@ -62,7 +71,7 @@ class Block:
         vertex = np.flatnonzero(((ahead > low - margin) & (ahead < high + margin)).all(axis=1))
         size = float(np.ptp(self.mesh.vertices, axis=0).max())
         if not len(vertex):
-            return vertex, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool)
+            return vertex, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=bool), np.zeros((0, 3))
         place, normal = closest_on(self.mesh, ahead[vertex], max(self.reach, size / 100.0))
         way = ahead[vertex] - place
         side = np.where((way * normal).sum(axis=1) >= 0.0, 1.0, -1.0)
@@ -70,7 +79,12 @@ class Block:
         clear = length > 1e-6 * size
         normal = np.where(clear[:, None], side[:, None] * way / np.maximum(length, 1e-300)[:, None], normal)
         count = len(vertex)
-        return vertex, normal, (normal * place).sum(axis=1), np.full(count, self.friction), np.full(count, self.bound)
+        velocity = np.zeros((count, 3)) if self.mesh.velocity is None else velocity_at(place, self.mesh.vertices, self.mesh.velocity)
+        return vertex, normal, (normal * place).sum(axis=1), np.full(count, self.friction), np.full(count, self.bound), velocity
+
+    def at(self, time: float, frame_dt: float) -> Block:
+        """See `Obstacle`."""
+        return self if self.mesh.path is None else replace(self, mesh=self.mesh.posed(time, frame_dt))
 
 
 def obstacles_of(colliders: Sequence[Collider], reach: float) -> tuple[Obstacle, ...]:

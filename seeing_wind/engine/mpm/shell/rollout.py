@@ -45,21 +45,29 @@ def advance_frame(
             share = (substep + 1) / substeps
             pins = (1.0 - share) * pin_path[frame] + share * pin_path[frame + 1]
         try:
-            state = _halved(shell, state, dt, pins, dict(gravity=gravity, frame=frame, load=load, obstacles=obstacles), HALVINGS)
+            around = dict(gravity=gravity, frame=frame, load=load)
+            state = _halved(shell, state, dt, pins, around, obstacles, (frame + (substep + 1) / substeps, 1.0 / fps), HALVINGS)
         except SimulationError as error:
             raise SimulationError(error.message, error.hint, frame=frame, substep=substep, quantity=error.quantity) from error
     return state
 
 
-def _halved(shell: Shell, state: State, dt: float, pins: np.ndarray | None, around: dict[str, Any], more: int) -> State:
-    """The state a substep later, in two halves where one finds no solution, and these in halves again if needed."""
+def _halved(
+    shell: Shell, state: State, dt: float, pins: np.ndarray | None, around: dict[str, Any], obstacles: tuple[Obstacle, ...],
+    until: tuple[float, float], more: int,
+) -> State:  # fmt: skip
+    """The state a substep later, in two halves where one finds no solution, and these in halves again if needed.
+
+    `until`: the time at its end [frames], and how long a frame is [s].
+    """
     try:
-        return advance(shell, state, dt=dt, pins=pins, **around)[0]
+        return advance(shell, state, dt=dt, pins=pins, obstacles=tuple(one.at(*until) for one in obstacles), **around)[0]
     except SimulationError:
         if not more:
             raise
     half = 0.5 * dt
     middle = None if pins is None else 0.5 * (state.x[shell.pinned] + pins)
     first = with_past(state.x, state.v, (state.v - state.v_before) / dt, half)
-    second = _halved(shell, _halved(shell, first, half, middle, around, more - 1), half, pins, around, more - 1)
+    first = _halved(shell, first, half, middle, around, obstacles, (until[0] - half / until[1], until[1]), more - 1)
+    second = _halved(shell, first, half, pins, around, obstacles, until, more - 1)
     return with_past(second.x, second.v, (second.v - second.v_before) / half, dt)

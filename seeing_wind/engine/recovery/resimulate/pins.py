@@ -83,21 +83,30 @@ def read_pin_path(path: str | os.PathLike[str], pins: str | os.PathLike[str], fr
     """Where pinned vertices are in every frame: (T+1, P, 3) [m] from an NPY file, in the order of `read_pins`.
 
     Raises:
+        UsageError: see `read_way`.
+    """
+    index = read_array(pins)  # which `read_pins` has read before
+    way = read_way(path, (frames + 1, index.size, 3), "the pins' way")
+    return way[:, np.unique(index, return_index=True)[1]]
+
+
+def read_way(path: str | os.PathLike[str], shape: tuple[int, int, int], what: str) -> np.ndarray:
+    """Positions of a shape (T+1, P, 3) [m] from an NPY file; `what` names them in messages.
+
+    Raises:
         UsageError: no such file, another number of frames or vertices, or positions that are not finite or too far.
     """
     if not Path(path).is_file():
-        raise UsageError(f"There is no file {path} of the pins' way.", "Write their positions with numpy.save.")
+        raise UsageError(f"There is no file {path} of {what}.", "Write their positions with numpy.save.")
     try:
-        way, index = read_array(path), read_array(pins)
+        way = read_array(path)
     except (OSError, ValueError) as error:
-        raise UsageError(f"The pins' way {path} cannot be read: {error}.", "Write their positions with numpy.save.") from error
-    if way.shape != (frames + 1, index.size, 3) or not np.issubdtype(way.dtype, np.floating):
-        raise UsageError(
-            f"The pins' way {path} is {way.dtype} of shape {way.shape}.", f"It must be ({frames + 1}, {index.size}, 3), in metres."
-        )
+        raise UsageError(f"{path}, {what}, cannot be read: {error}.", "Write their positions with numpy.save.") from error
+    if way.shape != shape or not np.issubdtype(way.dtype, np.floating):
+        raise UsageError(f"{path}, {what}, is {way.dtype} of shape {way.shape}.", f"It must be {shape}, in metres.")
     if not np.isfinite(way).all() or np.abs(way).max() > FARTHEST:
-        raise UsageError(f"The pins' way {path} has places that are nowhere, or too far.", "Check the animation, and the unit: metres.")
-    return way[:, np.unique(index, return_index=True)[1]].astype(np.float64)
+        raise UsageError(f"{path}, {what}, has places that are nowhere, or too far.", "Check the animation, and the unit: metres.")
+    return way.astype(np.float64)
 
 
 def carried(rest: np.ndarray, way: np.ndarray, particles: Particles) -> np.ndarray:

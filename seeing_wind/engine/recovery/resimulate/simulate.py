@@ -13,6 +13,7 @@ import numpy as np
 from ...errors import SimulationError, UsageError
 from ...field.force_field import ForceField
 from ...mpm.lattice.closed_mesh import is_closed, weld
+from ...mpm.lattice.mesh_collider import MeshCollider
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
 from ...mpm.rollout import advance
@@ -91,13 +92,14 @@ def simulate_bodies(
     strength = _strengths(edit.field_strength, field.frames)
     if not np.linalg.norm(edit.gravity) <= FASTEST:
         raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
-    colliders = colliders_of(edit.collider, Path(base_dir))
+    colliders = colliders_of(edit.collider, Path(base_dir), field.frames)
     forces = None if edit.forces is None else read_forces(Path(base_dir) / edit.forces, field.frames).after(edit.preroll)
     entered = [enter(body, field, recovered, Path(base_dir)) for body in edit.body]
     if not 0 <= edit.preroll <= MOST_PREROLL:
         raise UsageError(f"preroll is {edit.preroll}.", f"Give 0 to {MOST_PREROLL} frames.")
     entered = [_early(one, edit.preroll) for one in entered]
     strength = np.concatenate([np.repeat(strength[:1], edit.preroll), strength])
+    colliders = [one.delayed(edit.preroll) if isinstance(one, MeshCollider) else one for one in colliders]
     around = Surroundings(Waiting(field, edit.preroll), strength, edit.gravity, colliders, forces, device)
     actors = [actor for actor in entered if isinstance(actor, Actor)]
     shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
@@ -241,8 +243,8 @@ def _so_far(history: list[np.ndarray], state: State) -> Arrays:
 def _model(actors: Sequence[Actor], frame: int, around: Surroundings) -> tuple[Model, list[str]]:
     """The solver's model while all bodies that start after `frame` are held."""
     particles = [dataclasses.replace(actor.particles, pinned=actor.particles.pinned | (actor.edit.start_frame > frame)) for actor in actors]
-    fps = around.field.fps
-    ways = [np.diff(actor.path, axis=0) * fps for actor in actors if actor.path is not None]
+    fps, walls = around.field.fps, [one.path for one in around.colliders if isinstance(one, MeshCollider)]
+    ways = [np.diff(path, axis=0) * fps for path in (*(actor.path for actor in actors), *walls) if path is not None]
     fastest = max(float(np.linalg.norm(v, axis=-1).max()) for v in (*(actor.velocity for actor in actors), *ways))
     speed = max(5.0, 1.5 * fastest)
     model, notes = model_for(

@@ -88,10 +88,10 @@ def advance_in_wind(
     haste = max(sail.haste(model, state, wind, law) for sail in sails)
     parts = min(max(1, math.ceil(haste * model.frame_dt / LOST)), MOST_PARTS)
     dt = model.frame_dt / parts
-    part = replace(model, frame_dt=dt, substeps=math.ceil(model.substeps / parts))
-    for _ in range(parts):
+    for part in range(parts):
         acceleration = np.zeros_like(state.x)
         for sail in sails:
             acceleration[sail.rows] = sail.drag(model, state, wind, dt, law) / model.mass[sail.rows, None]
-        state = advance(part, state, further(state, acceleration, dt), frame=frame)
+        share = replace(model, frame_dt=dt, substeps=math.ceil(model.substeps / parts), part=(part, parts))
+        state = advance(share, state, further(state, acceleration, dt), frame=frame)
     return state

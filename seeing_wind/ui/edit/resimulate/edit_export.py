@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -49,13 +50,13 @@ def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, fold
         field = field_summary(Take(source))
         frames = scene_frames(scene, field.frames + 1, field.fps)
         bodies = [_body(body, request, scene, source, folder, frames) for body in request.bodies]
-        colliders = _colliders(request, scene, folder)
+        colliders, notes = _colliders(request, scene, folder, frames)
     finally:
         scene.frame_set(at)
     strength = field_strengths(scene, field.frames, field.fps)
-    forces, notes = _forces(request, scene, field, folder, bodies, frames)
+    forces, said = _forces(request, scene, field, folder, bodies, frames)
     values = request.values | {"field_strength": strength, "forces": forces}
-    return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes
+    return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes + said
 
 
 def _forces(
@@ -112,13 +113,23 @@ def _body(body: Body, request: EditRequest, scene: bpy.types.Scene, source: Path
 def _way(obj: bpy.types.Object, scene: bpy.types.Scene, pinned: np.ndarray, frames: list[float]) -> np.ndarray | None:
     """(T+1, P, 3) [m] where pinned vertices are in the clip's frames, as what they are tied to moves; None where they stay."""
     way = []
-    for frame in frames:
-        scene.frame_set(int(frame // 1), subframe=frame % 1.0)
+    for frame in _visited(scene, frames):
         vertices = mesh_arrays(obj, bpy.context.evaluated_depsgraph_get())[0]
         if len(vertices) <= pinned.max():
             raise UsageError(f"{obj.name} has another number of vertices in frame {frame:g}.", "Its modifiers must not change it.")
         way.append(vertices[pinned] * metres_per_unit(scene))
+    return _unless_still(way)
+
+
+def _visited(scene: bpy.types.Scene, frames: list[float]) -> Iterator[float]:
+    """Scene frames, each while the scene is at it; then the scene is at the first again."""
+    for frame in frames:
+        scene.frame_set(int(frame // 1), subframe=frame % 1.0)
+        yield frame
     scene.frame_set(int(frames[0] // 1), subframe=frames[0] % 1.0)
+
+
+def _unless_still(way: list[np.ndarray]) -> np.ndarray | None:
     moved = np.stack(way)
     return moved if np.abs(moved - moved[0]).max() > STILL else None
 
@@ -162,8 +173,11 @@ def _carriers(group: str, scene: bpy.types.Scene, source: Path) -> tuple[np.ndar
     return particles.astype(np.int64), strongest[particles]
 
 
-def _colliders(request: EditRequest, scene: bpy.types.Scene, folder: Path) -> list[dict[str, Any]]:
-    found = [{"name": "floor", **request.floor}] if request.floor is not None else []
+def _colliders(
+    request: EditRequest, scene: bpy.types.Scene, folder: Path, frames: list[float]
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """What is in the way, with the way that it goes itself, and what of it could not be carried."""
+    found, notes = [{"name": "floor", **request.floor}] if request.floor is not None else [], []
     for collider in request.colliders:
         obj = present(collider, scene)
         if any(body.object == obj for body in request.bodies):
@@ -171,8 +185,33 @@ def _colliders(request: EditRequest, scene: bpy.types.Scene, folder: Path) -> li
         with at_rest(obj, scene, whole=True) as still:
             depsgraph = bpy.context.evaluated_depsgraph_get()
             path = export_mesh(still, depsgraph, folder / "colliders" / f"{collider.result}.npz").path
-        found.append({"name": collider.result, "mesh": path.relative_to(folder), **collider.values})
-    return found
+            way, whole = _way_of_mesh(still, scene, frames) if may_move(still) else (None, True)
+        entry = {"name": collider.result, "mesh": path.relative_to(folder), **collider.values}
+        if way is not None:
+            beside = path.with_name(f"{collider.result}.way.npy")
+            write_array(beside, way)
+            entry["mesh_path"] = beside.relative_to(folder)
+        if not whole:
+            notes.append(f"{obj.name} has another number of vertices in other frames: it moves, but its changes of shape are left out")
+        found.append(entry)
+    return found, notes
+
+
+def _way_of_mesh(obj: bpy.types.Object, scene: bpy.types.Scene, frames: list[float]) -> tuple[np.ndarray | None, bool]:
+    """(T+1, V, 3) [m] where a mesh's vertices are in the clip's frames, None where they stay; and whether that is all of its motion.
+
+    A mesh whose vertices come and go is carried along as a whole, as it was in the first frame.
+    """
+    way, places, whole = [], [], True
+    for _ in _visited(scene, frames):
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        way.append(mesh_arrays(obj, depsgraph)[0] * metres_per_unit(scene))
+        places.append(np.array(obj.evaluated_get(depsgraph).matrix_world))
+    if any(len(each) != len(way[0]) for each in way):
+        whole = False
+        local = np.linalg.inv(places[0]) @ np.column_stack([way[0] / metres_per_unit(scene), np.ones(len(way[0]))]).T
+        way = [(place @ local).T[:, :3] * metres_per_unit(scene) for place in places]
+    return _unless_still(way), whole
 
 
 def _gravity(request: EditRequest, source: Path) -> tuple[float, float, float] | None:

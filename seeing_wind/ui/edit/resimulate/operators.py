@@ -6,7 +6,6 @@ from ...job import status, takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
 from ...job.worker_command import command, environment
-from .geometry import moves
 from .request import EditRequest
 
 
@@ -27,9 +26,6 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
         self.folder = takes.edit_folder(settings, source)
         takes.refuse_in_use(self.folder)
         request = EditRequest.of(scene)
-        for each in request.colliders:
-            if moves(each.object):
-                self.report({"WARNING"}, f"{each.object.name} moves; bodies meet it where it stands in the clip's first frame")
         for body, asked in zip(settings.bodies, request.bodies, strict=True):
             body.result = asked.result
         edit, self.remarks = export_edit(request, scene, source, self.folder)

@@ -124,6 +124,36 @@ def test_a_body_lands_on_a_floor_and_on_a_mesh(folder):
         assert -0.17 < lowest.min() < -0.13 and lowest[-1] > -0.17, collider.name
 
 
+@pytest.mark.parametrize(("mesh", "material"), [("box.obj", {**SOFT, "youngs_modulus": 1e5}), ("flag.npz", {"material": "cotton"})])
+def test_a_hammer_that_moves_drives_bodies_before_it(folder, mesh, material):
+    """At 2 m/s along +Y, from a tenth of a metre behind them; in the pre-roll it waits."""
+    hammer = trimesh.creation.box((1.0, 0.2, 1.0)).apply_translation((0, -0.3, 0))
+    hammer.export(folder / "hammer.obj")
+    way = hammer.vertices + np.arange(FRAMES + 1)[:, None, None] / FPS * [0.0, 2.0, 0.0]
+    np.save(folder / "way.npy", way)
+    wall = ColliderEdit("hammer", mesh="hammer.obj", mesh_path="way.npy")
+    for preroll in (0, 3):
+        path = run(folder, BodyEdit("b", mesh, **material), field=uniform((0, 0, 0)), collider=(wall,), preroll=preroll)["b"].vertices
+        back = path[..., 1].min(axis=1)
+        face = -0.2 + np.arange(FRAMES + 1) / FPS * 2.0
+        assert face[-1] > back[0] + 0.1, "it has met them"
+        assert (back - face).min() > -0.02 and np.abs(path[1] - path[0]).max() < 1e-6
+
+
+def test_pins_and_colliders_go_their_way_once_in_a_wind_too(folder):
+    """A light body loses its speed within a frame, which is then simulated in parts: each goes a part of the way."""
+    vertices = np.load(folder / "flag.npz")["vertices"]
+    pins = np.flatnonzero(vertices[:, 0] < 1e-6)
+    np.save(folder / "pins.npy", pins)
+    away = np.linspace(0.0, 0.16, FRAMES + 1)[:, None, None] * [0.0, 1.0, 0.0]
+    np.save(folder / "way.npy", vertices[pins] + away)
+    wind = uniform((0.0, 8.0, 0.0))
+    wind.kind = "wind"
+    flag = BodyEdit("flag", "flag.npz", pin="pins.npy", pin_path="way.npy", density=40.0, youngs_modulus=2e4, shell=False)
+    path = run(folder, flag, field=wind)["flag"].vertices
+    np.testing.assert_allclose(path[:, pins], vertices[pins] + away, atol=1e-3)
+
+
 def test_beyond_its_box_the_field_goes_on_from_the_edge():
     field = waves()
     points = np.array([[0.5, 0.0, 0.0], [1.5, 0.2, 0.0]])
@@ -194,10 +224,14 @@ def test_bad_edits_are_refused_with_a_sentence(folder, change, error, says):
         ({"mesh": "flag.npz"}, "Collider wall"),
         ({"mesh": "box.obj", "kind": "glue"}, "glue"),
         ({"plane": (0.0,) * 6}, "Collider wall"),
+        ({"plane": (0.0,) * 5 + (1.0,), "mesh_path": "way.npy"}, "a mesh_path, but no mesh"),
+        ({"mesh": "box.obj", "mesh_path": "none.npy"}, "There is no file .*none.npy of the mesh's way"),
+        ({"mesh": "box.obj", "mesh_path": "way.npy"}, "is float64 of shape"),
         ({"mesh": "box.obj", "friction": -1.0}, "friction"),
     ],
 )
 def test_bad_colliders_are_refused_by_name(folder, collider, says):
+    np.save(folder / "way.npy", np.zeros((3, 8, 3)))
     with pytest.raises(UsageError, match=says):
         run(folder, BodyEdit("box", "box.obj", **SOFT), collider=(ColliderEdit("wall", **collider),))
 
