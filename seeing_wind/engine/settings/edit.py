@@ -125,6 +125,18 @@ class Edit:
         None, identifier="edit_field", help="which of the take's fields moves the bodies", otherwise="recovered", panel="main",
         choices={"force": "the body force in N/m³", "wind": "the wind in m/s, by the bodies' own surface and speed"},
     )  # fmt: skip
+    field_place: str | None = option(
+        None, otherwise="where it was recovered", file=True, panel="",
+        help="NPY (T,4,4) of where the field stands in every frame: matrices from its own coordinates (m) to the world's",
+    )  # fmt: skip
+    fade: float | None = option(
+        None, help="how far beside its box the field fades to nothing", unit="m", above=0.0, panel="",
+        otherwise="it goes on as at the box's edge",
+    )  # fmt: skip
+    falloff: tuple[float, float] | None = option(
+        None, help="a (m) and p in place of a fade: (a / (a + d)) ** p of the field is left at a distance d from its box", panel="",
+        otherwise="it does not weaken",
+    )  # fmt: skip
     forces: str | None = option(
         None, otherwise="none", file=True, panel="",
         help="NPZ of further forces on the bodies, on a lattice: box (2,3) m and force (T,A,B,C,3) N on a whole body",

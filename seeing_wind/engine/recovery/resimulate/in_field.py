@@ -1,7 +1,12 @@
-"""What is around the bodies: the recovered field, also where nobody saw anything move, gravity, obstacles and further forces."""
+"""What is around the bodies: the recovered field, also where nobody saw anything move, gravity, obstacles and further forces.
+
+The field may stand elsewhere than it was recovered: turned, moved, scaled. Then its force at a place is that at the place's own coordinates
+in the field, turned with it; its size does not change, as that of a force field of Blender does not.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -11,29 +16,42 @@ import numpy as np
 from ...errors import UsageError
 from ...field.force_field import ForceField
 from ...mpm.lattice.colliders import Collider
+from ...settings import Edit
 from .forces import Forces
+from .pins import read_way
+
+FLATTEST = 1e-6
+"""Least scale of a field along any direction, relative to the largest."""
 
 
-class Waiting(ForceField):
-    """A field that begins later: its first frame lasts `lead` frames longer. It is in no file."""
+@dataclass(frozen=True)
+class Reach:
+    """What becomes of a field beside its box: that of the box's nearest place goes on, as far as a share of it is left."""
 
-    def __init__(self, field: ForceField, lead: int) -> None:
-        super().__init__(field.box, field.fps, field.frames + lead)
-        self.field, self.lead, self.kind = field, lead, field.kind
+    fade: float | None = None
+    """Over so many metres it fades to nothing, smoothly."""
+    falloff: tuple[float, float] | None = None
+    """(a, p): at a distance d [m] (a / (a + d)) ** p of it is left."""
 
     @classmethod
-    def from_file(cls, tensors: dict[str, np.ndarray], metadata: dict[str, str], box: np.ndarray, fps: float, frames: int) -> Waiting:
-        """There is none."""
-        raise UsageError("A field that waits is in no file.", "Save the field itself.")
+    def of(cls, edit: Edit) -> Reach:
+        """Of an edit. Raises UsageError for a falloff beside a fade, or one that is not finite and above zero."""
+        if edit.fade is not None and edit.falloff is not None:
+            raise UsageError("The edit has both fade and falloff.", "Leave one of them out.")
+        if edit.falloff is not None and not (np.isfinite(edit.falloff).all() and min(edit.falloff) > 0.0):
+            raise UsageError(f"falloff is {edit.falloff}.", "Give metres and a power, both above zero.")
+        return cls(edit.fade, edit.falloff)
 
-    def _tensors(self) -> dict[str, np.ndarray]:
-        raise UsageError("A field that waits is in no file.", "Save the field itself.")
-
-    def _force(self, points: np.ndarray, frame: int) -> np.ndarray:
-        return self.field.sample(points, max(frame - self.lead, 0))[0]
-
-    def _gradient(self, points: np.ndarray, frame: int) -> np.ndarray:
-        return self.field.gradient(points, max(frame - self.lead, 0))
+    def left(self, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Share (P,) of the field that is left at distances (P,) [m] from the box, and its derivative [1/m]."""
+        if self.falloff is not None:
+            near, power = self.falloff
+            share = (near / (near + distance)) ** power
+            return share, -power * share / (near + distance)
+        if self.fade is not None:
+            t = np.clip(distance / self.fade, 0.0, 1.0)
+            return 1.0 - t * t * (3.0 - 2.0 * t), -6.0 * t * (1.0 - t) / self.fade
+        return np.ones_like(distance), np.zeros_like(distance)
 
 
 @dataclass(frozen=True)
@@ -48,25 +66,77 @@ class Surroundings:
     colliders: Sequence[Collider]
     forces: Forces | None
     device: str
+    lead: int = 0
+    """Frames for which the field's first one lasts longer."""
+    place: np.ndarray | None = None
+    """(T, 4, 4) from the field's own coordinates to the world's [m] in each of its frames; None where it was recovered."""
+    reach: Reach = Reach()
+
+    @property
+    def frames(self) -> int:
+        """How many are simulated."""
+        return self.field.frames + self.lead
 
     def told(self) -> list[Any]:
         """What a journal is told of it, but for the field, which its stamp tells."""
-        return [list(self.gravity), self.strength, *self.colliders, self.forces]
+        return [list(self.gravity), self.strength, *self.colliders, self.forces, self.place, self.reach]
+
+    def felt(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """The field's force density (P, 3) [N/m³] and its gradient (P, 3, 3) [N/m⁴] at points (P, 3) [m]; of a wind [m/s] and [1/s]."""
+        row = max(frame - self.lead, 0)
+        if self.place is None:
+            value, gradient = continued(self.field, points, row, self.reach)
+        else:
+            back, turn = np.linalg.inv(self.place[row]), rotation_of(self.place[row, :3, :3])
+            value, gradient = continued(self.field, points @ back[:3, :3].T + back[:3, 3], row, self.reach)
+            value, gradient = value @ turn.T, turn @ gradient @ back[:3, :3]
+        return self.strength[row] * value, self.strength[row] * gradient
+
+    def value(self, frame: int, points: np.ndarray) -> np.ndarray:
+        """The first of `felt`."""
+        return self.felt(points, frame)[0]
+
+    def outside_note(self, x: np.ndarray) -> list[str]:
+        """A note if more than a tenth of a body was outside the field's box at some time. x (T+1, N, 3) [m]."""
+        if self.place is not None:
+            back = np.linalg.inv(self.place[np.minimum(np.arange(len(x)), len(self.place) - 1)])
+            x = np.einsum("tij,tnj->tni", back[:, :3, :3], x) + back[:, None, :3, 3]
+        outside = ((x < self.field.box[0]) | (x > self.field.box[1])).any(axis=2).mean(axis=1)
+        if outside.max() <= 0.1:
+            return []
+        first, share, kind = int(np.argmax(outside > 0.1)), 100 * outside.max(), self.field.kind
+        where = f"up to {share:.0f} % of it lies outside the field's box, first in frame {first}"
+        ends = f"the {kind} there is that of the box's edge" if self.reach == Reach() else f"the {kind} weakens there"
+        return [f"{where}; {ends}"]
 
 
-def continued(field: ForceField, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
-    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]; beyond the box those of its nearest place."""
+def continued(field: ForceField, points: np.ndarray, frame: int, reach: Reach = Reach()) -> tuple[np.ndarray, np.ndarray]:
+    """Force density (M, 3) [N/m³] and its gradient (M, 3, 3) [N/m⁴] at points (M, 3) [m]; beyond the box what is left of those of its
+    nearest place."""
     nearest = np.clip(points, field.box[0], field.box[1])
     force, _ = field.sample(nearest, frame)
-    return force, field.gradient(nearest, frame) * (nearest == points)[:, None, :]
+    gradient = field.gradient(nearest, frame) * (nearest == points)[:, None, :]
+    away = points - nearest
+    distance = np.linalg.norm(away, axis=1)
+    left, slope = reach.left(distance)
+    outwards = away / np.maximum(distance, np.finfo(float).tiny)[:, None]
+    return left[:, None] * force, left[:, None, None] * gradient + slope[:, None, None] * force[:, :, None] * outwards[:, None, :]
 
 
-def outside_note(x: np.ndarray, field: ForceField) -> list[str]:
-    """A note if more than a tenth of a body was outside the field's box at some time. x (T+1, N, 3) [m]."""
-    outside = ((x < field.box[0]) | (x > field.box[1])).any(axis=2).mean(axis=1)
-    if outside.max() <= 0.1:
-        return []
-    first = int(np.argmax(outside > 0.1))
-    share = 100 * outside.max()
-    where = f"up to {share:.0f} % of it lies outside the field's box, first in frame {first}"
-    return [f"{where}; the {field.kind} there is that of the box's edge"]
+def rotation_of(matrix: np.ndarray) -> np.ndarray:
+    """(3, 3) the rotation in a matrix (3, 3). That of a mirrored one is the rotation in its negative, as Blender takes it."""
+    U, _, Vt = np.linalg.svd(matrix if np.linalg.det(matrix) > 0.0 else -matrix)
+    return np.asarray(U @ Vt)
+
+
+def read_place(path: str | os.PathLike[str], frames: int) -> np.ndarray:
+    """Where a field of so many frames stands: matrices (T, 4, 4) from an NPY file.
+
+    Raises:
+        UsageError: see `read_way`; a matrix that is no place, or flat.
+    """
+    place = read_way(path, (frames, 4, 4), "the field's place")
+    scale = np.linalg.svd(place[:, :3, :3], compute_uv=False)
+    if not (place[:, 3] == [0.0, 0.0, 0.0, 1.0]).all() or (scale[:, 2] <= FLATTEST * scale[:, 0]).any():
+        raise UsageError(f"{path}, the field's place, has a matrix that is flat, or none of a place.", "Check the field's scale.")
+    return place

@@ -90,8 +90,8 @@ def read_pin_path(path: str | os.PathLike[str], pins: str | os.PathLike[str], fr
     return way[:, np.unique(index, return_index=True)[1]]
 
 
-def read_way(path: str | os.PathLike[str], shape: tuple[int, int, int], what: str) -> np.ndarray:
-    """Positions of a shape (T+1, P, 3) [m] from an NPY file; `what` names them in messages.
+def read_way(path: str | os.PathLike[str], shape: tuple[int, ...], what: str) -> np.ndarray:
+    """Positions of a shape, such as (T+1, P, 3) [m], from an NPY file; `what` names them in messages.
 
     Raises:
         UsageError: no such file, another number of frames or vertices, or positions that are not finite or too far.

@@ -20,7 +20,7 @@ from ..journal import Arrays
 from ..wind.drag import vertex_drag
 from .fill import connected_parts
 from .forces import Push
-from .in_field import Surroundings, continued
+from .in_field import Surroundings
 from .pins import SOFT, read_pin_path, read_pins, read_weights
 from .voxels import enclosed
 
@@ -167,7 +167,7 @@ def move(
     hanging: Hanging, around: Surroundings, progress: Progress, begun: float, share: float, journal: Journal
 ) -> np.ndarray:
     """Positions (T+1, V, 3) [m] of the shell's vertices."""
-    shell, edit, field, strength = hanging.shell, hanging.edit, around.field, around.strength
+    shell, edit, field = hanging.shell, hanging.edit, around.field
     obstacles = obstacles_of(around.colliders, shell.surface.edge_length)
     substeps, downward = substeps_for(field.fps), np.asarray(around.gravity, dtype=np.float64)
     dt = 1.0 / (field.fps * substeps)
@@ -177,14 +177,11 @@ def move(
     done, kept = loop.resume()
     if done:
         history, state = list(kept["x"]), State(kept["x"][-1], kept["v"], kept["x_before"], kept["v_before"])
-    for t in range(done, field.frames):
-        progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {edit.name}")
+    for t in range(done, around.frames):
+        progress.update(begun + share * t / around.frames, f"frame {t + 1} of {around.frames}: {edit.name}")
         if t >= edit.start_frame:
-            felt, slope = continued(field, state.x, t)
-            if field.kind == "wind":
-                load = push_of_wind(shell, felt * strength[t])
-            else:
-                load = push_of_field(shell, felt * strength[t], slope * strength[t], state.x)
+            felt, slope = around.felt(state.x, t)
+            load = push_of_wind(shell, felt) if field.kind == "wind" else push_of_field(shell, felt, slope, state.x)
             if around.forces is not None:
                 load = and_further(load, shell, around.forces.at(state.x, t))
             if t == edit.start_frame:

@@ -27,7 +27,7 @@ from ..wind.surface import BodySurface, mesh_surface
 from . import sheets
 from .actors import FASTEST, MOST_SCALED, Actor, enter
 from .forces import read_forces
-from .in_field import Surroundings, Waiting, continued, outside_note
+from .in_field import Reach, Surroundings, read_place
 from .obstacles import colliders_of
 from .pins import pull_back
 
@@ -70,7 +70,7 @@ def simulate_bodies(
 
     In a force a particle feels strength f(x, t) / (rho mass_scale), asked at the frame's start and held over the frame, its gradient within
     the particle's cell, the edit's gravity, its further forces and the pull of soft pins. In a wind (`field.kind`) it is the mesh that
-    feels the air, see `wind.motion`. Outside its box the field goes on as at the nearest place of the box.
+    feels the air, see `wind.motion`. Outside its box the field goes on as at the nearest place of the box, as far as the edit lets it.
 
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
@@ -98,9 +98,9 @@ def simulate_bodies(
     if not 0 <= edit.preroll <= MOST_PREROLL:
         raise UsageError(f"preroll is {edit.preroll}.", f"Give 0 to {MOST_PREROLL} frames.")
     entered = [_early(one, edit.preroll) for one in entered]
-    strength = np.concatenate([np.repeat(strength[:1], edit.preroll), strength])
+    place = None if edit.field_place is None else read_place(Path(base_dir) / edit.field_place, field.frames)
     colliders = [one.delayed(edit.preroll) if isinstance(one, MeshCollider) else one for one in colliders]
-    around = Surroundings(Waiting(field, edit.preroll), strength, edit.gravity, colliders, forces, device)
+    around = Surroundings(field, strength, edit.gravity, colliders, forces, device, edit.preroll, place, Reach.of(edit))
     actors = [actor for actor in entered if isinstance(actor, Actor)]
     shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
     groups: list[Sequence[Actor | sheets.Hanging]] = [*([actors] if edit.contact and actors else [[one] for one in actors]), *shells]
@@ -116,7 +116,7 @@ def simulate_bodies(
         for actor, body, x in moved:
             torn = _torn_note(body.vertices, body.triangles, edit.preroll)
             beyond = forces.outside_note(x[edit.preroll :]) if forces is not None else []
-            remarks = [*body.notes, *outside_note(x[edit.preroll :], field), *beyond, *torn]
+            remarks = [*body.notes, *around.outside_note(x[edit.preroll :]), *beyond, *torn]
             for note in remarks:
                 progress.warn(f"{actor.edit.name}: {note}")
             done[actor.edit.name] = dataclasses.replace(body, vertices=body.vertices[edit.preroll :], notes=remarks)
@@ -185,18 +185,17 @@ def _move(
         history = list(kept["x"])
         state = State(history[-1], kept["v"], kept["C"], kept["F"])
         model = _model(actors, max(t for t in (0, *starts) if t < done), around)[0]
-    for t in range(done, field.frames):
-        progress.update(begun + share * t / field.frames, f"frame {t + 1} of {field.frames}: {', '.join(a.edit.name for a in actors)}")
+    for t in range(done, around.frames):
+        progress.update(begun + share * t / around.frames, f"frame {t + 1} of {around.frames}: {', '.join(a.edit.name for a in actors)}")
         if t in starts:
             model = _model(actors, t, around)[0]
             state = _released(state, actors, slices, t)
         if t >= min(starts) and field.kind == "wind":
-            state = advance_in_wind(model, state, field, around.strength[t], sails, t, partial(further.added, t))
+            state = advance_in_wind(model, state, partial(around.value, t), sails, t, partial(further.added, t))
         elif t >= min(starts):
-            force, gradient = continued(field, state.x, t)
-            scale = around.strength[t] / density
-            acceleration = further.added(t, state, force * scale[:, None], 1.0 / field.fps)
-            state = advance(model, state, acceleration, gradient * scale[:, None, None], frame=t)
+            force, gradient = around.felt(state.x, t)
+            acceleration = further.added(t, state, force / density[:, None], 1.0 / field.fps)
+            state = advance(model, state, acceleration, gradient / density[:, None, None], frame=t)
         history.append(state.x)
         loop.reached(t + 1, partial(_so_far, history, state))
     path = np.stack(history)

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...field.force_field import ForceField
 from ...mpm.model import Model
 from ...mpm.rollout import advance
 from ...mpm.state import State
@@ -64,8 +63,7 @@ class Sail:
 def advance_in_wind(
     model: Model,
     state: State,
-    field: ForceField,
-    strength: float,
+    wind: Callable[[np.ndarray], np.ndarray],
     sails: Sequence[Sail],
     frame: int,
     further: Callable[[State, np.ndarray, float], np.ndarray],
@@ -74,16 +72,12 @@ def advance_in_wind(
     """One frame of bodies in a wind.
 
     Args:
-        field: of kind "wind"; beyond its box the air moves as at the nearest place of the box.
-        strength: factor on it.
+        wind: places (P, 3) [m] -> velocity of the air there (P, 3) [m/s] in this frame.
         further: state, acceleration by the air (N, 3) [m/s²] and duration [s] -> acceleration with everything else that is no gravity.
 
     Raises:
         SimulationError: as `mpm.rollout`.
     """
-
-    def wind(x: np.ndarray) -> np.ndarray:
-        return strength * field.sample(np.clip(x, field.box[0], field.box[1]), frame)[0]
 
     haste = max(sail.haste(model, state, wind, law) for sail in sails)
     parts = min(max(1, math.ceil(haste * model.frame_dt / LOST)), MOST_PARTS)

@@ -3,6 +3,7 @@
 operators    Re-simulate
 panel        the panel *Re-simulate*
 request      one snapshot of the scene's edit: values, digest, names; no NumPy
+field_place     the field object as it stands in the scene
 force_fields    Blender's own force fields that act beside the recovered one; no NumPy
 further_forces  what they do, on a lattice
 edit_export  from the snapshot to what is written

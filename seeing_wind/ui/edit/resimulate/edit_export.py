@@ -18,9 +18,11 @@ from ...bake.animation import values_over
 from ...bake.at_rest import at_rest
 from ...job.take_reading import FieldSummary, field_summary
 from ...job.takes import own
+from ...option_properties import single
 from ...scene_mesh import mesh_arrays, pinned_vertices
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
+from .field_place import standing
 from .force_fields import force_fields
 from .further_forces import further_forces
 from .geometry import may_move
@@ -51,11 +53,13 @@ def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, fold
         frames = scene_frames(scene, field.frames + 1, field.fps)
         bodies = [_body(body, request, scene, source, folder, frames) for body in request.bodies]
         colliders, notes = _colliders(request, scene, folder, frames)
+        stands = standing(scene, field.box, frames, request.metres)
     finally:
         scene.frame_set(at)
-    strength = field_strengths(scene, field.frames, field.fps)
     forces, said = _forces(request, scene, field, folder, bodies, frames)
-    values = request.values | {"field_strength": strength, "forces": forces}
+    values = request.values | stands.ends | {
+        "field_strength": _strengths(scene, field, stands.share), "field_place": _place(stands.place, folder), "forces": forces,
+    }  # fmt: skip
     return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes + said
 
 
@@ -76,10 +80,20 @@ def _forces(
     return path.relative_to(folder), said
 
 
-def field_strengths(scene: bpy.types.Scene, frames: int, fps: float) -> float | list[float]:
-    """The factor on the field: one number, or one per frame of the clip (T,) where it has keyframes."""
-    values = values_over(scene, scene.seeing_wind, "field_strength", scene_frames(scene, frames, fps))
-    return values[0] if len(set(values)) == 1 else values
+def _strengths(scene: bpy.types.Scene, field: FieldSummary, share: list[float]) -> float | list[float]:
+    """The factor on the field, its object's strength with it: one number, or one per frame of the clip (T,) where it changes."""
+    values = values_over(scene, scene.seeing_wind, "field_strength", scene_frames(scene, field.frames, field.fps))
+    both = [one * other for one, other in zip(values * len(share) if len(values) == 1 else values, share, strict=True)]
+    return single(both[0]) if len(set(both)) == 1 else both
+
+
+def _place(place: np.ndarray | None, folder: Path) -> Path | None:
+    """Where the field stands, as the file that the edit names; None where it was recovered."""
+    path = folder / "field_place.npy"
+    if place is None:
+        return None
+    write_array(path, place)
+    return path.relative_to(folder)
 
 
 def scene_frames(scene: bpy.types.Scene, count: int, fps: float) -> list[float]:

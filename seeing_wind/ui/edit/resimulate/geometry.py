@@ -41,6 +41,11 @@ def may_move(obj: bpy.types.Object) -> bool:
     return animated or obj.parent is not None or bool(obj.constraints or obj.modifiers or obj.rigid_body)
 
 
+def may_move_along(obj: bpy.types.Object) -> bool:
+    """Whether anything could move an object, or change one of its numbers, as the scene plays."""
+    return obj.animation_data is not None or obj.parent is not None or bool(obj.constraints or obj.rigid_body)
+
+
 def moves(obj: bpy.types.Object | None) -> list:
     """Keyframes of all that moves an object's vertices: it and its shape keys, its parents, what its modifiers and constraints name."""
     if obj is None or obj.type != "MESH" or mark_of(obj) is not None and not obj.modifiers:

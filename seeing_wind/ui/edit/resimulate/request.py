@@ -14,7 +14,7 @@ from ...job.status import digest_of
 from ...option_properties import part_of, single, values_of
 from ...scene_units import metres_per_unit
 from ..sheet_label import SHEET, is_shell
-from . import force_fields
+from . import field_place, force_fields
 from .geometry import geometry, moves, weights
 
 LONGEST = 50
@@ -82,6 +82,8 @@ class EditRequest:
 
     field: tuple[str, str]
     """Which recovered field it is simulated in."""
+    stands: tuple
+    """How its object stands in the scene, as `field_place.stamp` has it."""
     bodies: tuple[Body, ...]
     colliders: tuple[Mover, ...]
     floor: dict[str, Any] | None
@@ -109,6 +111,7 @@ class EditRequest:
         floor = {"plane": plane, "friction": single(settings.floor_friction)} if settings.use_floor else None
         return cls(
             field=(settings.recovered_digest, settings.recovered_stamp or settings.recovered_take),
+            stands=field_place.stamp(scene),
             bodies=tuple(Body.of(body, bodies) for body in settings.bodies),
             colliders=tuple(
                 Mover(each.name, _free_name(each.object.name if each.object is not None else each.name, walls), each.object,
@@ -126,7 +129,7 @@ class EditRequest:
         """Changes whenever the re-simulation would be another one; "" while there are no bodies."""
         moved = [body.stamp() for body in self.bodies if body.is_recovered or body.object is not None]
         walls = [(each.stamp(), moves(each.object)) for each in self.colliders if each.object is not None]
-        around = (self.floor, self.values, self.gravity, self.strength, *((self.forces,) if self.forces else ()), self.offset, self.metres)
+        around = (self.stands, self.floor, self.values, self.gravity, self.strength, *((self.forces,) if self.forces else ()), self.offset, self.metres)
         return digest_of(self.field, moved, walls, *around) if moved else ""
 
 

@@ -1,0 +1,121 @@
+"""A field object that was moved, turned, scaled or weakened: a re-simulation and Blender's own solvers feel the same of it."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Euler
+
+from seeing_wind.ui import freshness
+from tests.ui.edit.edits import state, written
+from tests.ui.fake_engine import DENSITY, FRAMES, swirl
+from tests.ui.meshes import cube
+
+BOX = np.array([[-0.5, -0.3, -0.5], [0.7, 0.3, 0.6]])
+INTERVAL = 5
+
+
+@pytest.fixture
+def field(recovered):
+    """The field object, and a body in it."""
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    return recovered.seeing_wind.field_object
+
+
+def simulated(workplace, places: np.ndarray) -> np.ndarray:
+    """What the edit says of the field (P, 3) [m/s²] at places (P, 3) [m] in a frame, by the definitions of docs/reference/edit.md."""
+    edit = written(workplace)
+    world = np.load(workplace / "out.edit.take" / edit["field_place"])[INTERVAL] if "field_place" in edit else np.eye(4)
+    local = (places - world[:3, 3]) @ np.linalg.inv(world[:3, :3]).T
+    nearest = np.clip(local, *BOX)
+    away = np.linalg.norm(local - nearest, axis=1)
+    left = np.ones(len(places))
+    if "fade" in edit:
+        t = np.clip(away / edit["fade"], 0.0, 1.0)
+        left = 1.0 - t * t * (3.0 - 2.0 * t)
+    elif "falloff" in edit:
+        near, power = edit["falloff"]
+        left = (near / (near + away)) ** power
+    U, _, Vt = np.linalg.svd(world[:3, :3] * np.sign(np.linalg.det(world[:3, :3])))
+    force = swirl(np.broadcast_to(nearest, (FRAMES, *nearest.shape)))[INTERVAL] * left[:, None] @ (U @ Vt).T
+    strength = edit["field_strength"]
+    return force / DENSITY * (strength[INTERVAL] if isinstance(strength, list) else strength)
+
+
+def compare(workplace, checks, field) -> None:
+    """A re-simulation and native particles, inside and beside the box."""
+    bpy.ops.seeing_wind.resimulate()
+    scene = bpy.context.scene
+    scene.frame_set(scene.seeing_wind.frame_start + INTERVAL + 1)
+    matrix = np.array(field.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
+    rng = np.random.default_rng(1)
+    half = 0.5 * np.ptp(BOX, axis=0)
+    local = np.concatenate([rng.uniform(-half, half, (40, 3)), rng.uniform(-2.0 * half, 2.0 * half, (40, 3))])
+    places = local @ matrix[:3, :3].T + matrix[:3, 3]
+    at, truth = checks["released_accelerations"](scene, field, places, scene.seeing_wind.frame_start + INTERVAL)
+    found = simulated(workplace, at)
+    error = np.linalg.norm(found - truth, axis=1) / np.abs(truth).max()
+    print(f"mean {100.0 * error.mean():.2f} %, worst {100.0 * error.max():.2f} % of the largest")
+    assert error.mean() < 0.01 and error.max() < 0.04 and np.linalg.norm(truth, axis=1).max() > 0.1
+
+
+@pytest.mark.parametrize("change", [
+    {}, {"location": (0.4, 1.0, -0.3)}, {"rotation_euler": Euler((0.5, -0.7, 1.1))}, {"scale": (2.0, 2.0, 2.0)},
+    {"scale": (-1.0, 1.0, 1.0), "rotation_euler": Euler((0.3, 0.2, 0.9))},
+])  # fmt: skip
+def test_place_turn_and_size_count_as_for_solvers(workplace, recovered, field, checks, change):
+    for name, value in change.items():
+        setattr(field, name, value)
+    compare(workplace, checks, field)
+    assert ("field_place" in written(workplace)) == bool(change)
+
+
+@pytest.mark.parametrize("reach", ["FADE", "HOLD", "CONTINUE"])
+def test_what_is_beside_the_box_counts_as_for_solvers(workplace, recovered, field, checks, reach):
+    recovered.seeing_wind.field_reach = reach
+    with bpy.context.temp_override(active_object=field, selected_objects=[field]):
+        bpy.ops.seeing_wind.apply_to_field()
+    compare(workplace, checks, field)
+    assert ("fade" in written(workplace), "falloff" in written(workplace)) == (reach == "FADE", reach == "CONTINUE")
+
+
+def test_a_field_on_a_moving_parent_and_its_keyed_strength_count_as_for_solvers(workplace, recovered, field, checks):
+    carrier = bpy.data.objects.new("Carrier", None)
+    recovered.collection.objects.link(carrier)
+    field.parent = carrier
+    for frame, turn in ((1, 0.0), (13, 1.2)):
+        carrier.rotation_euler.z, carrier.location.x = turn, 0.2 * turn
+        carrier.keyframe_insert("rotation_euler", frame=frame)
+        carrier.keyframe_insert("location", frame=frame)
+    compare(workplace, checks, field)
+    before = field.field.strength
+    field.field.strength = 0.5 * before
+    freshness.refresh(recovered)
+    assert state("resimulate") == "stale"
+    for frame in (1, 13):
+        field.field.strength = before * (0.5 if frame == 1 else 2.0)
+        field.keyframe_insert("field.strength", frame=frame)
+    recovered.seeing_wind.field_strength = 2.0
+    bpy.ops.seeing_wind.resimulate()
+    said = written(workplace)["field_strength"]
+    assert said[-1] == pytest.approx(2.0 * 2.0, rel=1e-4) and 2.0 * 0.5 < said[0] < 1.2 and sorted(said) == said
+    for frame in (1, 6, 13):
+        recovered.frame_set(frame)
+        freshness.refresh(recovered)
+        assert state("resimulate") == "done"
+
+
+def test_in_another_unit_it_is_the_same_place(workplace, recovered, checks):
+    recovered.unit_settings.scale_length = 0.1
+    bpy.ops.seeing_wind.build_scene()
+    cube("Box").scale *= 10.0
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    field = recovered.seeing_wind.field_object
+    bpy.ops.seeing_wind.resimulate()
+    assert "field_place" not in written(workplace) and written(workplace)["fade"] == pytest.approx(0.75 * 1.2, rel=1e-3)
+    field.location.x += 10.0
+    bpy.ops.seeing_wind.resimulate()
+    place = np.load(workplace / "out.edit.take" / "field_place.npy")
+    np.testing.assert_allclose(place[3], [[1, 0, 0, 1.0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-5)
