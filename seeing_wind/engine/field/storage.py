@@ -13,11 +13,13 @@ from ..reading import LARGEST_ARRAYS, parse_json, regular
 from .analytic import ForceFieldAnalytic
 from .force_field import UNITS, VERSION, ForceField
 from .representations.kplanes import ForceFieldKPlanes
+from .representations.lattice import ForceFieldLattice
 from .representations.point import ForceFieldPoint
 from .representations.triplane import ForceFieldTriPlane
 
 REPRESENTATIONS: dict[str, type[ForceField]] = {
-    cls.representation: cls for cls in (ForceFieldTriPlane, ForceFieldKPlanes, ForceFieldPoint, ForceFieldAnalytic)
+    cls.representation: cls
+    for cls in (ForceFieldTriPlane, ForceFieldKPlanes, ForceFieldPoint, ForceFieldAnalytic, ForceFieldLattice)
 }
 """Every class that a field file can name."""
 

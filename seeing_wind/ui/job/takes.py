@@ -50,6 +50,12 @@ def take_folder(settings: bpy.types.PropertyGroup) -> Path:
     return home / f"{stem}.{_plain(scene.name)}.take"
 
 
+def home_of(scene: bpy.types.Scene, name: str) -> Path:
+    """Where the take of a wind of that name goes that came into a scene without one: beside the .blend file, or in the temporary folder."""
+    home = Path(bpy.data.filepath).parent if bpy.data.filepath else _temporary() / _short(scene.name)
+    return home / f"{_plain(name)}.{_plain(scene.name)}.take"
+
+
 def edit_folder(settings: bpy.types.PropertyGroup, take: Path) -> Path:
     """Where the re-simulation of the scene's present edit goes: beside the take, and not where another scene's is."""
     stem, edit, scene = take.name.removesuffix(".take"), settings.edit_folder or "edit", settings.id_data

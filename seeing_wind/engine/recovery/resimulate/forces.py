@@ -14,6 +14,7 @@ import numpy as np
 
 from ...conventions import FARTHEST
 from ...errors import UsageError
+from ...field.trilinear import value_at
 from ...reading import read_arrays
 
 STRONGEST = 1e9
@@ -85,22 +86,11 @@ class Forces:
 
     def at(self, points: np.ndarray, frame: int) -> Push:
         """At points (P, 3) [m]."""
-        force = self._mixed(self.force, points, frame)
-        assert force is not None
-        return Push(force, self._mixed(self.linear, points, frame), self._mixed(self.quadratic, points, frame))
-
-    def _mixed(self, values: np.ndarray | None, points: np.ndarray, frame: int) -> np.ndarray | None:
-        """Values (T, A, B, C, ...) at points, linear between the nodes."""
-        if values is None:
-            return None
-        counts, ones = np.array(values.shape[1:4]), (1,) * (values.ndim - 4)
-        where = np.clip((points - self.box[0]) / (self.box[1] - self.box[0]), 0.0, 1.0) * (counts - 1)
-        corner = np.minimum(where.astype(int), counts - 2)
-        t, row, found = where - corner, values[max(frame - self.lead, 0)], 0.0
-        for offset in np.ndindex(2, 2, 2):
-            weight = np.prod(np.where(offset, t, 1.0 - t), axis=1)
-            found = found + weight.reshape(-1, *ones) * row[tuple((corner + offset).T)]
-        return np.asarray(found)
+        row = max(frame - self.lead, 0)
+        linear, quadratic = (
+            None if one is None else value_at(one[row], self.box, points) for one in (self.linear, self.quadratic)
+        )  # fmt: skip
+        return Push(value_at(self.force[row], self.box, points), linear, quadratic)
 
     def outside_note(self, x: np.ndarray) -> list[str]:
         """A note if more than a tenth of a body left the lattice. x (T+1, N, 3) [m]."""

@@ -20,8 +20,12 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
     def start(self, scene):
         """Write the edit, then let the engine simulate it."""
         from .edit_export import export_edit  # needs NumPy
+        from .lone_wind import adopt, lone_wind
 
         settings, python = scene.seeing_wind, engine_python()
+        alone = lone_wind(scene)
+        if alone is not None:
+            adopt(scene, alone)
         source = takes.recovered(settings)
         self.folder = takes.edit_folder(settings, source)
         takes.refuse_in_use(self.folder)

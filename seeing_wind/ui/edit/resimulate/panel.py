@@ -1,5 +1,6 @@
 """The panel *Re-simulate*."""
 
+from ...field.display import field_at_hand
 from ...job.panel_pieces import Tab, draw_job, panels
 
 
@@ -12,7 +13,8 @@ class ResimulateTab(Tab):
     def draw(self, context):
         """Go."""
         settings = context.scene.seeing_wind
-        missing = "First recover a field" if not settings.recovered_take else "First insert a mesh" if not len(settings.bodies) else ""
+        blown = settings.recovered_take or field_at_hand(context) is not None
+        missing = "First recover a field, or add a wind" if not blown else "First insert a mesh" if not len(settings.bodies) else ""
         draw_job(self.layout, context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PHYSICS", missing)
 
 

@@ -129,7 +129,7 @@ class EditRequest:
         """Changes whenever the re-simulation would be another one; "" while there are no bodies."""
         moved = [body.stamp() for body in self.bodies if body.is_recovered or body.object is not None]
         walls = [(each.stamp(), moves(each.object)) for each in self.colliders if each.object is not None]
-        around = (self.stands, self.floor, self.values, self.gravity, self.strength, *((self.forces,) if self.forces else ()), self.offset, self.metres)
+        around = (self.stands, self.floor, self.values, self.gravity, self.strength, self.forces, self.offset, self.metres)
         return digest_of(self.field, moved, walls, *around) if moved else ""
 
 

@@ -1,0 +1,93 @@
+"""A wind that came without its take, appended, linked or from the library: the values that it carries become a take to simulate in."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ....engine.errors import UsageError
+from ....engine.take import Take, stamp_of
+from ...field.display import KIND, LOOP, frames_per_second, is_field, stride_of
+from ...field.samples import read_samples, samples_of
+from ...job import takes
+from ...scene_units import metres_per_unit
+
+LONE = "lone wind"
+"""The stage in the description of such a take: what it holds is made anew before each re-simulation."""
+
+MOST = 5000
+"""Frames."""
+UNITS = {"force": "N/m3", "wind": "m/s"}
+"""As the engine's field files have them."""
+
+
+def lone_wind(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """The field object of a scene that shows no take of its own, or one that was made here; None where there is none, or a take."""
+    settings = scene.seeing_wind
+    if settings.recovered_take and LONE not in Take(Path(settings.recovered_take)).description().get("stages", {}):
+        return None
+    known = settings.field_object
+    candidates = [known] if known is not None and scene in known.users_scene else sorted(scene.objects, key=lambda obj: obj.name)
+    return next((obj for obj in candidates if is_field(obj)), None)
+
+
+def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
+    """Let the scene show a take of what a field object carries, over the scene's frames from the field's first.
+
+    Raises:
+        UsageError: when its values are gone, or the scene ends before it begins.
+    """
+    settings, samples = scene.seeing_wind, samples_of(field)
+    if samples is None:
+        raise UsageError(f"The values under {field.name} are gone.", "Append or add it again.")
+    first, stride = int(field["seeing_wind_frame_start"]), stride_of(field)
+    count = math.ceil((scene.frame_end - first) / stride)
+    if not 0 < count <= MOST:
+        raise UsageError(
+            f"{field.name} begins at frame {first}, and the scene ends at {scene.frame_end}.", f"Let it last for 1 to {MOST} of its pictures."
+        )
+    sampled, metres = read_samples(samples), metres_per_unit(scene)
+    counts, pictures, fps = sampled.counts, len(sampled.force), frames_per_second(scene) / stride
+    t = np.arange(count)
+    rows = t % pictures if field[LOOP] else np.minimum(t, pictures - 1)
+    box = sampled.box * metres
+    fields = {"field.safetensors": ("force", sampled.force)}
+    if sampled.velocity is not None and field[KIND] == "WIND":
+        fields["wind.safetensors"] = ("wind", sampled.velocity)
+    parts = [_field_file(kind, (values * metres).reshape(pictures, *counts, 3), rows, box, fps) for kind, values in fields.values()]
+    take = Take(takes.home_of(scene, field.name))
+    stamp = stamp_of(*parts)
+    if take.description().get("stages", {}).get("recover", {}).get("stamp") != stamp:
+        take.path.mkdir(parents=True, exist_ok=True)
+        take.withdraw("recover")
+        take.file("wind.safetensors").unlink(missing_ok=True)
+        for name, content in zip(fields, parts, strict=True):
+            with take.writing(name) as path:
+                path.write_bytes(content)
+        density = float(field["seeing_wind_density"])
+        take.write_json("report.json", {"box": box.tolist(), "fps": fps, "frames": count, "material": {"density": density}})
+        take.finish(LONE, stamp, {"field": field.name})
+        take.finish("recover", stamp, {})
+    takes.show(settings, take.path, "")
+    settings.field_object, settings.frame_start, settings.real_time = field, first, True
+
+
+def _field_file(kind: str, values: np.ndarray, rows: np.ndarray, box: np.ndarray, fps: float) -> bytes:
+    """A safetensors file that the engine reads as a `ForceFieldLattice`: values (N, A, B, C, 3), and which acts in each frame (T,)."""
+    tensors = {"force": ("F32", values.astype("<f4")), "row": ("I64", rows.astype("<i8"))}
+    metadata = {
+        "representation": "lattice", "version": "2", "units": UNITS[kind], "kind": kind, "box": json.dumps(box.tolist()),
+        "fps": repr(float(fps)), "frames": str(len(rows)),
+    }  # fmt: skip
+    header: dict[str, object] = {"__metadata__": metadata}
+    at = 0
+    for name, (dtype, array) in tensors.items():
+        header[name] = {"dtype": dtype, "shape": list(array.shape), "data_offsets": [at, at + array.nbytes]}
+        at += array.nbytes
+    text = json.dumps(header, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + b"".join(np.ascontiguousarray(array).tobytes() for _, array in tensors.values())

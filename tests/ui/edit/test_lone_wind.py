@@ -1,0 +1,96 @@
+"""A body is inserted in a scene that has a wind and no take: what the field object carries goes to the engine."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from seeing_wind.ui.edit.resimulate.lone_wind import lone_wind
+from tests.ui.edit.edits import state
+from tests.ui.meshes import cube, shown
+
+
+def opened(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    """Metadata and arrays of a safetensors file, by its format."""
+    content = path.read_bytes()
+    size = int.from_bytes(content[:8], "little")
+    header, body = json.loads(content[8 : 8 + size]), content[8 + size :]
+    metadata, kinds = header.pop("__metadata__"), {"F32": "<f4", "I64": "<i8"}
+    arrays = {
+        name: np.frombuffer(body[slice(*one["data_offsets"])], kinds[one["dtype"]]).reshape(one["shape"]) for name, one in header.items()
+    }
+    return metadata, arrays
+
+
+@pytest.fixture
+def field(scene, checks, stand_in, workplace, monkeypatch, tmp_path):
+    """A field of another file, appended."""
+    checks["swirl_field"](scene)
+    bpy.data.libraries.write(str(tmp_path / "wind.blend"), {bpy.data.objects["Wind"]})
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    with bpy.data.libraries.load(str(tmp_path / "wind.blend")) as (_, into):
+        into.objects = ["Wind"]
+    scene = bpy.context.scene
+    scene.collection.objects.link(into.objects[0])
+    scene.frame_end, scene.render.fps = 14, 48
+    return into.objects[0]
+
+
+def test_an_appended_wind_can_be_simulated_in(field, checks, tmp_path):
+    scene = bpy.context.scene
+    field.location.x += 0.5
+    obj = cube("Box", (0.3, 0.0, 0.6))
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    assert state("resimulate") == "done" and scene.seeing_wind.field_object == field
+    take = Path(scene.seeing_wind.recovered_take)
+    assert take.parent == tmp_path and not (take / "wind.safetensors").exists()
+    metadata, arrays = opened(take / "field.safetensors")
+    # 9 frames from the field's first to the end, 2 a picture only once it is conformed
+    assert (metadata["representation"], metadata["frames"], float(metadata["fps"])) == ("lattice", "9", 48.0)
+    assert arrays["row"].tolist() == [0, 1, 2, 3, 4, 5, 5, 5, 5], "its last picture stays"
+    box = np.array(json.loads(metadata["box"]))
+    counts = arrays["force"].shape[1:4]
+    axes = [np.linspace(*box[:, k], counts[k]) for k in range(3)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    for picture in (0, 5):
+        truth = checks["swirl"](nodes + checks["CENTRE"], picture)
+        np.testing.assert_allclose(arrays["force"][picture].reshape(-1, 3), truth, atol=1e-4 * np.abs(truth).max())
+    place = np.load(Path(scene.seeing_wind.simulated_take) / "field_place.npy")
+    np.testing.assert_allclose(place[0, :3, 3], checks["CENTRE"] + [0.5, 0.0, 0.0], atol=1e-6)
+    bpy.ops.seeing_wind.bake()
+    assert np.abs(shown(obj, 14) - shown(obj, 5)).max() > 0.01
+    bpy.ops.wm.save_mainfile()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert lone_wind(bpy.context.scene).name == "Wind" and bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+
+
+def test_it_goes_on_with_the_scene_and_loops(field):
+    scene = bpy.context.scene
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    field["seeing_wind_loop"] = True
+    bpy.ops.seeing_wind.conform(field=field.name, real_time=True)
+    scene.frame_end = 25
+    bpy.ops.seeing_wind.resimulate()
+    metadata, arrays = opened(Path(scene.seeing_wind.recovered_take) / "field.safetensors")
+    assert float(metadata["fps"]) == 24.0 and arrays["row"].tolist() == [0, 1, 2, 3, 4, 5, 0, 1, 2, 3]
+    scene.frame_end = 4
+    with pytest.raises(RuntimeError, match="begins at frame 5"):
+        bpy.ops.seeing_wind.resimulate()
+
+
+def test_a_scene_with_a_take_of_its_own_keeps_it(recovered):
+    assert lone_wind(recovered) is None
+
+
+def test_without_any_wind_it_is_said(scene, stand_in):
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    with pytest.raises(RuntimeError, match="no recovered field"):
+        bpy.ops.seeing_wind.resimulate()
