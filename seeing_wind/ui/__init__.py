@@ -48,6 +48,7 @@ from .edit.resimulate import panel as resimulate_panel
 from .field import operators as field_operators
 from .field import panel as field_panel
 from .field import properties as field_properties
+from .field.library import copies as library_copies
 from .field.library import operators as library_operators
 from .field.library import panel as library_panel
 from .job import operator as job_operator
@@ -74,7 +75,7 @@ FEATURES = (
 
 CLASSES = tuple(cls for door in (job_operator, *FEATURES, scene_properties) for cls in door.CLASSES)
 
-HANDLERS = (scene_properties, freshness, job_operator, takes, user_paths, commands)
+HANDLERS = (scene_properties, freshness, job_operator, takes, user_paths, library_copies, commands)
 """What is more than classes."""
 
 

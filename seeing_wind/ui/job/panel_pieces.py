@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable
 
 import bpy
 
@@ -117,12 +118,16 @@ def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
     row.operator("seeing_wind.cancel", text="Stopping..." if cancelling else "Cancel", icon="CANCEL")
 
 
-def draw_job(layout, context, name: str, operator: str, text: str, icon: str, missing: str = "", warned: bool = True) -> None:
+def draw_job(
+    layout, context, name: str, operator: str, text: str, icon: str, missing: str = "", warned: bool = True,
+    above: Callable[[bpy.types.UILayout], None] | None = None,
+) -> None:  # fmt: skip
     """The button of a step's job, or its bar while it runs; then how it stands, or what it waits for.
 
     Args:
         missing: what it waits for.
         warned: show its warnings here; they stand elsewhere if not.
+        above: draws what goes before all that is said of the step.
     """
     now = status.of(context.scene.session_uid)
     step = now.steps[name]
@@ -133,6 +138,8 @@ def draw_job(layout, context, name: str, operator: str, text: str, icon: str, mi
     row.scale_y = 1.4
     row.enabled = not missing and not now.running
     row.operator(operator, text=text, icon=icon)
+    if above is not None:
+        above(layout)
     if missing:
         draw_text(layout, context, missing, "INFO")
     if step.state == State.FAILED:

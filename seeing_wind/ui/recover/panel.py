@@ -23,9 +23,8 @@ class RecoverTab(Tab):
         now = status.of(context.scene.session_uid)
         undone = [text for name, text in (("clip", "choose a clip"), ("object", "mark the object")) if now.steps[name].state != State.DONE]
         missing = f"First {' and '.join(undone)}" if undone else ""
-        draw_job(self.layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing)
-        if now.running != "recover" and any(one.startswith(UNHELD) for one in now.warnings):
-            _offer_to_hold(self.layout)
+        above = _offer_to_hold if any(one.startswith(UNHELD) for one in now.warnings) else None
+        draw_job(self.layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing, above=above)
         if settings.field_verdict and now.running != "recover":
             draw_text(self.layout, context, settings.field_verdict, "FORCE_WIND")
         if settings.recovered_take and now.running != "recover":
@@ -39,9 +38,9 @@ def _offer_to_hold(layout) -> None:
     box = layout.box()
     box.alert = True
     box.label(text="This is only the answer to gravity", icon="ERROR")
-    row = box.row(align=True)
-    row.operator("seeing_wind.preview", text="Mark What Is Held", icon="PINNED")
-    away = row.operator("wm.context_set_enum", text="Gravity: None", icon="CANCEL")
+    column = box.column(align=True)  # one above the other, so that none is cut off in a narrow sidebar
+    column.operator("seeing_wind.preview", text="Mark What Is Held", icon="PINNED")
+    away = column.operator("wm.context_set_enum", text="Gravity: None", icon="CANCEL")
     away.data_path, away.value = "scene.seeing_wind.gravity_mode", "NONE"
 
 

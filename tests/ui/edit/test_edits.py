@@ -16,6 +16,7 @@ from seeing_wind.ui.bake.animation import curves_of
 from seeing_wind.ui.bake.motion import is_intact
 from seeing_wind.ui.bake.plan import mark_of
 from seeing_wind.ui.edit import panel as panel_edit
+from seeing_wind.ui.edit.resimulate import edit_export
 from tests.ui.edit.edits import state, written
 from tests.ui.meshes import cube, group, shown
 
@@ -68,6 +69,23 @@ def test_pins_go_with_the_bone_that_holds_them(workplace, recovered) -> None:
     rig.animation_data_clear()
     bpy.ops.seeing_wind.resimulate()
     assert "pin_path" not in written(workplace)["body"][0]
+
+
+def test_a_body_that_was_deleted_while_it_was_simulated_is_told(workplace, recovered, monkeypatch, capfd) -> None:
+    """A window's job leaves the user free to do so."""
+    cube("Stays")
+    bpy.ops.seeing_wind.insert_mesh(object="Stays")
+    bpy.ops.seeing_wind.insert_mesh(object=cube("Goes").name)
+    real = edit_export.write_edit
+
+    def and_delete(*args, **more):
+        bpy.data.scenes[0].collection.objects.unlink(bpy.data.objects["Goes"])
+        return real(*args, **more)
+
+    monkeypatch.setattr(edit_export, "write_edit", and_delete)
+    bpy.ops.seeing_wind.resimulate()
+    said = capfd.readouterr().out
+    assert "Goes was deleted while it was simulated" in said and "Stays was deleted" not in said
 
 
 def test_what_another_file_has_simulated_is_left_alone(workplace, recovered) -> None:

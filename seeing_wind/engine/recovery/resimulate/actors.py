@@ -27,6 +27,10 @@ MOST_SCALED = 1e6
 FASTEST = 1e4
 """m/s of a body's first velocity, and m/s² of gravity: more is a mistake."""
 
+LARGEST = 1e4
+"""Metres across a body: what is larger was given in another unit."""
+
+
 @dataclass(frozen=True)
 class Actor:
     """A body before the simulation."""
@@ -81,6 +85,10 @@ def enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | 
         actor = _enter_recovered(body, *recovered)
     else:
         vertices, triangles = load_mesh(base_dir / body.mesh)
+        size = float(np.ptp(vertices, axis=0).max())
+        if size > LARGEST:
+            most = f"A body has at most {LARGEST / 1000.0:g} km: check its scale and the unit."
+            raise UsageError(f"{body.name} measures {size / 1000.0:.3g} km.", most)
         if sheets.is_shell(body, vertices, triangles):
             return sheets.enter(body, vertices, triangles, base_dir, field.frames)
         actor = _enter_mesh(body, vertices, triangles)

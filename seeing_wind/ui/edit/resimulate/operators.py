@@ -34,6 +34,7 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
             body.result = asked.result
         edit, self.remarks = export_edit(request, scene, source, self.folder)
         self.digest = request.digest()
+        self.simulated = [(body.object, body.called) for body in request.bodies if body.object is not None]
         self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}
         call = command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))
         return worker.run(call, cwd=str(self.folder), env=environment())
@@ -41,7 +42,9 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
     def finish(self, scene, result):
         """The motion stays in the take until it is baked."""
         settings = scene.seeing_wind
-        status.of(scene.session_uid).warnings.extend(self.remarks)
+        gone = [name for obj, name in self.simulated if scene not in obj.users_scene]
+        said = [f"{name} was deleted while it was simulated: take it off the list, or undo its deletion" for name in gone]
+        status.of(scene.session_uid).warnings.extend(said + self.remarks)
         # another edit may be worked on by now
         for edit in (settings, *settings.edits) if settings.edit_folder == self.of_edit else settings.edits:
             if edit.edit_folder == self.of_edit:

@@ -201,6 +201,7 @@ def test_a_body_that_tears_is_said(folder):
         ({"pin": "corner.npy", "pin_weights": "weights.npy"}, UsageError, "for 1 indices"),
         ({"pin": "corner.npy", "pin_weights": "two.npy"}, UsageError, "from 0 to 1"),
         ({"free": "corner.npy"}, UsageError, "free"),
+        ({"mesh": "huge.obj"}, UsageError, "box measures 100 km. A body has at most 10 km"),
     ],
 )
 def test_bad_edits_are_refused_with_a_sentence(folder, change, error, says):
@@ -210,6 +211,7 @@ def test_bad_edits_are_refused_with_a_sentence(folder, change, error, says):
     np.save(folder / "corner.npy", np.array([0]))
     np.save(folder / "weights.npy", np.array([0.5, 0.5]))
     np.save(folder / "two.npy", np.array([2.0]))
+    trimesh.creation.box((1e5, 1e5, 1e5)).export(folder / "huge.obj")
     with pytest.raises(error) as raised:
         run(folder, BodyEdit(**({"name": "box", "mesh": "box.obj", **SOFT} | change)))
     assert re.search(says, str(raised.value))
