@@ -42,6 +42,9 @@ echo "-- Blender's own solvers in the field"
 echo "-- cloth and particles in a wind"
 "$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/wind_check.py"
 
+echo "-- Blender's own force fields in a re-simulation"
+"$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/force_fields_check.py"
+
 echo "-- calibration, composite and VDB"
 "$blender" -b --factory-startup --python-exit-code 9 --python "$root/tests/blender/composite_check.py"
 

@@ -4,7 +4,7 @@
     analytic.py      known fields                    distillation.py   a recovery's forces as a field
     confidence.py    how well a value is known       sampling.py       values at points, and export
     storage.py       fields from files               torch_threads.py  torch on one thread
-    adam.py          a descent that can go on
+    adam.py          a descent that can go on        trilinear.py     values on a lattice
 """
 
 from .analytic import ForceFieldAnalytic, GustField, UniformField
