@@ -9,7 +9,7 @@ import bpy
 
 from ...bake.animation import keyframes
 from ...field.display import share
-from .geometry import may_move_along, place
+from .geometry import lineage, may_move_along
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,7 +25,7 @@ def stamp(scene: bpy.types.Scene) -> tuple:
         return ()
     keys = keyframes(obj)
     strength = "keyframes" if any(path == "field.strength" for path, _, _ in keys) else round(share(obj), 5)
-    return (place(obj), keys, strength, obj.get("seeing_wind_reach", ""))
+    return (lineage(obj), keys, strength, obj.get("seeing_wind_reach", ""))
 
 
 @dataclass(frozen=True)

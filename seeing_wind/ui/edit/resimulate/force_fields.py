@@ -9,7 +9,7 @@ import bpy
 from ...bake.animation import keyframes
 from ...field.display import is_field
 from ...field.solvers.in_wind import SLOWS
-from .geometry import geometry, place
+from .geometry import geometry, lineage
 
 WITH_SPEED = {"DRAG", "HARMONIC", "MAGNET", "FLUID_FLOW"}
 """Kinds of force fields whose force depends on the velocity of what they push; any other's does where it has a *Flow*."""
@@ -39,7 +39,7 @@ def feels_speed(fields: list[bpy.types.Object]) -> bool:
 
 def stamp(scene: bpy.types.Scene) -> list[tuple]:
     """Of all that acts: kind, place and settings, with keyframes and drivers in place of what they change."""
-    return [(place(obj), geometry(obj), _settings(obj), keyframes(obj)) for obj in force_fields(scene)]
+    return [(lineage(obj), geometry(obj)[:2], _settings(obj), keyframes(obj)) for obj in force_fields(scene)]
 
 
 def _enabled(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:

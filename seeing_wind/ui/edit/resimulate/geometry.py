@@ -25,13 +25,22 @@ def place(obj: bpy.types.Object) -> list:
     mark = mark_of(obj)
     if mark is not None and mark["way"] == "TRANSFORM":
         return _rounded(mark["former"]["world"])
-    lineage, moves = [obj], [_keys_of_place(obj)]
-    while lineage[-1].parent is not None:
-        lineage.append(lineage[-1].parent)
-        moves.append(_keys_of_place(lineage[-1]))
-    if not any(moves) and not any(each.constraints or each.rigid_body for each in lineage):
+    above = _with_parents(obj)
+    if not any(_keys_of_place(each) or each.constraints or each.rigid_body for each in above):
         return _rounded(obj.matrix_world)
-    return [(keys or _rounded(each.matrix_basis), _rounded(each.matrix_parent_inverse)) for each, keys in zip(lineage, moves)]
+    return lineage(obj)
+
+
+def lineage(obj: bpy.types.Object) -> list[tuple]:
+    """The same of an object that Blender may not have evaluated, as in a file that was just opened: what it and its parents say."""
+    return [(_keys_of_place(each) or _rounded(each.matrix_basis), _rounded(each.matrix_parent_inverse)) for each in _with_parents(obj)]
+
+
+def _with_parents(obj: bpy.types.Object) -> list[bpy.types.Object]:
+    found = [obj]
+    while found[-1].parent is not None:
+        found.append(found[-1].parent)
+    return found
 
 
 def may_move(obj: bpy.types.Object) -> bool:

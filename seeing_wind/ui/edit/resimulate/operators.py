@@ -34,7 +34,7 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
             body.result = asked.result
         edit, self.remarks = export_edit(request, scene, source, self.folder)
         self.digest = request.digest()
-        self.simulated = [(body.object, body.called) for body in request.bodies if body.object is not None]
+        self.simulated = [(body.object.session_uid, body.called) for body in request.bodies if body.object is not None]
         self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}
         call = command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))
         return worker.run(call, cwd=str(self.folder), env=environment())
@@ -42,7 +42,8 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
     def finish(self, scene, result):
         """The motion stays in the take until it is baked."""
         settings = scene.seeing_wind
-        gone = [name for obj, name in self.simulated if scene not in obj.users_scene]
+        here = {obj.session_uid for obj in scene.objects}
+        gone = [name for uid, name in self.simulated if uid not in here]
         said = [f"{name} was deleted while it was simulated: take it off the list, or undo its deletion" for name in gone]
         status.of(scene.session_uid).warnings.extend(said + self.remarks)
         # another edit may be worked on by now
