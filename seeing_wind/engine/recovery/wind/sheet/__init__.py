@@ -1,9 +1,9 @@
 """The wind, or a force of its own, that moved a sheet whose vertices were seen in 3D.
 
-    observed.py   where the sheet was seen               following.py  a simulation that is drawn to it
-    air.py        what may load it                       problem.py    unknowns, what is compared, its derivative
-    start.py      a first wind                           estimate.py   the most probable field
-    stage.py      the stages *recover* and *wind* of a take
+    observed.py  where the sheet was seen              balance.py    the forces on it, as its accelerations tell them
+    tension.py   the stress in it, which nobody sees    air.py        what may load it
+    problem.py   unknowns, errors, derivative           estimate.py   the most probable field
+    following.py  a simulation that is drawn to it      stage.py      the stages *recover* and *wind* of a take
 
 See docs/reference/wind.md.
 """

@@ -5,12 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array
 
-from ....mpm.shell import Load, Shell, State
-from ....mpm.shell.tangent import Corners, LoadSlopes
-from ....mpm.shell.tangent.blocks import diagonal
-from ..drag import AIR, DragLaw, drag_slopes, vertex_drag
+from ....mpm.shell import Load, Shell
+from ..drag import AIR, DragLaw, area_normals, face_damping, face_force_derivative, vertex_drag
 
 
 class Cause(ABC):
@@ -21,8 +18,12 @@ class Cause(ABC):
         """For `mpm.shell.advance`."""
 
     @abstractmethod
-    def slopes(self, field: np.ndarray, state: State, after: State) -> tuple[LoadSlopes, csr_array]:
-        """Derivatives by the state at the start, and (3 V, 3 V) by the field."""
+    def tested(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
+        """Its forces in virtual displacements (V, Q), (..., Q, 3), on vertices at x [m] that move at v [m/s], (..., V, 3) as the field."""
+
+    @abstractmethod
+    def slopes(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+        """Their derivative (..., Q, 3, P, 3) by the coefficients of the field's modes (V, P)."""
 
     def force(self, field: np.ndarray, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(V, 3) [N] at places x (V, 3) [m] that move at v (V, 3) [m/s]."""
@@ -34,16 +35,25 @@ class Air(Cause):
 
     def __init__(self, shell: Shell, law: DragLaw = AIR) -> None:
         self._faces, self._law = shell.surface.faces, law
-        self._corners = Corners(self._faces, len(shell.mass))
 
     def load(self, field: np.ndarray) -> Load:
         return lambda x, v, frame: vertex_drag(field, x, v, self._faces, self._law)
 
-    def slopes(self, field: np.ndarray, state: State, after: State) -> tuple[LoadSlopes, csr_array]:
-        found = drag_slopes(field, state.x, state.v, after.v, self._faces, self._law)
-        by_wind = self._corners.assembled(found.wind)
-        lumped = diagonal(vertex_drag(field, state.x, state.v, self._faces, self._law)[1])
-        return LoadSlopes(self._corners.assembled(found.x), csr_array(lumped - by_wind)), by_wind
+    def tested(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
+        w, normals = self._passing(field, x, v)
+        force = (face_damping(w, normals, self._law) @ w[..., None])[..., 0]
+        return tests[self._faces].mean(axis=1).T @ force
+
+    def slopes(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+        slope = face_force_derivative(*self._passing(field, x, v), self._law)
+        here = shapes[self._faces].mean(axis=1)
+        spread = slope[..., None, :, :] * here[:, :, None, None]  # (..., F, P, 3, 3)
+        flat = tests[self._faces].mean(axis=1).T @ spread.reshape(*slope.shape[:-2], -1)
+        return flat.reshape(*flat.shape[:-1], here.shape[1], 3, 3).swapaxes(-3, -2)
+
+    def _passing(self, field: np.ndarray, x: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Air that passes the faces (..., F, 3) [m/s], and their normals times areas [m²]."""
+        return (field - v)[..., self._faces, :].mean(axis=-2), area_normals(x, self._faces)
 
 
 class Push(Cause):
@@ -51,13 +61,15 @@ class Push(Cause):
 
     def __init__(self, shell: Shell) -> None:
         self._mass = shell.mass
-        count = 3 * len(shell.mass)
-        self._none = csr_array((count, count))
-        self._by_field = csr_array(diags_array(np.repeat(shell.mass, 3)))
 
     def load(self, field: np.ndarray) -> Load:
         force = self._mass[:, None] * field
         return lambda x, v, frame: (force, None)
 
-    def slopes(self, field: np.ndarray, state: State, after: State) -> tuple[LoadSlopes, csr_array]:
-        return LoadSlopes(self._none, self._none), self._by_field
+    def tested(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray) -> np.ndarray:
+        return np.broadcast_to((self._mass[:, None] * tests).T @ field, (*x.shape[:-2], tests.shape[1], 3))
+
+    def slopes(self, field: np.ndarray, x: np.ndarray, v: np.ndarray, tests: np.ndarray, shapes: np.ndarray) -> np.ndarray:
+        by_mode = tests.T @ (self._mass[:, None] * shapes)
+        whole = np.einsum("qp,ij->qipj", by_mode, np.eye(3))
+        return np.broadcast_to(whole, (*x.shape[:-2], *whole.shape))

@@ -1,56 +1,50 @@
-"""The field on a sheet as an inverse problem: unknowns, what is seen of the sheet, and the derivative of one by the other.
+"""The field on a sheet as an inverse problem: unknowns, the balance of forces, and its derivative by the unknowns.
 
     u(X, t) = sum_p phi_p(X) (sum_k H_k(t) c_kp + m [p = 0])        unknowns theta: c (K, P, 3), then the mean m (3,)
 
-What is compared of the following simulation and the sheet is how far one is off the other, as smooth modes over the sheet: along the
-normals, where the air pushes, and, apart and with an error of its own, in the sheet. Another sheet's stretching, which is not this one's,
-shows in the latter.
+Residuals are what the balance lacks. Their errors are those of `Balance`, and those of the law of the cause and of the sheet's stiffness:
+a part of the forces that these make, which lasts. Errors that are taken to be independent from frame to frame would be averaged away over
+a long clip, and what is left of them be put down to gusts.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import cholesky, solve_triangular
 
+from ....errors import SimulationError
 from ...prior.basis import SpatialBasis
 from ...solve.gauss_newton import Linearisation
-from .following import Follower
+from .air import Cause
+from .balance import Balance
 
-ALONG = 1
-"""Highest degree of the modes of what is off within the sheet."""
+SHARE = 0.05
+"""Error of the cause's law, as a part of the root mean square of its force in each mode: other drag laws and other engines' cloth differ
+so much."""
+STIFFNESS = 0.1
+"""Relative error of the bending stiffness, in each mode apart."""
+LASTS, ALWAYS = 8.0, 0.5
+"""Frames over which the law's error changes, and the part of its variance that never does."""
+LEAST = 0.01
+"""Least mean square of a mode's force, relative to the largest, of which the law's error is a part."""
 
 
 @dataclass(frozen=True)
 class SheetProblem:
-    """See above."""
+    """See above; D = (T-1) 3 Q data."""
 
-    follower: Follower
+    balance: Balance
+    cause: Cause
     basis: SpatialBasis
     """P modes of the field."""
-    views: SpatialBasis
-    """Q modes in which the sheet is compared."""
-    weight: np.ndarray
-    """(V,) of the vertices: their share of the mass that is free."""
     hats: np.ndarray
     """(T, K)."""
-    least: np.ndarray
-    """(D,) least standard deviation of the errors of what is seen [m]."""
-    more: tuple[float, float] = (1.0, 1.0)
-    """How many times that they are, along the normals and within the sheet."""
+    factor: np.ndarray
+    """(D, D) lower triangle whose square is the covariance of the residuals."""
     check: Callable[[], None] = lambda: None
-
-    @property
-    def across(self) -> np.ndarray:
-        """(D,) bool: which of the data are along the normals."""
-        within = 2 * int((self.views.degree <= ALONG).sum())
-        return np.arange(self.views.phi.shape[1] + within) < self.views.phi.shape[1]
-
-    @property
-    def sigma(self) -> np.ndarray:
-        """(D,) [m]."""
-        return self.least * np.where(self.across, *self.more)
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
         """theta (n,) -> (T, P, 3), the mean included."""
@@ -62,44 +56,54 @@ class SheetProblem:
         """(T, V, 3)."""
         return np.einsum("vp,tpi->tvi", self.basis.phi, self.coefficients(theta))
 
-    def seen(self, off: np.ndarray, frame: int) -> np.ndarray:
-        """What is seen (D, R) of displacements (V, 3, R) at the end of a frame."""
-        axes = self.follower.seen.axes[frame + 1]
-        turned = np.matmul(axes, off) * self.weight[:, None, None]
-        smooth = self.views.phi[:, self.views.degree <= ALONG]
-        count, directions = smooth.shape[1], off.shape[2]
-        normal = self.views.phi.T @ turned[:, 0]
-        within = (smooth.T @ turned[:, 1:].reshape(len(off), -1)).reshape(2 * count, directions)
-        return np.concatenate([normal, within])
-
-    def off(self, path: np.ndarray) -> np.ndarray:
-        """(T, D) [m] of places (T+1, V, 3)."""
-        away = path - self.follower.seen.x
-        return np.stack([self.seen(away[t + 1][..., None], t)[:, 0] for t in range(len(self.hats))])
+    def forces(self, theta: np.ndarray) -> np.ndarray:
+        """(T-1, 3 Q) of the cause, under the hats."""
+        b = self.balance
+        tested = [self.cause.tested(*one, b.tests) for one in zip(self.fields(theta)[:, None], b.at.x, b.at.v, strict=True)]
+        return b.at.over_hats(np.stack(tested)).reshape(len(b.seen), -1)
 
     def residual(self, theta: np.ndarray) -> np.ndarray:
-        """Whitened (m,)."""
-        return (self.off(self.follower.path(self.fields(theta), self.check)) / self.sigma).ravel()
+        """Whitened (D,)."""
+        self.check()
+        return self._whitened((self.forces(theta) - self.balance.seen).ravel())
 
     def linearise(self, theta: np.ndarray) -> Linearisation:
         """At theta (n,)."""
-        path, slopes = self.follower.linearised(self.fields(theta), self.basis.phi, self.hats, self.seen, self.check)
-        mean = slopes[:, 0].sum(axis=0)
-        jacobian = np.concatenate([slopes.reshape(-1, *slopes.shape[3:]), mean]) / self.sigma
-        return Linearisation.at(theta, (self.off(path) / self.sigma).ravel(), jacobian.reshape(len(jacobian), -1))
+        b, fields = self.balance, self.fields(theta)
+        parts = []
+        for field, x, v in zip(fields, b.at.x, b.at.v, strict=True):
+            self.check()
+            slope = self.cause.slopes(field, x, v, b.tests, self.basis.phi)
+            parts.append(np.tensordot([b.at.rising, b.at.falling], slope.reshape(len(slope), 3 * b.tests.shape[1], -1), 1))
+        rising, falling = (np.stack([part[side] for part in parts]) for side in (0, 1))
+        rising, falling = rising[:-1], falling[1:]
+        by_knot = np.einsum("tk,tdp->tdkp", self.hats[:-1], rising) + np.einsum("tk,tdp->tdkp", self.hats[1:], falling)
+        by_mean = (rising + falling)[..., :3]
+        data = b.seen.size
+        jacobian = np.concatenate([by_knot.reshape(data, -1), by_mean.reshape(data, 3)], axis=1)
+        return Linearisation.at(theta, self.residual(theta), self._whitened(jacobian).T)
 
-    def reweighed(self, point: Linearisation, residual: np.ndarray, precision: np.ndarray) -> tuple[SheetProblem, Linearisation]:
-        """The same with errors as large as what the data leave unexplained at a linearisation (MacKay 1992), and that one with them.
+    def _whitened(self, values: np.ndarray) -> np.ndarray:
+        return solve_triangular(self.factor, values, lower=True, check_finite=False)
 
-        Args:
-            residual: (m,) whitened, where the solve ended; precision: (n, n) of the prior.
-        """
-        covariance, across = np.linalg.inv(point.normal + precision), np.tile(self.across, len(self.hats))
-        more = []
-        for now, part in zip(self.more, (across, ~across), strict=True):
-            slope = point.jacobian[:, part]
-            free = part.sum() - float(np.einsum("im,im->", slope, covariance @ slope))
-            more.append(max(1.0, now * float(np.sqrt((residual[part] ** 2).sum() / max(free, 0.1 * part.sum())))))
-        other = replace(self, more=(more[0], more[1]))
-        scale = np.tile(self.sigma / other.sigma, len(self.hats))
-        return other, Linearisation.at(point.theta, residual * scale, point.jacobian * scale)
+
+def factor_of(balance: Balance, forces: np.ndarray) -> np.ndarray:
+    """The lower triangle (D, D) of the residuals' covariance, where the cause makes about the forces (T-1, 3 Q).
+
+    Raises:
+        SimulationError: for a motion that is not finite.
+    """
+    count, data = balance.seen.shape
+    lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    size = np.repeat((forces.reshape(count, -1, 3) ** 2).mean(axis=(0, 2)), 3)
+    law = SHARE**2 * np.maximum(size, LEAST * size.max())
+    lasting = ALWAYS + (1.0 - ALWAYS) * np.exp(-lag / LASTS)
+    covariance = np.einsum("km,de->kdme", *balance.noise) + np.einsum("km,de->kdme", lasting, balance.bent)
+    each = np.arange(data)
+    covariance[:, each, :, each] += lasting * law[:, None, None] + STIFFNESS**2 * np.einsum("kd,md->dkm", balance.bending, balance.bending)
+    every = np.arange(count)
+    covariance[every, :, every] += balance.hidden
+    whole = covariance.reshape(count * data, -1)
+    if not np.isfinite(whole).all():
+        raise SimulationError("The sheet's forces are not finite.", "Check the points, the mesh and the material's numbers.")
+    return cholesky(whole, lower=True, overwrite_a=True, check_finite=False)

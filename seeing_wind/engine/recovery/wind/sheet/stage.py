@@ -25,15 +25,14 @@ from ....settings import RecoverSettings, WindSettings
 from ....take import Take, stamp_of
 from ...journal import TakeJournal
 from ..drag import AIR, area_normals
-from ..estimate import MEAN
 from ..stage import FIELD, FORCE_MEAN, TOLD, Wind, clear
 from ..verdict import STRONGEST, UNEXPLAINED, figures, sentence
 from .air import Air, Cause, Push
-from .estimate import SheetEstimate, field_of, follower_of
+from .estimate import BREEZE, SheetEstimate, field_of, follower_of
 from .following import Follower
 from .observed import Observed, observed
 
-VERSION = 1
+VERSION = 2
 """Part of the stamp: raise it when the results change."""
 
 
@@ -131,7 +130,7 @@ def _chosen(
 
     if field == "force":
         return estimate(Push(shell), FORCE_MEAN, "force", progress), {"field": "force", "why": "--field force", "notes": []}
-    wind = estimate(Air(shell), MEAN, "wind", progress.part(0.0, 0.5 if field == "auto" else 1.0))
+    wind = estimate(Air(shell), BREEZE, "wind", progress.part(0.0, 0.5 if field == "auto" else 1.0))
     against = _objection(wind)
     if against and field == "wind":
         hint = "Use --field force, or check areal density, scale, gravity and what is held."
