@@ -152,8 +152,8 @@ def _told(problem: SheetProblem, prior: Prior, solution: Solution, follower: Fol
     path = follower.path(fields, problem.check)
     deviation = deviation_of(point.normal + prior.precision(), problem.hats, problem.basis)
     force, slope = _forces(follower, fields, path)
-    missed, still = (problem.residual(theta) for theta in (solution.theta, np.zeros_like(solution.theta)))
-    left = float(np.linalg.norm(missed) / max(np.linalg.norm(still), 1e-300))
+    missed, still = (float(np.linalg.norm(problem.residual(theta))) for theta in (solution.theta, np.zeros_like(solution.theta)))
+    left = missed / max(still, 1e-300)
     cause = "force" if isinstance(follower.cause, Push) else "wind"
     evidence = _log_evidence(problem, prior, solution.theta)
     return SheetEstimate(
