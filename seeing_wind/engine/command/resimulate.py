@@ -45,7 +45,8 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             name: {"vertices": int(body.vertices.shape[1]), "particles": body.particles, "notes": body.notes}
             for name, body in bodies.items()
         }
-        summary = {"source": str(source.path), "fps": field.fps, "frames": field.frames, "bodies": figures}
+        frames = min(edit.frames or field.frames, field.frames)
+        summary = {"source": str(source.path), "fps": field.fps, "frames": frames, "coarseness": edit.coarseness, "bodies": figures}
         with contextlib.ExitStack() as together:  # all are there before any takes its place, the stamp last
             together.enter_context(out.finishing("resimulate", stamp, {"source": str(source.path), "edit": str(arguments.edit)}))
             for name, body in bodies.items():

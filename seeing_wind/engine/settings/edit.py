@@ -146,3 +146,10 @@ class Edit:
         help="frames for which bodies settle, in the wind of the first frame, before the clip begins",
     )  # fmt: skip
     contact: bool = option(False, help="all bodies share one grid and push each other; otherwise each moves alone", panel="main")
+    coarseness: float = option(
+        1.0, minimum=1.0, maximum=4.0, panel="",
+        help="factor on the spacing of a mesh's particles, and on the length of substeps; above 1 the result is a preview",
+    )  # fmt: skip
+    frames: int | None = option(
+        None, help="how many of the clip's frames are simulated, from the first; fewer make a preview", minimum=1, otherwise="all", panel=""
+    )

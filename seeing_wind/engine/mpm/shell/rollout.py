@@ -19,9 +19,9 @@ HALVINGS = 3
 """How often a substep without a solution is halved."""
 
 
-def substeps_for(fps: float) -> int:
-    """Substeps a frame."""
-    return max(2, math.ceil(1.0 / (fps * LONGEST)))
+def substeps_for(fps: float, coarseness: float = 1.0) -> int:
+    """Substeps a frame, each at most `LONGEST` times the coarseness."""
+    return max(2, math.ceil(1.0 / (fps * LONGEST * coarseness)))
 
 
 def advance_frame(

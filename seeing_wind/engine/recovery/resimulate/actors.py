@@ -12,9 +12,9 @@ from ...errors import UsageError
 from ...field.force_field import ForceField
 from ...materials import DEFAULT, SHEET_UNITS, adjusted, find
 from ...records import Body, Material, Particles, Recovery, as_found
-from ...settings import BodyEdit
+from ...settings import BodyEdit, Edit
 from . import sheets
-from .fill import fill
+from .coarser import fill_coarser
 from .mesh import load_mesh
 from .pins import Rider, carried, hold_of, read_pin_path, read_pins, read_weights, ride
 
@@ -51,10 +51,23 @@ class Actor:
     """Per frame at least; of what was recovered those of the recovery, whose force goes with the damping that they make."""
     path: np.ndarray | None = None
     """(T+1, N, 3) [m] which way its pinned particles go, if they do not keep their places."""
+    coarser: float = 1.0
+    """By which factor its particles are farther apart than in the full result: at most the edit's coarseness."""
 
 
-def enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> Actor | sheets.Hanging:
-    """Mesh, particles or shell, material and pins of one body."""
+def enter_all(edit: Edit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path) -> list[Actor | sheets.Hanging]:
+    """All bodies of an edit. Solids that push each other share a grid, so that all are as fine as the one that has to be the finest."""
+    entered = [enter(body, field, recovered, base_dir, edit.coarseness) for body in edit.body]
+    finest = min((one.coarser for one in entered if isinstance(one, Actor)), default=1.0)
+    if edit.contact and any(isinstance(one, Actor) and one.coarser > finest for one in entered):
+        entered = [enter(body, field, recovered, base_dir, finest) for body in edit.body]
+    return entered
+
+
+def enter(
+    body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path, coarseness: float = 1.0
+) -> Actor | sheets.Hanging:
+    """Mesh, particles or shell, material and pins of one body. What was recovered keeps its particles: its force was found with them."""
     for name in ("mass_scale", "youngs_modulus_scale"):
         if not 1.0 / MOST_SCALED <= getattr(body, name) <= MOST_SCALED:
             raise UsageError(
@@ -83,6 +96,8 @@ def enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | 
         if body.shell or any(getattr(body, name) is not None for name in SHEET_UNITS):
             raise UsageError(f"{body.name}: the recovered object is a solid.", "Leave shell and its numbers out, or give a mesh.")
         actor = _enter_recovered(body, *recovered)
+        if coarseness > 1.0:
+            actor = dataclasses.replace(actor, notes=["as fine as in full, for the force was found with its particles"])
     else:
         vertices, triangles = load_mesh(base_dir / body.mesh)
         size = float(np.ptp(vertices, axis=0).max())
@@ -91,7 +106,7 @@ def enter(body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | 
             raise UsageError(f"{body.name} measures {size / 1000.0:.3g} km.", most)
         if sheets.is_shell(body, vertices, triangles):
             return sheets.enter(body, vertices, triangles, base_dir, field.frames)
-        actor = _enter_mesh(body, vertices, triangles)
+        actor = _enter_mesh(body, vertices, triangles, coarseness)
     if body.free is not None:
         actor = _free(actor, base_dir / body.free)
     return actor if body.pin is None else _pin(actor, base_dir, field.frames)
@@ -116,9 +131,9 @@ def _clamp_path(body: BodyEdit, particles: Particles, recovery: Recovery) -> np.
     return np.where(particles.pinned[:, None], recovery.x, particles.x)
 
 
-def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> Actor:
+def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, coarseness: float) -> Actor:
     try:
-        filling = fill(vertices, triangles)
+        filling, coarser = fill_coarser(vertices, triangles, coarseness)
     except UsageError as error:
         raise UsageError(f"{body.name}: {error.message}", error.hint) from error
     particles = filling.particles
@@ -126,7 +141,8 @@ def _enter_mesh(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> 
     rider = ride(vertices, particles, np.zeros(0, dtype=int))
     material = _overridden(find(body.material or DEFAULT), body, particles)
     soft = np.zeros(len(particles.x))
-    return Actor(body, particles, material, np.array(velocity, dtype=np.float64), rider, triangles, list(filling.notes), soft)
+    v0 = np.array(velocity, dtype=np.float64)
+    return Actor(body, particles, material, v0, rider, triangles, list(filling.notes), soft, coarser=coarser)
 
 
 def _overridden(material: Material, body: BodyEdit, particles: Particles) -> Material:

@@ -35,6 +35,8 @@ class Filling:
 
     particles: Particles
     notes: list[str]
+    layered: bool = False
+    """Whether a part of it is two layers, as far from each other as the particles of a layer."""
 
 
 def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None = None, count: int = COUNT) -> Filling:
@@ -99,7 +101,7 @@ def fill(vertices: np.ndarray, triangles: np.ndarray, *, spacing: float | None =
         if open_share < 1.0:
             notes.append("closed but thinner than its particles: simulated as a shell of the same volume")
     particles = Particles(np.concatenate(x), np.concatenate(sizes), np.zeros(sum(map(len, x)), dtype=bool), float(spacing))
-    return Filling(particles, notes)
+    return Filling(particles, notes, bool(shell.any()))
 
 
 def _walls(vertices: np.ndarray, triangles: np.ndarray, area: np.ndarray, parts: np.ndarray, room: Room | None) -> np.ndarray:

@@ -71,15 +71,19 @@ class Surroundings:
     place: np.ndarray | None = None
     """(T, 4, 4) from the field's own coordinates to the world's [m] in each of its frames; None where it was recovered."""
     reach: Reach = Reach()
+    coarseness: float = 1.0
+    """Factor on the length of substeps."""
+    asked: int | None = None
+    """How many of the field's frames are simulated; None for all."""
 
     @property
     def frames(self) -> int:
-        """How many are simulated."""
-        return self.field.frames + self.lead
+        """How many are simulated, those before the clip included."""
+        return min(self.asked or self.field.frames, self.field.frames) + self.lead
 
     def told(self) -> list[Any]:
         """What a journal is told of it, but for the field, which its stamp tells."""
-        return [list(self.gravity), self.strength, *self.colliders, self.forces, self.place, self.reach]
+        return [list(self.gravity), self.strength, *self.colliders, self.forces, self.place, self.reach, self.coarseness, self.asked]
 
     def felt(self, points: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """The field's force density (P, 3) [N/m³] and its gradient (P, 3, 3) [N/m⁴] at points (P, 3) [m]; of a wind [m/s] and [1/s]."""

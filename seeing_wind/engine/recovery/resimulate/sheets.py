@@ -169,7 +169,7 @@ def move(
     """Positions (T+1, V, 3) [m] of the shell's vertices."""
     shell, edit, field = hanging.shell, hanging.edit, around.field
     obstacles = obstacles_of(around.colliders, shell.surface.edge_length)
-    substeps, downward = substeps_for(field.fps), np.asarray(around.gravity, dtype=np.float64)
+    substeps, downward = substeps_for(field.fps, around.coarseness), np.asarray(around.gravity, dtype=np.float64)
     dt = 1.0 / (field.fps * substeps)
     state, history = at_rest(shell), [shell.surface.x]
     told = [edit, shell.surface.x, shell.surface.faces, shell.sheet, shell.pinned, shell.spring, hanging.path]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -25,7 +26,7 @@ from ..journal import Arrays
 from ..wind.motion import Sail, advance_in_wind
 from ..wind.surface import BodySurface, mesh_surface
 from . import sheets
-from .actors import FASTEST, MOST_SCALED, Actor, enter
+from .actors import FASTEST, MOST_SCALED, Actor, enter_all
 from .forces import read_forces
 from .in_field import Reach, Surroundings, read_place
 from .obstacles import colliders_of
@@ -79,7 +80,7 @@ def simulate_bodies(
         journal: keeps how far the frames have come; its stamp must tell the field.
 
     With a preroll the bodies of meshes move for so many frames before the clip, in its first frame's field, and what they do then is left
-    out of the result.
+    out of the result. With a coarseness above one, or fewer frames than the field has, it is a preview; its notes say what kept finer.
 
     Raises:
         UsageError: a mesh, a list of pins, a start frame, forces or a strength that do not fit; MaterialError: an unknown material.
@@ -94,13 +95,15 @@ def simulate_bodies(
         raise UsageError(f"gravity is {edit.gravity}.", f"Give three numbers in m/s², {FASTEST:g} together at most.")
     colliders = colliders_of(edit.collider, Path(base_dir), field.frames)
     forces = None if edit.forces is None else read_forces(Path(base_dir) / edit.forces, field.frames).after(edit.preroll)
-    entered = [enter(body, field, recovered, Path(base_dir)) for body in edit.body]
+    entered = enter_all(edit, field, recovered, Path(base_dir))
     if not 0 <= edit.preroll <= MOST_PREROLL:
         raise UsageError(f"preroll is {edit.preroll}.", f"Give 0 to {MOST_PREROLL} frames.")
     entered = [_early(one, edit.preroll) for one in entered]
     place = None if edit.field_place is None else read_place(Path(base_dir) / edit.field_place, field.frames)
     colliders = [one.delayed(edit.preroll) if isinstance(one, MeshCollider) else one for one in colliders]
-    around = Surroundings(field, strength, edit.gravity, colliders, forces, device, edit.preroll, place, Reach.of(edit))
+    around = Surroundings(
+        field, strength, edit.gravity, colliders, forces, device, edit.preroll, place, Reach.of(edit), edit.coarseness, edit.frames
+    )
     actors = [actor for actor in entered if isinstance(actor, Actor)]
     shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
     groups: list[Sequence[Actor | sheets.Hanging]] = [*([actors] if edit.contact and actors else [[one] for one in actors]), *shells]
@@ -246,9 +249,11 @@ def _model(actors: Sequence[Actor], frame: int, around: Surroundings) -> tuple[M
     ways = [np.diff(path, axis=0) * fps for path in (*(actor.path for actor in actors), *walls) if path is not None]
     fastest = max(float(np.linalg.norm(v, axis=-1).max()) for v in (*(actor.velocity for actor in actors), *ways))
     speed = max(5.0, 1.5 * fastest)
+    coarser = min(actor.coarser for actor in actors)  # as many cells a substep, and as much of a stiffness, as without it
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=around.gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
-        max_substeps=MAX_SUBSTEPS, least_substeps=max(actor.substeps for actor in actors), colliders=around.colliders,
+        max_substeps=round(MAX_SUBSTEPS / coarser), least_substeps=math.ceil(max(actor.substeps for actor in actors) / coarser),
+        colliders=around.colliders,
         device=around.device, clamp_depth=max(actor.clamp_depth for actor in actors), pin_path=_pin_path(actors, particles),
     )  # fmt: skip
     return model, notes
