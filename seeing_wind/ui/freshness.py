@@ -14,6 +14,7 @@ from .clip.object.options import object_options
 from .clip.object.preview import preview_digest
 from .clip.options import clip_options
 from .edit.resimulate.geometry import forget_geometry
+from .edit.resimulate.preview import digest_of_preview, goes_before, shown_as_preview
 from .edit.resimulate.request import EditRequest
 from .job import status
 from .job.takes import INPUTS, take_folder
@@ -35,7 +36,11 @@ def refresh(scene: bpy.types.Scene) -> None:
     status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))
     status.derive(now, "resimulate", edit, settings.simulated_digest)
-    status.derive(now, "bake", edit and edit + stamp_of_bakes(scene), settings.baked_digest)
+    preview = digest_of_preview(scene, edit)
+    status.derive(now, status.EDIT_PREVIEW, preview, settings.coarse_digest)
+    shown = preview if goes_before(scene, edit) else edit
+    status.derive(now, "bake", edit and shown + stamp_of_bakes(scene), settings.baked_digest)
+    now.previewed = shown_as_preview(scene)
 
 
 def refresh_all() -> None:
@@ -86,7 +91,7 @@ def _say_what_was_cut_off(scene: bpy.types.Scene) -> None:
     """The file was saved while a job ran: its worker has ended with that Blender, its finished stages lie in the take."""
     step, now = scene.seeing_wind.unfinished, status.of(scene.session_uid)
     if step in now.steps:
-        title = step.replace("resimulate", "re-simulate").capitalize()
+        title = {"resimulate": "Re-simulate", status.EDIT_PREVIEW: "Preview"}.get(step, step.capitalize())
         now.steps[step].message = f"{title} was running when this file was saved. Run it again: it goes on from what was finished"
 
 

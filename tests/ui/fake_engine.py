@@ -137,7 +137,7 @@ def resimulate(options: list[str]) -> None:
             mesh = {key: Take(options[0]).read_arrays("particles.npz")[f"surface.{key}"] for key in ("vertices", "triangles")}
         else:
             mesh = Take(edit_path.parent).read_arrays(body["mesh"])
-        time = np.arange(FRAMES + 1)[:, None, None] / FPS
+        time = np.arange(edit.get("frames", FRAMES) + 1)[:, None, None] / FPS
         vertices = mesh["vertices"] + 0.5 * np.array(edit["gravity"]) * time**2 / body["mass_scale"]
         if "pin" in body:
             pinned = np.load(edit_path.parent / body["pin"])

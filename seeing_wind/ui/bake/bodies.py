@@ -12,6 +12,8 @@ import numpy as np
 
 from ...engine.errors import TakeError
 from ...engine.take import Take
+from ..edit.resimulate.preview import goes_before
+from ..edit.resimulate.request import EditRequest
 from ..job import takes
 from ..job.take_reading import simulated_motion
 from ..scene_units import metres_per_unit
@@ -147,8 +149,14 @@ def _remove_copy(body: bpy.types.PropertyGroup) -> None:
         bpy.data.meshes.remove(mesh)
 
 
-def bake_bodies(scene: bpy.types.Scene, name: str = "", force: bool = False) -> list[tuple[bpy.types.Object, Baked]]:
+def bake_bodies(
+    scene: bpy.types.Scene, name: str = "", force: bool = False, preview: bool | None = None
+) -> list[tuple[bpy.types.Object, Baked]]:
     """Bake all bodies of the last re-simulation, or the one whose body or object has this name.
+
+    Args:
+        force: bake again what has not changed.
+        preview: the motion of the preview, or that of the full result; None takes the full one where it is as new.
 
     Raises:
         TakeError: when nothing is simulated yet, or the object of a body is gone.
@@ -157,14 +165,17 @@ def bake_bodies(scene: bpy.types.Scene, name: str = "", force: bool = False) -> 
     bodies = [body for body in settings.bodies if body.result]
     if not bodies:
         raise TakeError("Nothing is simulated yet.", "Run Re-simulate first.")
-    folder = takes.simulated(settings)
+    if preview is None:
+        preview = goes_before(scene, EditRequest.of(scene).digest())
+    folder = takes.simulated(settings, preview)
     chosen = _named(bodies, name)
     missing = [body.name for body in chosen if not (folder / "bodies" / f"{body.result}.npz").is_file()]
     if missing:
         raise TakeError(f"{folder} holds no motion of {', '.join(missing)}.", "Run Re-simulate again.")
-    done = [bake_body(scene, body, folder, plan_of(scene), force) for body in chosen]
+    plan = dataclasses.replace(plan_of(scene), preview=preview)
+    done = [bake_body(scene, body, folder, plan, force) for body in chosen]
     if len(chosen) == len(bodies):
-        settings.baked_digest = settings.simulated_digest + stamp_of_bakes(scene)
+        settings.baked_digest = (settings.coarse_digest if preview else settings.simulated_digest) + stamp_of_bakes(scene)
     return done
 
 

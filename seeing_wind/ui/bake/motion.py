@@ -52,7 +52,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
     if way != TRANSFORM:
         _check_mesh(obj, vertices.shape[1])
     on_top = awake_on_top(obj)
-    record: dict[str, Any] = {"way": way, "stamp": plan.stamp, "slept": []}
+    record: dict[str, Any] = {"way": way, "stamp": plan.stamp, "preview": plan.preview, "slept": []}
     if way == TRANSFORM:
         clear_bake(obj)
         record["former"] = bake_rigid.bake(obj, fit, chosen, frames, metres_per_unit(scene))

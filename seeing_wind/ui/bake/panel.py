@@ -1,6 +1,6 @@
 """The panel *Bake*."""
 
-from ..job.panel_pieces import Tab, draw_job, panels
+from ..job.panel_pieces import Tab, draw_job, draw_preview_mark, panels
 
 
 class BakeTab(Tab):
@@ -25,8 +25,9 @@ class BakeTab(Tab):
             sub.prop(settings, "bake_frames", index=1, text="")
         else:
             sub.label(text="All")
-        missing = "" if settings.simulated_take else "First re-simulate"
+        missing = "" if settings.simulated_take or settings.coarse_take else "First re-simulate"
         draw_job(self.layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", missing)
+        draw_preview_mark(self.layout, context)
         self.layout.operator("seeing_wind.clear_bake", icon="X")
 
 

@@ -35,6 +35,8 @@ class Plan:
     """A body counts as rigid while no vertex is farther from a rigid motion than this part of the body's size."""
     stamp: str = ""
     """Of what the motion depends on: an object whose bake has this stamp is left alone. "" always bakes."""
+    preview: bool = False
+    """The motion is that of a preview."""
     smooth: int = 0
     """Passes that take ripples of an edge's length out of the motion, see `smooth`."""
     frames_follow_time: bool = False

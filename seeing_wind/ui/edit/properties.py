@@ -81,6 +81,8 @@ class EditOptions:
     edit_folder: StringProperty(options={"HIDDEN"})
     simulated_digest: StringProperty(options={"HIDDEN"})
     simulated_take: StringProperty(options={"HIDDEN"})
+    coarse_digest: StringProperty(options={"HIDDEN"}, description="Of the settings of the last preview")
+    coarse_take: StringProperty(options={"HIDDEN"}, description="Folder that the last preview is in")
     baked_digest: StringProperty(options={"HIDDEN"})
 
 

@@ -14,6 +14,7 @@ from ...engine.errors import UsageError
 from ..bake.bodies import bake_bodies
 from ..bake.plan import mark_of
 from ..bake.shapes import retime
+from ..edit.resimulate.preview import shown_as_preview
 from ..job import takes
 from .display import STRIDE, frames_per_second, is_field
 from .node_groups import FRAMES_PER_PICTURE, modifier_input, set_input
@@ -42,8 +43,9 @@ def conform(scene: bpy.types.Scene, field: bpy.types.Object, real_time: bool) ->
             settings.follows -= {"FPS"}  # or the next Reload would take the scene's rate from the clip again
         conform_own(scene, stride)
         baked = [body for body in settings.bodies if _carries_bake(body)]
-        if baked and settings.simulated_take and takes.simulated(settings).is_dir():
-            bake_bodies(scene)
+        preview = len(shown_as_preview(scene)) == len(baked)
+        if baked and (settings.coarse_take if preview else settings.simulated_take) and takes.simulated(settings, preview).is_dir():
+            bake_bodies(scene, preview=preview)
     return stride
 
 

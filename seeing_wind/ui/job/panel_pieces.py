@@ -120,7 +120,7 @@ def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
 
 def draw_job(
     layout, context, name: str, operator: str, text: str, icon: str, missing: str = "", warned: bool = True,
-    above: Callable[[bpy.types.UILayout], None] | None = None,
+    above: Callable[[bpy.types.UILayout], None] | None = None, beside: Callable[[bpy.types.UILayout], object] | None = None,
 ) -> None:  # fmt: skip
     """The button of a step's job, or its bar while it runs; then how it stands, or what it waits for.
 
@@ -128,6 +128,7 @@ def draw_job(
         missing: what it waits for.
         warned: show its warnings here; they stand elsewhere if not.
         above: draws what goes before all that is said of the step.
+        beside: draws another button in the same row.
     """
     now = status.of(context.scene.session_uid)
     step = now.steps[name]
@@ -138,6 +139,8 @@ def draw_job(
     row.scale_y = 1.4
     row.enabled = not missing and not now.running
     row.operator(operator, text=text, icon=icon)
+    if beside is not None:
+        beside(row)
     if above is not None:
         above(layout)
     if missing:
@@ -148,9 +151,35 @@ def draw_job(
         draw_text(layout, context, SAYS[State.STALE], "INFO")
     elif step.message:
         draw_text(layout, context, step.message)
-    if warned and now.warned == name:
-        for warning in now.warnings[:WARNINGS]:
-            draw_text(layout, context, warning, "INFO")
+    if warned:
+        _draw_warnings(layout, context, name)
+
+
+def draw_beside(layout, context, name: str) -> None:
+    """What is said of a second job of a step, whose button stands beside the first's."""
+    now = status.of(context.scene.session_uid)
+    step = now.steps[name]
+    if step.state == State.FAILED:
+        draw_failure(layout, context, step)
+    elif step.message:
+        draw_text(layout, context, step.message)
+    _draw_warnings(layout, context, name)
+
+
+def draw_preview_mark(layout, context) -> None:
+    """That objects show a preview of the edit, if they do, and what shows the full result."""
+    now = status.of(context.scene.session_uid)
+    if now.previewed:
+        full = "Bake to Keyframes" if now.steps["resimulate"].state == State.DONE else "Re-simulate"
+        names = ", ".join(now.previewed)
+        text = f"Preview: coarser, and only up to the last frame shown. {full} for the full result of {names}"
+        draw_text(layout, context, text, "HIDE_OFF")
+
+
+def _draw_warnings(layout, context, name: str) -> None:
+    now = status.of(context.scene.session_uid)
+    for warning in now.warnings[:WARNINGS] if now.warned == name else []:
+        draw_text(layout, context, warning, "INFO")
 
 
 def draw_engine(layout, context, button: bool = True) -> None:

@@ -32,6 +32,9 @@ STEPS = ("clip", "object", "recover", "edit", "resimulate", "bake")
 PREVIEW = "preview"
 """A part of the step *object* with a state of its own."""
 
+EDIT_PREVIEW = "edit_preview"
+"""The same of the step *resimulate*."""
+
 LINKED = ("This scene is linked from another file and cannot be changed here.", "Work in a scene of this file.")
 
 SPANS = {
@@ -71,7 +74,7 @@ class Step:
 class SceneStatus:
     """All steps of one scene."""
 
-    steps: dict[str, Step] = field(default_factory=lambda: {name: Step() for name in (*STEPS, PREVIEW)})
+    steps: dict[str, Step] = field(default_factory=lambda: {name: Step() for name in (*STEPS, PREVIEW, EDIT_PREVIEW)})
     running: str = ""
     """The step that runs now, or ""."""
     cancelling: bool = False
@@ -80,6 +83,8 @@ class SceneStatus:
     warnings: list[str] = field(default_factory=list)
     """Of the last job, which belonged to the step `warned`."""
     warned: str = ""
+    previewed: list[str] = field(default_factory=list)
+    """Bodies whose objects carry the motion of a preview."""
 
 
 @dataclass

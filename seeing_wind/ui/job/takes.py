@@ -56,11 +56,11 @@ def home_of(scene: bpy.types.Scene, name: str) -> Path:
     return home / f"{_plain(name)}.{_plain(scene.name)}.take"
 
 
-def edit_folder(settings: bpy.types.PropertyGroup, take: Path) -> Path:
-    """Where the re-simulation of the scene's present edit goes: beside the take, and not where another scene's is."""
-    stem, edit, scene = take.name.removesuffix(".take"), settings.edit_folder or "edit", settings.id_data
+def edit_folder(settings: bpy.types.PropertyGroup, take: Path, preview: bool = False) -> Path:
+    """Where the re-simulation of the scene's present edit goes, or its preview: beside the take, and not where another scene's is."""
+    stem, edit, scene = take.name.removesuffix(".take"), (settings.edit_folder or "edit") + "_preview" * preview, settings.id_data
     others = [other.seeing_wind for other in bpy.data.scenes if other != scene]
-    taken = {Path(each.simulated_take).name for other in others for each in (other, *other.edits)}
+    taken = {Path(name).name for other in others for each in (other, *other.edits) for name in (each.simulated_take, each.coarse_take)}
     name = f"{stem}.{edit}.take"
     folder = take.with_name(name if name not in taken else f"{stem}.{edit}.{_plain(scene.name)}.take")
     # what another file, a batch or the command line (which keeps its edit elsewhere) simulates stays as it is
@@ -156,18 +156,19 @@ def recovered(settings: bpy.types.PropertyGroup) -> Path:
     return folder
 
 
-def simulated(settings: bpy.types.PropertyGroup) -> Path:
-    """The folder of the last re-simulation, which stands beside the take.
+def simulated(settings: bpy.types.PropertyGroup, preview: bool = False) -> Path:
+    """The folder of the last re-simulation, or of the last preview, which stands beside the take.
 
     Raises:
         TakeError: when nothing is simulated yet.
     """
-    if not settings.simulated_take:
+    noted = settings.coarse_take if preview else settings.simulated_take
+    if not noted:
         raise TakeError("Nothing is simulated yet.", "Run Re-simulate first.")
-    former = Path(settings.simulated_take)
+    former = Path(noted)
     if settings.recovered_take and former.parent == Path(settings.recovered_take).parent:
         return shown(settings).with_name(former.name)
-    return _moved(settings.simulated_take, "")
+    return _moved(noted, "")
 
 
 def bring_along(settings: bpy.types.PropertyGroup, folder: Path) -> None:
@@ -258,14 +259,15 @@ def _take_along(settings: bpy.types.PropertyGroup, home: Path) -> None:
     while folder.exists():
         folder, number = home / f"{former.name.removesuffix('.take')}.{number}.take", number + 1
     kept = [settings, *settings.edits]
-    for each in {each.simulated_take for each in kept if each.simulated_take}:
+    for each in {name for edit in kept for name in (edit.simulated_take, edit.coarse_take) if name}:
         source = Path(each)
         if source.parent == former.parent and source.is_dir():
             target = folder.with_name(folder.name.removesuffix(".take") + source.name.removeprefix(former.name.removesuffix(".take")))
             _copy(source, target)
             for edit in kept:
-                if edit.simulated_take == each:
-                    edit.simulated_take = str(target)
+                for name in ("simulated_take", "coarse_take"):
+                    if getattr(edit, name) == each:
+                        setattr(edit, name, str(target))
             _repoint(source, target)
     if former.is_dir():
         _copy(former, folder)

@@ -8,7 +8,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-from seeing_wind.ui.edit.resimulate.operators import SEEING_WIND_OT_resimulate
+from seeing_wind.ui.edit.resimulate.operators import SEEING_WIND_OT_preview_edit, SEEING_WIND_OT_resimulate, Simulation
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status, worker_command
 from seeing_wind.ui.job import worker as job
@@ -79,12 +79,13 @@ def step_until_over(operator, window, seconds: float = 120.0) -> set[str]:
     pytest.fail("the job never ended")
 
 
-def resimulating(scene) -> SEEING_WIND_OT_resimulate:
-    """The operator's own `start` and `finish` under the modal driver that the tests step."""
+def resimulating(scene, operator: type = SEEING_WIND_OT_resimulate) -> Modal:
+    """Re-simulate, or its preview, under the modal driver that the tests step."""
 
-    class Stepped(Modal):
-        bl_label, step = "Re-simulate", "resimulate"
-        start, finish = (getattr(SEEING_WIND_OT_resimulate, name) for name in ("start", "finish"))
+    class Stepped(Simulation, Modal):
+        bl_label, step, take, digest_kept, coarse, digest_of = (
+            getattr(operator, name) for name in ("bl_label", "step", "take", "digest_kept", "coarse", "digest_of")
+        )
 
     return Stepped(None)
 
@@ -193,6 +194,33 @@ def test_an_undo_while_it_runs_takes_no_result_back(workplace, scene, windowed, 
     assert scene.seeing_wind.unfinished == "resimulate", "a file that is saved now says so when it is opened"
     assert step_until_over(operator, window) == {"FINISHED"}
     assert now(scene)["resimulate"].state == "done" and bpy.ops.seeing_wind.bake() == {"FINISHED"}
+
+
+def test_a_preview_is_cancelled_as_any_job_is_and_an_undo_takes_none_of_it_back(workplace, scene, windowed, monkeypatch) -> None:
+    monkeypatch.setattr(job_operator, "blocks", lambda context: True)
+    recover(workplace)
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.ed.undo_push(message="Insert")
+    monkeypatch.setattr(job_operator, "blocks", lambda context: False)
+    monkeypatch.setenv("SEEING_WIND_FAKE", "hang")
+    window, operator = Window(scene), resimulating(scene, SEEING_WIND_OT_preview_edit)
+    operator.execute(window)
+    while now(scene)["edit_preview"].fraction == 0.0:
+        operator.modal(window, Event)
+        time.sleep(0.01)
+    assert status.of(scene.session_uid).running == "edit_preview" and now(scene)["resimulate"].state == "idle"
+    bpy.ops.seeing_wind.cancel()
+    assert step_until_over(operator, window) == {"CANCELLED"}
+    assert now(scene)["edit_preview"].message.startswith("Cancelled. Preview") and scene.seeing_wind.coarse_take == ""
+    monkeypatch.setenv("SEEING_WIND_FAKE", "done")
+    operator = resimulating(scene, SEEING_WIND_OT_preview_edit)
+    operator.execute(window)
+    bpy.ops.ed.undo()
+    bpy.ops.ed.redo()
+    scene = bpy.context.scene
+    assert step_until_over(operator, window) == {"FINISHED"}
+    assert status.of(scene.session_uid).previewed == ["Box"] and now(scene)["bake"].state == "done"
 
 
 def test_a_result_goes_to_the_edit_that_was_simulated(workplace, scene, windowed, monkeypatch) -> None:

@@ -37,12 +37,11 @@ def fill_coarser(vertices: np.ndarray, triangles: np.ndarray, coarseness: float)
     full = fill(vertices, triangles)
     if coarseness <= 1.0:
         return full, 1.0
-    factors = [] if full.layered else np.arange(coarseness, 1.0 + 0.5 * STEP, -STEP)
-    for factor in factors:
+    for factor in [] if full.layered else np.arange(coarseness, 1.0 + 0.5 * STEP, -STEP).tolist():
         coarse = fill(vertices, triangles, spacing=factor * full.particles.spacing)
         if not coarse.layered and abs(_room(coarse) / _room(full) - 1.0) <= ALIKE:
             said = [] if factor > 0.75 * coarseness else [f"too thin for a coarser preview than {factor:.1f} times the particles' spacing"]
-            return dataclasses.replace(coarse, notes=[*coarse.notes, *said]), float(factor)
+            return dataclasses.replace(coarse, notes=[*coarse.notes, *said]), factor
     return dataclasses.replace(full, notes=[*full.notes, "too thin for a coarser preview: it has as many particles as in full"]), 1.0
 
 

@@ -26,6 +26,7 @@ from .field_place import standing
 from .force_fields import force_fields
 from .further_forces import further_forces
 from .geometry import may_move
+from .preview import COARSENESS, frames_seen
 from .request import Body, EditRequest, Mover
 
 COARSELY = 0.1
@@ -34,11 +35,13 @@ STILL = 1e-6
 """Metres that pinned vertices may move and still be taken to stay: single precision."""
 
 
-def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path) -> tuple[Path, list[str]]:
+def export_edit(
+    request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path, preview: bool = False
+) -> tuple[Path, list[str]]:
     """Write an edit of `scene` into `folder`. Returns the path of its edit.toml, and what the user should know of it.
 
     Meshes are written as they stand at the clip's first picture, before any bake, in the place where they are simulated (the edit's
-    offset taken off).
+    offset taken off). For a preview the edit asks for coarser particles, and for no more frames than are seen.
 
     Raises:
         UsageError: no bodies, an object that is gone, an empty vertex group.
@@ -60,6 +63,8 @@ def export_edit(request: EditRequest, scene: bpy.types.Scene, source: Path, fold
     values = request.values | stands.ends | {
         "field_strength": _strengths(scene, field, stands.share), "field_place": _place(stands.place, folder), "forces": forces,
     }  # fmt: skip
+    if preview:
+        values |= {"coarseness": COARSENESS, "frames": frames_seen(scene, frames[1] - frames[0])}
     return write_edit(folder, bodies, _gravity(request, source), colliders, own(scene.seeing_wind), **values), notes + said
 
 

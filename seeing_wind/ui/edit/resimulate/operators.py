@@ -1,21 +1,23 @@
-"""Simulate the edit in the recovered field."""
+"""Simulate the edit in the recovered field, in full or as a preview."""
 
 import bpy
 
+from ....engine.errors import SeeingWindError, UsageError
 from ...job import status, takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
 from ...job.worker_command import command, environment
+from . import preview
 from .request import EditRequest
 
 
-class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
-    """Simulate the inserted bodies in the recovered field, with the same physics"""
+class Simulation(JobOperator):
+    """Mix-in of both: the edit goes to the engine, and its motion stays in a take of its own until it is baked."""
 
-    bl_idname = "seeing_wind.resimulate"
-    bl_label = "Re-simulate"
-    bl_options = {"UNDO"}
-    step = "resimulate"
+    take, digest_kept = "", ""
+    """Properties of the edit that note where the result is, and of which settings it is."""
+    coarse = False
+    """Whether it is a preview."""
 
     def start(self, scene):
         """Write the edit, then let the engine simulate it."""
@@ -27,33 +29,81 @@ class SEEING_WIND_OT_resimulate(JobOperator, bpy.types.Operator):
         if alone is not None:
             adopt(scene, alone)
         source = takes.recovered(settings)
-        self.folder = takes.edit_folder(settings, source)
-        takes.refuse_in_use(self.folder)
         request = EditRequest.of(scene)
+        digest = self.digest_of(scene, request.digest())
+        self.folder = takes.edit_folder(settings, source, preview=self.coarse)
+        takes.refuse_in_use(self.folder)
         for body, asked in zip(settings.bodies, request.bodies, strict=True):
             body.result = asked.result
-        edit, self.remarks = export_edit(request, scene, source, self.folder)
-        self.digest = request.digest()
+        edit, self.remarks = export_edit(request, scene, source, self.folder, preview=self.coarse)
+        self.digest = digest
         self.simulated = [(body.object.session_uid, body.called) for body in request.bodies if body.object is not None]
         self.of_edit, self.names = settings.edit_folder, {_who(body): body.result for body in settings.bodies}
         call = command(python, "resimulate", str(source), "--edit", str(edit), "--take", str(self.folder))
         return worker.run(call, cwd=str(self.folder), env=environment())
 
+    def digest_of(self, scene, edit):
+        """Of the settings that are simulated; `edit` is that of the edit. May raise SeeingWindError."""
+        return edit
+
     def finish(self, scene, result):
-        """The motion stays in the take until it is baked."""
+        """The motion stays in the take; where the objects show a preview, or are to show this one, it is baked at once."""
         settings = scene.seeing_wind
         here = {obj.session_uid for obj in scene.objects}
         gone = [name for uid, name in self.simulated if uid not in here]
         said = [f"{name} was deleted while it was simulated: take it off the list, or undo its deletion" for name in gone]
         status.of(scene.session_uid).warnings.extend(said + self.remarks)
         # another edit may be worked on by now
-        for edit in (settings, *settings.edits) if settings.edit_folder == self.of_edit else settings.edits:
+        worked_on = settings.edit_folder == self.of_edit
+        for edit in (settings, *settings.edits) if worked_on else settings.edits:
             if edit.edit_folder == self.of_edit:
                 for body in edit.bodies:  # an undo while it ran has taken the names back
                     body.result = self.names.get(_who(body), "")
-                edit.simulated_digest, edit.simulated_take = self.digest, str(self.folder)
+                setattr(edit, self.digest_kept, self.digest)
+                setattr(edit, self.take, str(self.folder))
                 break
-        return f"Simulated into {self.folder.name}"
+        baked = self._bake(scene) if worked_on else False
+        return f"{'Previewed' if self.coarse else 'Simulated'} into {self.folder.name}{', and baked' if baked else ''}"
+
+    def _bake(self, scene) -> bool:
+        """Give the bodies their new motion, a full one only in place of a preview. What cannot be is told. Returns whether all have it."""
+        from ...bake.bodies import bake_bodies  # needs NumPy
+
+        bodies = scene.seeing_wind.bodies
+        names = [body.name for body in bodies] if self.coarse else preview.shown_as_preview(scene)
+        try:
+            for name in [""] if len(names) == len(bodies) else names:
+                bake_bodies(scene, name, preview=self.coarse)
+        except SeeingWindError as error:
+            status.of(scene.session_uid).warnings.append(f"It is not baked: {error.message} {error.hint}")
+            return False
+        return bool(names)
+
+
+class SEEING_WIND_OT_resimulate(Simulation, bpy.types.Operator):
+    """Simulate the inserted bodies in the recovered field, with the same physics"""
+
+    bl_idname = "seeing_wind.resimulate"
+    bl_label = "Re-simulate"
+    bl_options = {"UNDO"}
+    step, take, digest_kept = "resimulate", "simulated_take", "simulated_digest"
+
+
+class SEEING_WIND_OT_preview_edit(Simulation, bpy.types.Operator):
+    """Simulate the inserted bodies in seconds, coarser and only up to the last frame shown, and bake that until Re-simulate replaces it"""
+
+    bl_idname = "seeing_wind.preview_edit"
+    bl_label = "Preview"
+    bl_options = {"UNDO"}
+    step, take, digest_kept = status.EDIT_PREVIEW, "coarse_take", "coarse_digest"
+    coarse = True
+
+    def digest_of(self, scene, edit):
+        """The preview's own. UsageError where the full result is there."""
+        settings = scene.seeing_wind
+        if edit and settings.simulated_digest == edit and takes.simulated(settings).is_dir():
+            raise UsageError("The full result of this edit is there already.", "Press Bake to Keyframes to see it.")
+        return preview.digest_of_preview(scene, edit)
 
 
 def _who(body: bpy.types.PropertyGroup) -> int:
@@ -63,4 +113,4 @@ def _who(body: bpy.types.PropertyGroup) -> int:
     return body.object.session_uid if body.object is not None else -1
 
 
-CLASSES = (SEEING_WIND_OT_resimulate,)
+CLASSES = (SEEING_WIND_OT_resimulate, SEEING_WIND_OT_preview_edit)

@@ -1,7 +1,8 @@
 """The panel *Re-simulate*."""
 
 from ...field.display import field_at_hand
-from ...job.panel_pieces import Tab, draw_job, panels
+from ...job import status
+from ...job.panel_pieces import Tab, draw_beside, draw_job, draw_preview_mark, draw_progress, panels
 
 
 class ResimulateTab(Tab):
@@ -11,11 +12,20 @@ class ResimulateTab(Tab):
     step = "resimulate"
 
     def draw(self, context):
-        """Go."""
-        settings = context.scene.seeing_wind
+        """Go, or have a quick look first."""
+        settings, now = context.scene.seeing_wind, status.of(context.scene.session_uid)
+        if now.running == status.EDIT_PREVIEW:
+            draw_progress(self.layout, now.steps[status.EDIT_PREVIEW], now.cancelling)
+            return
         blown = settings.recovered_take or field_at_hand(context) is not None
         missing = "First recover a field, or add a wind" if not blown else "First insert a mesh" if not len(settings.bodies) else ""
-        draw_job(self.layout, context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PHYSICS", missing)
+        draw_job(
+            self.layout, context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PHYSICS", missing,
+            beside=lambda row: row.operator("seeing_wind.preview_edit", icon="HIDE_OFF"),
+        )  # fmt: skip
+        if now.running != "resimulate":
+            draw_beside(self.layout, context, status.EDIT_PREVIEW)
+            draw_preview_mark(self.layout, context)
 
 
 CLASSES = panels(ResimulateTab, 4)

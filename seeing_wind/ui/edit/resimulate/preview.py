@@ -1,0 +1,50 @@
+"""A preview of the edit: a coarser re-simulation of the frames that are seen, in seconds, kept apart from the full one. No NumPy."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+
+from ...bake.plan import mark_of
+from ...job.status import digest_of
+
+COARSENESS = 2.0
+"""On the spacing of particles: an eighth of them, and half the substeps."""
+
+
+def last_seen(scene: bpy.types.Scene) -> int:
+    """The last scene frame that is played, or baked."""
+    settings, end = scene.seeing_wind, scene.frame_preview_end if scene.use_preview_range else scene.frame_end
+    return min(end, settings.bake_frames[1]) if settings.bake_use_frames else end
+
+
+def frames_seen(scene: bpy.types.Scene, stride: float) -> int | None:
+    """How many of the clip's frames are needed for all that is seen; None where the clip begins after that: then all are.
+
+    Args:
+        stride: scene frames from one picture to the next.
+    """
+    frames = math.ceil((last_seen(scene) - scene.seeing_wind.frame_start) / stride - 1e-6)
+    return frames if frames > 0 else None
+
+
+def digest_of_preview(scene: bpy.types.Scene, edit: str) -> str:
+    """Changes whenever the preview would be another one; "" without bodies. `edit` is the digest of the full re-simulation."""
+    settings, rate = scene.seeing_wind, scene.render.fps / scene.render.fps_base
+    return digest_of("preview", edit, last_seen(scene), settings.frame_start, settings.real_time and rate) if edit else ""
+
+
+def goes_before(scene: bpy.types.Scene, edit: str) -> bool:
+    """Whether the preview is what the scene's edit shows: it is newer than the full result, or there is none."""
+    settings = scene.seeing_wind
+    if not settings.coarse_take or (edit and settings.simulated_digest == edit):
+        return False
+    return not settings.simulated_take or settings.coarse_digest == digest_of_preview(scene, edit)
+
+
+def shown_as_preview(scene: bpy.types.Scene) -> list[str]:
+    """Names of the bodies that carry the motion of a preview."""
+    carriers = {body.name: body.baked_copy or body.object for body in scene.seeing_wind.bodies}
+    marks = {name: mark_of(obj) for name, obj in carriers.items() if obj is not None}
+    return [name for name, mark in marks.items() if mark is not None and mark.get("preview")]
