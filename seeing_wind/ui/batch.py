@@ -121,7 +121,9 @@ def run_verb(python: str, verb: str, options: list[str], show: Show) -> int:
 
 def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -> int:
     """An empty file with the results of a take, and of a re-simulation; returns the exit code."""
-    from .recover import results, sampling  # these need NumPy
+    from ..engine.take import Take  # these need NumPy
+    from .job.take_reading import is_preview
+    from .recover import results, sampling
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
@@ -134,7 +136,9 @@ def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -
     results.build(scene, source, clip)
     takes.show(settings, source, "loaded")
     if edit is not None:
-        settings.simulated_take, settings.simulated_digest = str(edit), "loaded"
+        kind = "coarse" if is_preview(Take(edit)) else "simulated"
+        setattr(settings, f"{kind}_take", str(edit))
+        setattr(settings, f"{kind}_digest", "loaded")
         results.import_bodies(scene, edit, settings.frame_start)
     return 0
 

@@ -147,6 +147,16 @@ def test_a_full_disk_leaves_no_body_without_a_stamp(edit: Namespace, monkeypatch
     assert out.description()["stages"]["resimulate"]["stamp"] and json.loads(out.file("resimulation.json").read_text())["frames"] == 2
 
 
+def test_what_is_coarser_or_shorter_than_in_full_says_that_it_is_a_preview(edit: Namespace) -> None:
+    bodies = Path(edit.edit).read_text()
+    for line, frames, preview in (("", 2, False), ("frames = 2", 2, False), ("frames = 1", 1, True), ("coarseness = 2.0", 2, True)):
+        Path(edit.edit).write_text(f"{line}\n{bodies}")
+        verbs.resimulate(edit, NoProgress())
+        told = json.loads(Take(edit.take).file("resimulation.json").read_text())
+        assert (told["frames"], told["preview"]) == (frames, preview), line
+        assert len(Take(edit.take).read_arrays("bodies/one.npz")["vertices"]) == frames + 1
+
+
 def test_a_folder_that_cannot_be_written_is_told_before_anything_is_simulated(edit: Namespace, monkeypatch: pytest.MonkeyPatch) -> None:
     Path(edit.take).write_text("a file")
     stages: list[str] = []

@@ -143,7 +143,7 @@ def resimulate(options: list[str]) -> None:
             pinned = np.load(edit_path.parent / body["pin"])
             vertices[:, pinned] = mesh["vertices"][pinned]
         out.write_arrays(f"bodies/{body['name']}.npz", {"vertices": vertices, "triangles": mesh["triangles"], "fps": np.array(FPS)})
-    out.write_json("resimulation.json", {"source": options[0]})
+    out.write_json("resimulation.json", {"source": options[0], "preview": edit.get("coarseness", 1.0) > 1.0})
     out.finish("resimulate", "0", {"source": options[0], "edit": str(edit_path)})
 
 

@@ -9,6 +9,7 @@ import extension
 import pytest
 
 from seeing_wind.ui import commands
+from seeing_wind.ui.job import status
 
 
 @pytest.fixture(autouse=True)
@@ -41,6 +42,19 @@ def test_resimulate_saves_the_bodies_with_their_motion(workplace) -> None:
     assert len(leaf.data.shape_keys.key_blocks) == 13
     drop = leaf.data.shape_keys.key_blocks[12].data[0].co.z - leaf.data.shape_keys.key_blocks[0].data[0].co.z
     assert drop == pytest.approx(-0.5 * 9.81 * 0.25 / 2.0, rel=1e-5)
+
+
+def test_a_preview_is_saved_as_one(workplace) -> None:
+    assert commands.main(["recover", "clip.mp4", "--take", "out.take", "--box", "20", "20", "44", "44"]) == 0
+    (workplace / "quick.toml").write_text(
+        'gravity = [0, 0, -9.81]\ncoarseness = 2.0\nframes = 5\n[[body]]\nname = "leaf"\nmesh = "recovered"\nmass_scale = 2.0\n',
+        encoding="utf-8",
+    )
+    assert commands.main(["resimulate", "out.take", "--edit", "quick.toml", "--take", "quick.take", "--save", "quick.blend"]) == 0
+    bpy.ops.wm.open_mainfile(filepath=str(workplace / "quick.blend"))
+    scene = bpy.context.scene
+    assert len(bpy.data.objects["leaf"].data.shape_keys.key_blocks) == 6
+    assert status.of(scene.session_uid).previewed == ["leaf"] and scene.seeing_wind.simulated_take == ""
 
 
 def test_an_option_is_found_in_both_spellings() -> None:

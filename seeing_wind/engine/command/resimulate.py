@@ -46,7 +46,8 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
             for name, body in bodies.items()
         }
         frames = min(edit.frames or field.frames, field.frames)
-        summary = {"source": str(source.path), "fps": field.fps, "frames": frames, "coarseness": edit.coarseness, "bodies": figures}
+        preview = edit.coarseness > 1.0 or frames < field.frames
+        summary = {"source": str(source.path), "fps": field.fps, "frames": frames, "preview": preview, "bodies": figures}
         with contextlib.ExitStack() as together:  # all are there before any takes its place, the stamp last
             together.enter_context(out.finishing("resimulate", stamp, {"source": str(source.path), "edit": str(arguments.edit)}))
             for name, body in bodies.items():

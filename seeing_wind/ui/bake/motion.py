@@ -84,9 +84,10 @@ def bake_shape_keys(
     fps: float,
     scene: bpy.types.Scene | None = None,
     frames_follow_time: bool = False,
+    preview: bool = False,
 ) -> bpy.types.Key:
     """`bake_motion` to absolute shape keys, one per picture. Returns the shape key data of the mesh."""
-    bake_motion(obj, vertices, Plan(frame_start, fps, SHAPE_KEYS, frames_follow_time=frames_follow_time), scene)
+    bake_motion(obj, vertices, Plan(frame_start, fps, SHAPE_KEYS, frames_follow_time=frames_follow_time, preview=preview), scene)
     return obj.data.shape_keys
 
 

@@ -139,6 +139,11 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
     return Seen(camera, picture, surface, motion)
 
 
+def is_preview(take: Take) -> bool:
+    """Whether a re-simulation is a preview; one that does not say is none. Raises TakeError when its description is damaged."""
+    return take.file("resimulation.json").is_file() and take.read_json("resimulation.json").get("preview", False) is True
+
+
 def simulated_motion(take: Take, name: str) -> dict[str, np.ndarray]:
     """A body of a re-simulation: `vertices` (T+1, V, 3) [m], `triangles` (M, 3), `fps` [1/s], `shell` whether a shell was simulated.
 

@@ -25,7 +25,7 @@ from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
 from ..job.panel_words import in_panel_words
-from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, simulated_motion, wind_told
+from ..job.take_reading import FieldSummary, Seen, field_summary, is_preview, read_seen, recovery_notes, simulated_motion, wind_told
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .fill import fill
@@ -253,6 +253,7 @@ def _collection(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.t
 def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> dict[str, bpy.types.Object]:
     """All bodies of a re-simulation as new objects with their motion, by name, for files that are made without a session before."""
     take, made = Take(folder), {}
+    preview = is_preview(take)
     for path in sorted(take.file("bodies").glob("*.npz")):
         arrays = simulated_motion(take, path.stem)
         mesh = bpy.data.meshes.new(path.stem)
@@ -260,7 +261,7 @@ def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> dic
         mesh.update()
         obj = bpy.data.objects.new(path.stem, mesh)
         _collection(scene, scene.seeing_wind.field_object).objects.link(obj)
-        bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene)
+        bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene, preview=preview)
         made[path.stem] = obj
     fill_edit(scene, take, made)
     for body in scene.seeing_wind.bodies:

@@ -199,6 +199,7 @@ def test_an_undo_while_it_runs_takes_no_result_back(workplace, scene, windowed, 
 def test_a_preview_is_cancelled_as_any_job_is_and_an_undo_takes_none_of_it_back(workplace, scene, windowed, monkeypatch) -> None:
     monkeypatch.setattr(job_operator, "blocks", lambda context: True)
     recover(workplace)
+    bpy.ops.ed.undo_push(message="Recover")
     cube("Box")
     bpy.ops.seeing_wind.insert_mesh(object="Box")
     bpy.ops.ed.undo_push(message="Insert")
