@@ -33,9 +33,9 @@ MODES = 6
 SPACING = 2.0
 """Frames between the field's knots; longer for clips of more than `MOST_KNOTS`."""
 MOST_KNOTS = 60
-BREEZE = 5.0
-"""Standard deviation of a component of the mean wind before anything is seen [m/s]: a sheet that turns little hardly tells a wind across
-it from a stronger one at a slant, and of these the weaker is more likely."""
+BREEZE = 2.5
+"""Standard deviation of a component of the mean wind before anything is seen [m/s], which makes a gentle breeze, Beaufort 3. A sheet that
+turns little hardly tells a wind across it from a stronger one at a slant, and of these the weaker is more likely."""
 ITERATIONS, ROUNDS = 8, 3
 """Linearisations of a solve at most, and solves: hyperparameters and errors are learnt between them."""
 STEPS = 6
