@@ -107,6 +107,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("stiffness", lambda: ops.scale_stiffness(object="Held", factor=3.0)),
         ("let go", lambda: ops.free_recovered()),
         ("collider", lambda: ops.insert_collider(object="Wall")),
+        ("preview the edit", lambda: ops.preview_edit()),
         ("simulate", lambda: ops.resimulate()),
         ("bake", lambda: ops.bake()),
         ("bake otherwise", lambda: ops.bake(way="POINT_CACHE", frames=(2, 9))),
