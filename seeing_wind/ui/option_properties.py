@@ -50,6 +50,7 @@ def with_options(
     """
 
     def give(group: type) -> type:
+        """The group with the properties."""
         made = {}
         for one in panel_options(cls):
             if one.name in (only or {one.name}) and one.name not in but:

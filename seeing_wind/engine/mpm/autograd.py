@@ -37,6 +37,12 @@ class RolloutFunction(torch.autograd.Function):
         F0: torch.Tensor, acceleration: torch.Tensor, gradient: torch.Tensor, mass: torch.Tensor, mu: torch.Tensor, lam: torch.Tensor,
         yield_stress: torch.Tensor, viscosity: torch.Tensor,
     ) -> tuple[torch.Tensor, ...]:  # fmt: skip
+        """x (T+1, N, 3) [m], v [m/s], C [1/s] and F of every picture, from those of the first, acceleration (T, N, 3) [m/s²] and its
+        gradient (T, N, 3, 3) [1/s²]; the material is that of `Model`.
+
+        Raises:
+            UsageError: numbers that no body has. SimulationError: when the body breaks down.
+        """
         model = replace(
             model, mass=_array(mass), mu=_array(mu), lam=_array(lam), yield_stress=_array(yield_stress), viscosity=_array(viscosity)
         )

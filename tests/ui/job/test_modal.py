@@ -176,7 +176,8 @@ def test_a_defect_while_taking_in_results_does_not_leave_the_panel_running(workp
     assert status.of(scene.session_uid).running == ""
 
 
-def test_an_undo_while_it_runs_takes_no_result_back(workplace, scene, windowed, monkeypatch) -> None:
+def insert_in_two_steps(workplace, monkeypatch) -> None:
+    """Recover and insert a box, as two steps that can be undone; jobs do not block afterwards."""
     monkeypatch.setattr(job_operator, "blocks", lambda context: True)
     recover(workplace)
     bpy.ops.ed.undo_push(message="Recover")
@@ -184,6 +185,10 @@ def test_an_undo_while_it_runs_takes_no_result_back(workplace, scene, windowed, 
     bpy.ops.seeing_wind.insert_mesh(object="Box")
     bpy.ops.ed.undo_push(message="Insert")
     monkeypatch.setattr(job_operator, "blocks", lambda context: False)
+
+
+def test_an_undo_while_it_runs_takes_no_result_back(workplace, scene, windowed, monkeypatch) -> None:
+    insert_in_two_steps(workplace, monkeypatch)
     window, operator = Window(scene), resimulating(scene)
     operator.execute(window)
     bpy.ops.ed.undo()
@@ -197,13 +202,7 @@ def test_an_undo_while_it_runs_takes_no_result_back(workplace, scene, windowed, 
 
 
 def test_a_preview_is_cancelled_as_any_job_is_and_an_undo_takes_none_of_it_back(workplace, scene, windowed, monkeypatch) -> None:
-    monkeypatch.setattr(job_operator, "blocks", lambda context: True)
-    recover(workplace)
-    bpy.ops.ed.undo_push(message="Recover")
-    cube("Box")
-    bpy.ops.seeing_wind.insert_mesh(object="Box")
-    bpy.ops.ed.undo_push(message="Insert")
-    monkeypatch.setattr(job_operator, "blocks", lambda context: False)
+    insert_in_two_steps(workplace, monkeypatch)
     monkeypatch.setenv("SEEING_WIND_FAKE", "hang")
     window, operator = Window(scene), resimulating(scene, SEEING_WIND_OT_preview_edit)
     operator.execute(window)

@@ -207,6 +207,7 @@ def _task() -> Callable[..., Generator[dict[str, Any], None, None]]:
     name = NODE
 
     def work(order: Any, paths: list[str], contents: list[Any], wanted: str) -> Generator[dict[str, Any], None, None]:
+        """Carry out an order on a node that has the edition wanted, and say what becomes of it; paths and contents are of its files."""
         import importlib
 
         import ray

@@ -77,6 +77,7 @@ def maximise_evidence(
     )
 
     def objective() -> torch.Tensor:
+        """Penalty minus the logarithm of the evidence, with its derivative."""
         check()
         optimiser.zero_grad()
         factor, sizes = _unpack(parameters)

@@ -85,8 +85,6 @@ def solve(
     point: Linearisation | None = None,
     tolerance: float = TOLERANCE,
     per_unknown: float = TOLERANCE_PER_UNKNOWN,
-    damping: tuple[tuple[float, ...], ...] = DAMPING,
-    chord_steps: int = CHORD_STEPS,
 ) -> Solution:
     """Minimise from `theta` (n,).
 
@@ -99,7 +97,6 @@ def solve(
         report: called with the number of Jacobians so far and the cost.
         point: a linearisation near `theta` to begin with.
         tolerance, per_unknown: what a step must promise, as a share of the cost and per unknown.
-        damping: candidates, see `DAMPING`; chord_steps: with one Jacobian at most.
     """
     used, cost, before = 0, np.inf, point
     residual = residuals(theta[None])[0] if point else np.zeros(0)
@@ -115,12 +112,12 @@ def solve(
         cost = float(cost_of(residual[None], (theta - mean)[None], precision)[0])
         report(used, cost)
         at_start = cost
-        for _ in range(chord_steps):
+        for _ in range(CHORD_STEPS):
             gradient = point.jacobian @ residual + precision @ (theta - mean)
             promised = float(gradient @ np.linalg.solve(point.normal + precision, gradient))
             if promised < max(per_unknown * len(theta), tolerance * cost):
                 return Solution(theta, residual, cost, used, True, point)
-            for candidates in damping:
+            for candidates in DAMPING:
                 trials = theta - np.stack([np.linalg.solve(point.normal + (1.0 + damp) * precision, gradient) for damp in candidates])
                 missed = residuals(trials)
                 costs = cost_of(missed, trials - mean, precision)

@@ -1,4 +1,4 @@
-"""A preview of the edit: a coarser re-simulation of the frames that are seen, in seconds, kept apart from the full one. No NumPy."""
+"""A preview of the edit: a coarser re-simulation of the frames that are seen, kept apart from the full one. No NumPy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was seen of a sheet: where its vertices went, between pictures as well, which way it faced, and its shape at rest."""
+"""What was seen of a sheet: where its vertices went, between pictures as well, and its shape at rest."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from ...targets.channels import noise_of
-from ..drag import area_normals
 
 FLAT = 0.02
 """A sheet that in picture 0 leaves a plane by less than this part of its size, root mean square, or by three times its noise, is flat
@@ -74,36 +73,6 @@ class Observed:
     def at(self, time: float) -> tuple[np.ndarray, np.ndarray]:
         """Places [m] and velocities [m/s] (V, 3) at a time [frames]."""
         return self.spline(time), self.fps * self.spline(time, 1)
-
-    @cached_property
-    def axes(self) -> np.ndarray:
-        """(T+1, V, 3, 3) rows: the normal at each vertex, and two directions in the sheet that turn with it."""
-        area = area_normals(self.x, self.faces)
-        normal = np.zeros_like(self.x)
-        for corner in range(3):
-            np.add.at(normal.swapaxes(0, 1), self.faces[:, corner], area.swapaxes(0, 1))
-        normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
-        along = self._along()
-        along = along - (along * normal).sum(axis=-1, keepdims=True) * normal
-        along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-300)
-        return np.stack([normal, along, np.cross(normal, along)], axis=-2)
-
-    def _along(self) -> np.ndarray:
-        """(T+1, V, 3) where the longest direction of the sheet at rest has gone at each vertex, from the faces around."""
-        rest = self.rest - self.rest.mean(axis=0)
-        longest = np.linalg.svd(rest, full_matrices=False)[2][0]
-        corners = self.rest[self.faces]
-        b, c = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-        normal = np.cross(b, c)
-        squared = (normal**2).sum(axis=1)[:, None]
-        slope_b, slope_c = np.cross(c, normal) / squared, np.cross(normal, b) / squared
-        moved = self.x[:, self.faces]
-        face = (slope_b @ longest)[:, None] * (moved[:, :, 1] - moved[:, :, 0])
-        face += (slope_c @ longest)[:, None] * (moved[:, :, 2] - moved[:, :, 0])
-        total = np.zeros_like(self.x)
-        for corner in range(3):
-            np.add.at(total.swapaxes(0, 1), self.faces[:, corner], face.swapaxes(0, 1))
-        return total
 
 
 def observed(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, sigma: float | None) -> Observed:
