@@ -11,6 +11,7 @@ import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from .errors import MaterialError
 
@@ -92,6 +93,35 @@ class Sheet:
             raise MaterialError(f"The loss factor of a sheet is {self.loss_factor:g}.", f"Give from zero to {MOST_LOSS:g}.")
         if not 0.0 <= self.poisson_ratio < 0.5:
             raise MaterialError(f"Poisson's ratio of a sheet is {self.poisson_ratio:g}.", "Give one from 0 to below 0.5.")
+
+    @property
+    def bending_length(self) -> float:
+        """m over which its own weight bends it: (B / (m'' g))^(1/3), Peirce (The Handle of Cloth, J. Text. Inst. 1930)."""
+        return (self.bending_stiffness / (self.areal_density * 9.81)) ** (1.0 / 3.0)
+
+    def with_own(
+        self, density: float | None, youngs_modulus: float | None, poisson_ratio: float | None, thickness: float | None = None
+    ) -> Sheet:
+        """With numbers of the user's own, in SI units, None to keep the sheet's: density times thickness is the weight per area, Young's
+        modulus gives both stiffnesses, as of a homogeneous plate.
+
+        Raises:
+            MaterialError: numbers that no sheet has.
+        """
+        h = self.thickness if thickness is None else thickness
+        changes: dict[str, Any] = {"thickness": h} | ({} if poisson_ratio is None else {"poisson_ratio": max(poisson_ratio, 0.0)})
+        if density is not None:
+            changes["areal_density"] = density * h
+        if youngs_modulus is not None:
+            changes |= {"tensile_stiffness": youngs_modulus * h, "bending_stiffness": youngs_modulus * h**3 / 12.0}
+        return dataclasses.replace(self, **changes)
+
+    def as_solid(self, name: str) -> Material:
+        """The material that the sheet is made of, if it is the same all through: for what is told per volume."""
+        return Material(
+            name, "corotated", density=self.areal_density / self.thickness, youngs_modulus=self.tensile_stiffness / self.thickness,
+            poisson_ratio=self.poisson_ratio, loss_factor=self.loss_factor, source=self.source,
+        )  # fmt: skip
 
     @property
     def retardation(self) -> float:

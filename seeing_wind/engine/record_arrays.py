@@ -46,8 +46,9 @@ def from_arrays(cls: type[R], arrays: dict[str, np.ndarray], prefix: str = "") -
     values: dict[str, Any] = {}
     for field in dataclasses.fields(cls):  # type: ignore[arg-type]
         key, kind = prefix + field.name, hints[field.name]
-        if dataclasses.is_dataclass(kind):
-            values[field.name] = from_arrays(kind, arrays, key + ".")  # type: ignore[arg-type]
+        inner = next((one for one in (kind, *get_args(kind)) if dataclasses.is_dataclass(one)), None)
+        if inner is not None and (inner is kind or any(name.startswith(f"{key}.") for name in arrays)):
+            values[field.name] = from_arrays(inner, arrays, key + ".")  # type: ignore[arg-type]
         elif key not in arrays and field.default is not dataclasses.MISSING:
             continue  # a take from before the field was there
         elif key not in arrays:

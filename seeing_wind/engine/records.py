@@ -12,6 +12,7 @@ import numpy as np
 
 from .masks import Masks
 from .materials import Material as Material
+from .materials import Sheet
 
 
 class Outcome(StrEnum):
@@ -200,6 +201,12 @@ class Body:
     """(T+1, K, 3) key points P^t lifted to 3D [m], NaN where never seen or not placed: a display and a start, not the target of the fit."""
     tie_sigma: tuple[float, ...] = ()
     """Per key point, how uncertain [px] its place is beyond what tracks placed in picture 0 have; () where all are certain."""
+    sheet: Sheet | None = None
+    """Of a thin sheet, whose particles are the vertices of `surface`; None for a solid."""
+    path: np.ndarray | None = None
+    """(T+1, V, 3) where the vertices of a sheet were seen [m]; None for a solid."""
+    path_sigma: float = 0.0
+    """Standard deviation of a coordinate of `path` [m]."""
 
 
 @dataclass(frozen=True)

@@ -98,28 +98,32 @@ def build_stage(take: Take, observation: Observation, upstream: str, settings: B
 def lift_stage(
     take: Take, observation: Observation, body: Body, targets: Sequence[TrackTargets], upstream: str, progress: Progress
 ) -> Body:
-    """Stage *lift*, of several views -> `lifted.npz`: the body with its key points lifted by all of them, see `lifted_together`.
+    """Stage *lift*, of several views -> `lifted.npz`: the body with its key points, or a sheet's path, found with all of them.
 
     Args:
         upstream: stamp of the body and of all views.
     """
     from .observe.object.motion.views import lifted_together
+    from .observe.object.sheet import followed_together
     from .recovery.journal import TakeJournal
 
-    def read() -> np.ndarray:
-        lifted = take.read_arrays(LIFTED).get("lifted")
-        if lifted is None or lifted.shape != body.lifted.shape:
+    names = ("lifted",) if body.path is None else ("lifted", "path", "path_sigma")
+
+    def read() -> dict[str, np.ndarray]:
+        arrays = take.read_arrays(LIFTED)
+        if any(name not in arrays or arrays[name].shape != np.shape(getattr(body, name)) for name in names):
             raise TakeError(f"{take.file(LIFTED)} does not fit the body.", "It is made again.")
-        return lifted
+        return {name: arrays[name] for name in names}
 
     stamp = stamp_of("lift", VERSION, upstream)
     kept = take.kept("lift", stamp, read, progress, "build")
     if kept is not None:
-        return dataclasses.replace(body, lifted=kept)
+        sigma = float(kept.get("path_sigma", 0.0))
+        return dataclasses.replace(body, lifted=kept["lifted"], path=kept.get("path"), path_sigma=sigma)
     progress.begin("build", "lifting the views together")
     with TakeJournal(take, stamp, progress) as journal:
-        together = lifted_together(observation, body, targets, progress, journal)
-        take.write_arrays(LIFTED, {"lifted": together.lifted})
+        together = (lifted_together if body.path is None else followed_together)(observation, body, targets, progress, journal)
+        take.write_arrays(LIFTED, {name: np.asarray(getattr(together, name)) for name in names})
         take.finish("lift", stamp, {})
     return together
 
@@ -178,6 +182,20 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
             f"--objective {settings.objective} cannot use --view: Gaussians and depth show the side that the first camera saw.",
             "Leave the view out, or use --objective tracking.",
         )
+
+
+def check_sheet(settings: RecoverSettings) -> None:
+    """Refuse what only the solve of a solid knows.
+
+    Raises:
+        UsageError: with the reason.
+    """
+    given = [flag for flag, used in (
+        ("--schedule paper", settings.schedule != "default"), (f"--objective {settings.objective}", settings.objective != "tracking"),
+        ("--refine", settings.refine), ("--still", settings.still is not None), ("--body", settings.body is not None),
+    ) if used]  # fmt: skip
+    if given:
+        raise UsageError(f"{' and '.join(given)} cannot be used for a thin sheet.", "Leave it out, or recover a solid with --form solid.")
 
 
 def picture_loss(settings: RecoverSettings, observation: Observation, body: Body, progress: Progress) -> Callable[[float], MotionLoss]:

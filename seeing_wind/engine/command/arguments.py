@@ -141,7 +141,6 @@ def _recover_trajectories(p: Parser) -> None:
     p.add_argument("--take", type=path, required=True, metavar="DIR", help="folder of the results; made if need be")
     made = [one.name for one in options_of(BuildSettings).values() if one.group == MADE]
     p.add_settings(BuildSettings, only=made, material=(None, "the file's numbers"))
-    p.add_settings(WindSettings, field=(None, "wind for a shell, else force"))
     _solve(p, gravity=(None, "the file's, or none"))
 
 

@@ -12,16 +12,18 @@ from typing import TYPE_CHECKING, Any
 from ..errors import UsageError
 from ..materials import adjusted, find
 from ..progress import Journal, Progress
-from ..records import Outcome
+from ..records import Body, Outcome, Recovery, TrackTargets
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
-from ..stages import build_stage, check_solve, lift_stage, observe_stage, picture_loss, track_targets, write_gaussians
+from ..stages import build_stage, check_sheet, check_solve, lift_stage, observe_stage, picture_loss, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import properties_of, settings_of
 from .lock import held
 from .reporting import diverged, reported
 
 if TYPE_CHECKING:
+    from ..field import ForceField
     from ..observe.models.endpoint import Endpoint
+    from ..recovery.wind.stage import Wind
 
 Result = dict[str, Any]
 
@@ -136,14 +138,18 @@ def _recover_into(
         write_gaussians(take, body.gaussians, write_ply)
     if settings.still is not None:
         settings = dataclasses.replace(settings, still=_from_first(settings.still, observation.first_frame, len(observation.xy) - 1))
-    loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
-    recovery, field, solve_seconds = recover_stage(
-        take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
-    )
-    if field is None:
-        return diverged(recovery)
     blown = settings_of(WindSettings, arguments)
-    wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
+    if body.sheet is not None:
+        recovery, field, wind, solve_seconds = _sheet(take, body, targets, observation.fps, upstream, settings, blown, progress)
+    else:
+        loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
+        recovery, fitted, solve_seconds = recover_stage(
+            take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
+        )
+        if fitted is None:
+            return diverged(recovery)
+        field = fitted
+        wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
     recovery = dataclasses.replace(recovery, notes=worst_first([*wind.notes, *recovery.notes]))
 
     def draw(journal: Journal) -> dict[str, Any]:
@@ -159,6 +165,30 @@ def _recover_into(
     if gone:  # somebody has removed the folder meanwhile
         result["warnings"].append(f"{' and '.join(gone)} were removed from the take while it was made: run `recover` again.")
     return result
+
+
+def _sheet(
+    take: Take,
+    body: Body,
+    targets: list[TrackTargets],
+    fps: float,
+    upstream: str,
+    settings: RecoverSettings,
+    blown: WindSettings,
+    progress: Progress,
+) -> tuple[Recovery, ForceField, Wind, dict[str, float]]:
+    """What moved a thin sheet, and the seconds that it took.
+
+    Raises:
+        UsageError: options that belong to the solve of a solid.
+    """
+    from ..recovery.wind.sheet import SheetSeen, sheet_stage
+
+    assert body.sheet is not None and body.path is not None
+    check_sheet(settings)
+    seen = SheetSeen(body.path, body.surface.triangles, body.particles.pinned, body.sheet, fps, body.path_sigma, targets)
+    found = sheet_stage(take, seen, upstream, settings, blown, progress)
+    return found.recovery, found.field, found.wind, found.seconds
 
 
 def _from_first(still: tuple[int, int], first: int, frames: int) -> tuple[int, int]:

@@ -11,7 +11,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from ..field.torch_threads import one_torch_thread
-from ..observe.object import Built
+from ..observe.object import Built, SheetBuilt
 from ..observe.object.shape.relief import Relief
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Observation
@@ -36,7 +36,7 @@ ALPHA_WEIGHT = 0.2
 """Weight of the silhouette's squared error against the colours'."""
 
 
-def dress(built: Built, observation: Observation, progress: Progress | None = None) -> Body:
+def dress(built: Built | SheetBuilt, observation: Observation, progress: Progress | None = None) -> Body:
     """The body with Gaussians that show frame 0 as the clip has it.
 
     Raises:

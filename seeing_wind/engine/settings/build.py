@@ -22,6 +22,13 @@ LAW_TEXTS = dict(zip(LAWS, (
 ), strict=True))  # fmt: skip
 
 
+FORM_TEXTS = {
+    "auto": "a thin sheet where the material is one that hangs in folds at the object's size, such as cloth, else a solid",
+    "solid": "a body with a thickness, all of it material points",
+    "sheet": "one layer without thickness that bends and hardly stretches, with the material's weight per area",
+}
+
+
 def material_options(panel: str) -> dict[str, Any]:
     """The numbers of a material that may be replaced, by name: the same for the object of a clip and for a body of an edit.
 
@@ -71,6 +78,10 @@ class BuildSettings:
     estimated_material: str | None = None
     """What a vision-language model calls the material, if the numbers above are its own; `estimated_by` names object and model."""
     estimated_by: str | None = None
+    form: str = option(
+        "auto", label="Built As", help="what kind of body it is built as", group=BODY, panel="main", choices=FORM_TEXTS,
+        titles={"sheet": "Thin Sheet"},
+    )  # fmt: skip
     thickness: float | None = option(
         None, help="depth of the body behind the visible surface", unit="m", minimum=1e-6, metavar="M", group=BODY, panel="main",
         start=0.01, typical=(None, 1.0), digits=5,

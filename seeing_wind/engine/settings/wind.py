@@ -12,9 +12,9 @@ from .recover import SOLVE
 class WindSettings:
     """A body force, or a wind that makes it."""
 
-    field: str = option(
-        "force", help="how the recovered force is read", group=SOLVE, panel="main",
-        titles={"wind": "Wind Velocity", "auto": "Automatic"},
+    field: str | None = option(
+        None, help="how the recovered force is read", group=SOLVE, panel="main", titles={"wind": "Wind Velocity", "auto": "Automatic"},
+        otherwise="suits the body: wind for a thin sheet, else force",
         choices={
             "force": "a body force in N/m³, for whatever moved the object: hands, water, magnets, air",
             "wind": "the velocity of the air in m/s that makes it, by a drag law: for what the wind blew, to blow other things with it",

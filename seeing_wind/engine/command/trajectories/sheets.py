@@ -16,6 +16,7 @@ from ...progress import Journal, Progress
 from ...reading import array_names
 from ...records import Outcome
 from ...settings import RecoverSettings, WindSettings
+from ...stages import check_sheet
 from ...take import Take, stamp_of
 from ..arguments import properties_of, settings_of
 from ..lock import held
@@ -48,12 +49,11 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
     from ...recovery.diagnostics.remarks import worst_first
     from ...recovery.wind.sheet import sheet_stage
 
-    if arguments.schedule != "default" or arguments.objective != "tracking" or arguments.refine:
-        raise UsageError("A shell is recovered by the default schedule only.", "Leave --schedule, --objective and --refine out.")
     preset = find(arguments.material) if arguments.material else None
     source, gravity, notes = read_sheet(arguments.truth, preset, arguments.gravity, **properties_of(arguments))
     settings = settings_of(RecoverSettings, arguments, gravity=gravity)
-    blown = settings_of(WindSettings, arguments, field=arguments.field or "wind")
+    check_sheet(settings)
+    blown = settings_of(WindSettings, arguments)
     take = Take(arguments.take)
     with held(take, arguments.verb, progress):
         for note in notes:
@@ -68,7 +68,7 @@ def recover_sheet(arguments: argparse.Namespace, progress: Progress) -> dict[str
 
             told = found.wind.told if found.wind.field is not None or arguments.field == "auto" else None
             return write_trajectory_report(
-                take, found.particles, _solid(source.sheet), recovery, found.field, found.seconds, settings, None, progress,
+                take, found.particles, source.sheet.as_solid("sheet"), recovery, found.field, found.seconds, settings, None, progress,
                 arguments.report, told,
             )  # fmt: skip
 
@@ -167,11 +167,3 @@ def _sheet(
     areal = given["density"] * thickness if "density" in given else areal
     nu, loss = given.get("poisson_ratio", nu), given.get("loss_factor", loss)
     return Sheet(areal, thickness, tensile, bending, loss, nu, "from the file" if material is None else material.source), notes
-
-
-def _solid(sheet: Sheet) -> Material:
-    """The sheet's numbers as those of the material that it is made of, for the report."""
-    return Material(
-        "sheet", "corotated", density=sheet.areal_density / sheet.thickness, youngs_modulus=sheet.tensile_stiffness / sheet.thickness,
-        poisson_ratio=sheet.poisson_ratio, loss_factor=sheet.loss_factor, source=sheet.source,
-    )  # fmt: skip

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...materials import PLASTIC_LAWS, Material, adjusted, find
+from ...errors import MaterialError
+from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, adjusted, find
 from ...progress import Journal, NoProgress, Progress
 from ...records import Attachment, Body, Gaussians, Observation, Particles, Surface
 from ...settings import FLOWING_PARTICLES, PARTICLES, BuildSettings
@@ -16,8 +17,12 @@ from .motion.late import among, tie
 from .motion.lifting import Arap, lift
 from .shape.on_stem import too_fine
 from .shape.particles import fill
-from .shape.relief import Relief, relief_of
+from .shape.relief import Relief, area_of, relief_of
 from .shape.surface import surface_of
+from .sheet import SheetBuilt, build_sheet
+
+LIMP = 0.1
+"""A sheet whose own weight bends it over less than this part of its size hangs in folds."""
 
 
 @dataclass(frozen=True)
@@ -41,15 +46,15 @@ class Built:
 
 def build(
     observation: Observation, settings: BuildSettings | None = None, progress: Progress | None = None, journal: Journal | None = None
-) -> Built:
-    """Particles, material, surface and key points of the object in frame 0.
+) -> Built | SheetBuilt:
+    """Particles, material, surface and key points of the object in frame 0; of a thin sheet its path through the clip, too.
 
     Args:
-        observation: what was seen; settings: material, thickness, number of particles.
+        observation: what was seen; settings: material, form, thickness, number of particles.
         journal: keeps the tracks that were lifted so far.
 
     Raises:
-        MaterialError: an unknown material or numbers that are not physical.
+        MaterialError: an unknown material or numbers that are not physical, or that no sheet has.
         ObjectError: no object in picture 0, too few pixels, no depth on it, or a pin off the object.
         Cancelled: at a safe point, when the user asked to stop.
     """
@@ -66,6 +71,9 @@ def build(
     if settings.estimated_material is not None:
         source = f"estimated for {settings.estimated_by}"
         material = dataclasses.replace(material, name=settings.estimated_material, source=source)
+    sheet = _sheet(observation, settings, material)
+    if sheet is not None:
+        return build_sheet(observation, sheet, material.name, settings.particles or PARTICLES, progress, journal)
     relief = relief_of(observation, settings.thickness)
     flows = material.law in PLASTIC_LAWS
     count = settings.particles if settings.particles is not None else FLOWING_PARTICLES if flows else PARTICLES
@@ -93,6 +101,24 @@ def build(
         tie_sigma=tuple(tie_sigma.tolist()),
         relief=relief,
     )
+
+
+def _sheet(observation: Observation, settings: BuildSettings, material: Material) -> Sheet | None:
+    """The numbers of the sheet that the object is built as, None for a solid.
+
+    Raises:
+        MaterialError: a sheet is asked for, and its material is none or flows.
+    """
+    known = SHEETS.get(find(settings.material).name)
+    if settings.form == "solid" or (settings.form == "auto" and (known is None or material.law in PLASTIC_LAWS)):
+        return None
+    if known is None:
+        raise MaterialError(f"{material.name} is not known as a sheet.", f"Give one of {', '.join(sorted(SHEETS))}, or --form solid.")
+    if material.law in PLASTIC_LAWS:
+        raise MaterialError("A sheet springs back, it has no plastic law.", "Leave --law out, or give --form solid.")
+    sheet = known.with_own(settings.density, settings.youngs_modulus, settings.poisson_ratio, settings.thickness)
+    limp = sheet.bending_length < LIMP * np.sqrt(area_of(observation))
+    return sheet if settings.form == "sheet" or limp else None
 
 
 def _named(relief: Relief, particles: Particles) -> str:

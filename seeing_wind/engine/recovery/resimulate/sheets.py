@@ -15,6 +15,7 @@ from ...materials import DEFAULT, PLASTIC_LAWS, SHEET_UNITS, SHEETS, Sheet, adju
 from ...mpm.lattice.closed_mesh import is_closed, triangle_areas, weld
 from ...mpm.shell import Load, Shell, State, advance_frame, at_rest, obstacles_of, shell_of, substeps_for
 from ...progress import Journal, Progress
+from ...records import Body, Recovery
 from ...settings import BodyEdit
 from ..journal import Arrays
 from ..wind.drag import vertex_drag
@@ -32,7 +33,7 @@ class Hanging:
     edit: BodyEdit
     shell: Shell
     velocity: np.ndarray
-    """(3,) [m/s] when it starts."""
+    """(3,) or (V, 3) [m/s] when it starts."""
     vertex: np.ndarray
     """(V,) which of the shell's vertices each of the mesh's is: those at the same place are one."""
     triangles: np.ndarray
@@ -101,20 +102,45 @@ def enter(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir:
     return Hanging(body, shell, velocity, vertex.ravel(), triangles, way)
 
 
-def sheet_of(body: BodyEdit, area: float) -> Sheet:
-    """The sheet of a body whose mesh has an area [m²]: the material's, with what the body says of its own.
+def enter_recovered(body: BodyEdit, filmed: Body, recovery: Recovery, base_dir: Path, frames: int) -> Hanging:
+    """The clip's own sheet, as it was filmed but for what the edit changes; what held it holds it still, unless it is freed.
+
+    Raises:
+        UsageError: pins that it does not have; a solid.
+    """
+    if body.shell is False:
+        raise UsageError(f"{body.name}: the recovered object is a sheet.", "Leave shell = false out, or give a mesh.")
+    x, faces = filmed.surface.vertices, filmed.surface.triangles.astype(np.int64)
+    pinned, hold = filmed.particles.pinned.copy(), np.zeros(len(x))
+    if body.free is not None:
+        pinned[read_pins(base_dir / body.free, len(x), "particles")] = False
+    if body.pin is not None:
+        path = base_dir / body.pin
+        pins = read_pins(path, len(x), "particles")
+        hold[pins] = 1.0 if body.pin_weights is None else read_weights(base_dir / body.pin_weights, path)
+    pinned |= hold >= 1.0
+    spring = np.where(pinned, 0.0, SOFT**2 * hold / np.maximum(1.0 - hold, 1e-6))
+    known = None if body.material is not None else filmed.sheet
+    area = float(triangle_areas(x, faces)[0].sum())
+    shell = shell_of(x, faces, sheet_of(body, area, known), pinned=pinned, spring=spring)
+    velocity = recovery.v0 if body.velocity is None else np.asarray(body.velocity, dtype=np.float64)
+    return Hanging(body, shell, velocity, np.arange(len(x)), filmed.surface.triangles)
+
+
+def sheet_of(body: BodyEdit, area: float, filmed: Sheet | None = None) -> Sheet:
+    """The sheet of a body whose mesh has an area [m²]: the material's or the filmed one, with what the body says of its own.
 
     A density or a mass gives the areal density; Young's modulus, as of a homogeneous plate, both stiffnesses.
 
     Raises:
         UsageError: numbers that are missing; a plastic law. MaterialError: numbers that are not physical.
     """
-    material = find(body.material or DEFAULT)
+    material = find(body.material or DEFAULT) if filmed is None else filmed.as_solid("the recovered object")
     if (body.law or material.law) in PLASTIC_LAWS or body.yield_stress is not None:
         raise UsageError(f"{body.name}: a shell springs back, it has no plastic law.", "Set shell = false, or give an elastic material.")
     material = adjusted(material, poisson_ratio=body.poisson_ratio, loss_factor=body.loss_factor)
     own: dict[str, Any] = {name: getattr(body, name) for name in SHEET_UNITS if getattr(body, name) is not None}
-    known = SHEETS.get(material.name)
+    known = SHEETS.get(material.name) if filmed is None else filmed
     missing = [] if known is not None else [name for name in SHEET_UNITS if name not in own]
     if missing:
         raise UsageError(

@@ -62,7 +62,7 @@ def wind_stage(
     Raises:
         ObjectError: with field "wind", where no wind can have made the force; the reason is in words.
     """
-    if settings.field == "force":
+    if settings.field in (None, "force"):
         clear(take)
         return Wind(None, {}, [])
     given = (solving.representation, solving.seed, solving.gravity, solving.still)

@@ -46,7 +46,7 @@ def attach(points: np.ndarray, particles_x: np.ndarray, neighbours: int = 16, *,
     count = min(neighbours, len(particles_x))
     distance, index = cKDTree(particles_x).query(points, k=count)
     distance, index = distance.reshape(-1, count), index.reshape(-1, count)
-    kernel = np.ones_like(distance) if uniform else _kernel(distance)
+    kernel = np.ones_like(distance) if uniform else kernel_of(distance)
     kernel = kernel / kernel.sum(axis=1, keepdims=True)
     around = particles_x[index]
     centre = np.einsum("kj,kjc->kc", kernel, around)
@@ -62,7 +62,7 @@ def attach(points: np.ndarray, particles_x: np.ndarray, neighbours: int = 16, *,
     return Attachment(index=index.astype(np.int32), weight=weight)
 
 
-def _kernel(distance: np.ndarray) -> np.ndarray:
+def kernel_of(distance: np.ndarray) -> np.ndarray:
     """Kernel weights (K, J) of distances (K, J): 1 at the point, small at the farthest neighbour."""
     reach = 1.1 * np.maximum(distance.max(axis=1, keepdims=True), 1e-300)
     return (1.0 - (distance / reach) ** 2) ** 2

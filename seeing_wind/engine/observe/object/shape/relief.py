@@ -71,7 +71,7 @@ class Relief:
     """(H, W) depth of the back [m]."""
     camera: Camera
     kind: str
-    """block, ball, parts, solid, post or plate."""
+    """block, ball, parts, solid, post, plate or sheet."""
     thickness: float
     """Largest thickness along the view axis on a surface that faces the camera, of a block that behind its face [m]."""
     block: Block | None = None
@@ -147,6 +147,20 @@ def relief_of(observation: Observation, thickness: float | None = None) -> Relie
     front, back = _fill(front, mask), _fill(front + profile, mask)
     even = kind == "plate" or (kind == "post" and not flat)
     return Relief(mask, front, back, camera, kind, float(np.median(profile[mask]) if even else profile[mask].max()))
+
+
+def area_of(observation: Observation) -> float:
+    """m² of the object in frame 0 across the view. Raises ObjectError as `relief_of`."""
+    mask, camera = clean_mask(observation.masks[0]), observation.camera
+    return float((_front(observation, mask)[0][mask] ** 2).sum()) / (camera.fx * camera.fy)
+
+
+def sheet_relief(observation: Observation, thickness: float) -> Relief:
+    """A thin sheet in frame 0, as thick as that [m]. Raises ObjectError as `relief_of`."""
+    mask = clean_mask(observation.masks[0])
+    front = _front(observation, mask)[0]
+    back = _fill(front + thickness * slant(front, observation.camera), mask)
+    return Relief(mask, _fill(front, mask), back, observation.camera, "sheet", thickness)
 
 
 def _half(parts: Parts, pixel: float, thickness: float | None) -> np.ndarray:

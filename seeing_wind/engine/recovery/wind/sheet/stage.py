@@ -20,7 +20,7 @@ from ....mpm.shell import Shell, shell_of
 from ....mpm.shell.membrane import deformation, plane_axes
 from ....progress import Journal, Progress
 from ....record_arrays import from_arrays, to_arrays
-from ....records import Outcome, Particles, Recovery
+from ....records import Outcome, Particles, Recovery, TrackTargets
 from ....settings import RecoverSettings, WindSettings
 from ....take import Take, stamp_of
 from ...journal import TakeJournal
@@ -48,8 +48,10 @@ class SheetSeen:
     """(V,) bool."""
     sheet: Sheet
     fps: float
-    sigma: float | None
+    sigma: float | None = None
     """Noise of x [m]; None to measure it."""
+    targets: Sequence[TrackTargets] = ()
+    """The tracks that x comes from, if it does: then they are what the residual is of [px]."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,8 @@ def sheet_stage(
 
     Args:
         upstream: stamp of the source.
-        settings: gravity, representation and seed; blown: whether the field is a wind, a force, or what is more probable.
+        settings: gravity, representation and seed; blown: whether the field is a wind (also if it does not say), a force, or what is
+            more probable.
 
     Raises:
         UsageError, ObjectError: a mesh that is no sheet, see `mpm.shell.shell_of`; field "wind" where no wind can have moved it.
@@ -89,10 +92,10 @@ def sheet_stage(
         field = load_field(take.file(FIELD)) if told["field"] == "wind" else None
         return SheetFound(recovery, particles, load_field(take.file("field.safetensors")), Wind(field, told, told["notes"]), {})
     began = time.perf_counter()
-    progress.begin("recover", "recovering the wind" if blown.field == "wind" else "recovering the force")
+    progress.begin("recover", "recovering the force" if blown.field == "force" else "recovering the wind")
     with TakeJournal(take, stamp, progress) as journal:
-        found, told = _chosen(shell, seen, settings.gravity, blown.field, progress, journal)
-        recovery = _recovery(shell, seen, settings.gravity, particles, found, time.perf_counter() - began)
+        found, told = _chosen(shell, seen, settings.gravity, blown.field or "wind", progress, journal)
+        recovery = _recovery(shell, seen, source.targets, settings.gravity, particles, found, time.perf_counter() - began)
         seconds, began = {"recover": time.perf_counter() - began}, time.perf_counter()
         progress.begin("distill", "fitting the field")
         fitted = _both(recovery, found, told)
@@ -166,9 +169,15 @@ def _particles(shell: Shell) -> Particles:
 
 
 def _recovery(
-    shell: Shell, seen: Observed, gravity: Sequence[float], particles: Particles, found: SheetEstimate, seconds: float
+    shell: Shell,
+    seen: Observed,
+    targets: Sequence[TrackTargets],
+    gravity: Sequence[float],
+    particles: Particles,
+    found: SheetEstimate,
+    seconds: float,
 ) -> Recovery:
-    away = np.linalg.norm(found.x - seen.x, axis=-1)
+    residual = residual_in_pixels(targets, found.x) if targets else np.sqrt(((found.x - seen.x) ** 2).sum(axis=-1).mean(axis=1))
     volume = particles.volume[:, None]
     return Recovery(
         outcome=Outcome.CONVERGED if found.converged else Outcome.MAX_ITERATIONS,
@@ -177,12 +186,24 @@ def _recovery(
         x=found.x,
         F=np.stack([_deformations(shell, x) for x in found.x]),
         v0=np.where(shell.pinned[:, None], 0.0, seen.at(0.0)[1]),
-        residual=np.sqrt((away**2).mean(axis=1)),
-        residual_unit="m",
+        residual=residual,
+        residual_unit="px" if targets else "m",
         iterations=found.iterations,
         seconds=seconds,
         notes=[_stray(follower_of(shell, seen, gravity, found.cause_of(shell)), found)],
     )
+
+
+def residual_in_pixels(targets: Sequence[TrackTargets], x: np.ndarray) -> np.ndarray:
+    """(T+1,) root mean square distance [px] of tracks from where vertices at x (T+1, V, 3) [m] put them; 0 where there are none."""
+    residual = np.zeros(len(x))
+    for t, vertices in enumerate(x):
+        off = [
+            one.camera.project(one.attachment.follow(vertices)[one.visible[t]], t)[0] - one.xy[t, one.visible[t]] for one in targets
+        ]
+        squares = (np.concatenate(off) ** 2).sum(axis=1)
+        residual[t] = np.sqrt(squares.mean()) if squares.size else 0.0
+    return residual
 
 
 def _stray(follower: Follower, found: SheetEstimate) -> str:

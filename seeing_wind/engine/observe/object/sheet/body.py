@@ -1,0 +1,94 @@
+"""A thin sheet from an observation: mesh, material, and its path through the clip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ....materials import Sheet
+from ....progress import Journal, NoProgress, Progress
+from ....records import Attachment, Body, Gaussians, Observation, Particles, Surface, TrackTargets
+from ..motion.lifting import Sight
+from ..shape.relief import Relief, sheet_relief
+from .follow import follow
+from .mesh import SheetMesh, laid_flat, mesh_of
+from .riding import ride_flat
+
+
+@dataclass(frozen=True)
+class SheetBuilt:
+    """What moves: a `records.Body` of a sheet but for its look."""
+
+    mesh: SheetMesh
+    sheet: Sheet
+    name: str
+    """Of the material."""
+    path: np.ndarray
+    """(T+1, V, 3) where the vertices were seen [m]."""
+    sigma: float
+    """Standard deviation of a coordinate of the path [m]."""
+    places: np.ndarray
+    """(K, 2) of the tracks on the sheet laid flat [m], NaN for those off it."""
+    relief: Relief
+    """Front of the object in frame 0, for `look.dress`."""
+
+    @property
+    def particles(self) -> Particles:
+        """The vertices, each with its share of the sheet's volume."""
+        return Particles(self.mesh.x, self.mesh.areas() * self.sheet.thickness, self.mesh.pinned, self.mesh.spacing)
+
+    def body(self, gaussians: Gaussians) -> Body:
+        """The body with its look."""
+        own = Attachment(np.arange(len(self.mesh.x), dtype=np.int32)[:, None], np.ones((len(self.mesh.x), 1)))
+        height, width = self.relief.mask.shape
+        uv = np.stack([(self.mesh.xy[:, 0] + 0.5) / width, 1.0 - (self.mesh.xy[:, 1] + 0.5) / height], axis=1)
+        surface = Surface(self.mesh.x, self.mesh.faces.astype(np.int32), np.clip(uv, 0.0, 1.0), own)
+        placed = np.isfinite(self.places[:, 0])
+        keypoints = ride_flat(np.where(placed[:, None], self.places, self.mesh.flat[0]), self.mesh.flat)
+        lifted = np.where(placed[:, None], keypoints.follow(self.path), np.nan)
+        solid = self.sheet.as_solid(self.name)
+        return Body(self.particles, solid, gaussians, surface, keypoints, lifted, sheet=self.sheet, path=self.path, path_sigma=self.sigma)
+
+
+def build_sheet(
+    observation: Observation, sheet: Sheet, name: str, count: int, progress: Progress | None = None, journal: Journal | None = None
+) -> SheetBuilt:
+    """Mesh and path of a sheet.
+
+    Args:
+        sheet: its numbers; name: of the material; count: about how many vertices.
+        journal: keeps the frames that were followed so far.
+
+    Raises:
+        ObjectError: no object in frame 0, too few pixels or tracks, no depth on it. Cancelled: between frames.
+    """
+    progress = progress or NoProgress()
+    relief = sheet_relief(observation, sheet.thickness)
+    mesh = mesh_of(relief, observation.pin, count)
+    progress.update(0.05, f"a sheet of {len(mesh.x)} vertices, {1e3 * mesh.spacing:.1f} mm apart")
+    path, sigma, (places,) = follow(mesh, [sight_of(observation)], observation.fps, progress.part(0.05, 1.0), journal)
+    placed = int(np.isfinite(places[:, 0]).sum())
+    progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {1e3 * sigma:.2g} mm")
+    return SheetBuilt(mesh, sheet, name, path, sigma, places, relief)
+
+
+def sight_of(observation: Observation) -> Sight:
+    """What the first camera saw; the silhouette's centroid is no point of a sheet."""
+    return Sight(observation.camera, observation.xy, observation.visible & ~observation.on_centroid, observation.sigma)
+
+
+def followed_together(
+    observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress | None = None, journal: Journal | None = None
+) -> Body:
+    """The body of a sheet with the path that all views together tell.
+
+    Args:
+        observation: the first view; targets: of the first view, then of further ones.
+    """
+    x, faces = body.surface.vertices, body.surface.triangles.astype(np.int64)
+    mesh = SheetMesh(x, faces, observation.camera.project(x)[0], laid_flat(x, faces), body.particles.pinned)
+    sights = [sight_of(observation), *(Sight(one.camera, one.xy, one.visible, one.sigma) for one in targets[1:])]
+    path, sigma, _ = follow(mesh, sights, observation.fps, progress, journal)
+    return replace(body, path=path, path_sigma=sigma, lifted=np.where(np.isfinite(body.lifted), body.keypoints.follow(path), np.nan))

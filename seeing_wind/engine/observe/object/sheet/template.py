@@ -1,0 +1,80 @@
+"""What is known of a sheet's shape whatever moves it: its edges keep their lengths, and it has no sharp folds.
+
+Both as squares of errors in units of their standard deviations. The bend of two neighbouring faces is the linear one of Bergou et al.
+(A quadratic bending model for inextensible surfaces, SGP 2006), so its Hessian is constant.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix, kron
+
+from .mesh import SheetMesh, edges_of
+
+STRAIN = 0.003
+"""Standard deviation of an edge's strain: threads hardly stretch. Along the bias cloth gives way by more."""
+CURVED = 15.0
+"""Standard deviation of the curvature, times the sheet's size (the root of its area): a handful of folds across it."""
+
+
+class Template:
+    """The shape of a mesh that keeps its lengths."""
+
+    def __init__(self, mesh: SheetMesh) -> None:
+        self.rest, self.faces = mesh.x, mesh.faces
+        self.edges = edges_of(mesh.faces)
+        self._lengths = np.linalg.norm(self.rest[self.edges[:, 0]] - self.rest[self.edges[:, 1]], axis=1)
+        self._size = float(np.sqrt(mesh.areas().sum()))
+        columns = (3 * self.edges[:, :, None] + np.arange(3)).reshape(len(self.edges), 6)
+        self._where = (np.repeat(columns, 6, axis=1).ravel(), np.tile(columns, 6).ravel())
+
+    def cost(self, x: np.ndarray) -> float:
+        """Half the sum of squares at vertices x (V, 3) [m]."""
+        return 0.5 * float((self._strains(x)[0] ** 2).sum() + x.ravel() @ (self._bending @ x.ravel()))
+
+    def linearise(self, x: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
+        """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) at vertices x (V, 3) [m]."""
+        strain, slope = self._strains(x)
+        blocks = slope[:, :, None] * slope[:, None, :]
+        gradient = np.zeros(x.size)
+        np.add.at(gradient, self._where[0].reshape(-1, 6, 6)[:, :, 0].ravel(), (strain[:, None] * slope).ravel())
+        stretch = coo_matrix((blocks.ravel(), self._where), (x.size, x.size)).tocsr()
+        return stretch + self._bending, gradient + self._bending @ x.ravel()
+
+    def _strains(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(E,) in standard deviations, and (E, 6) how they change with an edge's two ends."""
+        apart = x[self.edges[:, 0]] - x[self.edges[:, 1]]
+        length = np.linalg.norm(apart, axis=1)
+        slope = apart / (length * self._lengths * STRAIN)[:, None]
+        return (length / self._lengths - 1.0) / STRAIN, np.hstack([slope, -slope])
+
+    @cached_property
+    def _bending(self) -> csr_matrix:
+        """(3V, 3V): x times it times x is the sum of squared angles between faces, relative to what the curvature allows."""
+        hinges = hinges_of(self.faces)
+        a, b, c, d = self.rest[hinges].swapaxes(0, 1)
+        side = b - a
+        one, two = _cotangent(side, c - a), _cotangent(side, d - a)
+        three, four = _cotangent(-side, c - b), _cotangent(-side, d - b)
+        length = np.linalg.norm(side, axis=1)
+        area = 0.5 * (np.linalg.norm(np.cross(side, c - a), axis=1) + np.linalg.norm(np.cross(side, d - a), axis=1))
+        allowed = CURVED / self._size * (2.0 / 3.0) * area / length  # of an angle: the curvature times the way between the faces' centres
+        weight = np.stack([three + four, one + two, -one - three, -two - four], axis=1) / (length * allowed)[:, None]
+        bends = csr_matrix((weight.ravel(), (np.repeat(np.arange(len(hinges)), 4), hinges.ravel())), (len(hinges), len(self.rest)))
+        return kron(bends.T @ bends, np.eye(3), format="csr")
+
+
+def hinges_of(faces: np.ndarray) -> np.ndarray:
+    """(H, 4) the ends of every edge that two faces share, and the corner of either face across it."""
+    sides = np.concatenate([faces[:, [0, 1, 2]], faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]])
+    ends = np.sort(sides[:, :2], axis=1)
+    order = np.lexsort(ends.T)
+    ends, across = ends[order], sides[order, 2]
+    twin = np.flatnonzero((ends[1:] == ends[:-1]).all(axis=1))
+    return np.column_stack([ends[twin], across[twin], across[twin + 1]])
+
+
+def _cotangent(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return (a * b).sum(axis=1) / np.linalg.norm(np.cross(a, b), axis=1)
