@@ -1,7 +1,7 @@
 """Films a sheet of benchmarks/shell_scenes.py with Cycles: render.py SCENE.npz DIR [--frames N] [--side X Y Z]
 
 With the `bpy` wheel. Printed cloth before a blurred wall, 30 pictures a second, a quarter of each exposed, and the grain of few samples
-left in. DIR gets frame_0000.png and on, and of picture 0 camera.json, mask.png, depth.npy [m] and held.png (what is fixed, painted by its
+left in. DIR gets frame_0000.png and on, those that are not there yet, and of picture 0 camera.json, mask.png, depth.npy [m] and held.png (what is fixed, painted by its
 vertices), with a copy of the scene as truth.npz.
 """
 
@@ -190,18 +190,6 @@ def main():
     with np.load(options.truth, allow_pickle=False) as data:
         x, faces, fixed = data["x"][: options.frames].astype(float), data["faces"], data["fixed"].astype(bool)
     pose = camera_for(x, options.side)
-    scene(x, faces, pose)
-    made_by, render = bpy.context.scene, bpy.context.scene.render
-    render.engine, made_by.cycles.samples, made_by.cycles.use_denoising = "CYCLES", SAMPLES, False
-    made_by.cycles.max_bounces, made_by.cycles.use_animated_seed = 1, True
-    render.resolution_x, render.resolution_y, render.resolution_percentage = WIDTH, HEIGHT, 100
-    render.use_motion_blur, render.motion_blur_shutter, render.use_persistent_data = True, 0.25, True
-    made_by.view_settings.view_transform = "Standard"
-    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
-    for t in range(len(x)):
-        made_by.frame_set(t)
-        render.filepath = str(options.folder / f"frame_{t:04d}.png")
-        bpy.ops.render.render(write_still=True)
     depth, held = picture_of(x, faces, pose, fixed)
     np.save(options.folder / "depth.npy", depth)
     for name, mask in (("mask", np.isfinite(depth)), ("held", held)):
@@ -213,6 +201,20 @@ def main():
     camera = {"width": WIDTH, "height": HEIGHT, "fx": focal, "fy": focal, "cx": (WIDTH - 1) / 2, "cy": (HEIGHT - 1) / 2}
     (options.folder / "camera.json").write_text(json.dumps(camera | {"camera_to_world": pose.tolist()}))
     shutil.copy(options.truth, options.folder / "truth.npz")
+    scene(x, faces, pose)
+    made_by, render = bpy.context.scene, bpy.context.scene.render
+    render.engine, made_by.cycles.samples, made_by.cycles.use_denoising = "CYCLES", SAMPLES, False
+    made_by.cycles.max_bounces, made_by.cycles.use_animated_seed = 1, True
+    render.resolution_x, render.resolution_y, render.resolution_percentage = WIDTH, HEIGHT, 100
+    render.use_motion_blur, render.motion_blur_shutter, render.use_persistent_data = True, 0.25, True
+    made_by.view_settings.view_transform = "Standard"
+    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGB"
+    for t in range(len(x)):
+        path = options.folder / f"frame_{t:04d}.png"
+        if not path.exists():  # of a run that was interrupted
+            made_by.frame_set(t)
+            render.filepath = str(path)
+            bpy.ops.render.render(write_still=True)
 
 
 if __name__ == "__main__":

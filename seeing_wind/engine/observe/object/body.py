@@ -19,7 +19,7 @@ from .shape.on_stem import too_fine
 from .shape.particles import fill
 from .shape.relief import Relief, area_of, relief_of
 from .shape.surface import surface_of
-from .sheet import SheetBuilt, build_sheet
+from .sheet import FEWEST, SheetBuilt, build_sheet
 
 LIMP = 0.1
 """A sheet whose own weight bends it over less than this part of its size hangs in folds."""
@@ -71,7 +71,7 @@ def build(
     if settings.estimated_material is not None:
         source = f"estimated for {settings.estimated_by}"
         material = dataclasses.replace(material, name=settings.estimated_material, source=source)
-    sheet = _sheet(observation, settings, material)
+    sheet = _sheet(observation, settings, material, progress)
     if sheet is not None:
         return build_sheet(observation, sheet, material.name, settings.particles or PARTICLES, progress, journal)
     relief = relief_of(observation, settings.thickness)
@@ -103,7 +103,7 @@ def build(
     )
 
 
-def _sheet(observation: Observation, settings: BuildSettings, material: Material) -> Sheet | None:
+def _sheet(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> Sheet | None:
     """The numbers of the sheet that the object is built as, None for a solid.
 
     Raises:
@@ -117,8 +117,15 @@ def _sheet(observation: Observation, settings: BuildSettings, material: Material
     if material.law in PLASTIC_LAWS:
         raise MaterialError("A sheet springs back, it has no plastic law.", "Leave --law out, or give --form solid.")
     sheet = known.with_own(settings.density, settings.youngs_modulus, settings.poisson_ratio, settings.thickness)
-    limp = sheet.bending_length < LIMP * np.sqrt(area_of(observation))
-    return sheet if settings.form == "sheet" or limp else None
+    if settings.form == "sheet":
+        return sheet
+    if sheet.bending_length > LIMP * np.sqrt(area_of(observation)):
+        return None
+    tracks = int((observation.visible[0] & ~observation.on_centroid).sum())
+    if tracks < FEWEST:
+        progress.warn(f"{material.name} hangs in folds, but only {tracks} points of it are tracked: it is built as a solid.")
+        return None
+    return sheet
 
 
 def _named(relief: Relief, particles: Particles) -> str:

@@ -6,5 +6,6 @@
 """
 
 from .body import SheetBuilt, build_sheet, followed_together
+from .follow import FEWEST
 
-__all__ = ["SheetBuilt", "build_sheet", "followed_together"]
+__all__ = ["FEWEST", "SheetBuilt", "build_sheet", "followed_together"]

@@ -199,7 +199,8 @@ def follow(
         journal: keeps the frames that are done.
 
     Returns:
-        vertices (T+1, V, 3) [m], the standard deviation of a coordinate [m], and per view the places (K, 2) of its tracks on the sheet laid flat [m], NaN for those off the sheet.
+        vertices (T+1, V, 3) [m]; the standard deviation of a coordinate [m]; per view the places (K, 2) of its tracks on the sheet laid
+        flat [m], NaN for those off the sheet.
 
     Raises:
         ObjectError: too few tracks on the sheet, or one that is lost. Cancelled: between frames.

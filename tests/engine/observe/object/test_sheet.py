@@ -1,0 +1,217 @@
+"""A thin sheet, from its tracks: a rectangle that is rolled to and fro about its held edge, whose lengths stay exactly."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import MaterialError, ObjectError
+from seeing_wind.engine.observe.object.motion.lifting import Sight
+from seeing_wind.engine.observe.object.sheet import follow as following
+from seeing_wind.engine.observe.object.sheet.follow import follow
+from seeing_wind.engine.observe.object.sheet.mesh import SheetMesh, laid_flat
+from seeing_wind.engine.observe.object.sheet.riding import ride_flat
+from seeing_wind.engine.observe.object.sheet.template import CURVED, Template, hinges_of
+from seeing_wind.engine.progress import NoProgress, Progress
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays
+from seeing_wind.engine.records import Body, Camera
+from seeing_wind.engine.recovery import journal as journals
+from seeing_wind.engine.recovery.journal import TakeJournal
+from seeing_wind.engine.settings import BuildSettings
+from seeing_wind.engine.stages import build_body
+from seeing_wind.engine.take import Take
+from tests.engine.observations import observed
+
+FPS, FRAMES, NOISE = 30.0, 16, 0.1
+WIDTH, HEIGHT = 0.4, 0.3
+
+
+def rolled(flat: np.ndarray, t: float) -> np.ndarray:
+    """Points (K, 2) of the sheet laid flat -> (K, 3) [m] in picture t: a cylinder, flat in picture 0."""
+    curvature = 5.0 * np.sin(2.0 * np.pi * t / 20.0) + 1e-9
+    s = flat[:, 0]
+    return np.stack([np.sin(curvature * s) / curvature, (1.0 - np.cos(curvature * s)) / curvature, flat[:, 1]], axis=1)
+
+
+def grid(columns: int = 12, rows: int = 9) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 2) of the sheet laid flat [m], and faces."""
+    u, w = np.meshgrid(np.linspace(0.0, WIDTH, columns + 1), np.linspace(0.0, HEIGHT, rows + 1), indexing="ij")
+    index = np.arange(u.size).reshape(u.shape)
+    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]))
+    return np.stack([u.ravel(), w.ravel()], axis=1), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def camera(side: tuple[float, float, float]) -> Camera:
+    """One metre from the sheet's middle, on the side named."""
+    back = np.array(side) / np.linalg.norm(side)
+    right = np.cross(-back, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(-back, right), -back], axis=1)
+    pose[:3, 3] = np.array([WIDTH / 2, 0.0, HEIGHT / 2]) + back
+    return Camera(1000, 800, 900.0, 900.0, 499.5, 399.5, pose)
+
+
+def sheet() -> SheetMesh:
+    flat, faces = grid()
+    x = rolled(flat, 0)
+    return SheetMesh(x, faces, camera((-0.4, -1.0, 0.2)).project(x)[0], laid_flat(x, faces), flat[:, 0] < 1e-9)
+
+
+def truth() -> np.ndarray:
+    """(T+1, V, 3) [m]."""
+    return np.stack([rolled(grid()[0], t) for t in range(FRAMES + 1)])
+
+
+def sight(side: tuple[float, float, float] = (-0.4, -1.0, 0.2), count: int = 120, noise: float = NOISE, seed: int = 0) -> Sight:
+    """Tracks of points anywhere on the sheet."""
+    rng, seen_by = np.random.default_rng(seed), camera(side)
+    flat = rng.uniform(0.02, 0.98, (count, 2)) * [WIDTH, HEIGHT]
+    xy = np.stack([seen_by.project(rolled(flat, t))[0] for t in range(FRAMES + 1)])
+    xy = xy + noise * rng.normal(size=xy.shape)
+    return Sight(seen_by, xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], NOISE))
+
+
+def off(path: np.ndarray) -> float:
+    """Root mean square distance from the truth [mm]."""
+    return 1e3 * float(np.sqrt(((path - truth()) ** 2).sum(axis=-1).mean()))
+
+
+def test_points_ride_on_every_quadratic_surface():
+    flat, rng = grid()[0], np.random.default_rng(1)
+    points = rng.uniform(0.0, 1.0, (40, 2)) * [WIDTH, HEIGHT]
+    riding = ride_flat(points, flat)
+
+    def surface(at: np.ndarray) -> np.ndarray:
+        x, y = at.T
+        return np.stack([1.0 + x, x - 2.0 * y, 3.0 * x * x - 2.0 * x * y + 5.0 * y * y], axis=1)
+
+    np.testing.assert_allclose(riding.weight.sum(axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(riding.follow(surface(flat)), surface(points), atol=2e-5)
+
+
+def test_a_rolled_sheet_laid_flat_has_its_lengths():
+    flat, faces = grid()
+    again = laid_flat(rolled(flat, 5.0), faces)
+    apart = np.linalg.norm(flat[:, None] - flat, axis=-1)
+    np.testing.assert_allclose(np.linalg.norm(again[:, None] - again, axis=-1), apart, atol=0.005 * WIDTH)
+
+
+def test_the_templates_gradient():
+    template, rng = Template(sheet()), np.random.default_rng(2)
+    x, way = truth()[4] + 1e-3 * rng.normal(size=truth()[4].shape), rng.normal(size=truth()[4].shape)
+    step = 1e-6
+    numeric = (template.cost(x + step * way) - template.cost(x - step * way)) / (2.0 * step)
+    assert template.linearise(x)[1] @ way.ravel() == pytest.approx(numeric, rel=1e-5)
+
+
+def test_a_hinge_bends_by_the_angle_between_its_faces():
+    """Two faces: the cost is half the square of their angle over what the curvature allows on the way between their centres."""
+    angle = 0.02
+    x = np.array([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.5, 0.0], [-1.0, 0.5, 0.0]])
+    mesh = SheetMesh(x, np.array([[0, 2, 1], [0, 1, 3]]), x[:, :2], x[:, :2], np.zeros(4, bool))
+    assert len(hinges_of(mesh.faces)) == 1
+    bent = x.copy()
+    bent[2] = [np.cos(angle), 0.5, np.sin(angle)]
+    between, size = 2.0 / 3.0, 1.0
+    assert Template(mesh).cost(bent) == pytest.approx(0.5 * (angle / (CURVED / size * between)) ** 2, rel=0.01)
+
+
+def test_one_camera_tells_where_a_sheet_is():
+    path, sigma, (places,) = follow(sheet(), [sight()], FPS)
+    error = np.sqrt(((path - truth()) ** 2).mean())
+    assert off(path) < 2.0  # it travels by 160 mm, half of it along the view; a pixel is 1.1 mm
+    assert 0.5 < error / sigma < 2.0
+    assert np.isfinite(places).all()
+
+
+def test_tracks_that_end_and_tracks_that_begin():
+    """Half of them are gone after picture 12, the other half begin in picture 9: these are tied where the sheet is then."""
+    seen = sight(count=240)
+    visible = seen.visible.copy()
+    visible[13:, ::2] = visible[:9, 1::2] = False
+    path, _, (places,) = follow(sheet(), [dataclasses.replace(seen, visible=visible)], FPS)
+    assert off(path) < 5.0
+    wanted = np.random.default_rng(0).uniform(0.02, 0.98, (240, 2)) * [WIDTH, HEIGHT]
+    flat, own = sheet().flat, grid()[0]
+    turn = np.linalg.lstsq(np.column_stack([flat, np.ones(len(flat))]), own, rcond=None)[0]
+    assert np.linalg.norm(np.column_stack([places, np.ones(240)]) @ turn - wanted, axis=1).max() < 0.003
+
+
+def test_tracks_that_slide_count_less():
+    seen = sight()
+    xy = seen.xy.copy()
+    xy[:, ::10] += 1.5 * np.arange(FRAMES + 1)[:, None, None]
+    assert off(follow(sheet(), [dataclasses.replace(seen, xy=xy)], FPS)[0]) < 2.0
+
+
+def test_two_cameras_tell_more_than_one():
+    alone = follow(sheet(), [sight(count=30)], FPS)[0]
+    both = follow(sheet(), [sight(count=30), sight((1.0, -0.6, 0.1), 60, seed=1)], FPS)[0]
+    assert off(both) < 0.8 * off(alone)
+
+
+def test_it_goes_on_from_where_it_was_killed(tmp_path, monkeypatch):
+    take, whole = Take(tmp_path), follow(sheet(), [sight()], FPS)
+    take.prepare()
+    solved, left = following.Follower.solved, [10]
+
+    def killed(self, *arguments):
+        left[0] -= 1
+        if left[0] < 0:
+            raise KeyboardInterrupt
+        return solved(self, *arguments)
+
+    monkeypatch.setattr(journals, "LATEST", 0.0)  # everything is written at once
+    monkeypatch.setattr(following.Follower, "solved", killed)
+    with pytest.raises(KeyboardInterrupt), TakeJournal(take, "stamp", NoProgress()) as journal:
+        follow(sheet(), [sight()], FPS, journal=journal)
+    left[0] = 3 * FRAMES - 10
+    with TakeJournal(take, "stamp", NoProgress()) as journal:
+        again = follow(sheet(), [sight()], FPS, journal=journal)
+    np.testing.assert_array_equal(again[0], whole[0])
+
+
+def test_too_few_tracks_are_told():
+    with pytest.raises(ObjectError, match="Only 5 tracked points"):
+        follow(sheet(), [sight(count=5)], FPS)
+
+
+@pytest.fixture
+def cloth():
+    """A square of 0.5 m, a metre away, with tracks that stand still."""
+    mask = np.zeros((72, 96), bool)
+    mask[14:59, 25:70] = True
+    return observed(mask, 1.0)
+
+
+def test_cloth_is_built_as_a_sheet(cloth):
+    body = build_body(cloth, BuildSettings(material="cotton", particles=100), NoProgress())
+    assert body.sheet is not None and body.path is not None
+    mass = body.material.density * body.particles.volume.sum()
+    assert mass == pytest.approx(0.12 * 0.25, rel=0.05)  # shirting, kg/m²
+    np.testing.assert_allclose(body.path - body.path[0], 0.0, atol=2e-4)
+    assert cloth.camera.project(body.keypoints.follow(body.particles.x))[0] == pytest.approx(cloth.xy[0], abs=0.05)
+    again = from_arrays(Body, to_arrays(body))
+    assert again.sheet == body.sheet
+    np.testing.assert_array_equal(again.path, body.path)
+
+
+def test_what_is_built_as_a_solid(cloth):
+    assert build_body(cloth, BuildSettings(material="cotton", form="solid", particles=100)).sheet is None
+    assert build_body(cloth, BuildSettings(material="rubber", particles=100)).sheet is None
+    assert build_body(cloth, BuildSettings(material="paper", particles=100)).sheet is None  # bends over 6 cm
+    assert build_body(cloth, BuildSettings(material="paper", form="sheet", particles=100)).sheet is not None
+    few, told = dataclasses.replace(cloth, xy=cloth.xy[:, :4], visible=cloth.visible[:, :4], sigma=cloth.sigma[:, :4]), []
+    few = dataclasses.replace(few, on_centroid=cloth.on_centroid[:4])
+    assert build_body(few, BuildSettings(material="cotton", particles=100), Progress(told.append)).sheet is None
+    assert any("only 4 points of it are tracked" in one.get("message", "") for one in told)
+
+
+def test_what_is_no_sheet(cloth):
+    with pytest.raises(MaterialError, match="steel is not known as a sheet"):
+        build_body(cloth, BuildSettings(material="steel", form="sheet"))
+    with pytest.raises(MaterialError, match="no plastic law"):
+        build_body(cloth, BuildSettings(material="cotton", form="sheet", law="von_mises", yield_stress=1e4))
