@@ -1,8 +1,8 @@
 """Films a sheet of benchmarks/shell_scenes.py with Cycles: render.py SCENE.npz DIR [--frames N] [--side X Y Z]
 
-With the `bpy` wheel. Printed cloth before a blurred wall, 30 pictures a second, a quarter of each exposed, and the grain of few samples
-left in. DIR gets frame_0000.png and on, those that are not there yet, and of picture 0 camera.json, mask.png, depth.npy [m] and held.png (what is fixed, painted by its
-vertices), with a copy of the scene as truth.npz.
+With the `bpy` wheel. Printed cloth before a plain wall, 30 pictures a second, a quarter of each exposed, and the grain of few samples
+left in. DIR gets frame_0000.png and on, those that are not there yet, and of picture 0 camera.json, mask.png, depth.npy [m] and
+held.png (what is fixed, painted by its vertices), with a copy of the scene as truth.npz.
 """
 
 import argparse

@@ -217,7 +217,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "gaussians.scale": "G 3", "gaussians.rotation": "G 4", "gaussians.opacity": "G", "gaussians.sh": "G B 3",
         "gaussians.attachment.index": "G J", "gaussians.attachment.weight": "G J", "surface.vertices": "V 3", "surface.triangles": "M 3",
         "surface.uv": "V 2", "surface.attachment.index": "V I", "surface.attachment.weight": "V I", "keypoints.index": "K L",
-        "keypoints.weight": "K L", "lifted": "P K 3", "path": "P N 3",
+        "keypoints.weight": "K L", "lifted": "P K 3", "path": "P N 3", "path_sigma": "P N",
     },
     "Recovery": {
         "force_density": "T N 3", "deviation": "T N", "x": "P N 3", "F": "P N 3 3", "v0": "N 3", "residual": "P", "stiffness": "N",
@@ -227,7 +227,7 @@ SHAPES: dict[str, dict[str, str]] = {
 """Shapes of the arrays in the records of a take: a letter is the same number wherever it stands in a record."""
 
 FINITE = {
-    "Body": ("particles.x", "particles.volume", "surface.vertices", "path"),
+    "Body": ("particles.x", "particles.volume", "surface.vertices", "path", "path_sigma"),
     "Recovery": ("force_density", "x", "F", "v0", "section", "section_axes", "held_covariance"),
 }
 """Arrays that hold no NaN and no infinity in any sound take."""

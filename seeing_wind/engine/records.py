@@ -205,8 +205,8 @@ class Body:
     """Of a thin sheet, whose particles are the vertices of `surface`; None for a solid."""
     path: np.ndarray | None = None
     """(T+1, V, 3) where the vertices of a sheet were seen [m]; None for a solid."""
-    path_sigma: float = 0.0
-    """Standard deviation of a coordinate of `path` [m]."""
+    path_sigma: np.ndarray | None = None
+    """(T+1, V) standard deviation of a coordinate of `path` [m]."""
 
 
 @dataclass(frozen=True)

@@ -111,19 +111,18 @@ def lift_stage(
 
     def read() -> dict[str, np.ndarray]:
         arrays = take.read_arrays(LIFTED)
-        if any(name not in arrays or arrays[name].shape != np.shape(getattr(body, name)) for name in names):
+        if any(name not in arrays or arrays[name].shape != getattr(body, name).shape for name in names):
             raise TakeError(f"{take.file(LIFTED)} does not fit the body.", "It is made again.")
         return {name: arrays[name] for name in names}
 
     stamp = stamp_of("lift", VERSION, upstream)
     kept = take.kept("lift", stamp, read, progress, "build")
     if kept is not None:
-        sigma = float(kept.get("path_sigma", 0.0))
-        return dataclasses.replace(body, lifted=kept["lifted"], path=kept.get("path"), path_sigma=sigma)
+        return dataclasses.replace(body, lifted=kept["lifted"], path=kept.get("path"), path_sigma=kept.get("path_sigma"))
     progress.begin("build", "lifting the views together")
     with TakeJournal(take, stamp, progress) as journal:
         together = (lifted_together if body.path is None else followed_together)(observation, body, targets, progress, journal)
-        take.write_arrays(LIFTED, {name: np.asarray(getattr(together, name)) for name in names})
+        take.write_arrays(LIFTED, {name: getattr(together, name) for name in names})
         take.finish("lift", stamp, {})
     return together
 

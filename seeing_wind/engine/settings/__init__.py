@@ -12,7 +12,7 @@ The command line, the panel's properties, the words that the panel gives the wor
 options.
 """
 
-from .build import FLOWING_PARTICLES, PARTICLES, BuildSettings
+from .build import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings
 from .edit import BodyEdit, ColliderEdit, Edit
 from .mapping import from_mapping, to_mapping
 from .observe import ObserveSettings
@@ -22,6 +22,6 @@ from .toml import toml_text
 from .wind import WindSettings
 
 __all__ = [
-    "FLOWING_PARTICLES", "PARTICLES", "BodyEdit", "BuildSettings", "ColliderEdit", "Edit", "ObserveSettings", "Option", "RecoverSettings",
-    "ReportSettings", "WindSettings", "from_mapping", "options_of", "to_mapping", "toml_text", "words_of",
+    "FLOWING_PARTICLES", "PARTICLES", "SHEET_VERTICES", "BodyEdit", "BuildSettings", "ColliderEdit", "Edit", "ObserveSettings", "Option",
+    "RecoverSettings", "ReportSettings", "WindSettings", "from_mapping", "options_of", "to_mapping", "toml_text", "words_of",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ from ...errors import MaterialError
 from ...materials import PLASTIC_LAWS, SHEETS, Material, Sheet, adjusted, find
 from ...progress import Journal, NoProgress, Progress
 from ...records import Attachment, Body, Gaussians, Observation, Particles, Surface
-from ...settings import FLOWING_PARTICLES, PARTICLES, BuildSettings
+from ...settings import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSettings
 from .motion.keypoints import held, place, ride
 from .motion.late import among, tie
 from .motion.lifting import Arap, lift
@@ -73,7 +73,7 @@ def build(
         material = dataclasses.replace(material, name=settings.estimated_material, source=source)
     sheet = _sheet(observation, settings, material, progress)
     if sheet is not None:
-        return build_sheet(observation, sheet, material.name, settings.particles or PARTICLES, progress, journal)
+        return build_sheet(observation, sheet, material.name, settings.particles or SHEET_VERTICES, progress, journal)
     relief = relief_of(observation, settings.thickness)
     flows = material.law in PLASTIC_LAWS
     count = settings.particles if settings.particles is not None else FLOWING_PARTICLES if flows else PARTICLES

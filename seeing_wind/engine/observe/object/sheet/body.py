@@ -27,8 +27,8 @@ class SheetBuilt:
     """Of the material."""
     path: np.ndarray
     """(T+1, V, 3) where the vertices were seen [m]."""
-    sigma: float
-    """Standard deviation of a coordinate of the path [m]."""
+    sigma: np.ndarray
+    """(T+1, V) standard deviation of a coordinate of the path [m]."""
     places: np.ndarray
     """(K, 2) of the tracks on the sheet laid flat [m], NaN for those off it."""
     relief: Relief
@@ -68,9 +68,11 @@ def build_sheet(
     relief = sheet_relief(observation, sheet.thickness)
     mesh = mesh_of(relief, observation.pin, count)
     progress.update(0.05, f"a sheet of {len(mesh.x)} vertices, {1e3 * mesh.spacing:.1f} mm apart")
-    path, sigma, (places,) = follow(mesh, [sight_of(observation)], observation.fps, progress.part(0.05, 1.0), journal)
+    path, sigma, (places,) = follow(
+        mesh, [sight_of(observation)], observation.fps, observation.masks, progress.part(0.05, 1.0), journal
+    )
     placed = int(np.isfinite(places[:, 0]).sum())
-    progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {1e3 * sigma:.2g} mm")
+    progress.update(1.0, f"{placed} tracks on the sheet, which tell where it is to {1e3 * np.median(sigma):.2g} mm")
     return SheetBuilt(mesh, sheet, name, path, sigma, places, relief)
 
 
@@ -90,5 +92,5 @@ def followed_together(
     x, faces = body.surface.vertices, body.surface.triangles.astype(np.int64)
     mesh = SheetMesh(x, faces, observation.camera.project(x)[0], laid_flat(x, faces), body.particles.pinned)
     sights = [sight_of(observation), *(Sight(one.camera, one.xy, one.visible, one.sigma) for one in targets[1:])]
-    path, sigma, _ = follow(mesh, sights, observation.fps, progress, journal)
+    path, sigma, _ = follow(mesh, sights, observation.fps, observation.masks, progress, journal)
     return replace(body, path=path, path_sigma=sigma, lifted=np.where(np.isfinite(body.lifted), body.keypoints.follow(path), np.nan))

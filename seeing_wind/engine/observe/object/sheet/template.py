@@ -32,7 +32,7 @@ class Template:
 
     def cost(self, x: np.ndarray) -> float:
         """Half the sum of squares at vertices x (V, 3) [m]."""
-        return 0.5 * float((self._strains(x)[0] ** 2).sum() + x.ravel() @ (self._bending @ x.ravel()))
+        return 0.5 * float((self._strains(x)[0] ** 2).sum() + x.ravel() @ (self.bending @ x.ravel()))
 
     def linearise(self, x: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
         """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) at vertices x (V, 3) [m]."""
@@ -41,7 +41,7 @@ class Template:
         gradient = np.zeros(x.size)
         np.add.at(gradient, self._where[0].reshape(-1, 6, 6)[:, :, 0].ravel(), (strain[:, None] * slope).ravel())
         stretch = coo_matrix((blocks.ravel(), self._where), (x.size, x.size)).tocsr()
-        return stretch + self._bending, gradient + self._bending @ x.ravel()
+        return stretch + self.bending, gradient + self.bending @ x.ravel()
 
     def _strains(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(E,) in standard deviations, and (E, 6) how they change with an edge's two ends."""
@@ -51,7 +51,7 @@ class Template:
         return (length / self._lengths - 1.0) / STRAIN, np.hstack([slope, -slope])
 
     @cached_property
-    def _bending(self) -> csr_matrix:
+    def bending(self) -> csr_matrix:
         """(3V, 3V): x times it times x is the sum of squared angles between faces, relative to what the curvature allows."""
         hinges = hinges_of(self.faces)
         a, b, c, d = self.rest[hinges].swapaxes(0, 1)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import eigh, toeplitz
+from scipy.linalg import eigh
 
 from ....mpm.shell import Shell
 from .observed import Observed
@@ -77,8 +77,8 @@ class Balance:
     """(K, 3 Q, 3 Q) covariance of tension and sampling, independent from frame to frame."""
     bent: np.ndarray
     """(3 Q, 3 Q) that of what is wrong with `bending` in some faces and not in others, which lasts."""
-    noise: tuple[np.ndarray, np.ndarray]
-    """(K, K) and (3 Q, 3 Q), whose product is that of the points' noise."""
+    noise: np.ndarray
+    """(T+1, 3 Q, 3 Q) that of the points' noise in each picture, times mass and fps²: the balance has its second difference."""
 
 
 def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
@@ -97,6 +97,7 @@ def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
     off = np.hypot(seen.noise, SLACK * shell.surface.edge_length) * np.hypot(1.0, shell.sheet.retardation * seen.fps)
     vertices = tests.T @ (shell.mass[:, None] ** 2 * tests)
     count = len(bending)
+    shares = np.broadcast_to(seen.deviation**2, seen.x.shape[:2]) * (shell.mass * seen.fps**2) ** 2
     return Balance(
         tests,
         at,
@@ -104,7 +105,7 @@ def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
         bending=bending.reshape(count, -1),
         hidden=hidden + white + _in_each_direction(off**2 * squared[:, None] * vertices * squared),
         bent=_in_each_direction(_wrong_moments(shell, seen, tests)),
-        noise=(toeplitz([6.0, -4.0, 1.0, *np.zeros(count)][:count]), seen.noise**2 * seen.fps**4 * _in_each_direction(vertices)),
+        noise=np.stack([_in_each_direction(tests.T @ (share[:, None] * tests)) for share in shares]),
     )
 
 

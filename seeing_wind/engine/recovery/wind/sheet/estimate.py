@@ -79,11 +79,15 @@ def follower_of(shell: Shell, seen: Observed, gravity: Sequence[float], cause: C
     return Follower(shell, seen, np.asarray(gravity, np.float64), cause)
 
 
-def field_of(follower: Follower, mean: float, progress: Progress | None = None, journal: Journal = Journal()) -> SheetEstimate:
+def field_of(
+    follower: Follower, mean: float, progress: Progress | None = None, journal: Journal = Journal(), *, learns: bool = True
+) -> SheetEstimate:
     """The most probable field of the follower's cause.
 
     Args:
         mean: standard deviation of a component of the field's mean before anything is seen.
+        learns: whether the gusts' size, length and time are learnt. Not where folds hide parts of the sheet: what is wrong with their
+            path is no noise, and would be put down to short gusts.
         journal: keeps what is found on the way.
 
     Raises:
@@ -103,7 +107,7 @@ def field_of(follower: Follower, mean: float, progress: Progress | None = None, 
     for number in range(ROUNDS):
         part = progress.part(*(0.2 + 0.7 * (number + side) / ROUNDS for side in (0, 1)))
         if solution is not None:
-            problem, prior = _learnt(problem, prior, solution)
+            problem, prior = _learnt(problem, prior, solution, learns)
         solution = journal.once(f"round {number}", Solution, partial(_solved, problem, prior, theta, part))
         theta, used = solution.theta, used + solution.iterations
     assert solution is not None
@@ -139,9 +143,11 @@ def _solved(problem: SheetProblem, prior: Prior, theta: np.ndarray, progress: Pr
     )  # fmt: skip
 
 
-def _learnt(problem: SheetProblem, prior: Prior, solution: Solution) -> tuple[SheetProblem, Prior]:
+def _learnt(problem: SheetProblem, prior: Prior, solution: Solution, learns: bool) -> tuple[SheetProblem, Prior]:
     """With the errors of the law that the forces found imply, and the hyperparameters of greatest evidence."""
     problem = replace(problem, factor=factor_of(problem.balance, problem.forces(solution.theta)))
+    if not learns:
+        return problem, prior
     point = problem.linearise(solution.theta)
     pull = point.normal @ solution.theta - point.jacobian @ point.residual
     return problem, replace(prior, kernel=maximise_evidence(prior, point.normal, pull, None, problem.check))

@@ -32,8 +32,13 @@ class Observed:
     pinned: np.ndarray
     """(V,) bool."""
     fps: float
-    noise: float
-    """Standard deviation of a coordinate [m]."""
+    deviation: np.ndarray
+    """Standard deviation of a coordinate [m], one number or (T+1, V)."""
+
+    @property
+    def noise(self) -> float:
+        """Root mean square of the deviation [m]."""
+        return float(np.sqrt((self.deviation**2).mean()))
 
     @property
     def frames(self) -> int:
@@ -75,9 +80,9 @@ class Observed:
         return self.spline(time), self.fps * self.spline(time, 1)
 
 
-def observed(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, sigma: float | None) -> Observed:
-    """Of points x (T+1, V, 3) [m]; sigma: their noise [m], None to measure it."""
-    return Observed(np.asarray(x, np.float64), faces, pinned, fps, _noise(x, faces) if sigma is None else sigma)
+def observed(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, sigma: float | np.ndarray | None) -> Observed:
+    """Of points x (T+1, V, 3) [m]; sigma: their noise [m], one number or (T+1, V), None to measure it."""
+    return Observed(np.asarray(x, np.float64), faces, pinned, fps, np.asarray(_noise(x, faces) if sigma is None else sigma, np.float64))
 
 
 def _noise(x: np.ndarray, faces: np.ndarray) -> float:

@@ -98,7 +98,12 @@ def factor_of(balance: Balance, forces: np.ndarray) -> np.ndarray:
     size = np.repeat((forces.reshape(count, -1, 3) ** 2).mean(axis=(0, 2)), 3)
     law = SHARE**2 * np.maximum(size, LEAST * size.max())
     lasting = ALWAYS + (1.0 - ALWAYS) * np.exp(-lag / LASTS)
-    covariance = np.einsum("km,de->kdme", *balance.noise) + np.einsum("km,de->kdme", lasting, balance.bent)
+    covariance = np.einsum("km,de->kdme", lasting, balance.bent)
+    before, here, after = balance.noise[:-2], balance.noise[1:-1], balance.noise[2:]
+    for apart, values in enumerate((before + 4.0 * here + after, -2.0 * (here + after)[:-1], after[:-2])):
+        first = np.arange(max(count - apart, 0))
+        for k, m in {(0, apart), (apart, 0)}:
+            covariance[first + k, :, first + m] += values[: len(first)]
     each = np.arange(data)
     covariance[:, each, :, each] += lasting * law[:, None, None] + STIFFNESS**2 * np.einsum("kd,md->dkm", balance.bending, balance.bending)
     every = np.arange(count)

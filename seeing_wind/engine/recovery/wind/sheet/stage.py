@@ -48,8 +48,8 @@ class SheetSeen:
     """(V,) bool."""
     sheet: Sheet
     fps: float
-    sigma: float | None = None
-    """Noise of x [m]; None to measure it."""
+    sigma: float | np.ndarray | None = None
+    """Noise of x [m], one number or (T+1, V); None to measure it."""
     targets: Sequence[TrackTargets] = ()
     """The tracks that x comes from, if it does: then they are what the residual is of [px]."""
 
@@ -94,7 +94,7 @@ def sheet_stage(
     began = time.perf_counter()
     progress.begin("recover", "recovering the force" if blown.field == "force" else "recovering the wind")
     with TakeJournal(take, stamp, progress) as journal:
-        found, told = _chosen(shell, seen, settings.gravity, blown.field or "wind", progress, journal)
+        found, told = _chosen(shell, seen, not source.targets, settings.gravity, blown.field or "wind", progress, journal)
         recovery = _recovery(shell, seen, source.targets, settings.gravity, particles, found, time.perf_counter() - began)
         seconds, began = {"recover": time.perf_counter() - began}, time.perf_counter()
         progress.begin("distill", "fitting the field")
@@ -123,13 +123,13 @@ def _both(recovery: Recovery, found: SheetEstimate, told: dict[str, Any]) -> lis
 
 
 def _chosen(
-    shell: Shell, seen: Observed, gravity: Sequence[float], field: str, progress: Progress, journal: Journal
+    shell: Shell, seen: Observed, learns: bool, gravity: Sequence[float], field: str, progress: Progress, journal: Journal
 ) -> tuple[SheetEstimate, dict[str, Any]]:
     """The estimate that the setting asks for, and what `wind.json` says of it."""
 
     def estimate(cause: Cause, mean: float, name: str, part: Progress) -> SheetEstimate:
         follower = follower_of(shell, seen, gravity, cause)
-        return journal.once(name, SheetEstimate, lambda: field_of(follower, mean, part, journal))
+        return journal.once(name, SheetEstimate, lambda: field_of(follower, mean, part, journal, learns=learns))
 
     if field == "force":
         return estimate(Push(shell), FORCE_MEAN, "force", progress), {"field": "force", "why": "--field force", "notes": []}

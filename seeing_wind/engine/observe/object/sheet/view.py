@@ -1,0 +1,124 @@
+"""What one camera saw of a sheet: where its tracked points are, and an outline that it does not leave."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy import ndimage
+from scipy.sparse import csr_matrix
+
+from ....masks import Masks
+from ..motion.lifting import Sight
+from ..motion.views import surface_points
+from .mesh import SheetMesh
+from .riding import ride_flat
+
+FINEST, TIED = 0.1, 0.5
+"""px: least standard deviation of a track, and that of where on the sheet one is that begins after frame 0."""
+OUTLIER = 3.0
+"""Standard deviations from which a track counts less and less (Cauchy's weights): it may slide where the sheet folds. Larger while all
+tracks are missed by more."""
+LEAVES, OUTLINE = 1.0, 2.0
+"""px that a vertex may leave the outline for nothing, and the standard deviation of how far it is beyond that."""
+OUTLINE_PIXELS = 4e5
+"""Outlines are looked at in pictures of no more pixels."""
+
+
+class View:
+    """Of T+1 frames."""
+
+    def __init__(self, mesh: SheetMesh, sight: Sight, masks: Masks | None = None) -> None:
+        self.sight, self._mesh, self._masks = sight, mesh, masks
+        self.places = np.full((sight.xy.shape[1], 2), np.nan)
+        """(K, 2) where its tracked points are on the sheet laid flat [m], NaN where that is not known."""
+        self._ride = csr_matrix((len(self.places), len(mesh.x)))
+        self._outside: tuple[int, np.ndarray] = (-1, np.zeros((1, 1)))
+
+    def place(self, frame: int, x: np.ndarray) -> None:
+        """Give the tracks that are first visible in this frame, with the vertices at x (V, 3) [m], their places on the sheet."""
+        one, places = self.sight, self.places.copy()
+        first = one.visible[frame] & ~one.visible[:frame].any(axis=0)
+        begun = np.flatnonzero(first & np.isfinite(one.xy[frame]).all(axis=1))
+        if begun.size:
+            flat = np.column_stack([self._mesh.flat, np.zeros(len(x))])
+            found, hit = surface_points(x, self._mesh.faces, one.camera, one.xy[frame, begun], frame, flat)
+            places[begun[hit]] = found[hit, :2]
+            self.put(places)
+
+    def put(self, places: np.ndarray) -> None:
+        """Take the tracks' places (K, 2) as they are."""
+        known = np.flatnonzero(np.isfinite(places[:, 0]))
+        riding = ride_flat(places[known], self._mesh.flat)
+        rows = np.repeat(known, riding.index.shape[1])
+        self._ride = csr_matrix((riding.weight.ravel(), (rows, riding.index.ravel())), (len(places), len(self._mesh.x)))
+        self.places = places
+
+    def missed(self, frame: int, x: np.ndarray) -> np.ndarray:
+        """(M,) by how many standard deviations the tracks are missed that are visible in the frame."""
+        return self._tracks(frame, x)[0]
+
+    def cost(self, frame: int, x: np.ndarray, scale: float) -> float:
+        """Of vertices at x (V, 3) [m], where tracks are outliers from `scale` standard deviations on."""
+        missed, beyond = self.missed(frame, x), self._beyond(frame, x)[0]
+        return 0.5 * sum(size**2 * float(np.log1p((one / size) ** 2).sum()) for size, one in ((scale, missed), (OUTLIER, beyond)))
+
+    def linearise(self, frame: int, x: np.ndarray, scale: float) -> tuple[csr_matrix, np.ndarray]:
+        """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) of the cost."""
+        missed, off, rows = self._tracks(frame, x)
+        weights = np.repeat(1.0 / (1.0 + (missed / scale) ** 2), 2)
+        beyond, slope = self._beyond(frame, x)
+        firm = 1.0 / (1.0 + (beyond / OUTLIER) ** 2)
+        hessian = rows.T @ rows.multiply(weights[:, None]).tocsr() + slope.T @ slope.multiply(firm[:, None]).tocsr()
+        return hessian, rows.T @ (weights * off) + slope.T @ (firm * beyond)
+
+    def _tracks(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+        """Of the M tracks that count in a frame: how far off (M,), the same in x and y (2M,), in standard deviations, and its slope."""
+        one = self.sight
+        seen = np.flatnonzero(one.visible[frame] & np.isfinite(self.places[:, 0]) & np.isfinite(one.xy[frame]).all(axis=1))
+        sigma = np.hypot(np.maximum(one.sigma[frame, seen], FINEST), np.where(one.visible[0, seen], 0.0, TIED))
+        ride = self._ride[seen]
+        points = ride @ x
+        off = (one.camera.project(points, frame)[0] - one.xy[frame, seen]) / sigma[:, None]
+        slope = one.camera.projection_jacobian(points, frame) / sigma[:, None, None]
+        return np.linalg.norm(off, axis=1), off.ravel(), _spread(ride, slope)
+
+    def _beyond(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
+        """How far vertices are off the outline (B,), in standard deviations, and its slope; none where no outline is known."""
+        if self._masks is None:
+            return np.zeros(0), csr_matrix((0, x.size))
+        stride, away = self._distances(frame)
+        xy = self.sight.camera.project(x, frame)[0]
+        at = xy / stride
+        height, width = away.shape
+        inside = ((at > 1.0) & (at < [width - 2.0, height - 2.0])).all(axis=1)
+        value = np.full(len(x), -1.0)
+        value[inside] = ndimage.map_coordinates(away, at[inside].T[::-1], order=1)
+        off = np.flatnonzero(value * stride > LEAVES)
+        here = at[off].T[::-1]
+        across = [ndimage.map_coordinates(away, here + 0.5 * np.eye(2)[i][:, None], order=1) for i in (1, 0)]
+        back = [ndimage.map_coordinates(away, here - 0.5 * np.eye(2)[i][:, None], order=1) for i in (1, 0)]
+        steep = np.stack([ahead - behind for ahead, behind in zip(across, back, strict=True)], axis=1)
+        slope = np.einsum("bi,bij->bj", steep, self.sight.camera.projection_jacobian(x[off], frame)) / OUTLINE
+        columns = 3 * off[:, None] + np.arange(3)
+        spread = csr_matrix((slope.ravel(), (np.repeat(np.arange(len(off)), 3), columns.ravel())), (len(off), x.size))
+        return (value[off] * stride - LEAVES) / OUTLINE, spread
+
+    def _distances(self, frame: int) -> tuple[int, np.ndarray]:
+        """How many pixels are taken as one, and (H', W') how many of these a place is off the outline; the last frame's are kept."""
+        assert self._masks is not None
+        stride = max(1, math.ceil(math.sqrt(self._masks.height * self._masks.width / OUTLINE_PIXELS)))
+        if self._outside[0] != frame:
+            mask = self._masks[frame][::stride, ::stride]
+            away = ndimage.distance_transform_edt(~mask) if mask.any() else np.zeros(mask.shape)  # hidden: anything may be
+            self._outside = (frame, away)
+        return stride, self._outside[1]
+
+
+def _spread(ride: csr_matrix, slope: np.ndarray) -> csr_matrix:
+    """(2M, 3V) derivative of the pixels (M, 2) by the vertices."""
+    entries = ride.tocoo()
+    values = entries.data[:, None, None] * slope[entries.row]
+    rows = 2 * entries.row[:, None, None] + np.arange(2)[:, None] + np.zeros(3, int)
+    columns = 3 * entries.col[:, None, None] + np.zeros((2, 1), int) + np.arange(3)
+    return csr_matrix((values.ravel(), (rows.ravel(), columns.ravel())), (2 * ride.shape[0], 3 * ride.shape[1]))
