@@ -13,6 +13,7 @@ from mathutils import Matrix
 from ...engine.errors import ClipError, UsageError
 from ..scene_units import metres_per_unit
 from .inputs.clips import found_clip, load_clip
+from .inputs.pace import Pace, set_pace
 from .match import ALL, OURS, follow
 
 CAMERA = "Seeing Wind Camera"
@@ -63,7 +64,7 @@ def setup_clip_scene(
     scene.active_clip = clip
     obj = _camera_object(scene)
     _set_lens(obj.data, camera)
-    _set_pose(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), metres_per_unit(scene), frame_start)
+    set_poses(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), metres_per_unit(scene), frame_start)
     set_background(obj.data, clip)
     # pixels that are not square: Blender stretches one side by a factor of at least one
     aspect = max(camera["fy"] / camera["fx"], 1.0), max(camera["fx"] / camera["fy"], 1.0)
@@ -138,9 +139,7 @@ def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.type
         if clip.users == 0:
             bpy.data.movieclips.remove(clip)
         raise ClipError(f"{path} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
-    # the offset stays: the user's tracks and camera solve count from it
-    if clip.library is None:
-        clip.frame_start = frame_start - first_frame + clip.frame_offset
+    set_pace(clip, first_frame, Pace(frame_start))
     return clip
 
 
@@ -150,7 +149,6 @@ def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:
         obj = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
         obj[OURS], obj.data.display_size = True, DRAWN
         scene.collection.objects.link(obj)
-    obj.animation_data_clear()
     return obj
 
 
@@ -163,12 +161,18 @@ def _set_lens(data: bpy.types.Camera, camera: Mapping[str, Any]) -> None:
     data.shift_y = ((camera["cy"] + 0.5) / height - 0.5) * (height * fx) / (width * fy)
 
 
-def _set_pose(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start: int) -> None:
-    """Place the camera, with a keyframe per picture where it moves."""
+def set_poses(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start: int) -> None:
+    """Place the clip's camera, with a keyframe in every frame where it moves.
+
+    Args:
+        poses: `camera_to_world` (4, 4) or, from `frame_start` on, (F, 4, 4) [m], OpenCV's axes.
+        unit: length of a unit of the scene [m].
+    """
+    obj.animation_data_clear()
     moving = poses.ndim == 3
     obj.rotation_mode = "QUATERNION"
     previous = None
-    for picture, pose in enumerate(poses if moving else poses[None]):
+    for number, pose in enumerate(poses if moving else poses[None]):
         pose = pose @ OPENCV_TO_BLENDER
         obj.location = pose[:3, 3] / unit
         rotation = Matrix(pose[:3, :3].tolist()).to_quaternion()
@@ -177,8 +181,8 @@ def _set_pose(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start
             rotation.make_compatible(previous)
         obj.rotation_quaternion = previous = rotation
         if moving:
-            obj.keyframe_insert("location", frame=frame_start + picture)
-            obj.keyframe_insert("rotation_quaternion", frame=frame_start + picture)
+            obj.keyframe_insert("location", frame=frame_start + number)
+            obj.keyframe_insert("rotation_quaternion", frame=frame_start + number)
 
 
 def set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:

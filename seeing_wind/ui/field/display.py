@@ -75,6 +75,15 @@ def said_of_speed(field: Any, scene: Any) -> str:
     return f"Goes by at {speed:.3g} times the speed of the clip ({rates})"
 
 
+def said_of_pace(stride: float) -> str:
+    """What becomes of a clip's pictures where each lasts `stride` frames of the scene; "" where that is one."""
+    if abs(stride - 1.0) < 1e-3:
+        return ""
+    if stride > 1.0:
+        return f"every frame shows the clip's nearest picture: in {100.0 * (1.0 - 1.0 / stride):.2g} of 100 that of the frame before again"
+    return f"every frame shows the clip's nearest picture: {100.0 * (1.0 - stride):.2g} of 100 pictures are left out"
+
+
 def said_of_mirror(field: Any) -> str:
     """What a negative scale does to a field, its own or a parent's; "" without one."""
     if field.matrix_world.determinant() >= 0.0:

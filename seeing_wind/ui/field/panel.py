@@ -8,11 +8,13 @@ from .display import (
     KIND,
     LOOP,
     field_at_hand,
+    frames_per_second,
     has_wind,
     in_figures,
     out_of_time,
     said_of_fit,
     said_of_mirror,
+    said_of_pace,
     said_of_speed,
     said_of_unseen,
     said_of_wind,
@@ -51,6 +53,9 @@ class FieldTab(Tab):
         if speed:
             draw_text(layout, context, speed, "TIME")
             layout.operator("seeing_wind.conform", icon="TIME")
+            if field == settings.field_object and settings.recovered_object is not None:
+                then = said_of_pace(frames_per_second(context.scene) / field["seeing_wind_fps"])
+                draw_text(layout, context, f"Then {then}", "INFO")
         mirrored = said_of_mirror(field)
         if mirrored:
             box = layout.box()
