@@ -110,7 +110,7 @@ def test_other_formats_are_the_engines(scene, tmp_path, capfd):
 def test_the_legend_names_the_peak_and_shows_its_colours_in_solid_view(scene):
     legend = scene.objects["Recovered Wind Legend"]
     texts = [node.inputs["String"].default_value for node in legend.modifiers[0].node_group.nodes if node.type == "STRING_TO_CURVES"]
-    assert f"{in_figures(scene.seeing_wind.arrows_object['seeing_wind_peak'])} N/m³" in texts and "0" in texts
+    assert f"{in_figures(scene.seeing_wind.arrows_object['seeing_wind_peak'])} N/m³" in texts and "0" in texts and len(texts) == 3
     mesh = legend.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert mesh.color_attributes.active_color_name == "wind_colour" and len(mesh.polygons) > 48
 
