@@ -91,6 +91,14 @@ def said_of_mirror(field: Any) -> str:
     return "Mirrored by a negative scale: Blender's solvers take that for a turn, and feel this wind upside down. Turn it instead"
 
 
+def said_of_override(field: Any) -> str:
+    """What a library override that is turned does not turn; "" for any other field."""
+    linked = field.override_library.reference if field.override_library is not None else None
+    if linked is None or linked.matrix_world.to_quaternion().rotation_difference(field.matrix_world.to_quaternion()).angle < 1e-3:
+        return ""
+    return "A library override that is turned: Blender's solvers feel it at its new place, in the old directions. Append it to turn it"
+
+
 def has_wind(field: Any) -> bool:
     """Whether a field object carries the velocity of a wind beside its force."""
     return field is not None and SPEEDS in field

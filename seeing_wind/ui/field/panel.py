@@ -14,6 +14,7 @@ from .display import (
     out_of_time,
     said_of_fit,
     said_of_mirror,
+    said_of_override,
     said_of_pace,
     said_of_speed,
     said_of_unseen,
@@ -56,11 +57,10 @@ class FieldTab(Tab):
             if field == settings.field_object and settings.recovered_object is not None:
                 then = said_of_pace(frames_per_second(context.scene) / field["seeing_wind_fps"])
                 draw_text(layout, context, f"Then {then}", "INFO")
-        mirrored = said_of_mirror(field)
-        if mirrored:
+        for wrong in filter(None, (said_of_mirror(field), said_of_override(field))):
             box = layout.box()
             box.alert = True
-            draw_text(box, context, mirrored, "ERROR")
+            draw_text(box, context, wrong, "ERROR")
         if stride_of(field) != 1.0:
             layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
         if LOOP in field:

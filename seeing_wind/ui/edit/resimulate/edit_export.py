@@ -23,7 +23,7 @@ from ...scene_mesh import mesh_arrays, pinned_vertices
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
 from .field_place import standing
-from .force_fields import force_fields
+from .force_fields import force_fields, left_out
 from .further_forces import further_forces
 from .geometry import may_move, seen_in_place_of
 from .preview import COARSENESS, frames_seen
@@ -59,6 +59,7 @@ def export_edit(
         stands = standing(scene, field.box, frames, request.metres)
     finally:
         scene.frame_set(at)
+    notes += left_out(scene)
     forces, said = _forces(request, scene, field, folder, bodies, frames)
     values = request.values | stands.ends | {
         "field_strength": _strengths(scene, field, stands.share), "field_place": _place(stands.place, folder), "forces": forces,
