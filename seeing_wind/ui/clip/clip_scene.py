@@ -11,6 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...engine.errors import ClipError, UsageError
+from ..composite.mattes import narrowed
 from ..scene_units import metres_per_unit
 from .inputs.clips import found_clip, load_clip
 from .inputs.pace import Pace, set_pace
@@ -83,6 +84,7 @@ def create_recovered_object(
     uv: np.ndarray,
     picture: np.ndarray | str | Path,
     collection: bpy.types.Collection | None = None,
+    outline: np.ndarray | None = None,
 ) -> bpy.types.Object:
     """The object of the clip as a mesh that wears the pixels of picture 0.
 
@@ -92,6 +94,7 @@ def create_recovered_object(
         uv: (V, 2) in 0..1, origin bottom left.
         picture: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first picture).
         collection: where to link it, by default the scene's own collection.
+        outline: (H, W) bool of the object in the picture: where it is known, Solid view shows no pixel from beside the object.
     """
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata((np.asarray(vertices) / metres_per_unit(scene)).tolist(), [], np.asarray(triangles).tolist())
@@ -101,7 +104,7 @@ def create_recovered_object(
     mesh.loops.foreach_get("vertex_index", corners)
     layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
     if isinstance(picture, np.ndarray):
-        _wear_in_solid_view(mesh, np.asarray(uv), picture)
+        _wear_in_solid_view(mesh, np.asarray(uv), picture, outline)
     mesh.materials.append(_picture_material(f"{name} Picture", picture_image(f"{name} Picture", picture)))
     mesh.update()
     obj = bpy.data.objects.new(name, mesh)
@@ -109,12 +112,19 @@ def create_recovered_object(
     return obj
 
 
-def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, picture: np.ndarray) -> None:
-    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no picture."""
+def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, picture: np.ndarray, outline: np.ndarray | None) -> None:
+    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no picture.
+
+    One at the rim, whose pixel is half of what is behind, takes the color of the nearest vertex that is not.
+    """
     height, width = picture.shape[:2]
     column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
     row = np.clip(((1.0 - uv[:, 1]) * height).astype(int), 0, height - 1)
     shown = picture[row, column, :3] / 255.0
+    inside = narrowed(outline)[row, column] if outline is not None and outline.shape == picture.shape[:2] else np.ones(len(uv), bool)
+    for vertex in np.flatnonzero(~inside) if inside.any() else ():
+        away = np.hypot(column[inside] - column[vertex], row[inside] - row[vertex])
+        shown[vertex] = shown[np.flatnonzero(inside)[np.argmin(away)]]
     linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
     colours = np.concatenate([linear, np.ones((len(uv), 1))], axis=1).astype(np.float32)
     mesh.attributes.new(PICTURE_COLOUR, "FLOAT_COLOR", "POINT").data.foreach_set("color", colours.ravel())

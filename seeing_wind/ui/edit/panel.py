@@ -5,7 +5,7 @@ import bpy
 from ...engine.materials import MATERIALS, SHEETS
 from ...engine.settings import BodyEdit
 from ..field.display import has_wind
-from ..job.panel_pieces import Tab, draw_override, fold, panels
+from ..job.panel_pieces import Tab, draw_override, draw_text, fold, panels
 from ..option_properties import panel_options
 from .sheet_label import is_shell, shell_words
 
@@ -70,7 +70,7 @@ def _draw_body(column, body, settings) -> None:
         column.prop(body, "material")
         words = shell_words(body)
         if words:
-            column.label(text=words, icon="MOD_CLOTH")
+            draw_text(column, bpy.context, words, "MOD_CLOTH")
     obj = settings.recovered_object if body.is_recovered else body.object
     column.prop(body, "mass_scale")
     column.prop(body, "stiffness_scale")
