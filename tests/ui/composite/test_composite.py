@@ -243,3 +243,21 @@ def test_in_solid_view_the_rim_of_the_object_wears_no_pixel_from_behind_it(scene
         obj = create_recovered_object(scene, "Square", place, np.array([[0, 1, 13]]), uv, picture, outline=known)
         colours = np.array([each.color[:3] for each in obj.data.attributes[PICTURE_COLOUR].data])
         assert colours[:, 1].max() == pytest.approx(green)
+
+
+def test_a_camera_that_is_not_where_the_clip_s_was_is_told(scene, capfd):
+    ours = scene.camera
+    assert composite.set_up(scene, samples=1).astray == ""
+    own = bpy.data.objects.new("Own", ours.data.copy())
+    scene.collection.objects.link(own)
+    own.matrix_world, scene.camera = ours.matrix_world, own
+    bpy.context.view_layer.update()
+    assert composite.set_up(scene, samples=1).astray == "", "a solve's camera may stand in the same place"
+    own.location.x += 0.1
+    bpy.context.view_layer.update()
+    assert bpy.ops.seeing_wind.set_up_composite(samples=1) == {"FINISHED"}
+    assert "Warning: Own is not where the clip's camera was" in capfd.readouterr().out
+    own.location.x -= 0.1
+    own.data.lens *= 1.5
+    bpy.context.view_layer.update()
+    assert "make Seeing Wind Camera the active camera" in composite.set_up(scene, samples=1).astray
