@@ -61,7 +61,8 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
 
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
-        status.of(scene.session_uid).warnings += results.notes(scene, self.folder)
+        now = status.of(scene.session_uid)
+        now.warnings = results.notes(scene, self.folder) + now.warnings  # what has befallen the scene is the least of it
         return f"Recovered into {self.folder.name}. Next: play it, then insert a mesh (step 4)"
 
 
@@ -107,7 +108,8 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         settings = scene.seeing_wind
         if not takes.is_shown(settings, self.folder):
             takes.show(settings, self.folder, "loaded")
-        status.of(scene.session_uid).warnings += results.notes(scene, self.folder)
+        now = status.of(scene.session_uid)
+        now.warnings = results.notes(scene, self.folder) + now.warnings  # what has befallen the scene is the least of it
         return f"Loaded {self.folder.name}"
 
 
