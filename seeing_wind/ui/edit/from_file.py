@@ -20,12 +20,15 @@ PINNED = "Pinned"
 """Name of the vertex group that is made of an edit's pins."""
 
 
-def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.Object]) -> None:
+def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.Object]) -> bool:
     """Fill the Edit list of a scene that has none.
 
     Args:
         take: of the re-simulation; it names its edit.toml. Where that is gone, the list stays empty.
         objects: the simulated bodies in the scene, by their names in the edit.
+
+    Returns:
+        Whether the list says now what was simulated.
 
     Raises:
         TakeError: when the edit does not say what the panel can hold.
@@ -33,14 +36,15 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
     settings = scene.seeing_wind
     named = take.description().get("stages", {}).get("resimulate", {}).get("settings", {}).get("edit", "")
     if len(settings.bodies) or not Path(named).is_file():
-        return
+        return False
     try:
         edit = read_toml(named)
         folder = Path(named).parent
         for entry in edit.get("body", []):
             _add(settings, entry, objects.get(entry["name"]), folder)
         left = [each for each in edit.get("collider", []) if not _add_collider(scene, each, folder)]
-        status.of(scene.session_uid).warnings += _left_out(edit, left)
+        told = _left_out(edit, left)
+        status.of(scene.session_uid).warnings += told
         strength, gravity = edit.get("field_strength", 1.0), edit.get("gravity")
         if "preroll" in edit:
             give(settings, options_of(Edit)["preroll"], edit["preroll"])
@@ -55,6 +59,7 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
             settings.edit_gravity_mode, settings.edit_gravity = "CUSTOM", gravity
     except (AttributeError, KeyError, OSError, TypeError, ValueError) as error:
         raise TakeError(f"The edit {named} cannot be taken into the panel ({error}).", "Correct it, or insert the meshes anew.") from error
+    return not told
 
 
 def _add(settings: bpy.types.PropertyGroup, entry: dict[str, Any], obj: bpy.types.Object | None, folder: Path) -> None:

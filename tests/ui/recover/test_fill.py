@@ -10,9 +10,10 @@ import pytest
 
 from seeing_wind.engine.reading import read_arrays
 from seeing_wind.engine.take import Take
+from seeing_wind.ui import freshness
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.job import status, takes
-from seeing_wind.ui.recover import results
+from seeing_wind.ui.recover.simulated import import_bodies
 from tests.ui.edit.edits import written
 from tests.ui.jobs import now, recover
 from tests.ui.meshes import cube, group
@@ -89,7 +90,7 @@ def simulated(take) -> Path:
 def test_the_edit_list_is_filled_and_the_object_wears_its_picture(take, simulated) -> None:
     bpy.ops.seeing_wind.build_scene(take=str(take))
     scene = bpy.context.scene
-    made = results.import_bodies(scene, simulated, scene.seeing_wind.frame_start)
+    made = import_bodies(scene, simulated, scene.seeing_wind.frame_start)
     settings = scene.seeing_wind
     box, own = settings.bodies
     assert box.object == made["Box"] and box.mass_scale == 3.0 and own.is_recovered
@@ -133,7 +134,12 @@ def test_pins_floor_and_colliders_of_an_edit_are_there_again(take) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.seeing_wind.build_scene(take=str(take))
     scene = bpy.context.scene
-    results.import_bodies(scene, folder, scene.seeing_wind.frame_start)
+    import_bodies(scene, folder, scene.seeing_wind.frame_start)
+    freshness.refresh(scene)
+    assert [now(scene)[step].state for step in ("resimulate", "bake")] == ["done"] * 2, "nothing has changed since"
+    scene.seeing_wind.bodies[0].mass_scale = 2.0
+    assert [now(scene)[step].state for step in ("resimulate", "bake")] == ["stale"] * 2
+    scene.seeing_wind.bodies[0].mass_scale = 1.0
     assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
     folder = Path(scene.seeing_wind.simulated_take)
     again = written(folder.parent, folder.name)
@@ -162,6 +168,18 @@ def test_what_the_panel_cannot_take_over_is_said(take) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.ops.seeing_wind.build_scene(take=str(take))
     scene = bpy.context.scene
-    results.import_bodies(scene, folder, scene.seeing_wind.frame_start)
+    import_bodies(scene, folder, scene.seeing_wind.frame_start)
     (said,) = [one for one in status.of(scene.session_uid).warnings if one.startswith("Re-simulate would leave out")]
     assert said.endswith("how the collider Table moves")
+
+
+def test_a_take_whose_settings_the_panel_has_is_not_called_out_of_date(take) -> None:
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    assert now(bpy.context.scene)["recover"].state == "stale", "its mask is gone"
+    observed = Take(take).description()["stages"]["observe"]["settings"]
+    Take(take).finish("observe", "o", {name: value for name, value in observed.items() if name != "mask"})
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    assert now(bpy.context.scene)["recover"].state == "done"
+    bpy.context.scene.seeing_wind.distance = 3.0
+    assert now(bpy.context.scene)["recover"].state == "stale"
