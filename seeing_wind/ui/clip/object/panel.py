@@ -28,6 +28,7 @@ class ObjectTab(Tab):
         else:
             column.prop(settings, "pixels_per_metre" if settings.scale_mode == "PIXELS" else "distance")
         column.prop(settings, "material")
+        column.prop(settings, "form")
         _draw_material(column, settings)
         _draw_held(column, context, settings)
         _draw_preview(self.layout, context, settings)
