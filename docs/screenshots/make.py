@@ -30,7 +30,7 @@ PHOTOGRAPH = ("import", "-window", "root")
 BEHAVIOUR = {"running": "hang", "cancelled": "hang", "resumed": "hang", "failed": "error"}
 SETTLED, RENDERED = 2.0, 30.0
 """Seconds until a window that a processor draws shows what was done, and what is rendered."""
-TO_RECOVER, TO_EDIT = 26, 40
+TO_RECOVER, TO_EDIT = 23, 34
 """Notches of the mouse wheel from the uppermost panel to these, with a preview above them."""
 PAGES = 8
 """As many screens as all panels fill together, at most."""

@@ -121,9 +121,7 @@ def run_verb(python: str, verb: str, options: list[str], show: Show) -> int:
 
 def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -> int:
     """An empty file with the results of a take, and of a re-simulation; returns the exit code."""
-    from ..engine.take import Take  # these need NumPy
-    from .job.take_reading import is_preview
-    from .recover import results, sampling
+    from .recover import results, sampling, simulated  # need NumPy
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
@@ -133,13 +131,10 @@ def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -
     last = worker.wait(sampling.sampling(python, source), show)
     if last["outcome"] != "done":
         return CANCELLED if last["outcome"] == "cancelled" else 1
-    results.build(scene, source, clip)
-    takes.show(settings, source, "loaded")
+    filled = results.build(scene, source, clip)
+    takes.show(settings, source, results.digest_of_loaded(scene, filled))
     if edit is not None:
-        kind = "coarse" if is_preview(Take(edit)) else "simulated"
-        setattr(settings, f"{kind}_take", str(edit))
-        setattr(settings, f"{kind}_digest", "loaded")
-        results.import_bodies(scene, edit, settings.frame_start)
+        simulated.import_bodies(scene, edit, settings.frame_start)
     return 0
 
 

@@ -82,6 +82,9 @@ def _after_undo(*_: object) -> None:
 def _after_load(*_: object) -> None:
     status.forget_all()
     forget_geometry()
+    for scene in bpy.data.scenes:
+        if len(scene.seeing_wind.bodies):  # where they stand is known once Blender has evaluated them
+            scene.view_layers[0].update()
     refresh_all()
     for scene in bpy.data.scenes:
         _say_what_was_cut_off(scene)

@@ -90,6 +90,18 @@ def check_composite(scene: bpy.types.Scene, folder: Path) -> None:
     check("video", bpy.ops.seeing_wind.render_composite(filepath=str(video)) == {"FINISHED"} and video.stat().st_size > 500)
 
 
+def check_conformed(scene: bpy.types.Scene, folder: Path) -> None:
+    """At 30 frames a second the clip of 24 shows the picture at which the recovered object is, still and in a video."""
+    scene.render.fps, scene.render.fps_base = 30, 1.0
+    check("conform", bpy.ops.seeing_wind.conform() == {"FINISHED"})
+    for frame, picture in ((2, 1), (6, 4), (11, 8)):
+        scene.frame_set(frame)
+        bpy.ops.seeing_wind.render_composite(filepath=str(folder / "paced.png"), still=True)
+        left = np.flatnonzero(read(folder / "paced.png")[30].mean(axis=1) > 145)[0]
+        check(f"picture {picture} at frame {frame}", abs(left - 20 - 2 * picture) <= 1, str(left))
+    check("a picture a frame", bpy.ops.seeing_wind.conform(real_time=False) == {"FINISHED"} and scene.active_clip.frame_start == 1)
+
+
 def check_lens(scene: bpy.types.Scene, folder: Path) -> None:
     """The cube where a barrel lens would show it."""
     straight = red(read(folder / "over.png"))
@@ -144,6 +156,7 @@ def main() -> None:
         bpy.context.object.modifiers.new("Cloth", "CLOTH")
         check("calibrate", bpy.ops.seeing_wind.calibrate() == {"FINISHED"})
         check_composite(scene, folder)
+        check_conformed(scene, folder)
         check_lens(scene, folder)
         check_hdri(scene, folder)
         check_vdb(scene, folder)

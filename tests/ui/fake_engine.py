@@ -82,8 +82,9 @@ def recover(options: list[str]) -> None:
     first = int(options[options.index("--frames") + 1].split(":")[0]) if "--frames" in options else 0
     report = {"box": [[-0.5, -0.3, -0.5], [0.7, 0.3, 0.6]], "fps": FPS, "frames": FRAMES, "material": {"density": DENSITY}}
     take.write_json("report.json", {**report, "clip": {"path": options[0], "first_frame": first}})
-    if "--field" in options:
-        read_as_wind(take, options[options.index("--field") + 1])
+    asked = options[options.index("--field") + 1] if "--field" in options else "force"
+    if asked != "force":
+        read_as_wind(take, asked)
     given = options[1 : options.index("--take")]
     take.finish("recover", stamp_of(*given), {"gravity": [0.0, 0.0, -3.0], "options": options})
 

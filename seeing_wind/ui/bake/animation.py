@@ -30,6 +30,16 @@ def remove_curves(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
         datablock.animation_data_clear()
 
 
+def retime(curves: Iterable[bpy.types.FCurve], first: float, last: float) -> None:
+    """Let animation curves begin and end at other scene frames; keyframes between keep their share of the way."""
+    for curve in curves:
+        points = curve.keyframe_points
+        begin, end = points[0].co.x, points[-1].co.x
+        for point in points:
+            point.co_ui.x = first + (point.co.x - begin) * (last - first) / max(end - begin, 1e-6)
+        curve.update()
+
+
 def make_linear(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
     """Straight lines between the keyframes of these data paths: nothing swings over between pictures."""
     wanted = set(paths)

@@ -1,4 +1,4 @@
-"""An object as it is without its bake, on a passing copy where it carries one."""
+"""An object as it is without its bake, or with it, on a passing copy where it must be one."""
 
 from __future__ import annotations
 
@@ -24,13 +24,31 @@ def at_rest(obj: bpy.types.Object, scene: bpy.types.Scene, whole: bool = False) 
     if mark_of(obj) is None and not on_top and obj.visible_get():
         yield obj
         return
+    with _passing_copy(obj, scene) as copy:
+        for name in on_top:
+            copy.modifiers[name].show_viewport = False
+        clear_bake(copy)
+        yield copy
+
+
+@contextlib.contextmanager
+def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
+    """An object with all that moves it, a bake too; a passing copy of what is hidden, which Blender does not evaluate."""
+    if obj.mode == "EDIT":
+        obj.update_from_editmode()
+    if obj.visible_get():
+        yield obj
+        return
+    with _passing_copy(obj, scene) as copy:
+        yield copy
+
+
+@contextlib.contextmanager
+def _passing_copy(obj: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[bpy.types.Object]:
     copy = own_copy(obj)
-    for name in on_top:
-        copy.modifiers[name].show_viewport = False
     copy.hide_viewport = False
     scene.collection.objects.link(copy)
     try:
-        clear_bake(copy)
         yield copy
     finally:
         discard(copy)

@@ -1,6 +1,7 @@
 """The panel *Bake*."""
 
-from ..job.panel_pieces import Tab, draw_job, draw_preview_mark, panels
+from ..job.panel_pieces import Tab, draw_job, draw_preview_mark, fold, panels
+from .plan import MARK
 
 
 class BakeTab(Tab):
@@ -13,22 +14,31 @@ class BakeTab(Tab):
         """How, which frames, go."""
         column, settings = self.columns()
         column.prop(settings, "bake_way")
-        if settings.bake_way in ("AUTO", "TRANSFORM"):
-            column.prop(settings, "bake_tolerance")
-        if settings.bake_way != "TRANSFORM":
-            column.prop(settings, "bake_smooth")
-        row = column.row(heading="Frames")
-        row.prop(settings, "bake_use_frames", text="")
-        sub = row.row(align=True)
-        if settings.bake_use_frames:
-            sub.prop(settings, "bake_frames", index=0, text="")
-            sub.prop(settings, "bake_frames", index=1, text="")
-        else:
-            sub.label(text="All")
+        first, last = settings.bake_frames
+        body = fold(column, "bake", f"Frames {first} to {last}" if settings.bake_use_frames else "Frames and Precision")
+        if body is not None:
+            _draw_how(body, settings)
         missing = "" if settings.simulated_take or settings.coarse_take else "First re-simulate"
         draw_job(self.layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", missing)
-        draw_preview_mark(self.layout, context)
-        self.layout.operator("seeing_wind.clear_bake", icon="X")
+        draw_preview_mark(self.layout, context, self.step)
+        if any(MARK in (body.baked_copy or body.object or ()) for body in settings.bodies):
+            self.layout.operator("seeing_wind.clear_bake", icon="X")
+
+
+def _draw_how(column, settings) -> None:
+    """Which frames, and how near to the simulation."""
+    if settings.bake_way in ("AUTO", "TRANSFORM"):
+        column.prop(settings, "bake_tolerance")
+    if settings.bake_way != "TRANSFORM":
+        column.prop(settings, "bake_smooth")
+    row = column.row(heading="Frames")
+    row.prop(settings, "bake_use_frames", text="")
+    sub = row.row(align=True)
+    if settings.bake_use_frames:
+        sub.prop(settings, "bake_frames", index=0, text="")
+        sub.prop(settings, "bake_frames", index=1, text="")
+    else:
+        sub.label(text="All")
 
 
 CLASSES = panels(BakeTab, 5)

@@ -42,16 +42,6 @@ def clear(obj: bpy.types.Object) -> None:
         bpy.data.actions.remove(action)
 
 
-def retime(key: bpy.types.Key, first: float, last: float) -> None:
-    """Let a bake begin and end at other scene frames; keys that the user has put between keep their share of the way."""
-    for curve in evaluation_time_curves(key):
-        points = curve.keyframe_points
-        begin, end = points[0].co.x, points[-1].co.x
-        for point in points:
-            point.co_ui.x = first + (point.co.x - begin) * (last - first) / max(end - begin, 1e-6)
-        curve.update()
-
-
 def is_intact(obj: bpy.types.Object) -> bool:
     """Whether the keys are there, and their time is keyed."""
     key = obj.data.shape_keys

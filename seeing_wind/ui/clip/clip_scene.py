@@ -11,8 +11,10 @@ import numpy as np
 from mathutils import Matrix
 
 from ...engine.errors import ClipError, UsageError
+from ..composite.mattes import narrowed
 from ..scene_units import metres_per_unit
 from .inputs.clips import found_clip, load_clip
+from .inputs.pace import Pace, set_pace
 from .match import ALL, OURS, follow
 
 CAMERA = "Seeing Wind Camera"
@@ -63,7 +65,7 @@ def setup_clip_scene(
     scene.active_clip = clip
     obj = _camera_object(scene)
     _set_lens(obj.data, camera)
-    _set_pose(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), metres_per_unit(scene), frame_start)
+    set_poses(obj, np.asarray(camera["camera_to_world"], dtype=np.float64), metres_per_unit(scene), frame_start)
     set_background(obj.data, clip)
     # pixels that are not square: Blender stretches one side by a factor of at least one
     aspect = max(camera["fy"] / camera["fx"], 1.0), max(camera["fx"] / camera["fy"], 1.0)
@@ -82,6 +84,7 @@ def create_recovered_object(
     uv: np.ndarray,
     picture: np.ndarray | str | Path,
     collection: bpy.types.Collection | None = None,
+    outline: np.ndarray | None = None,
 ) -> bpy.types.Object:
     """The object of the clip as a mesh that wears the pixels of picture 0.
 
@@ -91,6 +94,7 @@ def create_recovered_object(
         uv: (V, 2) in 0..1, origin bottom left.
         picture: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first picture).
         collection: where to link it, by default the scene's own collection.
+        outline: (H, W) bool of the object in the picture: where it is known, Solid view shows no pixel from beside the object.
     """
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata((np.asarray(vertices) / metres_per_unit(scene)).tolist(), [], np.asarray(triangles).tolist())
@@ -100,7 +104,7 @@ def create_recovered_object(
     mesh.loops.foreach_get("vertex_index", corners)
     layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
     if isinstance(picture, np.ndarray):
-        _wear_in_solid_view(mesh, np.asarray(uv), picture)
+        _wear_in_solid_view(mesh, np.asarray(uv), picture, outline)
     mesh.materials.append(_picture_material(f"{name} Picture", picture_image(f"{name} Picture", picture)))
     mesh.update()
     obj = bpy.data.objects.new(name, mesh)
@@ -108,12 +112,19 @@ def create_recovered_object(
     return obj
 
 
-def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, picture: np.ndarray) -> None:
-    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no picture."""
+def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, picture: np.ndarray, outline: np.ndarray | None) -> None:
+    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no picture.
+
+    One at the rim, whose pixel is half of what is behind, takes the color of the nearest vertex that is not.
+    """
     height, width = picture.shape[:2]
     column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
     row = np.clip(((1.0 - uv[:, 1]) * height).astype(int), 0, height - 1)
     shown = picture[row, column, :3] / 255.0
+    inside = narrowed(outline)[row, column] if outline is not None and outline.shape == picture.shape[:2] else np.ones(len(uv), bool)
+    for vertex in np.flatnonzero(~inside) if inside.any() else ():
+        away = np.hypot(column[inside] - column[vertex], row[inside] - row[vertex])
+        shown[vertex] = shown[np.flatnonzero(inside)[np.argmin(away)]]
     linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
     colours = np.concatenate([linear, np.ones((len(uv), 1))], axis=1).astype(np.float32)
     mesh.attributes.new(PICTURE_COLOUR, "FLOAT_COLOR", "POINT").data.foreach_set("color", colours.ravel())
@@ -138,9 +149,7 @@ def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.type
         if clip.users == 0:
             bpy.data.movieclips.remove(clip)
         raise ClipError(f"{path} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
-    # the offset stays: the user's tracks and camera solve count from it
-    if clip.library is None:
-        clip.frame_start = frame_start - first_frame + clip.frame_offset
+    set_pace(clip, first_frame, Pace(frame_start))
     return clip
 
 
@@ -150,7 +159,6 @@ def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:
         obj = bpy.data.objects.new(CAMERA, bpy.data.cameras.new(CAMERA))
         obj[OURS], obj.data.display_size = True, DRAWN
         scene.collection.objects.link(obj)
-    obj.animation_data_clear()
     return obj
 
 
@@ -163,12 +171,18 @@ def _set_lens(data: bpy.types.Camera, camera: Mapping[str, Any]) -> None:
     data.shift_y = ((camera["cy"] + 0.5) / height - 0.5) * (height * fx) / (width * fy)
 
 
-def _set_pose(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start: int) -> None:
-    """Place the camera, with a keyframe per picture where it moves."""
+def set_poses(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start: int) -> None:
+    """Place the clip's camera, with a keyframe in every frame where it moves.
+
+    Args:
+        poses: `camera_to_world` (4, 4) or, from `frame_start` on, (F, 4, 4) [m], OpenCV's axes.
+        unit: length of a unit of the scene [m].
+    """
+    obj.animation_data_clear()
     moving = poses.ndim == 3
     obj.rotation_mode = "QUATERNION"
     previous = None
-    for picture, pose in enumerate(poses if moving else poses[None]):
+    for number, pose in enumerate(poses if moving else poses[None]):
         pose = pose @ OPENCV_TO_BLENDER
         obj.location = pose[:3, 3] / unit
         rotation = Matrix(pose[:3, :3].tolist()).to_quaternion()
@@ -177,8 +191,8 @@ def _set_pose(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start
             rotation.make_compatible(previous)
         obj.rotation_quaternion = previous = rotation
         if moving:
-            obj.keyframe_insert("location", frame=frame_start + picture)
-            obj.keyframe_insert("rotation_quaternion", frame=frame_start + picture)
+            obj.keyframe_insert("location", frame=frame_start + number)
+            obj.keyframe_insert("rotation_quaternion", frame=frame_start + number)
 
 
 def set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:

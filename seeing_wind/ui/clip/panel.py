@@ -5,7 +5,7 @@ import os
 import bpy
 
 from ..job import status
-from ..job.panel_pieces import Tab, draw_engine, draw_failure, panels
+from ..job.panel_pieces import Tab, draw_engine, draw_failure, fold, panels
 from ..job.status import State
 
 
@@ -24,34 +24,44 @@ class ClipTab(Tab):
         row.operator("seeing_wind.choose_clip", text="Active Clip", icon="TRACKER").active = True
         column, settings = self.columns()
         column.prop(settings, "clip")
-        column.prop(settings, "fps", text="FPS (1/s)" if settings.fps else "FPS (0: file's)")
-        row = column.row(heading="Pictures")
-        row.prop(settings, "use_frames", text="")
-        sub = row.row(align=True)
-        if settings.use_frames:
-            sub.prop(settings, "frames", index=0, text="")
-            sub.prop(settings, "frames", index=1, text="")
-            first, last = settings.frames
-            column.label(text=f"Scene frames {settings.frame_start} to {settings.frame_start + last - first}")
-        else:
-            sub.label(text="All")
         column.prop(settings, "camera_mode")
-        if settings.camera_mode in ("AUTO", "FOV", "JSON"):
-            column.prop(settings, "camera" if settings.camera_mode == "JSON" else "fov")
-        if settings.camera_mode in ("AUTO", "FOV"):
-            column.prop(settings, "focal_length", text="Lens (mm)")
-        column.prop(settings, "frame_start")
-        column.operator("seeing_wind.match_scene", icon="SCENE_DATA")
+        if settings.camera_mode == "JSON":
+            column.prop(settings, "camera")
+        elif settings.camera_mode in ("AUTO", "FOV"):
+            row = column.row(align=True)
+            row.prop(settings, "focal_length", text="Lens (mm, °)")
+            row.prop(settings, "fov", text="")
+        _draw_time(self.layout, settings)
         _draw_views(self.layout, settings, self.bl_space_type)
         step = status.of(context.scene.session_uid).steps["clip"]
         if step.state == State.FAILED:
             draw_failure(self.layout, context, step)
 
 
+def _draw_time(layout, settings) -> None:
+    """Which pictures, how fast, where in the scene."""
+    first, last = settings.frames
+    title = f"Pictures {first} to {last}" if settings.use_frames else "Pictures and Time"
+    column = fold(layout, "time", title)
+    if column is None:
+        return
+    column.prop(settings, "fps", text="FPS (1/s)" if settings.fps else "FPS (0: file's)")
+    row = column.row(heading="Pictures")
+    row.prop(settings, "use_frames", text="")
+    sub = row.row(align=True)
+    if settings.use_frames:
+        sub.prop(settings, "frames", index=0, text="")
+        sub.prop(settings, "frames", index=1, text="")
+        column.label(text=f"Scene frames {settings.frame_start} to {settings.frame_start + last - first}")
+    else:
+        sub.label(text="All")
+    column.prop(settings, "frame_start")
+    column.operator("seeing_wind.match_scene", icon="SCENE_DATA")
+
+
 def _draw_views(layout, settings, space: str) -> None:
     """Other cameras that saw the same."""
-    header, body = layout.panel("SEEING_WIND_views", default_closed=not len(settings.views))
-    header.label(text="Further Views")
+    body = fold(layout, "views", "Further Views", closed=not len(settings.views))
     if body is None:
         return
     row = body.row()

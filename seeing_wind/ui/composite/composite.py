@@ -22,6 +22,7 @@ from ..field.display import LEGEND_MARK
 from ..job import takes
 from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
+from ..scene_units import metres_per_unit
 from . import nodes
 from .catchers import set_catchers
 from .hdri import set_hdri, unset_hdri
@@ -31,6 +32,8 @@ from .mattes import Mattes, grain_of, mattes_of, set_card
 from .overscan import set_overscan
 
 PLATE = "Seeing Wind Clean Plate"
+ASTRAY = 0.01
+"""Metres, and radians of turn or of view, by which a camera may differ from the clip's and still be taken for it."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +54,8 @@ class Composite:
     """What was done for want of a light; "" where the scene has its own."""
     shutter: float
     """Of the motion blur [frames]; 0: none."""
+    astray: str
+    """That the camera stands elsewhere than the clip's did, and what to do; "" where it does not."""
 
     def __str__(self) -> str:
         parts = ["the clip" if self.behind == "clip" else f"the {self.behind}, since the clip's object moves anew"]
@@ -59,7 +64,8 @@ class Composite:
         parts += ["bent as by the clip's lens"] * self.bent
         parts += [f"grain of {100.0 * self.grain:.1f} %"] * bool(self.grain)
         parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
-        return f"Composite over {', '.join(parts)}"
+        said = f"Composite over {', '.join(parts)}"
+        return f"{self.astray} {said}" if self.astray else said
 
 
 def set_up(
@@ -106,7 +112,7 @@ def set_up(
     rendered = set_overscan(scene, 1.0 if lens is None else lens.wider)
     nodes.build(scene, clip, picture, mattes, noise, lens, rendered)
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
-    return Composite(behind, tuple(catchers), held_out, lens is not None, noise, light, shutter)
+    return Composite(behind, tuple(catchers), held_out, lens is not None, noise, light, shutter, astray(scene))
 
 
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
@@ -139,6 +145,21 @@ def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
             bpy.ops.render.render(call, animation=not still, write_still=still)
         except RuntimeError as error:
             raise SeeingWindError(f"Blender could not render {path}: {said_by(error)}.", "Check that the folder can be written.") from error
+
+
+def astray(scene: bpy.types.Scene) -> str:
+    """Whether the scene is rendered by a camera that is not where the clip's was, in the current frame; in words, "" for no.
+
+    Its background is stretched to any camera, so that nobody sees it at once.
+    """
+    camera, clips = scene.camera, scene.seeing_wind.camera_object
+    if camera is None or clips is None or camera == clips or scene not in clips.users_scene:
+        return ""
+    away = np.array(clips.matrix_world.normalized().inverted_safe() @ camera.matrix_world.normalized()) - np.eye(4)
+    angles = abs(camera.data.angle - clips.data.angle)
+    if max(np.abs(away[:3, :3]).max(), angles) < ASTRAY and np.abs(away[:3, 3]).max() * metres_per_unit(scene) < ASTRAY:
+        return ""
+    return f"{camera.name} is not where the clip's camera was, so nothing stands where it belongs: make {clips.name} the active camera."
 
 
 def _hold_out(scene: bpy.types.Scene, take: Take | None, mattes: Mattes | None, hidden: bool) -> str:

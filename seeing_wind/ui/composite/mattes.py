@@ -16,7 +16,8 @@ from ...engine.errors import TakeError
 from ...engine.masks import Masks
 from ...engine.record_arrays import from_arrays
 from ...engine.take import Take
-from ..bake.animation import make_linear, remove_curves
+from ..bake.animation import curves_of, make_linear, remove_curves, retime
+from ..clip.inputs.pace import Pace, pace_of_scene, set_pace_of_images
 from ..scene_units import metres_per_unit
 
 FOLDER, IMAGE, CARD = "mattes", "Seeing Wind Mattes", "Seeing Wind Holdout"
@@ -34,8 +35,8 @@ class Mattes:
 
     image: bpy.types.Image
     pictures: int
-    frame_start: int
-    """Scene frame of the first."""
+    pace: Pace
+    """At which scene frame each is shown."""
 
 
 def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
@@ -55,7 +56,7 @@ def mattes_of(scene: bpy.types.Scene, take: Take) -> Mattes | None:
             continue
         with take.writing(f"{FOLDER}/{path.name}") as aside:
             aside.write_bytes(png(matte(mask)))
-    return Mattes(_loaded(folder / "matte_0001.png"), len(masks), scene.seeing_wind.frame_start)
+    return Mattes(_loaded(folder / "matte_0001.png"), len(masks), pace_of_scene(scene))
 
 
 def matte(mask: np.ndarray) -> np.ndarray:
@@ -137,6 +138,21 @@ def grain_of(take: Take) -> float:
     return float(np.median(np.abs(seen)) / 0.6745 / 6.0 * math.sqrt(3.0))
 
 
+def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:
+    """Let the mattes that a scene has, in the compositor and on its card, go by at another pace."""
+    card, image = scene.objects.get(CARD), bpy.data.images.get(IMAGE)
+    if image is None:
+        return
+    pictures = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
+    trees = [getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)]
+    if card is not None:
+        retime(curves_of(card), pace.at, pace.at + pace.stride * (pictures - 1))
+        trees += [material.node_tree for material in card.data.materials]
+    for node in (node for tree in trees if tree is not None for node in tree.nodes):
+        if getattr(node, "image", None) == image:
+            set_pace_of_images(getattr(node, "image_user", node), pictures, pace)
+
+
 def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> bpy.types.Object | None:
     """A card before the camera, as far away as the object in every picture, that holds out by the matte: it cuts what flies behind.
 
@@ -163,7 +179,7 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
     remove_curves(card, ["scale"])
     for t, depth in enumerate(depths):
         card.scale = (depth / metres_per_unit(scene),) * 3
-        card.keyframe_insert("scale", frame=mattes.frame_start + t)
+        card.keyframe_insert("scale", frame=mattes.pace.at + mattes.pace.stride * t)
     make_linear(card, ["scale"])
     return card
 
@@ -191,8 +207,8 @@ def _card_material(mattes: Mattes) -> bpy.types.Material:
         for kind in ("TexCoord", "TexImage", "SeparateColor", "BsdfTransparent", "Holdout", "MixShader", "OutputMaterial")
     )
     picture.image, picture.extension, picture.interpolation = mattes.image, "CLIP", "Linear"
-    user = picture.image_user
-    user.frame_duration, user.frame_start, user.use_auto_refresh = mattes.pictures, mattes.frame_start, True
+    picture.image_user.use_auto_refresh = True
+    set_pace_of_images(picture.image_user, mattes.pictures, mattes.pace)
     link(place.outputs["UV"], picture.inputs["Vector"])
     link(picture.outputs["Color"], channel.inputs[0])
     link(channel.outputs[HELD_OUT], mix.inputs[0])

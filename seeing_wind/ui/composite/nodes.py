@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from ..clip.inputs.pace import set_pace_of_images
 from .lens import Lens
 from .mattes import COVERED, Mattes
 
@@ -63,8 +64,8 @@ def _behind(make: _Maker, clip: bpy.types.MovieClip, plate: bpy.types.Image | No
     if mattes is None:
         return make.over(shown, clean), 1.0
     matte = make.node("Image")
-    matte.image, matte.frame_duration, matte.frame_start = mattes.image, mattes.pictures, mattes.frame_start
-    matte.use_auto_refresh = True
+    matte.image, matte.use_auto_refresh = mattes.image, True
+    set_pace_of_images(matte, mattes.pictures, mattes.pace)
     channels = make.node("SeparateColor")
     make.link(make.bent(make.fitted(matte.outputs["Image"])), channels.inputs[0])
     return make.over(shown, clean, channels.outputs[COVERED]), channels.outputs[COVERED]

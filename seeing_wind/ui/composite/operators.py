@@ -49,7 +49,10 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         if self.properties.is_property_set("hdri"):
             context.scene.seeing_wind.hdri = self.hdri
         chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "show_field")}
-        return str(set_up(context.scene, plate=self.behind, **chosen))
+        done = set_up(context.scene, plate=self.behind, **chosen)
+        if done.astray:
+            self.report({"WARNING"}, done.astray)
+        return str(done)
 
 
 class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):

@@ -5,7 +5,7 @@ import bpy
 from ...engine.materials import MATERIALS, SHEETS
 from ...engine.settings import BodyEdit
 from ..field.display import has_wind
-from ..job.panel_pieces import Tab, draw_override, panels
+from ..job.panel_pieces import Tab, draw_override, draw_text, fold, panels
 from ..option_properties import panel_options
 from .sheet_label import is_shell, shell_words
 
@@ -27,16 +27,22 @@ class EditTab(Tab):
         column, settings = self.columns()
         if settings.active_body < len(settings.bodies):
             _draw_body(column, settings.bodies[settings.active_body], settings)
-        column.separator()
-        _draw_surroundings(column, settings, self.bl_space_type)
+        row = column.row()
+        row.use_property_decorate = True  # its keyframes count
+        row.prop(settings, "field_strength")
+        if has_wind(settings.field_object):
+            column.prop(settings, "edit_field")
+        count = len(settings.colliders)
+        body = fold(column, "around", f"Gravity, Floor, Colliders ({count})" if count else "Gravity, Floor, Colliders")
+        if body is not None:
+            _draw_surroundings(body, settings, self.bl_space_type)
 
 
 def _draw_edits(layout, settings, space: str) -> None:
     """The list of edits, once there is more than one, and the way to a second."""
     if not len(settings.edits):
-        row = layout.row()
-        row.enabled = bool(len(settings.bodies))
-        row.operator("seeing_wind.duplicate_edit", text="Duplicate Edit to Compare", icon="DUPLICATE")
+        if len(settings.bodies):
+            layout.operator("seeing_wind.duplicate_edit", text="Duplicate Edit to Compare", icon="DUPLICATE")
         return
     row = layout.row()
     row.template_list("SEEING_WIND_UL_edits", space, settings, "edits", settings, "active_edit", rows=2)
@@ -48,7 +54,7 @@ def _draw_edits(layout, settings, space: str) -> None:
 def _draw_bodies(layout, settings, space: str) -> None:
     """The list of bodies, and the ways to one more."""
     row = layout.row()
-    row.template_list("SEEING_WIND_UL_bodies", space, settings, "bodies", settings, "active_body", rows=3)
+    row.template_list("SEEING_WIND_UL_bodies", space, settings, "bodies", settings, "active_body", rows=2)
     buttons = row.column(align=True)
     buttons.operator("seeing_wind.insert_mesh", text="", icon="ADD")
     buttons.operator("seeing_wind.remove_body", text="", icon="REMOVE")
@@ -64,7 +70,7 @@ def _draw_body(column, body, settings) -> None:
         column.prop(body, "material")
         words = shell_words(body)
         if words:
-            column.label(text=words, icon="MOD_CLOTH")
+            draw_text(column, bpy.context, words, "MOD_CLOTH")
     obj = settings.recovered_object if body.is_recovered else body.object
     column.prop(body, "mass_scale")
     column.prop(body, "stiffness_scale")
@@ -74,6 +80,13 @@ def _draw_body(column, body, settings) -> None:
         column.prop(body, "free_mode", text="Holds of the Clip")
         if body.free_mode == "GROUP" and obj is not None:
             column.prop_search(body, "free_group", obj, "vertex_groups", text="Freed")
+    more = fold(column, "body", "Numbers and Start")
+    if more is not None:
+        _draw_numbers(more, body)
+
+
+def _draw_numbers(column, body) -> None:
+    """What is said in place of the material's numbers, and how the body begins."""
     for name in _numbers(body):
         draw_override(column, body, name, _preset(body, name), SHORT.get(name, ""))
     column.prop(body, "use_velocity")
@@ -104,12 +117,7 @@ def _numbers(body) -> list[str]:
 
 
 def _draw_surroundings(column, settings, space: str) -> None:
-    """Field, gravity, what the bodies run into, and where the edit is shown."""
-    row = column.row()
-    row.use_property_decorate = True  # its keyframes count
-    row.prop(settings, "field_strength")
-    if has_wind(settings.field_object):
-        column.prop(settings, "edit_field")
+    """Gravity, other forces, what the bodies run into, and where the edit is shown."""
     column.prop(settings, "edit_gravity_mode")
     if settings.edit_gravity_mode == "CUSTOM":
         column.prop(settings, "edit_gravity")

@@ -1,7 +1,8 @@
 """How fast a field's pictures go by: one in every frame of the scene, or at the clip's own speed whatever the scene's frame rate.
 
 A field, its values and its arrows count frames by their modifiers' inputs, so they are retimed without the take. Pictures that fall between
-two frames are right, too: a solver's step to a frame gets the force of the picture in the middle of that step.
+two frames are right, too: a solver's step to a frame gets the force of the picture in the middle of that step. What moves in the scene is
+seen between two pictures; of the clip, its mattes and its camera each frame has the nearest picture, for these three must fit each other.
 """
 
 from __future__ import annotations
@@ -9,13 +10,23 @@ from __future__ import annotations
 import math
 
 import bpy
+import numpy as np
 
 from ...engine.errors import UsageError
+from ...engine.take import Take
+from ..bake.animation import curves_of, retime
 from ..bake.bodies import bake_bodies
 from ..bake.plan import mark_of
-from ..bake.shapes import retime
-from ..edit.resimulate.preview import shown_as_preview
+from ..bake.shapes import evaluation_time_curves
+from ..clip.clip_scene import set_poses
+from ..clip.inputs.clips import clip_of, first_picture
+from ..clip.inputs.pace import Pace, set_pace
+from ..composite.mattes import keep_pace
+from ..edit.resimulate.preview import digest_of_preview, frames_of_clip_seen, shown_as_preview
+from ..edit.resimulate.request import EditRequest
 from ..job import takes
+from ..job.take_reading import field_summary, read_seen
+from ..scene_units import metres_per_unit
 from .display import STRIDE, frames_per_second, is_field
 from .node_groups import FRAMES_PER_PICTURE, modifier_input, set_input
 from .samples import samples_of
@@ -30,22 +41,29 @@ def conform(scene: bpy.types.Scene, field: bpy.types.Object, real_time: bool) ->
         Scene frames that a picture lasts.
 
     Raises:
-        TakeError: when a re-simulation that was baked is gone.
-        UsageError: when the field is linked, or was made by an earlier version.
+        TakeError: when a re-simulation that was baked, or the take of a camera that moves, is gone.
+        UsageError: when the field or the clip is linked, or the field was made by an earlier version.
     """
     settings, stride = scene.seeing_wind, 1.0
     if real_time:
         stride = frames_per_second(scene) / field["seeing_wind_fps"]
+    if field != settings.field_object:
+        set_stride(field, stride)
+        return stride
+    poses = _poses(scene)  # before anything is changed: the take may be gone
+    previewed = _frames_of_preview(scene)
+    _conform_clip(scene, stride, poses)
     set_stride(field, stride)
-    if field == settings.field_object:
-        settings.real_time = real_time
-        if real_time:
-            settings.follows -= {"FPS"}  # or the next Reload would take the scene's rate from the clip again
-        conform_own(scene, stride)
-        baked = [body for body in settings.bodies if _carries_bake(body)]
-        preview = len(shown_as_preview(scene)) == len(baked)
-        if baked and (settings.coarse_take if preview else settings.simulated_take) and takes.simulated(settings, preview).is_dir():
-            bake_bodies(scene, preview=preview)
+    settings.real_time = real_time
+    if real_time:
+        settings.follows -= {"FPS"}  # or the next Reload would take the scene's rate from the clip again
+    _conform_own(scene, stride)
+    if 0 < frames_of_clip_seen(scene) <= previewed:
+        settings.coarse_digest = digest_of_preview(scene, EditRequest.of(scene).digest())
+    baked = [body for body in settings.bodies if _carries_bake(body)]
+    preview = len(shown_as_preview(scene)) == len(baked)
+    if baked and (settings.coarse_take if preview else settings.simulated_take) and takes.simulated(settings, preview).is_dir():
+        bake_bodies(scene, preview=preview)
     return stride
 
 
@@ -67,13 +85,55 @@ def set_stride(field: bpy.types.Object, stride: float) -> None:
                 set_input(modifier, FRAMES_PER_PICTURE, stride)
 
 
-def conform_own(scene: bpy.types.Scene, stride: float) -> None:
+def _poses(scene: bpy.types.Scene) -> np.ndarray | None:
+    """`camera_to_world` (T+1, 4, 4) of the camera that the clip was seen by, as the take has it; None where it stands still."""
+    settings = scene.seeing_wind
+    camera = settings.camera_object
+    if camera is None or not curves_of(camera):
+        return None
+    take = Take(takes.shown(settings))
+    seen = read_seen(take, field_summary(take))
+    poses = None if seen is None else np.asarray(seen.camera.camera_to_world, dtype=np.float64)
+    return poses if poses is not None and poses.ndim == 3 else None
+
+
+def _conform_clip(scene: bpy.types.Scene, stride: float, poses: np.ndarray | None) -> None:
+    """The clip behind the scene, what is cut out of it, and the camera it was seen by."""
+    settings = scene.seeing_wind
+    pace, clip = Pace(settings.frame_start, stride), clip_of(settings)
+    if clip is not None:
+        set_pace(clip, first_picture(settings), pace)
+    if poses is not None:
+        frames = range(pace.at, pace.frame_of(len(poses) - 1) + 1)
+        shown = [min(pace.shown(frame), len(poses) - 1) for frame in frames]
+        set_poses(settings.camera_object, poses[shown], metres_per_unit(scene), pace.at)
+    keep_pace(scene, pace)
+    scene.frame_set(scene.frame_current)
+
+
+def said_of_own_camera(scene: bpy.types.Scene) -> str:
+    """That the camera that is looked through keeps its own time; "" for the clip's, or one that stands still or follows the clip."""
+    camera = scene.camera
+    if camera is None or camera == scene.seeing_wind.camera_object or not curves_of(camera):
+        return ""
+    return f"{camera.name} has keyframes of your own, which keep their frames: move them where they must fit the clip"
+
+
+def _frames_of_preview(scene: bpy.types.Scene) -> int:
+    """How many of the clip's frames the preview of the edit has; 0 where there is none that is up to date."""
+    settings = scene.seeing_wind
+    if not settings.coarse_digest or settings.coarse_digest != digest_of_preview(scene, EditRequest.of(scene).digest()):
+        return 0
+    return frames_of_clip_seen(scene)
+
+
+def _conform_own(scene: bpy.types.Scene, stride: float) -> None:
     """The recovered object of a scene in step with its field, and the range as long, where the range is the clip's."""
     settings = scene.seeing_wind
     start, field = settings.frame_start, settings.field_object
     obj = settings.recovered_object
     if obj is not None and obj.data.shape_keys is not None:
-        retime(obj.data.shape_keys, start, start + stride * field["seeing_wind_frames"])
+        retime(evaluation_time_curves(obj.data.shape_keys), start, start + stride * field["seeing_wind_frames"])
     if "RANGE" in settings.follows and is_field(field):
         scene.frame_end = start + math.ceil(stride * field["seeing_wind_frames"] - 1e-6)
 

@@ -75,11 +75,28 @@ def said_of_speed(field: Any, scene: Any) -> str:
     return f"Goes by at {speed:.3g} times the speed of the clip ({rates})"
 
 
+def said_of_pace(stride: float) -> str:
+    """What becomes of a clip's pictures where each lasts `stride` frames of the scene; "" where that is one."""
+    if abs(stride - 1.0) < 1e-3:
+        return ""
+    if stride > 1.0:
+        return f"every frame shows the clip's nearest picture: in {100.0 * (1.0 - 1.0 / stride):.2g} of 100 that of the frame before again"
+    return f"every frame shows the clip's nearest picture: {100.0 * (1.0 - stride):.2g} of 100 pictures are left out"
+
+
 def said_of_mirror(field: Any) -> str:
     """What a negative scale does to a field, its own or a parent's; "" without one."""
     if field.matrix_world.determinant() >= 0.0:
         return ""
     return "Mirrored by a negative scale: Blender's solvers take that for a turn, and feel this wind upside down. Turn it instead"
+
+
+def said_of_override(field: Any) -> str:
+    """What a library override that is turned does not turn; "" for any other field."""
+    linked = field.override_library.reference if field.override_library is not None else None
+    if linked is None or linked.matrix_world.to_quaternion().rotation_difference(field.matrix_world.to_quaternion()).angle < 1e-3:
+        return ""
+    return "A library override that is turned: Blender's solvers feel it at its new place, in the old directions. Append it to turn it"
 
 
 def has_wind(field: Any) -> bool:

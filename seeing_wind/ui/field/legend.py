@@ -14,6 +14,8 @@ from .node_groups import GroupBuilder, set_up_modifier
 CELLS = 48
 WIDTH = 0.06
 """Of the bar, relative to its height."""
+SIZE, LETTER = 0.15, 0.52
+"""Of the figures, relative to the bar; and the mean width of a letter, relative to its size."""
 DARK, LIGHT = 0.01, 1.0
 """The plate and the figures on it."""
 
@@ -49,14 +51,16 @@ def create_legend(
     if parent is not None:
         obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
     group = GroupBuilder(name)
+    written = {f"{in_figures(peak)} {units}": height, in_figures(0.5 * peak): 0.5 * height, "0": 0.0}
     # behind the bar and its figures stands a dark plate, so that they can be read on any footage
-    size = {"Size X": 0.75 * height, "Size Y": 1.2 * height, "Vertices X": 2, "Vertices Y": 2}
+    wide = 0.2 * height + LETTER * SIZE * height * max(len(text) for text in written)
+    size = {"Size X": wide, "Size Y": 1.25 * height, "Vertices X": 2, "Vertices Y": 2}
     plate = group.node("GeometryNodeMeshGrid", size).outputs["Mesh"]
-    parts = [_placed(group, plate, (0.24 * height, 0.01 * height, 0.5 * height), DARK)]
-    for text, at in ((f"{in_figures(peak)} {units}", height), ("0", 0.0)):
-        letters = group.node("GeometryNodeStringToCurves", {"String": text, "Size": 0.09 * height})
+    parts = [_placed(group, plate, (0.5 * wide - 0.13 * height, 0.01 * height, 0.5 * height), DARK)]
+    for text, at in written.items():
+        letters = group.node("GeometryNodeStringToCurves", {"String": text, "Size": SIZE * height})
         filled = group.node("GeometryNodeFillCurve", {0: group.node("GeometryNodeRealizeInstances", {0: letters.outputs[0]}).outputs[0]})
-        parts.append(_placed(group, filled.outputs[0], (0.03 * height, 0.0, at - 0.03 * height), LIGHT))
+        parts.append(_placed(group, filled.outputs[0], (0.03 * height, 0.0, at - 0.3 * SIZE * height), LIGHT))
     join = group.node("GeometryNodeJoinGeometry")
     # the bar last, which puts it in front: its active colours then count for Solid view
     for part in (*parts, group.input.outputs["Geometry"]):

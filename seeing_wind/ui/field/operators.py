@@ -14,7 +14,7 @@ from ..job.install.environment import engine_python
 from ..job.worker_command import command, environment
 from ..property_kinds import PATH
 from ..user_paths import absolute
-from .display import field_at_hand, frames_per_second, is_field, is_wind, out_of_time, said_of_fit
+from .display import field_at_hand, frames_per_second, is_field, is_wind, out_of_time, said_of_fit, said_of_pace
 
 ONE_FILE = [
     ("FGA", "FGA", "Vector field of Unreal Engine, one file per frame"),
@@ -163,7 +163,7 @@ class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
-    """Let the field, its object and what was baked go by at the clip's own speed, whatever the frame rate; or a picture in every frame"""
+    """Let field, object, clip and what was baked go by at the clip's own speed, whatever the frame rate; or a picture in every frame"""
 
     bl_idname = "seeing_wind.conform"
     bl_label = "Conform to Frame Rate"
@@ -176,7 +176,7 @@ class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """Calibrations of the field are renewed with it."""
-        from .conform import conform  # needs NumPy
+        from .conform import conform, said_of_own_camera  # need NumPy
         from .solvers.calibration import calibrate_object
 
         scene, field = context.scene, chosen_field(context, self.field)
@@ -185,9 +185,10 @@ class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
         for entry in entries:
             entry.said = "; ".join(calibrate_object(scene, entry.object, field, **matter_of(entry)))
             entry.wind, entry.fps = is_wind(field), frames_per_second(scene)
-        lasts = f"a picture lasts {stride:.4g} frames"
-        clip = "; the clip itself still plays a picture a frame" if scene.active_clip is not None and stride != 1.0 else ""
-        return f"{field.name}: {lasts}{clip}"
+        said = [f"{field.name}: a picture lasts {stride:.4g} frames"]
+        if field == scene.seeing_wind.field_object and scene.seeing_wind.camera_object is not None:
+            said += [said_of_pace(stride), said_of_own_camera(scene)]
+        return "; ".join(each for each in said if each)
 
 
 class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):

@@ -8,11 +8,14 @@ from .display import (
     KIND,
     LOOP,
     field_at_hand,
+    frames_per_second,
     has_wind,
     in_figures,
     out_of_time,
     said_of_fit,
     said_of_mirror,
+    said_of_override,
+    said_of_pace,
     said_of_speed,
     said_of_unseen,
     said_of_wind,
@@ -21,7 +24,7 @@ from .display import (
 from .node_groups import get_input, modifier_input
 
 SHOWN = {
-    "Length": "Length", "Density": "Density", "Confidence Shown": "Confidence", "Slice Axis": "Slice (1-3: X-Z)",
+    "Length": "Length", "Density": "Density", "Confidence Shown": "Confidence", "Slice Axis": "Slice (1: X)",
     "Slice Position": "Slice At", "Slice Thickness": "Slice Width",
 }  # fmt: skip
 """Settings of the arrows' modifier, and words for them that a sidebar does not cut off."""
@@ -51,11 +54,13 @@ class FieldTab(Tab):
         if speed:
             draw_text(layout, context, speed, "TIME")
             layout.operator("seeing_wind.conform", icon="TIME")
-        mirrored = said_of_mirror(field)
-        if mirrored:
+            if field == settings.field_object and settings.recovered_object is not None:
+                then = said_of_pace(frames_per_second(context.scene) / field["seeing_wind_fps"])
+                draw_text(layout, context, f"Then {then}", "INFO")
+        for wrong in filter(None, (said_of_mirror(field), said_of_override(field))):
             box = layout.box()
             box.alert = True
-            draw_text(box, context, mirrored, "ERROR")
+            draw_text(box, context, wrong, "ERROR")
         if stride_of(field) != 1.0:
             layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
         if LOOP in field:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable
 
+import blf
 import bpy
 
 from . import status
@@ -20,8 +21,11 @@ ICONS = {State.IDLE: "RADIOBUT_OFF", State.DONE: "CHECKMARK", State.STALE: "FILE
 
 SAYS = {State.STALE: "Settings have changed since: run it again"}
 
-WARNINGS = 4
-"""Warnings of a job that the panel shows; the Info editor has all."""
+WARNINGS = 2
+"""Warnings of a job that the panel shows unfolded."""
+
+MARGIN, INDENT = 58, 20
+"""Of a region's width, what a text has not: the panel's borders and tabs; and an icon. In pixels of a screen without scaling."""
 
 MENDS = {
     "install_engine": ("seeing_wind.install_engine", "Install Engine", "IMPORT"),
@@ -80,12 +84,34 @@ def panels(tab: type[Tab], order: int) -> tuple[type, ...]:
 
 def draw_text(layout, context, text: str, icon: str = "NONE") -> None:
     """A text in as many lines as the region is wide; Blender's labels do not wrap."""
-    region, scale = context.region, context.preferences.system.ui_scale
-    characters = max(16, int((region.width / scale - 75) / 6.4)) if region is not None else 60
     column = layout.column(align=True)
     column.scale_y = 0.8
-    for number, line in enumerate(textwrap.wrap(text, characters)):
+    for number, line in enumerate(_lines(context, text, 0 if icon == "NONE" else INDENT)):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE")
+
+
+def fold(layout, name: str, text: str, closed: bool = True):
+    """What few need, behind a title; the layout below it, None while it is folded."""
+    header, body = layout.panel(f"SEEING_WIND_{name}", default_closed=closed)
+    header.label(text=text)
+    return body
+
+
+def _lines(context, text: str, indent: int) -> list[str]:
+    """As Blender's font fills them."""
+    region, preferences = context.region, context.preferences
+    if region is None:
+        return textwrap.wrap(text, 60)
+    scale, lines = preferences.system.ui_scale, [""]
+    blf.size(0, preferences.ui_styles[0].widget.points * scale)
+    room = max(region.width - (MARGIN + indent) * scale, 80 * scale)
+    for word in text.split():
+        longer = f"{lines[-1]} {word}".lstrip()
+        if lines[-1] and blf.dimensions(0, longer)[0] > room:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
 
 
 def draw_failure(layout, context, step: status.Step, button: bool = True) -> None:
@@ -166,20 +192,24 @@ def draw_beside(layout, context, name: str) -> None:
     _draw_warnings(layout, context, name)
 
 
-def draw_preview_mark(layout, context) -> None:
-    """That objects show a preview of the edit, if they do, and what shows the full result."""
+def draw_preview_mark(layout, context, step: str) -> None:
+    """That objects show a preview of the edit, if they do, at the step that shows the full result."""
     now = status.of(context.scene.session_uid)
-    if now.previewed:
-        full = "Bake to Keyframes" if now.steps["resimulate"].state == State.DONE else "Re-simulate"
-        names = ", ".join(now.previewed)
-        text = f"Preview: coarser, and only up to the last frame shown. {full} for the full result of {names}"
+    full, button = ("bake", "Bake to Keyframes") if now.steps["resimulate"].state == State.DONE else ("resimulate", "Re-simulate")
+    if now.previewed and step == full:
+        text = f"Preview: coarser, and only up to the last frame shown. {button} for the full result of {', '.join(now.previewed)}"
         draw_text(layout, context, text, "HIDE_OFF")
 
 
 def _draw_warnings(layout, context, name: str) -> None:
     now = status.of(context.scene.session_uid)
-    for warning in now.warnings[:WARNINGS] if now.warned == name else []:
+    warnings = now.warnings if now.warned == name else []
+    for warning in warnings[:WARNINGS]:
         draw_text(layout, context, warning, "INFO")
+    more = warnings[WARNINGS:]
+    body = fold(layout, "notes", f"{len(more)} more {'notes' if len(more) > 1 else 'note'}") if more else None
+    for warning in more if body is not None else []:
+        draw_text(body, context, warning, "INFO")
 
 
 def draw_engine(layout, context, button: bool = True) -> None:

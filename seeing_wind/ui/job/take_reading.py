@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...engine.errors import TakeError
+from ...engine.masks import Masks
 from ...engine.record_arrays import from_arrays
 from ...engine.take import Take
 
@@ -82,6 +83,8 @@ class Seen:
     camera: Camera
     picture: np.ndarray
     """(H, W, 3) uint8 RGB."""
+    outline: np.ndarray | None
+    """(H, W) bool of the object in that picture; None for a take without outlines."""
     surface: Surface | None
     motion: np.ndarray
     """(T+1, V, 3) of the surface's vertices [m]."""
@@ -126,8 +129,9 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
     camera, picture = from_arrays(Camera, arrays, "camera."), arrays.get("image")
     if picture is None or picture.ndim != 3 or not np.isfinite(camera.camera_to_world).all():
         raise TakeError(f"{take.file('observation.npz')} lacks its picture or a camera.", "Run Recover again.")
+    outline = next(iter(from_arrays(Masks, arrays, "masks.")), None) if "masks.windows" in arrays else None
     if not take.file("particles.npz").is_file():
-        return Seen(camera, picture, None, np.empty((0, 0, 3)))
+        return Seen(camera, picture, outline, None, np.empty((0, 0, 3)))
     surface = from_arrays(Surface, take.read_arrays("particles.npz"), "surface.")
     try:
         motion = surface.attachment.follow(trajectory(take, field))
@@ -136,7 +140,7 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
         sound = False
     if not sound or not (np.isfinite(motion).all() and np.isfinite(surface.vertices).all() and np.isfinite(surface.uv).all()):
         raise TakeError(f"The object in {take.file('particles.npz')} does not fit its motion.", "Run Recover again.")
-    return Seen(camera, picture, surface, motion)
+    return Seen(camera, picture, outline, surface, motion)
 
 
 def is_preview(take: Take) -> bool:

@@ -6,6 +6,7 @@ panel           the panel *Recover*
 request         one snapshot of a scene: options, digest, and the files made from the scene
 sampling        the field of a take at the places that the scene needs; asked of the engine
 results         from a take to the scene: field, arrows, legend, camera, recovered object
+simulated       from a re-simulation that was made elsewhere to the scene: its bodies, and the Edit list
 fill            the panel's settings from a take that was made elsewhere
 shown           which objects of a scene show its field; no NumPy
 renew_in_place  new results in the objects of a former run, so that what points at them stays

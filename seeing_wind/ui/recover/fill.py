@@ -17,7 +17,7 @@ from .properties import MODES
 OPTIONS = {one.name: one for one in panel_options(ObserveSettings, BuildSettings, RecoverSettings, WindSettings)}
 
 
-def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
+def fill(scene: bpy.types.Scene, take: Take, clip: str) -> bool:
     """Fill the settings of a scene that has none of its own from a take.
 
     Those of a scene that has another clip, or in which the object is marked already, are left alone.
@@ -26,20 +26,25 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
 
     Args:
         clip: where the take's clip is now; "" for a field from trajectories.
+
+    Returns:
+        Whether they are those that the take was recovered with now, as far as the panel has them.
     """
     settings = scene.seeing_wind
     if not clip or not os.path.isfile(clip):
-        return
+        return False
     own = absolute(settings.clip) if settings.clip else clip
     if own != clip and (not os.path.isfile(own) or not os.path.samefile(own, clip)) or settings.clip and _is_marked(settings):
-        return
+        return False
     given: dict[str, Any] = {}
+    whole = True
     for stage in take.description().get("stages", {}).values():
         given |= {key: value for key, value in stage.get("settings", {}).items() if key in OPTIONS}
     settings.clip = clip
     for name, value in given.items():
         one = OPTIONS[name]
         if one.file and not os.path.isfile(str(value)):
+            whole = False
             continue
         try:
             give(settings, one, value)
@@ -50,6 +55,7 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> None:
             setattr(settings, mode, implied)
     if "solve" in take.description().get("stages", {}) and "gravity" not in given:
         settings.gravity_mode = "NONE"
+    return whole and _is_marked(settings)
 
 
 def _is_marked(settings: bpy.types.PropertyGroup) -> bool:

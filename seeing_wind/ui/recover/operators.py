@@ -61,7 +61,8 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
 
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
-        status.of(scene.session_uid).warnings += results.notes(scene, self.folder)
+        now = status.of(scene.session_uid)
+        now.warnings = results.notes(scene, self.folder) + now.warnings  # what has befallen the scene is the least of it
         return f"Recovered into {self.folder.name}. Next: play it, then insert a mesh (step 4)"
 
 
@@ -100,14 +101,15 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         return sampling(engine_python(), self.folder)
 
     def finish(self, scene, result):
-        """As Recover does, without claiming that the settings of the scene are those of the take."""
+        """As Recover does; that the settings of the scene are those of the take is claimed only where they come from it."""
         from . import results  # needs NumPy
 
-        results.build(scene, self.folder, absolute(self.clip) if self.clip else "")
+        filled = results.build(scene, self.folder, absolute(self.clip) if self.clip else "")
         settings = scene.seeing_wind
         if not takes.is_shown(settings, self.folder):
-            takes.show(settings, self.folder, "loaded")
-        status.of(scene.session_uid).warnings += results.notes(scene, self.folder)
+            takes.show(settings, self.folder, results.digest_of_loaded(scene, filled))
+        now = status.of(scene.session_uid)
+        now.warnings = results.notes(scene, self.folder) + now.warnings  # what has befallen the scene is the least of it
         return f"Loaded {self.folder.name}"
 
 

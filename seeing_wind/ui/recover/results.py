@@ -7,13 +7,12 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...engine.errors import TakeError
+from ...engine.errors import SeeingWindError, TakeError
 from ...engine.take import Take
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
 from ..clip.match import followed, hide_default_cube, said_of_range
-from ..edit.from_file import fill_edit
 from ..field.arrows import create_arrows
 from ..field.conform import conform
 from ..field.display import is_field, said_of_unseen
@@ -25,15 +24,18 @@ from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
 from ..job.panel_words import in_panel_words
-from ..job.take_reading import FieldSummary, Seen, field_summary, is_preview, read_seen, recovery_notes, simulated_motion, wind_told
+from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, wind_told
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from .fill import fill
 from .renew_in_place import can_renew, renew
+from .request import RecoverRequest
 from .sampling import own_caches, places
 from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 
 COLLECTION = "Seeing Wind"
+LOADED = "loaded"
+"""In place of a digest: results of settings that the scene does not have."""
 
 
 def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
@@ -48,13 +50,16 @@ def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
     return [each for each in (beside, unseen) if each] + others
 
 
-def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
+def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     """Put the results of a take into `scene`, those of a former one into the objects that it has made already (see `renew_in_place`).
 
     Args:
         scene: changed; see `clip_scene.setup_clip_scene` for what of it.
         folder: of the take, sampled before (`sampling`).
         clip: path of the video; by default the one that the take names, or the one of that name in the settings or beside the .blend file.
+
+    Returns:
+        Whether the scene had no settings of its own, and has those of the take now.
 
     Raises:
         TakeError: when the take lacks something; the scene is then as before.
@@ -90,7 +95,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     _leave_to_others(settings)
     _keep_other_take(settings, folder)
     former, followers, groups = made_before(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
-    collection = _collection(scene, settings.field_object)
+    collection = collection_of(scene, settings.field_object)
     wind = create_field_object(
         scene, "Recovered Wind", SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes), fps=field.fps, density=field.density,
         frame_start=settings.frame_start, reach=settings.field_reach, take=folder,
@@ -119,12 +124,22 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> None:
     if settings.real_time:
         conform(scene, settings.field_object, True)
     settings.field_verdict = " ".join(in_panel_words(note) for note in told.notes) if told is not None else ""
-    if seen is not None:
-        fill(scene, take, path)
+    filled = seen is not None and fill(scene, take, path)
     _clear_the_view(scene)
     physics_nodes.follow(followers, settings.field_object)
     if settings.recovered_object is not None:
         _restore_groups(settings.recovered_object, groups)
+    return filled
+
+
+def digest_of_loaded(scene: bpy.types.Scene, filled: bool) -> str:
+    """Of the settings of a take that was made elsewhere: the scene's own, if they were filled from it."""
+    if not filled:
+        return LOADED
+    try:
+        return RecoverRequest.of(scene).digest()
+    except SeeingWindError:  # the panel says what is missing
+        return LOADED
 
 
 def _in_place(
@@ -195,7 +210,9 @@ def _is_same(candidate: Path, named: Path) -> bool:
 
 def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.types.Collection) -> bpy.types.Object:
     surface = seen.surface
-    obj = create_recovered_object(scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.picture, collection)
+    obj = create_recovered_object(
+        scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.picture, collection, seen.outline
+    )
     bake_shape_keys(obj, seen.motion, scene.seeing_wind.frame_start, fps, scene)
     return obj
 
@@ -233,7 +250,7 @@ def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tup
             group.add([index], weight, "REPLACE")
 
 
-def _collection(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.types.Collection:
+def collection_of(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.types.Collection:
     """Where the results of a take are: the one with its field, or one of ours without any field, or a new one."""
     ours = [each for each in scene.collection.children_recursive if each.get("seeing_wind")]
     if field is not None:
@@ -245,37 +262,3 @@ def _collection(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.t
         collection["seeing_wind"] = True
         scene.collection.children.link(collection)
     return collection
-
-
-# -- re-simulated bodies ----------------------------------------------------------------------------------------------------------
-
-
-def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> dict[str, bpy.types.Object]:
-    """All bodies of a re-simulation as new objects with their motion, by name, for files that are made without a session before."""
-    take, made = Take(folder), {}
-    preview = is_preview(take)
-    for path in sorted(take.file("bodies").glob("*.npz")):
-        arrays = simulated_motion(take, path.stem)
-        mesh = bpy.data.meshes.new(path.stem)
-        mesh.from_pydata(arrays["vertices"][0].tolist(), [], arrays["triangles"].tolist())
-        mesh.update()
-        obj = bpy.data.objects.new(path.stem, mesh)
-        _collection(scene, scene.seeing_wind.field_object).objects.link(obj)
-        bake_shape_keys(obj, arrays["vertices"], frame_start, float(arrays["fps"]), scene, preview=preview)
-        made[path.stem] = obj
-    fill_edit(scene, take, made)
-    for body in scene.seeing_wind.bodies:
-        if body.is_recovered and body.baked_copy is not None and scene.seeing_wind.recovered_object is not None:
-            _dress(body.baked_copy.data, scene.seeing_wind.recovered_object.data)
-    return made
-
-
-def _dress(mesh: bpy.types.Mesh, recovered: bpy.types.Mesh) -> None:
-    """Let the clip's object, simulated anew, wear what the recovered one wears. Of another number of corners it stays bare."""
-    if len(mesh.loops) != len(recovered.loops) or not recovered.uv_layers:
-        return
-    for material in recovered.materials:
-        mesh.materials.append(material)
-    places = np.empty(2 * len(mesh.loops), dtype=np.float32)
-    recovered.uv_layers.active.uv.foreach_get("vector", places)
-    mesh.uv_layers.new(name=recovered.uv_layers.active.name).uv.foreach_set("vector", places)

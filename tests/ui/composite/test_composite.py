@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.take import Take
-from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR
+from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR, create_recovered_object
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.catchers import FLOOR, WALL
 from seeing_wind.ui.composite.mattes import CARD, grain_of, matte, narrowed, softened, widened
@@ -110,7 +110,7 @@ def test_other_formats_are_the_engines(scene, tmp_path, capfd):
 def test_the_legend_names_the_peak_and_shows_its_colours_in_solid_view(scene):
     legend = scene.objects["Recovered Wind Legend"]
     texts = [node.inputs["String"].default_value for node in legend.modifiers[0].node_group.nodes if node.type == "STRING_TO_CURVES"]
-    assert f"{in_figures(scene.seeing_wind.arrows_object['seeing_wind_peak'])} N/m³" in texts and "0" in texts
+    assert f"{in_figures(scene.seeing_wind.arrows_object['seeing_wind_peak'])} N/m³" in texts and "0" in texts and len(texts) == 3
     mesh = legend.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert mesh.color_attributes.active_color_name == "wind_colour" and len(mesh.polygons) > 48
 
@@ -229,3 +229,35 @@ def test_mattes_are_as_wide_and_as_soft_as_they_say():
     assert narrowed(mask)[8:12, 10:20].sum() == 2 * 8 and narrowed(mask)[14:16].all(), "a stem stays"
     soft = softened(mask, 1)
     assert soft[10, 15] == 255 and soft[7, 15] == 64 and soft[5, 15] == 0
+
+
+def test_in_solid_view_the_rim_of_the_object_wears_no_pixel_from_behind_it(scene):
+    """A red square on green, its outline known: no vertex is green, nor a mixture, though the mesh reaches beyond."""
+    picture = np.full((40, 40, 3), (0, 255, 0), np.uint8)
+    picture[10:30, 10:30] = (255, 0, 0)
+    outline = picture[..., 0] > 0
+    side = np.linspace(0.2, 0.8, 13)
+    uv = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    place = np.column_stack([uv, np.zeros(len(uv))])
+    for known, green in ((outline, 0.0), (None, 1.0)):
+        obj = create_recovered_object(scene, "Square", place, np.array([[0, 1, 13]]), uv, picture, outline=known)
+        colours = np.array([each.color[:3] for each in obj.data.attributes[PICTURE_COLOUR].data])
+        assert colours[:, 1].max() == pytest.approx(green)
+
+
+def test_a_camera_that_is_not_where_the_clip_s_was_is_told(scene, capfd):
+    ours = scene.camera
+    assert composite.set_up(scene, samples=1).astray == ""
+    own = bpy.data.objects.new("Own", ours.data.copy())
+    scene.collection.objects.link(own)
+    own.matrix_world, scene.camera = ours.matrix_world, own
+    bpy.context.view_layer.update()
+    assert composite.set_up(scene, samples=1).astray == "", "a solve's camera may stand in the same place"
+    own.location.x += 0.1
+    bpy.context.view_layer.update()
+    assert bpy.ops.seeing_wind.set_up_composite(samples=1) == {"FINISHED"}
+    assert "Warning: Own is not where the clip's camera was" in capfd.readouterr().out
+    own.location.x -= 0.1
+    own.data.lens *= 1.5
+    bpy.context.view_layer.update()
+    assert "make Seeing Wind Camera the active camera" in composite.set_up(scene, samples=1).astray

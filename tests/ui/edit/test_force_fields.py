@@ -112,3 +112,22 @@ def test_a_force_that_the_lattice_cannot_follow_is_told(workplace, recovered, ca
     bpy.ops.seeing_wind.resimulate()
     said = capfd.readouterr().out
     assert "Turbulence acted" in said and "faster from place to place" in said
+
+
+def test_what_is_left_out_is_said(workplace, recovered, capfd):
+    """Particles that push, and an obstacle that absorbs; nothing is said of what does neither."""
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    bpy.ops.seeing_wind.resimulate()
+    assert "left out" not in capfd.readouterr().out
+    cube("Swarm", (0.0, 0.0, 2.0)).modifiers.new("Swarm", "PARTICLE_SYSTEM")
+    bpy.data.objects["Swarm"].particle_systems[0].settings.force_field_1.type = "FORCE"
+    wall = cube("Wall", (0.0, 0.0, -2.0))
+    wall.modifiers.new("Collision", "COLLISION")
+    wall.collision.absorption = 0.5
+    push("WIND", (0.0, 0.0, -1.0))
+    recovered.seeing_wind.bodies[0].mass_scale = 2.0
+    bpy.ops.seeing_wind.resimulate()
+    said = capfd.readouterr().out
+    assert "The particles of Swarm push with a force field of their own: it is left out" in said
+    assert "Wall should absorb force fields" in said

@@ -88,6 +88,54 @@ def test_a_collider_whose_vertices_come_and_go_is_carried_along_as_it_was(workpl
     assert np.ptp(found[:, 0, 2]) == pytest.approx(0.5, abs=1e-6)
 
 
+@pytest.mark.parametrize("how", ["TRANSFORM", "SHAPE_KEYS", "POINT_CACHE", "copy"])
+def test_what_another_edit_has_moved_is_in_the_way_as_it_is_seen(workplace, recovered, how) -> None:
+    """A cube falls in one edit, baked in any way or on a copy; in another edit a body runs into it."""
+    falls = cube("Falls", (0.0, 0.0, 1.0))
+    if how == "copy":
+        falls.modifiers.new("Bevel", "BEVEL")
+    bpy.ops.seeing_wind.insert_mesh(object="Falls")
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.seeing_wind.bake(way="SHAPE_KEYS" if how == "copy" else how)
+    carrier = recovered.seeing_wind.bodies[0].baked_copy or falls
+    assert (how == "copy") == falls.hide_viewport == (carrier is not falls)
+    bpy.ops.seeing_wind.duplicate_edit()
+    while len(recovered.seeing_wind.bodies):
+        bpy.ops.seeing_wind.remove_body()
+    cube("Other", (0.0, 0.0, -3.0))
+    bpy.ops.seeing_wind.insert_mesh(object="Other")
+    bpy.ops.seeing_wind.insert_collider(object="Falls")
+    bpy.ops.seeing_wind.resimulate()
+    (wall,) = written(workplace, "out.edit_2.take")["collider"]
+    found = np.load(workplace / "out.edit_2.take" / wall["mesh_path"])
+    np.testing.assert_allclose(found, [shown(carrier, frame) for frame in SCENE_FRAMES], atol=2e-5)
+    assert np.ptp(found[:, 0, 2]) == pytest.approx(0.5 * 3.0 * 0.25, abs=1e-4), "as far as the stand-in lets it fall"
+    for frame in (1, 7):
+        recovered.frame_set(frame)
+        freshness.refresh(recovered)
+        assert state("resimulate") == "done"
+    # baked anew by the first edit, it moves otherwise
+    settings = recovered.seeing_wind
+    settings.active_edit = 0
+    bpy.ops.seeing_wind.scale_mass(factor=2.0)
+    bpy.ops.seeing_wind.resimulate()
+    bpy.ops.seeing_wind.bake(way="SHAPE_KEYS" if how == "copy" else how)
+    settings.active_edit = 1
+    freshness.refresh(recovered)
+    assert state("resimulate") == "stale"
+
+
+def test_a_collider_with_keyframes_goes_with_the_clock(workplace, recovered, table) -> None:
+    rise(table)
+    bpy.ops.seeing_wind.resimulate()
+    recovered.render.fps, recovered.render.fps_base = 48, 1.0
+    bpy.ops.seeing_wind.conform()
+    freshness.refresh(recovered)
+    assert state("resimulate") == "stale", "the clip lasts twice as many frames, its keyframes do not"
+    bpy.ops.seeing_wind.resimulate()
+    np.testing.assert_allclose(way(workplace), [shown(table, 1 + 2 * picture) for picture in range(13)], atol=1e-6)
+
+
 def test_what_stays_has_no_way(workplace, recovered, table) -> None:
     table.keyframe_insert("location", frame=1)
     bpy.ops.seeing_wind.resimulate()

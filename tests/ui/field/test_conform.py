@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.ui.field.conform import set_stride
-from seeing_wind.ui.field.display import out_of_time, said_of_mirror, said_of_speed
+from seeing_wind.ui.field.display import out_of_time, said_of_mirror, said_of_override, said_of_speed
 from seeing_wind.ui.field.field_object import create_field_object
 from seeing_wind.ui.field.lattice import SampledField, fine_lattice
 from seeing_wind.ui.field.samples import samples_of
@@ -122,3 +122,19 @@ def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> Non
     scene.render.fps = 24
     assert bpy.ops.seeing_wind.conform(real_time=False) == {"FINISHED"}
     assert np.allclose([shown(settings.recovered_object, t) for t in times], before[0], atol=1e-4) and scene.frame_end == 13
+
+
+def test_a_turned_library_override_is_told(scene, tmp_path) -> None:
+    numbered(scene)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "wind.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "wind.blend"), link=True) as (_, wanted):
+        wanted.objects = ["Wind"]
+    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    field = wanted.objects[0].override_create(remap_local_usages=True)
+    field.location.x = 3.0
+    bpy.context.view_layer.update()
+    assert said_of_override(field) == "" == said_of_override(field.override_library.reference)
+    field.rotation_euler.z = 0.5
+    bpy.context.view_layer.update()
+    assert "Append it" in said_of_override(field)

@@ -8,12 +8,15 @@ import bpy
 import numpy as np
 import pytest
 
+from seeing_wind.engine.reading import read_arrays
 from seeing_wind.engine.take import Take
+from seeing_wind.ui import freshness
 from seeing_wind.ui.composite import composite
-from seeing_wind.ui.job import takes
-from seeing_wind.ui.recover import results
+from seeing_wind.ui.job import status, takes
+from seeing_wind.ui.recover.simulated import import_bodies
+from tests.ui.edit.edits import written
 from tests.ui.jobs import now, recover
-from tests.ui.meshes import cube
+from tests.ui.meshes import cube, group
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -87,7 +90,7 @@ def simulated(take) -> Path:
 def test_the_edit_list_is_filled_and_the_object_wears_its_picture(take, simulated) -> None:
     bpy.ops.seeing_wind.build_scene(take=str(take))
     scene = bpy.context.scene
-    made = results.import_bodies(scene, simulated, scene.seeing_wind.frame_start)
+    made = import_bodies(scene, simulated, scene.seeing_wind.frame_start)
     settings = scene.seeing_wind
     box, own = settings.bodies
     assert box.object == made["Box"] and box.mass_scale == 3.0 and own.is_recovered
@@ -110,3 +113,73 @@ def test_what_others_have_simulated_is_not_written_over(take, simulated) -> None
     assert mine.name == "out.edit.2.take" and {path: path.stat().st_mtime_ns for path in simulated.rglob("*") if path.is_file()} == before
     bpy.ops.seeing_wind.resimulate()
     assert takes.edit_folder(scene.seeing_wind, take) == mine, "one's own is used again"
+
+
+def test_pins_floor_and_colliders_of_an_edit_are_there_again(take) -> None:
+    """Simulated again from the file, the edit says what it said."""
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    scene = bpy.context.scene
+    box = cube("Box", (0.1, 0.2, 0.3))
+    cube("Table", (0.0, 0.0, -1.0))
+    group(box, "Top", {0: 1.0, 3: 0.25})
+    bpy.ops.seeing_wind.insert_mesh(object="Box", pin_group="Top")
+    bpy.ops.seeing_wind.insert_collider(object="Table", friction=0.7)
+    settings = scene.seeing_wind
+    settings.use_floor, settings.floor_height, settings.floor_friction, settings.edit_preroll = True, -2.0, 0.6, 7
+    bpy.ops.seeing_wind.resimulate()
+    folder = Path(settings.simulated_take)
+    first = written(folder.parent, folder.name)
+    before = {name: read_arrays(folder / name) for name in (first["collider"][1]["mesh"], first["body"][0]["mesh"])}
+    pins = [np.load(folder / first["body"][0][name]) for name in ("pin", "pin_weights")]
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    scene = bpy.context.scene
+    import_bodies(scene, folder, scene.seeing_wind.frame_start)
+    freshness.refresh(scene)
+    assert [now(scene)[step].state for step in ("resimulate", "bake")] == ["done"] * 2, "nothing has changed since"
+    scene.seeing_wind.bodies[0].mass_scale = 2.0
+    assert [now(scene)[step].state for step in ("resimulate", "bake")] == ["stale"] * 2
+    scene.seeing_wind.bodies[0].mass_scale = 1.0
+    assert bpy.ops.seeing_wind.resimulate() == {"FINISHED"}
+    folder = Path(scene.seeing_wind.simulated_take)
+    again = written(folder.parent, folder.name)
+    assert again["preroll"] == 7 and again["collider"][0] == first["collider"][0], "the floor"
+    assert {name: again["collider"][1][name] for name in ("name", "kind", "friction")} == {
+        "name": "Table", "kind": "separate", "friction": pytest.approx(0.7)
+    }  # fmt: skip
+    for name, arrays in before.items():
+        np.testing.assert_allclose(read_arrays(folder / name)["vertices"], arrays["vertices"], atol=1e-6)
+    for name, values in zip(("pin", "pin_weights"), pins):
+        np.testing.assert_allclose(np.load(folder / again["body"][0][name]), values, atol=1e-6)
+
+
+def test_what_the_panel_cannot_take_over_is_said(take) -> None:
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    scene = bpy.context.scene
+    cube("Box")
+    bpy.ops.seeing_wind.insert_mesh(object="Box")
+    table = cube("Table", (0.0, 0.0, -1.0))
+    for frame, height in ((1, -1.0), (13, -0.5)):
+        table.location.z = height
+        table.keyframe_insert("location", frame=frame)
+    bpy.ops.seeing_wind.insert_collider(object="Table")
+    bpy.ops.seeing_wind.resimulate()
+    folder = Path(scene.seeing_wind.simulated_take)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    scene = bpy.context.scene
+    import_bodies(scene, folder, scene.seeing_wind.frame_start)
+    (said,) = [one for one in status.of(scene.session_uid).warnings if one.startswith("Re-simulate would leave out")]
+    assert said.endswith("how the collider Table moves")
+
+
+def test_a_take_whose_settings_the_panel_has_is_not_called_out_of_date(take) -> None:
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    assert now(bpy.context.scene)["recover"].state == "stale", "its mask is gone"
+    observed = Take(take).description()["stages"]["observe"]["settings"]
+    Take(take).finish("observe", "o", {name: value for name, value in observed.items() if name != "mask"})
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.ops.seeing_wind.build_scene(take=str(take))
+    assert now(bpy.context.scene)["recover"].state == "done"
+    bpy.context.scene.seeing_wind.distance = 3.0
+    assert now(bpy.context.scene)["recover"].state == "stale"

@@ -14,6 +14,7 @@ from ....engine.take import Take
 from ...bake.animation import keyframes
 from ...scene_units import metres_per_unit
 from .clips import clip_of, first_picture, loaded_clip, marker_frame, scene_frame
+from .pace import picture_a_frame
 
 BLENDER_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Blender's camera looks along -Z with Y up, OpenCV's along +Z with Y down."""
@@ -184,10 +185,11 @@ def _evaluated(
     moves = any(each.animation_data or each.constraints for each in lineage)
     poses = np.empty((pictures, 4, 4))
     try:
-        for picture in range(pictures if moves else 1):
-            at = scene_frame(clip, picture) if settings is None else settings.frame_start + picture - first_picture(settings)
-            scene.frame_set(at)
-            poses[picture] = np.array(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
+        with picture_a_frame(clip):
+            for picture in range(pictures if moves else 1):
+                at = scene_frame(clip, picture) if settings is None else settings.frame_start + picture - first_picture(settings)
+                scene.frame_set(at)
+                poses[picture] = np.array(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
     finally:
         scene.frame_set(int(before), subframe=float(before % 1.0))
     if not moves:

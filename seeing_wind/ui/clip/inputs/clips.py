@@ -11,6 +11,7 @@ import bpy
 from ....engine.conventions import PICTURE_SUFFIXES, is_sequence, pictures_of
 from ....engine.errors import ClipError
 from ...user_paths import absolute
+from .pace import pace_of
 
 PLACED = "seeing_wind_placed"
 """Custom property of the clips that we have loaded."""
@@ -69,7 +70,8 @@ def first_picture(settings: bpy.types.PropertyGroup) -> int:
 
 def scene_frame(clip: bpy.types.MovieClip, picture: int) -> int:
     """Scene frame at which Blender shows a picture of the clip's file."""
-    return picture + clip.frame_start - clip.frame_offset
+    first, pace = pace_of(clip)
+    return pace.frame_of(picture - first)
 
 
 def marker_frame(clip: bpy.types.MovieClip, picture: int) -> int:

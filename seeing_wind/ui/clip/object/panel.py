@@ -5,7 +5,7 @@ import bpy
 from ....engine.materials import MATERIALS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
-from ...job.panel_pieces import Tab, draw_failure, draw_job, draw_override, draw_progress, draw_text, panels
+from ...job.panel_pieces import Tab, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
 from ...job.status import State
 from ...option_properties import panel_options
 from .preview import FILM, PICTURE
@@ -28,11 +28,8 @@ class ObjectTab(Tab):
         else:
             column.prop(settings, "pixels_per_metre" if settings.scale_mode == "PIXELS" else "distance")
         column.prop(settings, "material")
-        material = MATERIALS[settings.material]
-        for name, otherwise in (
-            ("density", f"{material.density:g}"), ("youngs_modulus", f"{material.youngs_modulus:.3g}"), ("thickness", "Automatic"),
-        ):  # fmt: skip
-            draw_override(column, settings, name, otherwise)
+        column.prop(settings, "form")
+        _draw_material(column, settings)
         _draw_held(column, context, settings)
         _draw_preview(self.layout, context, settings)
         _draw_guesses(self.layout, context, settings, self.bl_space_type)
@@ -57,6 +54,16 @@ def _draw_object(column, settings) -> None:
     column.prop(settings, "use_tracks")
 
 
+def _draw_material(column, settings) -> None:
+    """The material's numbers, and what is said in their place."""
+    material = MATERIALS[settings.material]
+    numbers = {"density": f"{material.density:g}", "youngs_modulus": f"{material.youngs_modulus:.3g}", "thickness": "Automatic"}
+    own = sum(getattr(settings, f"use_{name}") for name in numbers)
+    body = fold(column, "material", f"Density, Stiffness, Thickness ({own} set)" if own else "Density, Stiffness, Thickness")
+    for name, otherwise in numbers.items() if body is not None else ():
+        draw_override(body, settings, name, otherwise)
+
+
 def _draw_held(column, context, settings) -> None:
     """The way to mark the held place, and the control that does it; that of paint, once something is painted."""
     column.prop(settings, "held_mode")
@@ -74,8 +81,11 @@ def _draw_held(column, context, settings) -> None:
 
 def _draw_corners(column, settings, name: str) -> None:
     """The four numbers of a box."""
-    sub = column.column(align=True)
-    for index, text in enumerate(("Box Left (px)", "Top", "Right", "Bottom")):
+    left, top, right, bottom = getattr(settings, name)
+    drawn = right > left and bottom > top
+    body = fold(column, name, f"{right - left:.0f} x {bottom - top:.0f} px at {left:.0f}, {top:.0f}" if drawn else "Box in Numbers")
+    sub = body.column(align=True) if body is not None else None
+    for index, text in enumerate(("Box Left (px)", "Top", "Right", "Bottom")) if sub is not None else ():
         sub.prop(settings, name, index=index, text=text)
 
 
@@ -87,8 +97,7 @@ def _draw_preview(layout, context, settings) -> None:
     draw_job(layout, context, "preview", "seeing_wind.preview", "Preview", "HIDE_OFF", missing, warned=not len(settings.verdicts))
     if not len(settings.verdicts):
         return
-    header, body = layout.panel("SEEING_WIND_preview", default_closed=False)
-    header.label(text="What Is Seen")
+    body = fold(layout, "preview", "What Is Seen", closed=False)
     if body is None:
         return
     picture = settings.previewed_picture
@@ -118,8 +127,7 @@ class SEEING_WIND_UL_guesses(bpy.types.UIList):
 
 def _draw_guesses(layout, context, settings, space: str) -> None:
     """Ask a model what is in the clip, and choose from its answers."""
-    header, body = layout.panel("SEEING_WIND_guesses", default_closed=not len(settings.guesses))
-    header.label(text="Ask a Model")
+    body = fold(layout, "guesses", "Ask a Model", closed=not len(settings.guesses))
     if body is None:
         return
     now = status.of(context.scene.session_uid)
@@ -141,8 +149,7 @@ def _draw_guesses(layout, context, settings, space: str) -> None:
 
 def _draw_more(layout, settings) -> None:
     """What few need: every option that has no place of its own."""
-    header, body = layout.panel("SEEING_WIND_more", default_closed=True)
-    header.label(text="More")
+    body = fold(layout, "more", "More")
     if body is None:
         return
     column = body.column()

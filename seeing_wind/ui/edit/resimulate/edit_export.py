@@ -15,7 +15,7 @@ from ....engine.record_arrays import from_arrays
 from ....engine.records import Attachment
 from ....engine.take import Take
 from ...bake.animation import values_over
-from ...bake.at_rest import at_rest
+from ...bake.at_rest import as_shown, at_rest
 from ...job.take_reading import FieldSummary, field_summary
 from ...job.takes import own
 from ...option_properties import single
@@ -23,9 +23,9 @@ from ...scene_mesh import mesh_arrays, pinned_vertices
 from ...scene_units import metres_per_unit
 from .edit_files import export_mesh, export_pins, write_array, write_edit, write_pins
 from .field_place import standing
-from .force_fields import force_fields
+from .force_fields import force_fields, left_out
 from .further_forces import further_forces
-from .geometry import may_move
+from .geometry import may_move, seen_in_place_of
 from .preview import COARSENESS, frames_seen
 from .request import Body, EditRequest, Mover
 
@@ -59,6 +59,7 @@ def export_edit(
         stands = standing(scene, field.box, frames, request.metres)
     finally:
         scene.frame_set(at)
+    notes += left_out(scene)
     forces, said = _forces(request, scene, field, folder, bodies, frames)
     values = request.values | stands.ends | {
         "field_strength": _strengths(scene, field, stands.share), "field_place": _place(stands.place, folder), "forces": forces,
@@ -201,10 +202,10 @@ def _colliders(
         obj = present(collider, scene)
         if any(body.object == obj for body in request.bodies):
             raise UsageError(f"{obj.name} is both a body and a collider.", "Take it off one of the two lists.")
-        with at_rest(obj, scene, whole=True) as still:
+        with as_shown(seen_in_place_of(obj, scene), scene) as seen:
             depsgraph = bpy.context.evaluated_depsgraph_get()
-            path = export_mesh(still, depsgraph, folder / "colliders" / f"{collider.result}.npz").path
-            way, whole = _way_of_mesh(still, scene, frames) if may_move(still) else (None, True)
+            path = export_mesh(seen, depsgraph, folder / "colliders" / f"{collider.result}.npz").path
+            way, whole = _way_of_mesh(seen, scene, frames) if may_move(seen) else (None, True)
         entry = {"name": collider.result, "mesh": path.relative_to(folder), **collider.values}
         if way is not None:
             beside = path.with_name(f"{collider.result}.way.npy")

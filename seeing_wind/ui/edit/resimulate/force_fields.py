@@ -42,6 +42,31 @@ def stamp(scene: bpy.types.Scene) -> list[tuple]:
     return [(lineage(obj), geometry(obj)[:2], _settings(obj), keyframes(obj)) for obj in force_fields(scene)]
 
 
+def left_out(scene: bpy.types.Scene) -> list[str]:
+    """What would push, or weaken a push, on a solver of the scene, and does not in the re-simulation: in words."""
+    settings = scene.seeing_wind
+    if not settings.use_force_fields:
+        return []
+    seen = [obj for obj in scene.objects if not obj.hide_viewport]
+    pushing = [
+        obj.name for obj in seen
+        if any(_has_forces(system.settings) for system in obj.particle_systems) and _chosen(obj, settings.effectors)
+    ]  # fmt: skip
+    walls = [obj.name for obj in seen if obj.collision is not None and obj.collision.use and obj.collision.absorption > 0.0]
+    said = [f"The particles of {', '.join(pushing)} push with a force field of their own: it is left out"] if pushing else []
+    if walls and force_fields(scene):
+        said.append(f"{', '.join(walls)} should absorb force fields behind it (Field Absorption): they act through it here")
+    return said
+
+
+def _has_forces(settings: bpy.types.ParticleSettings) -> bool:
+    return any(each is not None and each.type not in ("NONE", "GUIDE") for each in (settings.force_field_1, settings.force_field_2))
+
+
+def _chosen(obj: bpy.types.Object, effectors: bpy.types.Collection | None) -> bool:
+    return effectors is None or obj in effectors.all_objects.values()
+
+
 def _enabled(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
     if layer.exclude or layer.collection.hide_viewport:
         return

@@ -68,6 +68,20 @@ def moves(obj: bpy.types.Object | None) -> list:
     return [curve for each in sources if each is not None for curve in keyframes(each)]
 
 
+def seen_in_place_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.Object:
+    """The copy that carries the motion of an object which another edit has moved and hidden; the object itself where there is none."""
+    lists = (scene.seeing_wind.bodies, *(edit.bodies for edit in scene.seeing_wind.edits))
+    copies = (body.baked_copy for bodies in lists for body in bodies if body.object == obj)
+    return next((copy for copy in copies if copy is not None and scene in copy.users_scene), obj)
+
+
+def baked_motion(obj: bpy.types.Object, scene: bpy.types.Scene) -> list:
+    """Of the bake of another edit by which a collider moves; empty for none."""
+    seen = seen_in_place_of(obj, scene)
+    mark = mark_of(seen)
+    return [] if mark is None else [mark["stamp"], keyframes(seen), keyframes(seen.data.shape_keys) if seen.data.shape_keys else ()]
+
+
 def _keys_of_place(obj: bpy.types.Object) -> list:
     return [curve for curve in keyframes(obj) if curve[0].startswith(("location", "rotation", "scale", "delta_"))]
 

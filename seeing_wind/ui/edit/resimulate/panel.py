@@ -3,6 +3,7 @@
 from ...field.display import field_at_hand
 from ...job import status
 from ...job.panel_pieces import Tab, draw_beside, draw_job, draw_preview_mark, draw_progress, panels
+from ...job.status import State
 
 
 class ResimulateTab(Tab):
@@ -24,8 +25,9 @@ class ResimulateTab(Tab):
             beside=lambda row: row.operator("seeing_wind.preview_edit", icon="HIDE_OFF"),
         )  # fmt: skip
         if now.running != "resimulate":
-            draw_beside(self.layout, context, status.EDIT_PREVIEW)
-            draw_preview_mark(self.layout, context)
+            draw_preview_mark(self.layout, context, self.step)
+            if now.steps["resimulate"].state != State.DONE or now.steps[status.EDIT_PREVIEW].state == State.FAILED:
+                draw_beside(self.layout, context, status.EDIT_PREVIEW)
 
 
 CLASSES = panels(ResimulateTab, 4)

@@ -7,6 +7,7 @@ import math
 import bpy
 
 from ...bake.plan import mark_of
+from ...field.display import frames_per_second
 from ...job.status import digest_of
 
 COARSENESS = 2.0
@@ -31,8 +32,17 @@ def frames_seen(scene: bpy.types.Scene, stride: float) -> int | None:
 
 def digest_of_preview(scene: bpy.types.Scene, edit: str) -> str:
     """Changes whenever the preview would be another one; "" without bodies. `edit` is the digest of the full re-simulation."""
-    settings, rate = scene.seeing_wind, scene.render.fps / scene.render.fps_base
-    return digest_of("preview", edit, last_seen(scene), settings.frame_start, settings.real_time and rate) if edit else ""
+    return digest_of("preview", edit, frames_of_clip_seen(scene)) if edit else ""
+
+
+def frames_of_clip_seen(scene: bpy.types.Scene) -> int:
+    """How many of the clip's frames a preview has."""
+    settings, field = scene.seeing_wind, scene.seeing_wind.field_object
+    if field is None:
+        return 0
+    stride = frames_per_second(scene) / field["seeing_wind_fps"] if settings.real_time else 1.0
+    every = int(field["seeing_wind_frames"])
+    return min(frames_seen(scene, stride) or every, every)
 
 
 def goes_before(scene: bpy.types.Scene, edit: str) -> bool:

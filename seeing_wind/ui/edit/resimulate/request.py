@@ -10,12 +10,13 @@ import bpy
 
 from ....engine.settings import BodyEdit, ColliderEdit, Edit
 from ...bake.animation import keyframes
+from ...field.display import stride_of
 from ...job.status import digest_of
 from ...option_properties import part_of, single, values_of
 from ...scene_units import metres_per_unit
 from ..sheet_label import SHEET, is_shell
 from . import field_place, force_fields
-from .geometry import geometry, moves, weights
+from .geometry import baked_motion, geometry, moves, weights
 
 LONGEST = 50
 """Characters of an object's name that become a file's: Blender allows 255 bytes, as most file systems do, endings not counted."""
@@ -99,6 +100,8 @@ class EditRequest:
     offset: tuple[float, ...]
     """Where the edit is shown, from where it is simulated [m]."""
     frame_start: int
+    timing: tuple
+    """Bakes by which colliders move, and where anything moves by keyframes of its own, at which scene frames the clip's pictures are."""
     metres: float
     """Length of a unit of the scene."""
 
@@ -122,15 +125,25 @@ class EditRequest:
             gravity=values["gravity"] if settings.edit_gravity_mode == "CUSTOM" else settings.edit_gravity_mode,
             strength=[curve for curve in keyframes(scene) if curve[0] == path] or settings.field_strength,
             forces=force_fields.stamp(scene) if len(settings.bodies) else [],
-            offset=tuple(settings.offset), frame_start=settings.frame_start, metres=metres_per_unit(scene),
+            offset=tuple(settings.offset), frame_start=settings.frame_start, timing=_timing(scene), metres=metres_per_unit(scene),
         )  # fmt: skip
 
     def digest(self) -> str:
         """Changes whenever the re-simulation would be another one; "" while there are no bodies."""
         moved = [body.stamp() for body in self.bodies if body.is_recovered or body.object is not None]
         walls = [(each.stamp(), moves(each.object)) for each in self.colliders if each.object is not None]
-        around = (self.stands, self.floor, self.values, self.gravity, self.strength, self.forces, self.offset, self.metres)
+        around = (self.stands, self.floor, self.values, self.gravity, self.strength, self.forces, self.offset, self.metres, self.timing)
         return digest_of(self.field, moved, walls, *around) if moved else ""
+
+
+def _timing(scene: bpy.types.Scene) -> tuple:
+    settings = scene.seeing_wind
+    walls = [each.object for each in settings.colliders if each.object is not None]
+    bakes = [baked_motion(obj, scene) for obj in walls]
+    tied = [body.object for body in settings.bodies if body.object is not None and body.pin_group]
+    if not any(bakes) and not any(moves(obj) for obj in (*walls, *tied)):
+        return ()
+    return bakes, settings.frame_start, stride_of(settings.field_object) if settings.field_object is not None else 1.0
 
 
 def _free_name(name: str, taken: set[str]) -> str:
