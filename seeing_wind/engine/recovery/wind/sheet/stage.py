@@ -1,7 +1,7 @@
 """The stages *recover* and *wind* of a sheet that was seen in 3D, both in one solve -> the files that any body's take has.
 
-`trajectory.npz` has the simulation that followed the sheet, with the force that it felt; `field.safetensors` that force per volume of the
-sheet, `wind.safetensors` and `wind.json` the wind.
+`trajectory.npz` has the simulation that followed the sheet, of a clip what was seen, with the force that it felt; `field.safetensors` that
+force per volume of the sheet, `wind.safetensors` and `wind.json` the wind.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def sheet_stage(
             with take.writing(name) as path:
                 field.save(path)
         take.write_json(TOLD, told)
-        take.finish("wind", stamp, {"field": blown.field})
+        take.finish("wind", stamp, {"field": blown.field or "wind"})
         take.finish("recover", stamp, {"gravity": list(settings.gravity)})
         seconds["distill"] = time.perf_counter() - began
     return SheetFound(recovery, particles, kept[0], Wind(kept[1] if len(kept) > 1 else None, told, told["notes"]), seconds)
@@ -177,20 +177,22 @@ def _recovery(
     found: SheetEstimate,
     seconds: float,
 ) -> Recovery:
-    residual = residual_in_pixels(targets, found.x) if targets else np.sqrt(((found.x - seen.x) ** 2).sum(axis=-1).mean(axis=1))
+    # The simulation is drawn to what was seen, and lags by some pixels: over a clip the sheet is where it was seen.
+    x = seen.x if targets else found.x
+    residual = residual_in_pixels(targets, x) if targets else np.sqrt(((x - seen.x) ** 2).sum(axis=-1).mean(axis=1))
     volume = particles.volume[:, None]
     return Recovery(
         outcome=Outcome.CONVERGED if found.converged else Outcome.MAX_ITERATIONS,
         force_density=found.force / volume,
         deviation=found.force_deviation / particles.volume,
-        x=found.x,
-        F=np.stack([_deformations(shell, x) for x in found.x]),
+        x=x,
+        F=np.stack([_deformations(shell, one) for one in x]),
         v0=np.where(shell.pinned[:, None], 0.0, seen.at(0.0)[1]),
         residual=residual,
         residual_unit="px" if targets else "m",
         iterations=found.iterations,
         seconds=seconds,
-        notes=[_stray(follower_of(shell, seen, gravity, found.cause_of(shell)), found)],
+        notes=[_stray(follower_of(shell, seen, gravity, found.cause_of(shell)), found, bool(targets))],
     )
 
 
@@ -206,17 +208,17 @@ def residual_in_pixels(targets: Sequence[TrackTargets], x: np.ndarray) -> np.nda
     return residual
 
 
-def _stray(follower: Follower, found: SheetEstimate) -> str:
+def _stray(follower: Follower, found: SheetEstimate, filmed: bool) -> str:
     """How far a simulation that nothing draws to what was seen goes astray in the field."""
-    said = "The recovered motion is a simulation that is softly drawn to the points seen."
+    said = "The recovered motion is " + ("what the clip shows." if filmed else "a simulation that is softly drawn to the points seen.")
     try:
         path = replace(follower, pull=0.0).path(found.velocity)
     except SimulationError:
-        return f"{said} Without that, it breaks down."
+        return f"{said} A simulation of its own breaks down."
     away = np.linalg.norm(path - follower.seen.x, axis=-1)
     travel = np.linalg.norm(follower.seen.x - follower.seen.x[0], axis=-1).max(axis=0).mean()
     share = 100 * away.mean() / max(travel, 1e-12)
-    return f"{said} Without that, the field alone puts the sheet off by {share:.0f} % of its travel in the mean."
+    return f"{said} The field alone puts the sheet off by {share:.0f} % of its travel in the mean."
 
 
 def _deformations(shell: Shell, x: np.ndarray) -> np.ndarray:
