@@ -204,7 +204,7 @@ class Clip:
             if isinstance(one, PointChannels):
                 missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
                 deviation = np.hypot(deviation, missed[:, None])
-        self.notes += remark(self.stiffness, self.model)
+        self.notes += remark(self.stiffness, self.model, self.particles)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
             force_density=material.density * acceleration,
@@ -217,7 +217,7 @@ class Clip:
             iterations=sum(one.iterations for one in kept),
             seconds=time.monotonic() - began,
             notes=self.notes,
-            youngs_modulus=youngs_modulus(self.model, self.stiffness.s) if self.stiffness.known else None,
+            youngs_modulus=youngs_modulus(self.model, self.particles, self.stiffness.s) if self.stiffness.known else None,
             stiffness_deviation=self.stiffness.deviation if self.stiffness.known else None,
             stiffness=self.stiffness.spread(self.particles) if self.stiffness.known else None,
             clamp_depth=self.settings.clamp_depth + self.stiffness.deeper,

@@ -8,7 +8,8 @@ import pytest
 
 from seeing_wind.engine.command.arguments import parser, settings_of
 from seeing_wind.engine.mpm.damping import retardation_of
-from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS_HELD, model_for, with_clamp_depth
+from seeing_wind.engine.materials import MAX_SUBSTEPS_HELD
+from seeing_wind.engine.mpm.model_for import model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found
