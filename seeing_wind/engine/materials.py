@@ -42,9 +42,11 @@ CELL_SPACINGS = 1.6
 """A grid cell over the particles' spacing. Two, the usual choice, bends plates of two particles three times less accurately: against another
 simulator 6.0 mm off at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm of travel."""
 
+MAX_SUBSTEPS = 200
+"""Substeps a frame of free bodies, at most. More is slower than a recovery can afford; a stiffer free body hardly moves differently."""
+
 MAX_SUBSTEPS_HELD = 500
-"""Substeps a frame of bodies that are held somewhere, at most: how far a force bends them is given by their stiffness, so what is simulated
-softer than it is asks for less force. More of them are slower than a recovery can afford."""
+"""The same of bodies that are held somewhere: how far a force bends them is given by their stiffness, so softer means less force."""
 
 DEFAULT = "leaf"
 """The material of an object of which nothing is said."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..conventions import GRAVITY, lame
 from ..errors import SimulationError
-from ..materials import CELL_SPACINGS, MAX_SUBSTEPS_HELD, substeps_needed
+from ..materials import CELL_SPACINGS, MAX_SUBSTEPS, MAX_SUBSTEPS_HELD, substeps_needed
 from ..records import Material, Particles
 from .checks import check_choices, checked_bodies
 from .damping import longest_retardation, substeps_for, with_retardation
@@ -26,8 +26,6 @@ PLASTIC_COURANT = 0.05
 """The same for bodies that flow, as far as the substeps allowed go: the return mapping wants a small strain per substep. Squeezed clay
 driven by the known force of another simulator ends 14 % of its way off with 0.3, 1.3 % with 0.05."""
 MIN_SUBSTEPS = 8
-MAX_SUBSTEPS = 200
-"""Per frame, of free bodies. More is slower than a recovery can afford; a stiffer free body hardly moves differently."""
 WORTH = 0.1
 """Least share of a held body's stiffness that `MAX_SUBSTEPS_HELD` have to carry. With less, the force answers its weight and its inertia
 alone, as that of a free body does, and it gets no more substeps than one."""

@@ -19,7 +19,17 @@ from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .diagnostics.remarks import DISTRUST, astray, far_off, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
+from .diagnostics.remarks import (
+    DISTRUST,
+    astray,
+    far_off,
+    force_remarks,
+    held_remarks,
+    motion_remarks,
+    reaction_remarks,
+    wider_remarks,
+    wild_remarks,
+)
 from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.learning import Expected
 from .solve.section import section_axes
@@ -30,6 +40,9 @@ from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
 
 FULL_MODES = 16
+FEWEST_MODES, PARTICLES_A_MODE = 4, 16
+"""A body of few particles has no more modes than one for so many of them, but uniform force and slope in any case: what varies within a
+few particles, they do not show."""
 OBSERVABLE = 0.1
 """A mode is used when the observed points see at least this share of it that the modes before it do not explain."""
 SLOWEST = 0.03
@@ -106,7 +119,8 @@ class Clip:
 
     def solved(self) -> list[Kept]:
         """The windows one after the other."""
-        basis = self._observable(spatial_basis(self.particles.x, self.model.mass * ~self.particles.pinned, FULL_MODES))
+        modes = min(FULL_MODES, max(FEWEST_MODES, len(self.particles.x) // PARTICLES_A_MODE))
+        basis = self._observable(spatial_basis(self.particles.x, self.model.mass * ~self.particles.pinned, modes))
         expected = self._expected(len(basis.degree))
         kept: list[Kept] = []
         cuts = windows(self.objective.frames)
@@ -189,7 +203,8 @@ class Clip:
         lost = astray(self.particles, self.objective.channels, x, residual)
         if lost and not views:
             raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
-        self.notes += motion_remarks(self.particles, x, residual, views) + held_remarks(self.particles, self.objective.channels)
+        self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views)
+        self.notes += held_remarks(self.particles, self.objective.channels)
         self.notes += wild_remarks(self.objective.channels)
         acceleration = np.concatenate([one.acceleration for one in kept])
         if not self.particles.pinned.any():

@@ -29,8 +29,8 @@ from functools import partial
 
 import numpy as np
 
-from ...mpm.model import Model
 from ...materials import MAX_SUBSTEPS_HELD
+from ...mpm.model import Model
 from ...mpm.model_for import with_clamp_depth
 from ...records import Particles
 from ...settings import RecoverSettings
