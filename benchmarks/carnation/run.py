@@ -29,8 +29,8 @@ from seeing_wind.engine.take import Take  # noqa: E402
 
 OUTLINE, CURTAIN, FOOT, SECONDS, OFF = 0.75, 0.05, 0.12, 120.0, 2.0
 """Least overlap in any frame; most of the outline that is curtain, 3 px and more off the flower; part of the flower's height within which
-the held place lies; seconds of the processor of both verbs, of two processors together half of it; pixels from the simulation to the tracks,
-in the median of all that are seen."""
+the held place lies; seconds of the processor of both verbs, of two processors together half of it; pixels from the simulation to the
+tracks, in the median of all that are seen."""
 BESIDE = 3
 """Pixels."""
 

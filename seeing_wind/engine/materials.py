@@ -39,8 +39,8 @@ COURANT = 0.3
 """Grid cells that an elastic wave may cross in one of the solver's substeps."""
 
 CELL_SPACINGS = 1.6
-"""A grid cell over the particles' spacing. Two, the usual choice, bends plates of two particles three times less accurately: against another
-simulator 6.0 mm off at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm of travel."""
+"""A grid cell over the particles' spacing. Two, the usual choice, bends plates of two particles three times less accurately: against
+another simulator 6.0 mm off at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm of travel."""
 
 MAX_SUBSTEPS = 200
 """Substeps a frame of free bodies, at most. More is slower than a recovery can afford; a stiffer free body hardly moves differently."""
