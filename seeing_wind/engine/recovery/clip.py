@@ -65,6 +65,11 @@ def windows(frames: int) -> list[tuple[int, int]]:
     return [(round(hop * k), min(frames, round(hop * (k + 1)) + (OVERLAP if count > 1 else 0))) for k in range(count)]
 
 
+def most_modes(particles: int) -> int:
+    """The modes of the force that a body of so many particles may have."""
+    return min(FULL_MODES, max(FEWEST_MODES, particles // PARTICLES_A_MODE))
+
+
 def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
     """(T,) bool, of a clip of T frames.
 
@@ -119,8 +124,8 @@ class Clip:
 
     def solved(self) -> list[Kept]:
         """The windows one after the other."""
-        modes = min(FULL_MODES, max(FEWEST_MODES, len(self.particles.x) // PARTICLES_A_MODE))
-        basis = self._observable(spatial_basis(self.particles.x, self.model.mass * ~self.particles.pinned, modes))
+        modes, weight = most_modes(len(self.particles.x)), self.model.mass * ~self.particles.pinned
+        basis = self._observable(spatial_basis(self.particles.x, weight, modes))
         expected = self._expected(len(basis.degree))
         kept: list[Kept] = []
         cuts = windows(self.objective.frames)

@@ -19,7 +19,7 @@ from .columns import MIN_SPACING_PIXELS, columns_of, layers_of, surface_metric
 from .parts import Parts, sections
 from .relief import Relief, sample
 
-SLENDEREST = 5.0
+SLENDEREST = 10.0
 """Least length of the rod of particles in units of its breadth: what is broader is no beam any more."""
 
 COARSE = 1.6
@@ -75,19 +75,18 @@ def _stem(
     relief: Relief, parts: Parts, held: np.ndarray, pixel: float, wider: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Four particles to a section, half the radius off the axis: places (N, 3) [m], volumes (N,) [m³], and which are held (N,)."""
-    place, radius, direction = sections(parts, wider * stem_spacing(parts))
-    off = 0.5 * wider * radius
-    across = np.stack([-direction[:, 1], direction[:, 0]], axis=1) * off[:, None]
-    middle = 0.5 * (sample(relief.front, place) + sample(relief.back, place))
+    cut = sections(parts, wider * stem_spacing(parts), held)
+    off = 0.5 * wider * cut.radius
+    across = np.stack([-cut.direction[:, 1], cut.direction[:, 0]], axis=1) * off[:, None]
+    middle = 0.5 * (sample(relief.front, cut.place) + sample(relief.back, cut.place))
     x = [
-        relief.camera.unproject(place + side * across, middle + depth * off * pixel)
+        relief.camera.unproject(cut.place + side * across, middle + depth * off * pixel)
         for side in (-1.0, 1.0)
         for depth in (-1.0, 1.0)
     ]
-    volume = np.tile(radius**2, 4)
+    volume = np.tile(cut.radius**2 * cut.length, 4)
     volume *= relief.pixel_volume()[parts.stem].sum() / volume.sum()
-    row, column = (np.clip(np.round(place[:, i]).astype(int), 0, held.shape[1 - i] - 1) for i in (1, 0))
-    return np.concatenate(x), volume, np.tile(held[row, column], 4)
+    return np.concatenate(x), volume, np.tile(cut.held, 4)
 
 
 def _columns(
