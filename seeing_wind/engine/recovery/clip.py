@@ -41,8 +41,8 @@ from .targets.tracks import TrackChannels
 
 FULL_MODES = 16
 FEWEST_MODES, PARTICLES_A_MODE = 4, 16
-"""A body of few particles has no more modes than one for so many of them, but uniform force and slope in any case: what varies within a
-few particles, they do not show."""
+"""A body whose few particles stand for thinner things (`Particles.stiffness`) has no more modes than one for so many of them, but uniform
+force and slope in any case: what varies within a few particles, they do not show."""
 OBSERVABLE = 0.1
 """A mode is used when the observed points see at least this share of it that the modes before it do not explain."""
 SLOWEST = 0.03
@@ -65,9 +65,9 @@ def windows(frames: int) -> list[tuple[int, int]]:
     return [(round(hop * k), min(frames, round(hop * (k + 1)) + (OVERLAP if count > 1 else 0))) for k in range(count)]
 
 
-def most_modes(particles: int) -> int:
-    """The modes of the force that a body of so many particles may have."""
-    return min(FULL_MODES, max(FEWEST_MODES, particles // PARTICLES_A_MODE))
+def most_modes(body: Particles) -> int:
+    """The modes that the force on a body may have."""
+    return FULL_MODES if body.stiffness is None else min(FULL_MODES, max(FEWEST_MODES, len(body.x) // PARTICLES_A_MODE))
 
 
 def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
@@ -124,7 +124,7 @@ class Clip:
 
     def solved(self) -> list[Kept]:
         """The windows one after the other."""
-        modes, weight = most_modes(len(self.particles.x)), self.model.mass * ~self.particles.pinned
+        modes, weight = most_modes(self.particles), self.model.mass * ~self.particles.pinned
         basis = self._observable(spatial_basis(self.particles.x, weight, modes))
         expected = self._expected(len(basis.degree))
         kept: list[Kept] = []
