@@ -167,8 +167,9 @@ class WindowSolver:
         the solution, and the Jacobians used on the way.
         """
         used, self.joint = 0, None
-        lost = track_misfit(self.objective, self.basis.up_to(2).phi, solution.residual) > LOST
-        for _ in range(rounds if self.stiffness.free and not lost else 0):
+        if not self.stiffness.free or track_misfit(self.objective, self.basis.up_to(2).phi, solution.residual) > LOST:
+            rounds = 0
+        for _ in range(rounds):
             before = self.stiffness
             about = partial(Joint.about, forward, self.particles, self.objective, prior.precision(), solution, before)
             joint = self.journal.once("joint", Joint, about, solution.theta, before)
