@@ -232,7 +232,7 @@ def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
     lossy = replace(RUBBER, loss_factor=0.02)
     damped, _ = model_for(post(), lossy, FPS)
     assert retardation_of(scaled(damped, 0.5)) == pytest.approx(retardation_of(damped)) == pytest.approx(lossy.retardation)
-    again, _ = model_for(post(), replace(RUBBER, youngs_modulus=youngs_modulus(other)), FPS)
+    again, _ = model_for(post(), replace(RUBBER, youngs_modulus=youngs_modulus(other, post())), FPS)
     assert other.substeps >= again.substeps and scaled(model, -0.5).substeps == model.substeps
     assert scaled(model, stiffest(model)).substeps <= MAX_SUBSTEPS_HELD + 1
 
