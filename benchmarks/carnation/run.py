@@ -23,13 +23,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from outlines import box_round, overlap  # noqa: E402
 
-from seeing_wind.engine.record_arrays import from_arrays  # noqa: E402
+from seeing_wind.engine.record_arrays import TRAJECTORY, from_arrays, read_body  # noqa: E402
 from seeing_wind.engine.records import Observation  # noqa: E402
 from seeing_wind.engine.take import Take  # noqa: E402
 
-OUTLINE, CURTAIN, FOOT, SECONDS = 0.75, 0.05, 0.12, 120.0
+OUTLINE, CURTAIN, FOOT, SECONDS, OFF = 0.75, 0.05, 0.12, 120.0, 2.0
 """Least overlap in any frame; most of the outline that is curtain, 3 px and more off the flower; part of the flower's height within which
-the held place lies; seconds of `recover`, of two processors together half of it."""
+the held place lies; seconds of the processor of both verbs, of two processors together half of it; pixels from the simulation to the
+tracks, in the median of all that are seen."""
 BESIDE = 3
 """Pixels."""
 
@@ -79,11 +80,20 @@ def main() -> int:
     depth = float((rows.max() - place.min()) / np.ptp(rows)) if len(place) else float("inf")
     print(f"outline: median {np.median(overlaps):.3f}, worst {min(overlaps):.3f}; curtain at most {100 * max(curtain):.1f} % of it")
     print(f"held: the lowest {100 * depth:.0f} % of the flower")
+    body = read_body(Take(take))
+    with np.load(take / TRAJECTORY, allow_pickle=False) as data:
+        places = body.keypoints.follow(data["x"])
+    on_body = seen.visible & np.isfinite(body.lifted).all(axis=-1)
+    off = [np.linalg.norm(seen.camera.project(x, t)[0] - seen.xy[t], axis=1)[on_body[t]] for t, x in enumerate(places)]
+    median = float(np.median(np.concatenate(off[1:])))
+    by_picture = [float(np.median(one)) for one in off[1:]]
+    print(f"simulation: {median:.2f} px off the tracks in the median; by picture {min(by_picture):.1f} to {max(by_picture):.1f} px")
     bars = {
         "outline": min(overlaps) >= OUTLINE,
         "curtain": max(curtain) <= CURTAIN,
         "held": depth <= FOOT,
         "seconds": spent + seconds <= SECONDS,
+        "simulation": median <= OFF,
     }
     print("missed: " + ", ".join(name for name, good in bars.items() if not good) if not all(bars.values()) else "All bars are met.")
     return 0 if all(bars.values()) else 1

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from .conventions import lame
 from .errors import MaterialError
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
@@ -33,6 +34,19 @@ what sways about twice a second, as stems, branches and flags in a clip do."""
 
 MOST_LOSS = 2.0
 """Largest loss factor: a body that does not swing any more at its critical damping."""
+
+COURANT = 0.3
+"""Grid cells that an elastic wave may cross in one of the solver's substeps."""
+
+CELL_SPACINGS = 1.6
+"""A grid cell over the particles' spacing. Two, the usual choice, bends plates of two particles three times less accurately: against
+another simulator 6.0 mm off at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm of travel."""
+
+MAX_SUBSTEPS = 200
+"""Substeps a frame of free bodies, at most. More is slower than a recovery can afford; a stiffer free body hardly moves differently."""
+
+MAX_SUBSTEPS_HELD = 500
+"""The same of bodies that are held somewhere: how far a force bends them is given by their stiffness, so softer means less force."""
 
 DEFAULT = "leaf"
 """The material of an object of which nothing is said."""
@@ -131,6 +145,16 @@ class Sheet:
 
 SHEET_UNITS = {"areal_density": "kg/m²", "thickness": "m", "tensile_stiffness": "N/m", "bending_stiffness": "N m"}
 """What a sheet needs numbers above zero for."""
+
+
+def substeps_needed(material: Material, dx: float, frame_dt: float, density: float = 1.0, courant: float = COURANT) -> int:
+    """Substeps a frame [s] that the waves of a material need on a grid of dx [m]: dt <= courant dx / c, c² = (lam + 2 mu) / rho.
+
+    Args:
+        density: factor on the material's.
+    """
+    mu, lam = lame(material.youngs_modulus, material.poisson_ratio)
+    return math.ceil(math.sqrt((lam + 2.0 * mu) / (material.density * density)) * frame_dt / (courant * dx))
 
 
 def find(name: str) -> Material:

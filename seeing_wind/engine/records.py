@@ -285,6 +285,13 @@ class Recovery:
     """Whether what is held goes the way that its particles have in `x`, rather than stands still."""
 
 
+def body_as_found(particles: Particles, recovery: Recovery) -> Particles:
+    """The body with its stiffness spread as the recovery found it."""
+    if particles.stiffness is None or recovery.stiffness is None:
+        return replace(particles, stiffness=particles.stiffness if recovery.stiffness is None else recovery.stiffness)
+    return replace(particles, stiffness=particles.stiffness * recovery.stiffness)
+
+
 def as_found(material: Material, recovery: Recovery) -> Material:
     """`material` with the stiffness that the recovery found for the body: its field belongs to that one."""
     if recovery.youngs_modulus is None:

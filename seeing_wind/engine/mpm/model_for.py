@@ -10,6 +10,7 @@ import numpy as np
 
 from ..conventions import GRAVITY, lame
 from ..errors import SimulationError
+from ..materials import CELL_SPACINGS, MAX_SUBSTEPS, MAX_SUBSTEPS_HELD, substeps_needed
 from ..records import Material, Particles
 from .checks import check_choices, checked_bodies
 from .damping import longest_retardation, substeps_for, with_retardation
@@ -21,19 +22,10 @@ from .laws.constitutive import LAWS
 from .laws.plasticity import PLASTIC_LAWS
 from .model import MOST_NODES, Model
 
-COURANT = 0.3
-"""Cells that an elastic wave may cross in one substep."""
 PLASTIC_COURANT = 0.05
 """The same for bodies that flow, as far as the substeps allowed go: the return mapping wants a small strain per substep. Squeezed clay
 driven by the known force of another simulator ends 14 % of its way off with 0.3, 1.3 % with 0.05."""
-CELL_SPACINGS = 1.6
-"""dx over the particles' spacing. Two, the usual choice, bends plates of two particles three times less accurately: against another
-simulator 6.0 mm off at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm of travel."""
 MIN_SUBSTEPS = 8
-MAX_SUBSTEPS = 200
-"""Per frame, of free bodies. More is slower than a recovery can afford; a stiffer free body hardly moves differently."""
-MAX_SUBSTEPS_HELD = 500
-"""The same of bodies that are held somewhere: how far a force bends them is given by their stiffness, so softer means less force."""
 WORTH = 0.1
 """Least share of a held body's stiffness that `MAX_SUBSTEPS_HELD` have to carry. With less, the force answers its weight and its inertia
 alone, as that of a free body does, and it gets no more substeps than one."""
@@ -94,7 +86,7 @@ def model_for(
     frame_dt = 1.0 / fps
     if max_substeps is None:
         held = any(
-            np.any(body.pinned) and _needed(stuff, scale, dx, frame_dt) <= MAX_SUBSTEPS_HELD / math.sqrt(WORTH)
+            np.any(body.pinned) and substeps_needed(_softened(stuff, body), dx, frame_dt, scale) <= MAX_SUBSTEPS_HELD / math.sqrt(WORTH)
             for body, stuff, scale in zip(bodies, materials, scales)
         )
         max_substeps = MAX_SUBSTEPS_HELD if held else MAX_SUBSTEPS
@@ -105,7 +97,7 @@ def model_for(
     notes: list[str] = []
     substeps, columns = max(MIN_SUBSTEPS, _substeps_for(speed, path, dx, frame_dt, max_substeps)), []
     for body, stuff, scale in zip(bodies, materials, scales):
-        youngs_modulus, needed = _affordable_modulus(stuff, scale, dx, frame_dt, max_substeps, notes)
+        youngs_modulus, needed = _affordable_modulus(stuff, body, scale, dx, frame_dt, max_substeps, notes)
         if youngs_modulus < stuff.youngs_modulus and np.any(body.pinned):
             share = youngs_modulus / stuff.youngs_modulus
             notes.append(f"{stuff.name}: it is held, so the forces that bend it are in proportion, about {share:.2g} of the real ones.")
@@ -189,20 +181,21 @@ def _substeps_for(speed: float, path: np.ndarray | None, dx: float, frame_dt: fl
     return needed
 
 
-def _needed(material: Material, mass_scale: float, dx: float, frame_dt: float, courant: float = COURANT) -> int:
-    """Substeps a frame that the material's waves need: dt <= courant dx / c, c² = (lam + 2 mu) / rho."""
-    mu, lam = lame(material.youngs_modulus, material.poisson_ratio)
-    return math.ceil(math.sqrt((lam + 2.0 * mu) / (material.density * mass_scale)) * frame_dt / (courant * dx))
+def _softened(material: Material, body: Particles) -> Material:
+    """The material as stiff as the body is where it is softer than that everywhere."""
+    factor = 1.0 if body.stiffness is None else min(1.0, float(np.max(body.stiffness)))
+    return replace(material, youngs_modulus=factor * material.youngs_modulus)
 
 
 def _affordable_modulus(
-    material: Material, mass_scale: float, dx: float, frame_dt: float, max_substeps: int, notes: list[str]
+    material: Material, body: Particles, mass_scale: float, dx: float, frame_dt: float, max_substeps: int, notes: list[str]
 ) -> tuple[float, int]:
-    """Young's modulus [Pa] that `max_substeps` can carry, and the substeps it needs."""
-    needed = _needed(material, mass_scale, dx, frame_dt)
+    """Young's modulus [Pa] of the material that `max_substeps` can carry in this body, and the substeps it needs."""
+    softened = _softened(material, body)
+    needed = substeps_needed(softened, dx, frame_dt, mass_scale)
     if needed <= max_substeps:
         if material.law in PLASTIC_LAWS:
-            needed = min(max_substeps, _needed(material, mass_scale, dx, frame_dt, PLASTIC_COURANT))
+            needed = min(max_substeps, substeps_needed(softened, dx, frame_dt, mass_scale, PLASTIC_COURANT))
         return material.youngs_modulus, needed
     capped = material.youngs_modulus * (max_substeps / needed) ** 2
     notes.append(

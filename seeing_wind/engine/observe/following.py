@@ -65,7 +65,7 @@ def follow(
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
         follower: Follower = Outlined(frames[0], outlines)
     else:
-        follower = MaskFollower(frames[0], mask, plate, progress, looks)
+        follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     seen = areas(masks) > 0
     _tell_lost(seen, progress)

@@ -19,7 +19,17 @@ from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
-from .diagnostics.remarks import DISTRUST, astray, far_off, force_remarks, held_remarks, motion_remarks, reaction_remarks, wild_remarks
+from .diagnostics.remarks import (
+    DISTRUST,
+    astray,
+    far_off,
+    force_remarks,
+    held_remarks,
+    motion_remarks,
+    reaction_remarks,
+    wider_remarks,
+    wild_remarks,
+)
 from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.learning import Expected
 from .solve.section import section_axes
@@ -30,6 +40,9 @@ from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
 
 FULL_MODES = 16
+FEWEST_MODES, PARTICLES_A_MODE = 4, 16
+"""A body whose few particles stand for thinner things (`Particles.stiffness`) has no more modes than one for so many of them, but uniform
+force and slope in any case: what varies within a few particles, they do not show."""
 OBSERVABLE = 0.1
 """A mode is used when the observed points see at least this share of it that the modes before it do not explain."""
 SLOWEST = 0.03
@@ -50,6 +63,11 @@ def windows(frames: int) -> list[tuple[int, int]]:
     count = 1 if frames <= WINDOW else math.ceil((frames - OVERLAP) / (WINDOW - OVERLAP))
     hop = (frames - OVERLAP) / count if count > 1 else frames
     return [(round(hop * k), min(frames, round(hop * (k + 1)) + (OVERLAP if count > 1 else 0))) for k in range(count)]
+
+
+def most_modes(body: Particles) -> int:
+    """The modes that the force on a body may have."""
+    return FULL_MODES if body.stiffness is None else min(FULL_MODES, max(FEWEST_MODES, len(body.x) // PARTICLES_A_MODE))
 
 
 def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
@@ -106,7 +124,8 @@ class Clip:
 
     def solved(self) -> list[Kept]:
         """The windows one after the other."""
-        basis = self._observable(spatial_basis(self.particles.x, self.model.mass * ~self.particles.pinned, FULL_MODES))
+        modes, weight = most_modes(self.particles), self.model.mass * ~self.particles.pinned
+        basis = self._observable(spatial_basis(self.particles.x, weight, modes))
         expected = self._expected(len(basis.degree))
         kept: list[Kept] = []
         cuts = windows(self.objective.frames)
@@ -189,7 +208,8 @@ class Clip:
         lost = astray(self.particles, self.objective.channels, x, residual)
         if lost and not views:
             raise ObjectError(lost, "Check the unit of the points, their order, fps and the material; cut the file where the body jumps.")
-        self.notes += motion_remarks(self.particles, x, residual, views) + held_remarks(self.particles, self.objective.channels)
+        self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views)
+        self.notes += held_remarks(self.particles, self.objective.channels)
         self.notes += wild_remarks(self.objective.channels)
         acceleration = np.concatenate([one.acceleration for one in kept])
         if not self.particles.pinned.any():
@@ -204,7 +224,7 @@ class Clip:
             if isinstance(one, PointChannels):
                 missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
                 deviation = np.hypot(deviation, missed[:, None])
-        self.notes += remark(self.stiffness, self.model)
+        self.notes += remark(self.stiffness, self.model, self.particles)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,
             force_density=material.density * acceleration,
@@ -217,7 +237,7 @@ class Clip:
             iterations=sum(one.iterations for one in kept),
             seconds=time.monotonic() - began,
             notes=self.notes,
-            youngs_modulus=youngs_modulus(self.model, self.stiffness.s) if self.stiffness.known else None,
+            youngs_modulus=youngs_modulus(self.model, self.particles, self.stiffness.s) if self.stiffness.known else None,
             stiffness_deviation=self.stiffness.deviation if self.stiffness.known else None,
             stiffness=self.stiffness.spread(self.particles) if self.stiffness.known else None,
             clamp_depth=self.settings.clamp_depth + self.stiffness.deeper,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
+from seeing_wind.engine.materials import MAX_SUBSTEPS, MAX_SUBSTEPS_HELD
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
-from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS, MAX_SUBSTEPS_HELD
 from seeing_wind.engine.mpm.tangent import Changes, tangents
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Particles

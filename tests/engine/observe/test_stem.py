@@ -11,11 +11,13 @@ import pytest
 from scenes import noise, write_video
 
 from seeing_wind.engine.masks import Masks
+from seeing_wind.engine.materials import MAX_SUBSTEPS, find
+from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate, median_plate
 from seeing_wind.engine.observe.mask.by_turns import stays
 from seeing_wind.engine.observe.mask.evidence import against_shape
-from seeing_wind.engine.observe.object.shape.on_stem import too_fine
+from seeing_wind.engine.observe.object.shape.on_stem import too_fine, widening
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.parts import parts_of
 from seeing_wind.engine.observe.object.shape.relief import relief_of
@@ -157,3 +159,29 @@ def test_leaves_beside_the_stem_are_sheets_and_a_broad_thing_has_no_stem() -> No
     assert parts.head[30, 60] and parts.stem[120, 60] and np.median(parts.radius) == pytest.approx(4.5, abs=0.7)
     assert parts_of((np.abs(columns - 60) <= 20) & (rows > 10), foot) is None
     assert parts_of(stem, foot) is None, "a rod is a post"
+
+
+def test_a_wider_softer_rod_sways_as_the_thin_stiff_stem_does(seen: Observation) -> None:
+    held = dataclasses.replace(seen, pin=proposed_place(seen))
+    relief = relief_of(held)
+    assert relief.parts is not None
+    slow, stiff = (dataclasses.replace(find("plant_stem"), youngs_modulus=E, loss_factor=0.0) for E in (4e4, 1.2e6))
+    assert widening(relief, relief.parts, slow, 1.0 / 30.0) == 1.0, "200 substeps carry it as it is"
+    wider = widening(relief, relief.parts, stiff, 1.0 / 30.0)
+    assert wider > 2.0
+    ways, substeps = [], []
+    for factor in (1.0, wider):
+        body = fill(relief, 600, held.pin, wider=factor)
+        assert body.volume.sum() == pytest.approx(relief.pixel_volume().sum(), rel=1e-9)
+        model, notes = model_for(body, stiff, 30.0, gravity=(0.0, 0.0, 0.0), max_substeps=2000)
+        assert not notes, "nothing is softened"
+        push = np.zeros((45, len(body.x), 3))
+        push[..., 0] = 0.05
+        assert body.pinned.any()
+        free = ~body.pinned
+        moved = rollout(model, State.at_rest(body.x), push).x[:, free, 0]
+        ways.append(np.average(moved[-1] - moved[0], weights=body.volume[free]))
+        substeps.append(model.substeps)
+    assert substeps[1] <= MAX_SUBSTEPS < 0.3 * substeps[0]
+    assert ways[1] == pytest.approx(ways[0], rel=0.15)
+    assert ways[0] < 0.9 * 0.5 * 0.05 * 1.5**2, "the stem holds it back"

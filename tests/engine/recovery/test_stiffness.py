@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser, settings_of
+from seeing_wind.engine.materials import MAX_SUBSTEPS_HELD
 from seeing_wind.engine.mpm.damping import retardation_of
-from seeing_wind.engine.mpm.model_for import MAX_SUBSTEPS_HELD, model_for, with_clamp_depth
+from seeing_wind.engine.mpm.model_for import model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
-from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found
+from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found, body_as_found
 from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.recovery.clip import most_modes
+from seeing_wind.engine.recovery.diagnostics.remarks import wider_remarks
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.recovery.solve import stiffness
 from seeing_wind.engine.recovery.solve import window as windows
@@ -223,13 +226,13 @@ def test_the_setting_on_the_command_line():
 def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
     model, _ = model_for(post(), RUBBER, FPS)
     other = scaled(model, 0.5)
-    assert youngs_modulus(model) == pytest.approx(RUBBER.youngs_modulus)
-    assert youngs_modulus(other) == pytest.approx(np.exp(0.5) * RUBBER.youngs_modulus) == youngs_modulus(model, 0.5)
+    assert youngs_modulus(model, post()) == pytest.approx(RUBBER.youngs_modulus)
+    assert youngs_modulus(other, post()) == pytest.approx(np.exp(0.5) * RUBBER.youngs_modulus) == youngs_modulus(model, post(), 0.5)
     np.testing.assert_allclose(other.lam / other.mu, model.lam / model.mu)
     lossy = replace(RUBBER, loss_factor=0.02)
     damped, _ = model_for(post(), lossy, FPS)
     assert retardation_of(scaled(damped, 0.5)) == pytest.approx(retardation_of(damped)) == pytest.approx(lossy.retardation)
-    again, _ = model_for(post(), replace(RUBBER, youngs_modulus=youngs_modulus(other)), FPS)
+    again, _ = model_for(post(), replace(RUBBER, youngs_modulus=youngs_modulus(other, post())), FPS)
     assert other.substeps >= again.substeps and scaled(model, -0.5).substeps == model.substeps
     assert scaled(model, stiffest(model)).substeps <= MAX_SUBSTEPS_HELD + 1
 
@@ -250,3 +253,30 @@ def test_one_stiffness_for_all_windows_of_a_clip(monkeypatch):
     assert [stiffness.free for _, stiffness in solved] == [True, True, False, False]
     assert len({stiffness.s for _, stiffness in solved[2:]}) == 1
     assert abs(np.log(found.youngs_modulus / RUBBER.youngs_modulus)) < 3.0 * found.stiffness_deviation
+
+
+def test_a_body_that_is_lost_tells_no_stiffness(swing, monkeypatch):
+    body, tracks, _, _ = swing
+    monkeypatch.setattr(windows, "LOST", -1.0)
+    found = recover(body, TOO_STIFF, tracks, FPS, WEIGHTLESS, NoProgress())
+    assert found.youngs_modulus is None and not [note for note in found.notes if "The motion fits" in note]
+
+
+def test_thin_parts_that_are_simulated_thicker_are_told_and_keep_their_material(swing):
+    body = replace(post(), stiffness=np.full(len(post().x), 0.25))
+    model, _ = model_for(body, RUBBER, FPS)
+    assert youngs_modulus(model, body) == pytest.approx(RUBBER.youngs_modulus)
+    assert model.mu.max() == pytest.approx(0.25 * model_for(post(), RUBBER, FPS)[0].mu.max())
+    assert model.substeps <= model_for(post(), RUBBER, FPS)[0].substeps
+    note = wider_remarks(body)
+    assert "2.0 times as thick" in note[0] and "1/4" in note[0] and wider_remarks(post()) == []
+    spread = np.linspace(0.9, 1.1, len(body.x))
+    found = replace(swing[3], stiffness=spread)
+    np.testing.assert_allclose(body_as_found(body, found).stiffness, 0.25 * spread)
+    np.testing.assert_allclose(body_as_found(post(), found).stiffness, spread)
+    assert body_as_found(body, replace(found, stiffness=None)).stiffness is body.stiffness
+
+
+def test_few_particles_that_stand_for_a_thinner_thing_have_few_modes():
+    body = post()
+    assert most_modes(body) == 16 and most_modes(replace(body, stiffness=np.full(len(body.x), 0.25))) == 4

@@ -10,6 +10,7 @@ from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.records import Attachment, Camera, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.prior.basis import spatial_basis
 from seeing_wind.engine.recovery.targets.channels import noise_of
+from seeing_wind.engine.recovery.targets.mismatch import mismatch_covariance
 from seeing_wind.engine.recovery.targets.objective import Objective
 from seeing_wind.engine.recovery.targets.points import point_channels, rotations, wild
 from seeing_wind.engine.recovery.targets.tracks import edge_on, track_channels
@@ -142,3 +143,10 @@ def test_the_noise_of_picture_0_turns_with_the_body():
         found = np.cov(np.array(series)[:, :, axis].T)
         wanted = replace(channels, mismatch_scale=0.0).covariance(axis)[1:, 1:]
         np.testing.assert_allclose(found, wanted, atol=0.3 * wanted[0, 0])
+
+
+def test_the_mismatch_of_a_body_in_its_built_place_grows_from_there():
+    whole, grown = (mismatch_covariance(60, 0.1, 2.0, 8.0, 3.0, from_rest) for from_rest in (False, True))
+    assert grown[0, 0] == pytest.approx(3.0 * 0.1**2) and np.allclose(grown[0, 1:], 0.0)
+    assert (np.diff(np.diag(grown)) >= 0.0).all() and grown[-1, -1] == pytest.approx(whole[-1, -1], rel=1e-5)
+    assert np.linalg.eigvalsh(grown).min() > 0.0

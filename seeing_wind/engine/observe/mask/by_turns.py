@@ -10,7 +10,7 @@ from ...progress import Journal, Progress
 from ...settings import ObserveSettings
 from ..clip.stored import Frames
 from .background import Plate, plate_behind, seen_first
-from .evidence import Looks
+from .evidence import Looks, trimmed
 from .follow import MaskFollower, followed
 from .from_box import NEARBY, Moving, refined
 from .motion import window_of, within
@@ -61,7 +61,7 @@ def with_background(
             looks = Looks(plate, ((frames[int(t)], masks[int(t)]) for t in some))
             stayed = stays(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
     if motion is not None:
-        mask = refined(frames[0], mask | stayed, plate, allowed, motion, looks)
+        mask = trimmed(frames[0], refined(frames[0], mask | stayed, plate, allowed, motion, looks), plate)
     return mask, plate, looks
 
 

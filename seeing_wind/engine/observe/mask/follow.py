@@ -13,7 +13,7 @@ from ...progress import Loop, Progress
 from ...record_arrays import from_arrays, to_arrays
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
-from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out
+from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out, trimmed
 from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, window_of, within
 
 if TYPE_CHECKING:
@@ -68,11 +68,20 @@ class MaskFollower:
         hidden: the object was not found in the newest picture.
     """
 
-    def __init__(self, picture: np.ndarray, mask: np.ndarray, plate: Plate | None, progress: Progress, looks: Looks | None = None) -> None:
+    def __init__(
+        self,
+        picture: np.ndarray,
+        mask: np.ndarray,
+        plate: Plate | None,
+        progress: Progress,
+        looks: Looks | None = None,
+        trim: bool = False,
+    ) -> None:
         """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
 
-        `looks`: how the object differs from the plate; None learns it from picture 0.
+        `looks`: how the object differs from the plate; None learns it from picture 0. `trim`: masks end in the middle of a blurred rim.
         """
+        self._trim = trim
         self._progress = progress
         self._plate = plate
         self._looks = looks if looks is not None or plate is None else Looks(plate, [(picture, mask)])
@@ -108,6 +117,8 @@ class MaskFollower:
         mask = np.zeros(gray.shape, bool)
         if not self.hidden:
             paste(mask, found, where)
+            if self._trim and self._plate is not None:
+                mask = trimmed(picture, mask, self._plate)
         self.mask = mask
         return mask
 

@@ -15,7 +15,7 @@ from ...settings import FLOWING_PARTICLES, PARTICLES, SHEET_VERTICES, BuildSetti
 from .motion.keypoints import held, place, ride
 from .motion.late import among, tie
 from .motion.lifting import Arap, lift
-from .shape.on_stem import too_fine
+from .shape.on_stem import too_fine, widening
 from .shape.particles import fill
 from .shape.relief import Relief, area_of, relief_of
 from .shape.surface import surface_of
@@ -78,7 +78,8 @@ def build(
     flows = material.law in PLASTIC_LAWS
     count = settings.particles if settings.particles is not None else FLOWING_PARTICLES if flows else PARTICLES
     progress.update(0.05, f"filling a {relief.kind if relief.parts is None else 'body on a stem'} with particles")
-    particles = fill(relief, count, observation.pin, progress)
+    wider = 1.0 if relief.parts is None else widening(relief, relief.parts, material, 1.0 / observation.fps)
+    particles = fill(relief, count, observation.pin, progress, wider)
     fine = None if relief.parts is None else too_fine(relief.parts)
     if fine is not None:
         progress.warn(fine)

@@ -166,6 +166,19 @@ def moving_clamp_remark(motion: ClampMotion) -> str:
     return f"What is held moves by up to {1000.0 * motion.largest:.2g} mm{turn}: that was taken for its own motion, not for a force."
 
 
+def wider_remarks(particles: Particles) -> list[str]:
+    """On a body whose thin parts are simulated thicker and softer than they are (`observe.object.shape.on_stem`)."""
+    softest = 1.0 if particles.stiffness is None else float(np.max(particles.stiffness))
+    if softest >= 1.0:
+        return []
+    share = f"1/{1.0 / softest:.0f}"
+    return [
+        f"Its thin parts are simulated {softest**-0.5:.1f} times as thick, with {share} of Young's modulus: so they bend as stiffly, "
+        f"weigh as much, and need {share} of the substeps. Stretched they are softer than the real ones, and what touches "
+        "them is touched sooner."
+    ]
+
+
 def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str]:
     """On tracks that leave what is said to be held."""
     farthest = 0.0

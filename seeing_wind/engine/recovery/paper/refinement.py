@@ -26,7 +26,7 @@ from ...mpm.autograd import simulate
 from ...mpm.model import Model
 from ...mpm.model_for import model_for
 from ...progress import Journal, Progress
-from ...records import Material, Particles, Recovery, as_found
+from ...records import Material, Particles, Recovery, as_found, body_as_found
 from ...settings import RecoverSettings
 from .field import OFFSET, quotient, star
 
@@ -136,7 +136,7 @@ class _Run:
         self.journal = journal
         self.module, self.box, self.scale = module, field.box, field.scale / material.density
         model, _ = model_for(
-            replace(particles, stiffness=recovery.stiffness), material, field.fps,
+            body_as_found(particles, recovery), material, field.fps,
             gravity=settings.gravity, device=settings.device, clamp_depth=recovery.clamp_depth,
         )  # fmt: skip
         self.model: Model = replace(model, substeps=recovery.substeps or model.substeps)

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import UsageError
 from ...field.force_field import ForceField
 from ...materials import DEFAULT, SHEET_UNITS, adjusted, find
-from ...records import Body, Material, Particles, Recovery, as_found
+from ...records import Body, Material, Particles, Recovery, as_found, body_as_found
 from ...settings import BodyEdit, Edit
 from . import sheets
 from .coarser import fill_coarser
@@ -116,7 +116,7 @@ def enter(
 
 def _enter_recovered(body: BodyEdit, source: Body, recovery: Recovery) -> Actor:
     material = as_found(source.material, recovery) if body.material is None else find(body.material)
-    particles, surface = dataclasses.replace(source.particles, stiffness=recovery.stiffness), source.surface
+    particles, surface = body_as_found(source.particles, recovery), source.surface
     velocity = recovery.v0 if body.velocity is None else np.broadcast_to(body.velocity, particles.x.shape)
     rider = Rider(surface.vertices, surface.attachment, particles.x)
     return Actor(

@@ -58,6 +58,6 @@ class KnownBody:
         size, turn = np.array([1.0, 1.0 / model.dx, 1.0, 1.0]), np.eye(4)
         turn[2:, 2:] = turned(self.axes, section_axes(particles))
         deeper = self.clamp / model.dx - model.clamp_depth
-        q = np.array([math.log(self.youngs_modulus / youngs_modulus(model)), deeper, *turn[2:, 2:] @ self.section])
+        q = np.array([math.log(self.youngs_modulus / youngs_modulus(model, particles)), deeper, *turn[2:, 2:] @ self.section])
         covariance = turn @ (self.covariance * np.outer(size, size)) @ turn.T + np.diag(ANEW**2)
         return Stiffness.believed(q, covariance, free)

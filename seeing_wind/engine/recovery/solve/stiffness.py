@@ -29,8 +29,9 @@ from functools import partial
 
 import numpy as np
 
+from ...materials import MAX_SUBSTEPS_HELD
 from ...mpm.model import Model
-from ...mpm.model_for import MAX_SUBSTEPS_HELD, with_clamp_depth
+from ...mpm.model_for import with_clamp_depth
 from ...records import Particles
 from ...settings import RecoverSettings
 from ..targets.objective import Objective
@@ -153,17 +154,18 @@ def stiffest(model: Model) -> float:
     return max(0.0, 2.0 * math.log(MAX_SUBSTEPS_HELD / model.substeps))
 
 
-def youngs_modulus(model: Model, s: float = 0.0) -> float:
-    """E [Pa] of the stiffest part of a body with e^s times the stiffness of `model`."""
+def youngs_modulus(model: Model, body: Particles, s: float = 0.0) -> float:
+    """E [Pa] of the material of a body with e^s times the stiffness of `model`."""
     mu, lam = float(model.mu.max()), float(model.lam.max())
-    return math.exp(s) * mu * (3.0 * lam + 2.0 * mu) / (lam + mu)
+    factor = 1.0 if body.stiffness is None else float(np.max(body.stiffness))
+    return math.exp(s) * mu * (3.0 * lam + 2.0 * mu) / (lam + mu) / factor
 
 
-def remark(stiffness: Stiffness, model: Model) -> list[str]:
+def remark(stiffness: Stiffness, model: Model, body: Particles) -> list[str]:
     """What the user should know of a stiffness that was free."""
-    given = youngs_modulus(model)
+    given = youngs_modulus(model, body)
     if stiffness.known:
-        percent, found = round(100.0 * math.expm1(stiffness.s)), youngs_modulus(model, stiffness.s)
+        percent, found = round(100.0 * math.expm1(stiffness.s)), youngs_modulus(model, body, stiffness.s)
         beside = f"{abs(percent)} % {'above' if percent > 0 else 'below'} the given {given:.3g} Pa" if percent else "as given"
         away = 1000.0 * stiffness.deeper * model.dx
         return [

@@ -36,10 +36,17 @@ SWIFT = 7
 solver's body for a few periods only and beyond the force's knots, so all of it is taken for mismatch, too."""
 
 
-def mismatch_covariance(frames: int, white: float, slow: float, tau: float, variance_factor: float) -> np.ndarray:
-    """(frames, frames) of a white part and a slow one that is forgotten in `tau` frames."""
-    lag = np.abs(np.subtract.outer(np.arange(frames), np.arange(frames)))
-    return variance_factor * (white**2 * np.eye(frames) + slow**2 * np.exp(-lag / tau))
+def mismatch_covariance(frames: int, white: float, slow: float, tau: float, variance_factor: float, from_rest: bool = False) -> np.ndarray:
+    """(frames, frames) of a white part and a slow one that is forgotten in `tau` frames.
+
+    Args:
+        from_rest: the slow part is zero in picture 0, where the body is in the place in which it was built, and grows from there.
+    """
+    time = np.arange(frames)
+    slowly = np.exp(-np.abs(np.subtract.outer(time, time)) / tau)
+    if from_rest:
+        slowly -= np.exp(-np.add.outer(time, time) / tau)
+    return variance_factor * (white**2 * np.eye(frames) + slow**2 * slowly)
 
 
 def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, along: bool) -> np.ndarray:

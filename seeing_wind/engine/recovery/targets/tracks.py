@@ -66,7 +66,7 @@ class TrackChannels:
         frames, track = len(self.used), channel // 2
         sigma = np.where(self.targets.visible[:, track], self.targets.sigma[:, track], 1.0)
         total = np.diag(sigma**2) + mismatch_covariance(
-            frames, *self.mismatch, MISMATCH_PIXELS_TAU, self.variance_factor * self.mismatch_scale**2
+            frames, *self.mismatch, MISMATCH_PIXELS_TAU, self.variance_factor * self.mismatch_scale**2, from_rest=True
         )
         marginal = np.sqrt(self.inflation[:, channel])
         offset = LATE_OFFSET if self.targets.offset is None else self.targets.offset[track]

@@ -7,13 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
+from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.observe.object.motion.keypoints import place
 from seeing_wind.engine.observe.object.motion.late import tie
+from seeing_wind.engine.observe.object.motion.pose import BodyPose
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.observe.object.shape.surface import surface_of
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.records import Observation
+from seeing_wind.engine.records import Camera, Observation
 from seeing_wind.engine.settings import BuildSettings
 from seeing_wind.engine.stages import build_body
 
@@ -67,3 +69,19 @@ def test_a_body_is_built_without_the_tracks_that_meet_it_nowhere(plate: Observat
     body = build_body(seen, BuildSettings(particles=150), NoProgress())
     assert np.isfinite(body.lifted[:, :-2]).all() and np.isfinite(body.particles.x).all()
     assert not np.isfinite(body.lifted[1:, -2:]).all(axis=-1).any(), "they pull at nothing"
+
+
+def test_what_is_held_stays_in_its_place_while_the_rest_is_dragged_along() -> None:
+    rows, columns = np.mgrid[:41, :5]
+    rest = np.stack([0.01 * (columns - 2.0), np.zeros_like(rows, float), 0.01 * rows], axis=-1).reshape(-1, 3)
+    camera = Camera(200, 200, 200.0, 200.0, 99.5, 99.5, front_view(1.0))
+    held, top = rest[:, 2] < 0.05, rest[:, 2] > 0.3
+    feet = []
+    for still in (held, np.zeros_like(held)):
+        body = BodyPose(rest, camera, rest[top], still)
+        for t in range(1, 6):
+            xy = camera.project(rest[top])[0] + [4.0 * t, 0.0]
+            body.advance(t, body.weights(rest[top]), xy, np.full(int(top.sum()), 0.2), np.zeros((200, 200), bool))
+        feet.append(np.abs(camera.project(body.vertices[held])[0] - camera.project(rest[held])[0]).max())
+        assert np.abs(camera.project(body.vertices[top])[0] - xy).max() < 4.0
+    assert feet[0] < 1.0 < 5.0 < feet[1]

@@ -16,6 +16,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 from ....progress import Progress
 from ....records import Camera, Observation, Surface
+from .keypoints import held
 from .pose import BodyPose
 from .views import surface_points
 
@@ -57,7 +58,8 @@ def tie(
     ties = np.where(early[:, None], points, np.nan)
     spread = np.zeros(len(first))
     # Until the first of them begins, later tracks tell nothing: that part of the clip is gone through once.
-    begin, begun = BodyPose(surface.vertices, observation.camera, points[early]), int(first[later].min())
+    still = held(observation, surface.vertices)
+    begin, begun = BodyPose(surface.vertices, observation.camera, points[early], still), int(first[later].min())
     before = _moved(begin, observation, surface, ties, first, (1, begun), progress)
     for _ in range(PASSES):
         states = _moved(copy(begin), observation, surface, ties, first, (begun, len(observation.masks)), progress)

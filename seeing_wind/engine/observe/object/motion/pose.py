@@ -32,6 +32,8 @@ OUTLINE_REACH = 20.0
 HUBER = 2.0
 STEADINESS = 0.05
 """How far the body strays from the rigid continuation of its motion in a picture, in units of its radius."""
+HELD_STILL = 0.05
+"""How far what is held strays from its place, in units of the nodes' distance."""
 LEAST_SIGMA = 0.5
 """Pixels of trust in one track at best: the ties are no better."""
 
@@ -62,8 +64,9 @@ class BodyPose:
         nodes: N, how many nodes it moves by.
     """
 
-    def __init__(self, rest: np.ndarray, camera: Camera, early: np.ndarray) -> None:
-        """`rest` (V, 3) the surface's vertices in picture 0 [m], `early` (M, 3) the points on it that are tracked there."""
+    def __init__(self, rest: np.ndarray, camera: Camera, early: np.ndarray, held: np.ndarray) -> None:
+        """`rest` (V, 3) the surface's vertices in picture 0 [m], `early` (M, 3) the points on it that are tracked there, `held` (V,) bool
+        which vertices stay where they are."""
         self.rest, self.camera = rest, camera
         self._early = len(early)
         self._front = _normal(early, early.mean(axis=0) - camera.pose(0)[:3, 3]) if len(early) > 2 else np.zeros(3)
@@ -76,6 +79,7 @@ class BodyPose:
         self._edge = float(np.median(lengths))
         self._radius = float(np.sqrt(((rest - rest.mean(axis=0)) ** 2).sum(axis=1).mean()))
         self._weight = self.weights(rest)
+        self._held, self._place = self._weight[held], rest[held]
         self._now, self._before = self._nodes, self._nodes
 
     def weights(self, points: np.ndarray) -> np.ndarray:
@@ -137,6 +141,10 @@ class BodyPose:
         turned = np.matmul(self._nodes[self._edges] - self._nodes[:, None], rotation.transpose(0, 2, 1))
         rigidity(points, self._edges, turned, EDGE_SIGMA * self._edge, hessian, gradient)
         flat, slope = hessian.reshape(3 * count, 3 * count), gradient.reshape(-1)
+        if len(self._held):
+            still = 1.0 / (HELD_STILL * self._edge) ** 2
+            flat += np.kron(still * self._held.T @ self._held, np.eye(3))
+            slope += still * (self._held.T @ (self._held @ points - self._place)).reshape(-1)
         for pull in pulls:
             if not len(pull.target):
                 continue

@@ -1,15 +1,26 @@
-"""Particles of a body on a stem: the stem's size sets that of all, as the stem carries the load and the rest goes with it."""
+"""Particles of a body on a stem: the stem's size sets that of all, as the stem carries the load and the rest goes with it.
+
+A thin stiff stem is more than explicit steps can carry: its waves are fast and its particles small. But all that a beam or a sheet does
+is given by its mass and by its stiffness against bending, E times the section's second moment. So the particles of the stem and of the
+sheets are moved k times as far from their middle, where 1/k² of the modulus bends as stiffly, and keep their mass. Waves are k times slower
+there and the grid k times coarser: 1/k² of the substeps are enough. Stretched, it is k² times softer, which no stem shows.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
+from ....materials import CELL_SPACINGS, MAX_SUBSTEPS, Material, substeps_needed
 from ....records import Particles
 from .columns import MIN_SPACING_PIXELS, columns_of, layers_of, surface_metric
 from .parts import Parts, sections
 from .relief import Relief, sample
+
+SLENDEREST = 10.0
+"""Least length of the rod of particles in units of its breadth: what is broader is no beam any more."""
 
 COARSE = 1.6
 """Spacing of the head, in units of the stem's: a particle to each of the grid's cells, so that it stays in one piece."""
@@ -31,38 +42,61 @@ def too_fine(parts: Parts) -> str | None:
     )
 
 
-def fill_parts(relief: Relief, parts: Parts, held: np.ndarray) -> Particles:
-    """Fill a body on a stem. held: (H, W) bool, where it is held in picture 0."""
-    pixel = np.sqrt(np.linalg.det(surface_metric(relief)))
-    spacing = stem_spacing(parts) * pixel
-    filled = [_stem(relief, parts, held, pixel), _columns(relief, parts.head, COARSE * spacing, held)]
-    filled += [_columns(relief, parts.sheets == number, spacing, held) for number in range(1, parts.sheets.max() + 1)]
+def widening(relief: Relief, parts: Parts, material: Material, frame_dt: float) -> float:
+    """k: how many times as far from the middle the particles are, so that `MAX_SUBSTEPS` of a frame [s] carry the material."""
+    needed = substeps_needed(material, CELL_SPACINGS * _spacing(relief, parts), frame_dt)
+    length = float(np.linalg.norm(np.diff(parts.axis, axis=0), axis=1).sum())
+    most = length / (SLENDEREST * 2.0 * stem_spacing(parts))
+    return max(1.0, min(math.sqrt(needed / MAX_SUBSTEPS), most))
+
+
+def fill_parts(relief: Relief, parts: Parts, held: np.ndarray, wider: float = 1.0) -> Particles:
+    """Fill a body on a stem. held: (H, W) bool, where it is held in picture 0; wider: as `widening`."""
+    pixel, spacing = _pixel(relief), wider * _spacing(relief, parts)
+    sheets = [parts.sheets == number for number in range(1, parts.sheets.max() + 1)]
+    filled = [_stem(relief, parts, held, pixel, wider), _columns(relief, parts.head, COARSE * spacing, held, 1.0)]
+    filled += [_columns(relief, sheet, spacing, held, wider) for sheet in sheets]
     x, volume, pinned = (np.concatenate(values) for values in zip(*filled))
-    return Particles(x=x, volume=volume, pinned=pinned, spacing=float(spacing))
+    softer = None if wider == 1.0 else np.full(len(x), wider**-2)
+    return Particles(x=x, volume=volume, pinned=pinned, spacing=float(spacing), stiffness=softer)
 
 
-def _stem(relief: Relief, parts: Parts, held: np.ndarray, pixel: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _pixel(relief: Relief) -> float:
+    """Width of a pixel on the body [m]."""
+    return float(np.sqrt(np.linalg.det(surface_metric(relief))))
+
+
+def _spacing(relief: Relief, parts: Parts) -> float:
+    """Distance of the stem's particles [m]."""
+    return stem_spacing(parts) * _pixel(relief)
+
+
+def _stem(
+    relief: Relief, parts: Parts, held: np.ndarray, pixel: float, wider: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Four particles to a section, half the radius off the axis: places (N, 3) [m], volumes (N,) [m³], and which are held (N,)."""
-    place, radius, direction = sections(parts, stem_spacing(parts))
-    across = np.stack([-direction[:, 1], direction[:, 0]], axis=1) * 0.5 * radius[:, None]
-    middle = 0.5 * (sample(relief.front, place) + sample(relief.back, place))
+    cut = sections(parts, wider * stem_spacing(parts), held)
+    off = 0.5 * wider * cut.radius
+    across = np.stack([-cut.direction[:, 1], cut.direction[:, 0]], axis=1) * off[:, None]
+    middle = 0.5 * (sample(relief.front, cut.place) + sample(relief.back, cut.place))
     x = [
-        relief.camera.unproject(place + side * across, middle + depth * 0.5 * radius * pixel)
+        relief.camera.unproject(cut.place + side * across, middle + depth * off * pixel)
         for side in (-1.0, 1.0)
         for depth in (-1.0, 1.0)
     ]
-    volume = np.tile(radius**2, 4)
+    volume = np.tile(cut.radius**2 * cut.length, 4)
     volume *= relief.pixel_volume()[parts.stem].sum() / volume.sum()
-    row, column = (np.clip(np.round(place[:, i]).astype(int), 0, held.shape[1 - i] - 1) for i in (1, 0))
-    return np.concatenate(x), volume, np.tile(held[row, column], 4)
+    return np.concatenate(x), volume, np.tile(cut.held, 4)
 
 
-def _columns(relief: Relief, part: np.ndarray, spacing: float, held: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _columns(
+    relief: Relief, part: np.ndarray, spacing: float, held: np.ndarray, wider: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Columns behind the pixels of `part` (H, W), `spacing` [m] apart, as `_stem`."""
     alone = replace(relief, mask=part)
     columns = columns_of(alone, surface_metric(alone), spacing, held & part)
-    layers = layers_of(columns.thickness, spacing)
+    layers = layers_of(wider * columns.thickness, spacing)
     column = np.repeat(np.arange(len(layers)), layers)
     first = np.cumsum(layers) - layers
     across = (np.arange(len(column)) - first[column] + 0.5) / layers[column]
-    return relief.points(columns.xy[column], across), columns.volume[column] / layers[column], columns.pinned[column]
+    return relief.points(columns.xy[column], 0.5 + wider * (across - 0.5)), columns.volume[column] / layers[column], columns.pinned[column]

@@ -40,13 +40,16 @@ RIM = 0.002
 """Share of a block's dots that may lie beyond the outermost cells: pixels of its outline are uneven."""
 
 
-def fill(relief: Relief, count: int, pin: np.ndarray | None = None, progress: Progress | None = None) -> Particles:
+def fill(
+    relief: Relief, count: int, pin: np.ndarray | None = None, progress: Progress | None = None, wider: float = 1.0
+) -> Particles:
     """Fill the body with about `count` particles.
 
     Args:
         relief: front and back of the body.
         count: wanted number of particles; bodies of few pixels get fewer, and one on a stem gets as many as its stem asks for.
         pin: (H, W) bool, where the body is held in picture 0; every layer behind a held column is held.
+        wider: of a body on a stem, how many times as far from the stem's middle its particles are, see `on_stem.widening`.
 
     Returns:
         Particles whose volumes sum to the body's volume exactly.
@@ -61,7 +64,7 @@ def fill(relief: Relief, count: int, pin: np.ndarray | None = None, progress: Pr
     if held.any() and not (held & relief.mask).any():
         raise ObjectError("The pinned region lies off the object.", "Paint the part of the object that is held in the first picture.")
     if relief.parts is not None:
-        return fill_parts(relief, relief.parts, held)
+        return fill_parts(relief, relief.parts, held, wider)
     if relief.kind in SOLID:
         return cells_of(relief, count, held)
     metric = surface_metric(relief)

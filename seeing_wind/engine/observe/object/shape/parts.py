@@ -32,6 +32,9 @@ CENTRED = 2.0
 SWELLS = 1.3
 """Most of a stem's radius in units of its usual one: where a leaf begins, the outline is wider than the stem."""
 
+ROOTED = 3.0
+"""Least length of a stem's held place in units of its sections, two of the grid's cells: what is held by less can turn like a hinge."""
+
 BESIDE = 1.0
 """Pixels of an outline's raggedness that go to the stem."""
 
@@ -136,11 +139,36 @@ def _beside(mask: np.ndarray, stem: np.ndarray, widest: tuple[np.intp, ...]) -> 
     return mask & ~head & (numbers == 0), head, numbers
 
 
-def sections(parts: Parts, step: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The stem cut in sections about `step` [px] long: places (M, 2) [px], radii (M,) [px], directions (M, 2) of unit length."""
+@dataclass(frozen=True)
+class Sections:
+    """The stem cut across its axis."""
+
+    place: np.ndarray
+    """(M, 2) [px]."""
+    radius: np.ndarray
+    """(M,) [px]."""
+    direction: np.ndarray
+    """(M, 2) of the axis, of unit length."""
+    length: np.ndarray
+    """(M,) along the axis [px]."""
+    held: np.ndarray
+    """(M,) bool."""
+
+
+def sections(parts: Parts, step: float, held: np.ndarray) -> Sections:
+    """The stem cut in sections about `step` [px] long. What is held, (H, W) bool, ends between two of them, as how far a force bends the
+    stem goes with the cube of what is free. A held place shorter than `ROOTED` sections is made as long, beyond the stem's end."""
     gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(parts.axis, axis=0), axis=1))])
-    count = max(2, round(gone[-1] / step))
-    at = (np.arange(count) + 0.5) * gone[-1] / count
+    column, row = np.clip(np.round(parts.axis).astype(int), 0, np.array(held.shape)[::-1] - 1).T
+    on = np.flatnonzero(held[row, column])
+    border = float(gone[min(on[-1] + 1, len(gone) - 2)]) if len(on) else 0.0
+    begin = min(0.0, border - ROOTED * step) if border else 0.0
+    foot = np.linspace(begin, border, max(1, round((border - begin) / step)) + 1)[:-1] if border else np.zeros(0)
+    edges = np.concatenate([foot, np.linspace(border, gone[-1], max(2, round((gone[-1] - border) / step)) + 1)])
+    at = 0.5 * (edges[1:] + edges[:-1])
     place = np.stack([np.interp(at, gone, parts.axis[:, i]) for i in range(2)], axis=1)
+    beyond = min(len(gone) - 1, max(1, round(step)))
+    place += np.minimum(at, 0.0)[:, None] * (parts.axis[beyond] - parts.axis[0]) / gone[beyond]
     direction = np.gradient(place, axis=0)
-    return place, np.interp(at, gone, parts.radius), direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return Sections(place, np.interp(at, gone, parts.radius), direction, np.diff(edges), at < border)
