@@ -96,6 +96,8 @@ class Sheet:
     """Stretching and bending, as of `Material`; of a fabric it is its own, as its threads rub."""
     poisson_ratio: float = 0.3
     source: str = ""
+    woven: bool = False
+    """Cloth, not a leaf, paper or film."""
 
     def __post_init__(self) -> None:
         """MaterialError: a number that is not physical."""

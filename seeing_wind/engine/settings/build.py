@@ -26,7 +26,7 @@ LAW_TEXTS = dict(zip(LAWS, (
 
 
 FORM_TEXTS = {
-    "auto": "a thin sheet where the material is one that hangs in folds at the object's size, such as cloth, else a solid",
+    "auto": "a thin sheet where the material is cloth and the object large enough to hang in folds, else a solid",
     "solid": "a body with a thickness, all of it material points",
     "sheet": "one layer without thickness that bends and hardly stretches, with the material's weight per area",
 }

@@ -22,7 +22,7 @@ from .shape.surface import surface_of
 from .sheet import FEWEST, SheetBuilt, build_sheet
 
 LIMP = 0.1
-"""A sheet whose own weight bends it over less than this part of its size hangs in folds."""
+"""Cloth whose own weight bends it over less than this part of its size hangs in folds."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def _sheet(observation: Observation, settings: BuildSettings, material: Material
     sheet = known.with_own(settings.density, settings.youngs_modulus, settings.poisson_ratio, settings.thickness)
     if settings.form == "sheet":
         return sheet
-    if sheet.bending_length > LIMP * np.sqrt(area_of(observation)):
+    if not sheet.woven or sheet.bending_length > LIMP * np.sqrt(area_of(observation)):
         return None
     tracks = int((observation.visible[0] & ~observation.on_centroid).sum())
     if tracks < FEWEST:
