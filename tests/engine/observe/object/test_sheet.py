@@ -216,3 +216,6 @@ def test_what_is_no_sheet(cloth):
         build_body(cloth, BuildSettings(material="steel", form="sheet"))
     with pytest.raises(MaterialError, match="no plastic law"):
         build_body(cloth, BuildSettings(material="cotton", form="sheet", law="von_mises", yield_stress=1e4))
+    short = dataclasses.replace(cloth, xy=cloth.xy[:2], visible=cloth.visible[:2], sigma=cloth.sigma[:2])
+    with pytest.raises(ObjectError, match="at least 3 frames; these are 2"):
+        build_body(short, BuildSettings(material="cotton"))

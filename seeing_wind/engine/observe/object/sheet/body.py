@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ....errors import ObjectError
 from ....materials import Sheet
 from ....progress import Journal, NoProgress, Progress
 from ....records import Attachment, Body, Gaussians, Observation, Particles, Surface, TrackTargets
@@ -62,9 +63,11 @@ def build_sheet(
         journal: keeps the frames that were followed so far.
 
     Raises:
-        ObjectError: no object in frame 0, too few pixels or tracks, no depth on it. Cancelled: between frames.
+        ObjectError: fewer than three frames, no object in frame 0, too few pixels or tracks, no depth on it. Cancelled: between frames.
     """
     progress = progress or NoProgress()
+    if observation.frames < 2:
+        raise ObjectError(f"A sheet needs at least 3 frames; these are {observation.frames + 1}.", "Give a longer range with --frames.")
     relief = sheet_relief(observation, sheet.thickness)
     mesh = mesh_of(relief, observation.pin, count)
     progress.update(0.05, f"a sheet of {len(mesh.x)} vertices, {1e3 * mesh.spacing:.1f} mm apart")

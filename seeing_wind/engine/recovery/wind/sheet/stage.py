@@ -23,6 +23,7 @@ from ....record_arrays import from_arrays, to_arrays
 from ....records import Outcome, Particles, Recovery, TrackTargets
 from ....settings import RecoverSettings, WindSettings
 from ....take import Take, stamp_of
+from ...diagnostics.remarks import reaction_remarks
 from ...journal import TakeJournal
 from ..drag import AIR, area_normals
 from ..stage import FIELD, FORCE_MEAN, TOLD, Wind, clear
@@ -192,7 +193,10 @@ def _recovery(
         residual_unit="px" if targets else "m",
         iterations=found.iterations,
         seconds=seconds,
-        notes=[_stray(follower_of(shell, seen, gravity, found.cause_of(shell)), found, bool(targets))],
+        notes=[
+            *reaction_remarks(particles, found.force / shell.mass[:, None], x, gravity),
+            _stray(follower_of(shell, seen, gravity, found.cause_of(shell)), found, bool(targets)),
+        ],
     )
 
 
