@@ -142,9 +142,7 @@ def _sheet(
     if material is not None:
         if material.name not in SHEETS:
             raise MaterialError(f"{material.name} is not known as a sheet.", f"Give one of {', '.join(sorted(SHEETS))}.")
-        known = SHEETS[material.name]
-        areal, thickness, loss, nu = known.areal_density, known.thickness, known.loss_factor, known.poisson_ratio
-        tensile, bending = known.tensile_stiffness, known.bending_stiffness
+        sheet = SHEETS[material.name]
         unused = [key for key in ("areal_density", "thickness", "E", "nu", "damping") if key in values]
         if unused:
             notes.append(f"The material {material.name} replaces what the file says: {', '.join(unused)}.")
@@ -159,11 +157,8 @@ def _sheet(
         modulus = number_in(values["E"], "E", path) if "E" in values else given["youngs_modulus"]
         nu = number_in(values["nu"], "nu", path) if "nu" in values else POISSON_RATIO
         loss = number_in(values["damping"], "damping", path) if "damping" in values else 0.0
-        tensile, bending = modulus * thickness, modulus * thickness**3 / 12.0
+        sheet = Sheet(areal, thickness, modulus * thickness, modulus * thickness**3 / 12.0, loss, nu, "from the file")
         if "nu" not in values and "poisson_ratio" not in given:
             notes.append(f"The file lacks nu ({POISSON_RATIO:g}), and no option gives it: assumed.")
-    if "youngs_modulus" in given:
-        tensile, bending = given["youngs_modulus"] * thickness, given["youngs_modulus"] * thickness**3 / 12.0
-    areal = given["density"] * thickness if "density" in given else areal
-    nu, loss = given.get("poisson_ratio", nu), given.get("loss_factor", loss)
-    return Sheet(areal, thickness, tensile, bending, loss, nu, "from the file" if material is None else material.source), notes
+    own = sheet.with_own(given.get("density"), given.get("youngs_modulus"), given.get("poisson_ratio"))
+    return dataclasses.replace(own, loss_factor=given.get("loss_factor", own.loss_factor)), notes

@@ -151,11 +151,8 @@ def sheet_of(body: BodyEdit, area: float, filmed: Sheet | None = None) -> Sheet:
         own["loss_factor"] = material.loss_factor
     own["poisson_ratio"] = max(material.poisson_ratio, 0.0)
     sheet = Sheet(**own) if known is None else dataclasses.replace(known, **own)
-    if body.youngs_modulus is not None:
-        E, h = body.youngs_modulus, sheet.thickness
-        sheet = dataclasses.replace(sheet, tensile_stiffness=E * h, bending_stiffness=E * h**3 / 12.0)
-    areal = sheet.areal_density if body.density is None else body.density * sheet.thickness
-    areal = areal if body.mass is None else body.mass / area
+    sheet = sheet.with_own(body.density, body.youngs_modulus, None)
+    areal = sheet.areal_density if body.mass is None else body.mass / area
     softer = body.youngs_modulus_scale
     return dataclasses.replace(
         sheet, areal_density=areal * body.mass_scale, tensile_stiffness=sheet.tensile_stiffness * softer,

@@ -72,6 +72,22 @@ def test_a_sheet_that_falls_freely_feels_its_acceleration_and_nothing_else(file)
     np.testing.assert_allclose(problem.forces(theta), problem.balance.seen, atol=1e-6 * np.abs(problem.balance.seen).max())
 
 
+def test_noise_of_the_points_is_that_of_their_second_differences(file):
+    """Another in every picture: D N D' with the matrix D of the differences."""
+    balance, rng = problem_of(followed(file)).balance, np.random.default_rng(4)
+    count, data = balance.seen.shape
+    parts = rng.normal(size=(count + 2, data, data))
+    noise = 1e-4 * parts @ parts.swapaxes(1, 2)
+
+    def covariance(given):
+        factor = factor_of(replace(balance, noise=given), balance.seen)
+        return factor @ factor.T
+
+    found = (covariance(noise) - covariance(np.zeros_like(noise))).reshape(count, data, count, data)
+    differences = np.diff(np.eye(count + 2), 2, axis=0)
+    np.testing.assert_allclose(found, np.einsum("kt,mt,tde->kdme", differences, differences, noise), atol=1e-9 * np.abs(found).max())
+
+
 def test_forces_of_a_stress_are_the_derivative_of_its_work(file):
     """Minus that of A S : F'F / 2, summed over the faces, for a stress of its own in every face."""
     shell = followed(file).shell
