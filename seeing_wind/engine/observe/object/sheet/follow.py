@@ -118,8 +118,7 @@ class Follower:
         The diagonal of the inverse Hessian is estimated with random signs (Bekas et al., Appl. Numer. Math. 57, 2007), and averaged over
         the faces round a vertex.
         """
-        motion = self.between(path, frame, acceleration) if len(path) > 2 else self.ahead(path[:frame])
-        hessian = self._linearised(frame, path[frame], motion, OUTLIER)[0]
+        hessian = self._linearised(frame, path[frame], self.between(path, frame, acceleration), OUTLIER)[0]
         signs = np.random.default_rng(frame).choice([-1.0, 1.0], (path[0].size, PROBES))
         variance = (_solve(hessian, signs) * signs).mean(axis=1).reshape(-1, 3).mean(axis=1)
         faces = self.mesh.faces
@@ -153,7 +152,7 @@ def follow(
     progress: Progress | None = None,
     journal: Journal | None = None,
 ) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-    """The path of a sheet whose frame 0 is that of its mesh, as one or several cameras saw it.
+    """The path of a sheet whose frame 0 is that of its mesh, as one or several cameras saw it in at least three frames.
 
     Args:
         masks: the sheet in the first view's frames, if known.
@@ -192,7 +191,7 @@ def follow(
             path[t] = follower.solved(t, motion.x, motion)
             for view in views:
                 view.place(t, path[t])
-        elif frames > 2:
+        else:
             if t == 1:
                 acceleration = max(SLOWEST, _acceleration(path, fps))
             path[t] = follower.solved(t, path[t], follower.between(path, t, acceleration))
