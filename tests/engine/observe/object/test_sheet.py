@@ -189,7 +189,9 @@ def cloth():
 
 
 def test_cloth_is_built_as_a_sheet(cloth):
-    body = build_body(cloth, BuildSettings(material="cotton", particles=100), NoProgress())
+    told = []
+    body = build_body(cloth, BuildSettings(material="cotton", particles=100), Progress(told.append))
+    assert any("taken to be flat and to face the camera" in one.get("message", "") for one in told)
     assert body.sheet is not None and body.path is not None
     mass = body.material.density * body.particles.volume.sum()
     assert mass == pytest.approx(0.12 * 0.25, rel=0.05)  # shirting, kg/m²

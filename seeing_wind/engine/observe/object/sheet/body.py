@@ -17,6 +17,9 @@ from .follow import follow
 from .mesh import SheetMesh, laid_flat, mesh_of
 from .riding import ride_flat
 
+FACING = 1e-6
+"""A sheet whose depths differ by less than this part was given one distance, not a depth map."""
+
 
 @dataclass(frozen=True)
 class SheetBuilt:
@@ -69,6 +72,11 @@ def build_sheet(
     if observation.frames < 2:
         raise ObjectError(f"A sheet needs at least 3 frames; these are {observation.frames + 1}.", "Give a longer range with --frames.")
     relief = sheet_relief(observation, sheet.thickness)
+    if np.ptp(relief.front[relief.mask]) < FACING * relief.front[relief.mask].max():
+        progress.warn(
+            "No depth was measured: the sheet is taken to be flat and to face the camera in frame 0. Where it does not, its lengths are wrong, "
+            "and so is the wind. Give --depth, or begin where it does."
+        )
     mesh = mesh_of(relief, observation.pin, count)
     progress.update(0.05, f"a sheet of {len(mesh.x)} vertices, {1e3 * mesh.spacing:.1f} mm apart")
     path, sigma, (places,) = follow(
