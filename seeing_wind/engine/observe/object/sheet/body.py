@@ -74,8 +74,8 @@ def build_sheet(
     relief = sheet_relief(observation, sheet.thickness)
     if np.ptp(relief.front[relief.mask]) < FACING * relief.front[relief.mask].max():
         progress.warn(
-            "No depth was measured: the sheet is taken to be flat and to face the camera in frame 0. Where it does not, its lengths are wrong, "
-            "and so is the wind. Give --depth, or begin where it does."
+            "No depth was measured: the sheet is taken to be flat and to face the camera in frame 0. Where it does not, its lengths "
+            "are wrong, and so is the wind. Give --depth, or begin where it does."
         )
     mesh = mesh_of(relief, observation.pin, count)
     progress.update(0.05, f"a sheet of {len(mesh.x)} vertices, {1e3 * mesh.spacing:.1f} mm apart")
