@@ -137,7 +137,7 @@ def _chosen(
     wind = estimate(Air(shell), BREEZE, "wind", progress.part(0.0, 0.5 if field == "auto" else 1.0))
     against = _objection(wind)
     if against and field == "wind":
-        hint = "Use --field force, or check areal density, scale, gravity and what is held."
+        hint = "Use --field force, or check areal density, scale, depth, gravity and what is held."
         raise ObjectError(f"No wind can be recovered. {against}", hint)
     told: dict[str, Any] = {"field": "wind", "why": "--field wind", **figures(wind, AIR)}
     if field == "wind":
