@@ -175,8 +175,8 @@ def trimmed(picture: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     if not mask.any():
         return mask
     window = window_of(mask, 3)
-    now, behind = (cv2.GaussianBlur(cut(whole, window), (0, 0), 0.5).astype(np.float32) for whole in (picture, plate.color))
-    shape, away = cut(mask, window, cv2.BORDER_CONSTANT), np.sqrt(((now - behind) ** 2).sum(axis=2))
+    apart = cv2.GaussianBlur(cut(picture, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
+    shape, away = cut(mask, window, cv2.BORDER_CONSTANT), np.sqrt(np.einsum("hwc,hwc->hw", apart, apart))
     depth = cv2.distanceTransform(shape.astype(np.uint8), cv2.DIST_L2, 5)
     inner = (depth > BLURRED).astype(np.float32)
     near, level = (cv2.GaussianBlur(one, (0, 0), LOCAL) for one in (inner, inner * away))
