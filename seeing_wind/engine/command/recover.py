@@ -99,6 +99,8 @@ def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
     adjusted(find(arguments.material), **properties_of(arguments))
     settings = settings_of(RecoverSettings, arguments, clamp_depth=PAINTED_DEPTH)
     check_solve(settings, clip=True, views=len(arguments.view))
+    if arguments.form == "sheet":
+        check_sheet(settings)  # by default the object's size decides, and it is told later
     endpoint = asked_model(arguments)
     with held(Take(arguments.take), arguments.verb, progress) as take:
         return _recover_into(take, arguments, settings, endpoint, progress)

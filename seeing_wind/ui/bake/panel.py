@@ -1,6 +1,6 @@
 """The panel *Bake*."""
 
-from ..job.panel_pieces import Tab, draw_job, draw_preview_mark, fold, panels
+from ..job.panel_pieces import Tab, draw_job, draw_preview_mark, draw_range, fold, panels
 from .plan import MARK
 
 
@@ -31,14 +31,7 @@ def _draw_how(column, settings) -> None:
         column.prop(settings, "bake_tolerance")
     if settings.bake_way != "TRANSFORM":
         column.prop(settings, "bake_smooth")
-    row = column.row(heading="Frames")
-    row.prop(settings, "bake_use_frames", text="")
-    sub = row.row(align=True)
-    if settings.bake_use_frames:
-        sub.prop(settings, "bake_frames", index=0, text="")
-        sub.prop(settings, "bake_frames", index=1, text="")
-    else:
-        sub.label(text="All")
+    draw_range(column, settings, "Frames", "bake_use_frames", "bake_frames")
 
 
 CLASSES = panels(BakeTab, 5)

@@ -5,7 +5,7 @@ import os
 import bpy
 
 from ..job import status
-from ..job.panel_pieces import Tab, draw_engine, draw_failure, fold, panels
+from ..job.panel_pieces import Tab, draw_engine, draw_failure, draw_range, fold, panels
 from ..job.status import State
 
 
@@ -46,15 +46,9 @@ def _draw_time(layout, settings) -> None:
     if column is None:
         return
     column.prop(settings, "fps", text="FPS (1/s)" if settings.fps else "FPS (0: file's)")
-    row = column.row(heading="Pictures")
-    row.prop(settings, "use_frames", text="")
-    sub = row.row(align=True)
+    draw_range(column, settings, "Pictures", "use_frames", "frames")
     if settings.use_frames:
-        sub.prop(settings, "frames", index=0, text="")
-        sub.prop(settings, "frames", index=1, text="")
         column.label(text=f"Scene frames {settings.frame_start} to {settings.frame_start + last - first}")
-    else:
-        sub.label(text="All")
     column.prop(settings, "frame_start")
     column.operator("seeing_wind.match_scene", icon="SCENE_DATA")
 

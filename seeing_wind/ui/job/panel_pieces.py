@@ -228,6 +228,18 @@ def draw_engine(layout, context, button: bool = True) -> None:
         draw_failure(layout, context, status.engine.problem, button)
 
 
+def draw_range(column, settings, heading: str, tick: str, numbers: str) -> None:
+    """The first and the last of what is used, a property `numbers` of two, behind the tick that there is less than all."""
+    row = column.row(heading=heading)
+    row.prop(settings, tick, text="")
+    sub = row.row(align=True)
+    if getattr(settings, tick):
+        sub.prop(settings, numbers, index=0, text="")
+        sub.prop(settings, numbers, index=1, text="")
+    else:
+        sub.label(text="All")
+
+
 def draw_override(column, settings, name: str, otherwise: str = "", text: str = "") -> None:
     """A property; where it has a tick before it, both in one row.
 
