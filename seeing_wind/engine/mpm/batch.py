@@ -1,7 +1,8 @@
-"""Frames of many copies at once, which leave a known trajectory one by one."""
+"""Frames of many copies at once."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,11 @@ import numpy as np
 from ..errors import UsageError
 from ..progress import Journal, NoProgress, Progress
 from ..records import Attachment
-from .copies import Copies, CopiesInTurn, conditioned
-from .kernels import substep
+from .copies import Copies
+from .kernels.copies_forward import CODE
+from .kernels.substep import RUNNING
 from .model import Model
-from .state import State, Trajectory
+from .state import State
 
 
 @dataclass(frozen=True)
@@ -32,12 +34,11 @@ class BatchRollout:
 
 def rollout_batch(
     model: Model,
-    nominal: State | Trajectory,
+    start: State,
     phi: np.ndarray,
     dphi: np.ndarray,
     coefficients: np.ndarray,
     *,
-    start_frame: np.ndarray | None = None,
     v0: np.ndarray | None = None,
     C0: np.ndarray | None = None,
     attachment: Attachment | None = None,
@@ -50,12 +51,11 @@ def rollout_batch(
     Copy b feels a_p = sum_j phi[p, j] coefficients[b, t, j] with the gradient (sum_j c_j dphi_j/dX) F^-1, F at the frame's start.
 
     Args:
-        nominal: the state in which all copies start; with `start_frame`, a trajectory of at least max(start_frame) + 1 pictures.
+        start: the state in which all copies start.
         phi: (N, P) basis at the particles' rest positions.
         dphi: (N, P, 3) its gradient with respect to rest positions [1/m].
         coefficients: (B, T, P, 3) [m/s²].
-        start_frame: (B,) copy b leaves the nominal trajectory at this picture; earlier pictures are the nominal ones. None is 0.
-        v0: (B, N, 3) velocities [m/s] with which the copies start instead of the nominal ones.
+        v0: (B, N, 3) velocities [m/s] with which the copies start instead.
         C0: (B, N, 3, 3) affine velocities [1/s], likewise.
         attachment: return these K points instead of the N particles.
         strict: raise when any copy fails instead of marking it.
@@ -66,9 +66,7 @@ def rollout_batch(
         UsageError: for arrays that do not fit the model.
         Cancelled: when the user asked to stop.
     """
-    progress = progress or NoProgress()
-    path = nominal if isinstance(nominal, Trajectory) else Trajectory.of([nominal])
-    count = model.particles
+    count, progress = model.particles, progress or NoProgress()
     if phi.ndim != 2 or phi.shape[0] != count or dphi.shape != (*phi.shape, 3) or coefficients.shape[2:] != (phi.shape[1], 3):
         raise UsageError(
             f"The basis has shapes {phi.shape} and {dphi.shape}, its coefficients {coefficients.shape}.",
@@ -78,24 +76,25 @@ def rollout_batch(
         A = model.axes
         v0, C0 = None if v0 is None else v0 @ A, None if C0 is None else A.T @ C0 @ A
         found = rollout_batch(
-            model.upright(), path.turned(A), phi, dphi, coefficients @ A, start_frame=start_frame, v0=v0, C0=C0, attachment=attachment,
-            strict=strict, progress=progress, journal=journal,
+            model.upright(), start.turned(A), phi, dphi, coefficients @ A, v0=v0, C0=C0, attachment=attachment, strict=strict,
+            progress=progress, journal=journal,
         )  # fmt: skip
         return BatchRollout(found.points @ A.T, found.failed_frame)
+    copies = len(coefficients)
+    begun = (start.x, start.v if v0 is None else v0, start.C if C0 is None else C0, start.F)
+    x, v, C, F = (np.array(np.broadcast_to(one, (copies, *one.shape[-rank:])), float, order="C") for one, rank in zip(begun, (2, 2, 3, 3)))
+    body = Copies(model, phi, dphi, x, v, C, F)
+    return _frames(body, coefficients, (lambda x: x) if attachment is None else attachment.follow, strict, progress, journal)
+
+
+def _frames(
+    body: Copies, coefficients: np.ndarray, follow: Callable[[np.ndarray], np.ndarray], strict: bool, progress: Progress, journal: Journal
+) -> BatchRollout:
+    """All frames of the copies, of which `follow` tells the points to return: (A, N, 3) -> (A, K, 3)."""
     copies, frames = coefficients.shape[:2]
-    start = np.zeros(copies, int) if start_frame is None else np.asarray(start_frame, dtype=int)
-    if start.max(initial=0) > path.frames:
-        raise ValueError(f"start_frame {start.max()} lies beyond the nominal trajectory of {path.frames + 1} pictures")
-    x, v, C, F = (np.array(array[start], dtype=np.float64) for array in (path.x, path.v, path.C, path.F))
-    v = v if v0 is None else np.array(v0, dtype=np.float64)
-    C = C if C0 is None else np.array(C0, dtype=np.float64)
-    body = (CopiesInTurn if conditioned(model) else Copies)(model, x, v, C, F)
-    phi, dphi = np.ascontiguousarray(phi, dtype=np.float64), np.ascontiguousarray(dphi, dtype=np.float64)
-    follow = (lambda x: x) if attachment is None else attachment.follow
-    rest = follow(path.x[: frames + 1])
-    points = np.full((copies, frames + 1, *rest.shape[1:]), np.nan)
-    for b in range(copies):
-        points[b, : start[b] + 1] = rest[: start[b] + 1]
+    begun = follow(body.x)
+    points = np.full((copies, frames + 1, *begun.shape[1:]), np.nan)
+    points[:, 0] = begun
     failed_frame = np.full(copies, -1)
     state = {"x": body.x, "v": body.v, "C": body.C, "F": body.F, "points": points, "failed_frame": failed_frame}
     loop = journal.loop("frames", coefficients)
@@ -103,14 +102,11 @@ def rollout_batch(
     for name, values in kept.items():
         state[name][:] = values
     for t in range(done, frames):
-        going = np.flatnonzero((start <= t) & (failed_frame < 0)).astype(np.int32)
+        going = np.flatnonzero(failed_frame < 0)
         if not len(going):
-            continue
-        force = np.ascontiguousarray(coefficients[:, t], dtype=np.float64)
-        gravity = np.array(np.broadcast_to(model.gravity_in(t), (count, 3)))
-        substep.assemble_force(phi, dphi, gravity, going, force, body.F, body.acceleration, body.gradient)
-        substeps, code, status = body.advance(going, t, progress)
-        broken = code != substep.RUNNING
+            break
+        substeps, status = body.advance(going, coefficients[going, t], t, progress)
+        broken = status[:, CODE] != RUNNING
         if strict and broken.any():
             first = int(np.flatnonzero(broken)[0])
             raise body.failure(int(going[first]), status[first], t, int(substeps[first]))

@@ -1,4 +1,4 @@
-"""Several copies of one body, each under a force of its own."""
+"""Several copies of one body, each under a force of its own, given by coefficients of one basis."""
 
 from __future__ import annotations
 
@@ -6,17 +6,16 @@ import numpy as np
 
 from ..errors import SimulationError
 from ..progress import Progress
-from .body import Body
+from .body.copies_run import CopiesRun
 from .checks import check_state
-from .compiler import device
 from .failure import diagnosis, failure
-from .kernels import substep
+from .kernels.copies_forward import CODE, DONE, STATUS
+from .kernels.substep import RUNNING
 from .lattice.boundary import HELD
-from .model import MOST_NODES, Model
+from .lattice.kinematics import conditions_for
+from .model import Model
 from .state import State
 
-_WORK_PER_CALL = 2_000_000
-"""Particle-substeps between two safe points: a quarter of a second on one core, a second on a crowded one."""
 _GRID_NODES_AT_ONCE = 8_000_000
 """Nodes of all private grids together: 256 MB."""
 
@@ -24,103 +23,68 @@ _GRID_NODES_AT_ONCE = 8_000_000
 class Copies:
     """States of B copies of one body, advanced in place frame by frame."""
 
-    def __init__(self, model: Model, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> None:
-        """x, v (B, N, 3); C, F (B, N, 3, 3). The arrays are changed: now and by `advance`. Held particles start at rest."""
-        assert model.axes is None, "give Model.upright"
-        device.start(model.device)
+    def __init__(
+        self, model: Model, phi: np.ndarray, dphi: np.ndarray, x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray
+    ) -> None:
+        """phi (N, P), dphi (N, P, 3); x, v (B, N, 3); C, F (B, N, 3, 3). The latter are changed: now and by `advance`. Held particles
+        start at rest."""
+        assert all(array.flags.c_contiguous for array in (x, v, C, F)), "what is changed in place must lie in one piece"
+        self.run = CopiesRun(model)
         check_state(model.particles, model.offset, model.dx, x, v, C, F)
+        self.run.make_room_for(x)
         v[:, model.role == HELD] = 0.0
         C[:, model.role == HELD] = 0.0
         self.model = model
         self.x, self.v, self.C, self.F = x, v, C, F
-        self.acceleration = np.zeros_like(x)
-        self.gradient = np.zeros_like(F)
-        self.capacity = 0
+        active = self.run.packing.active
+        self.phi, self.dphi = (np.ascontiguousarray(values[active], dtype=np.float64) for values in (phi, dphi))
 
-    def advance(self, copies: np.ndarray, frame: int, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Frame number `frame` of the copies listed (A,) under `acceleration` (gravity included) and `gradient`.
+    def advance(self, copies: np.ndarray, coefficients: np.ndarray, frame: int, progress: Progress) -> tuple[np.ndarray, np.ndarray]:
+        """Frame number `frame` of the copies listed (A,) under the force of `coefficients` (A, P, 3) [m/s²] and gravity.
 
         Copies that fail start the frame once more with half the dt.
 
         Returns:
-            substeps (A,) that the frame took, code (A,) of `substep` (RUNNING is success), status (A, 4) for `failure`.
+            substeps (A,) that the frame took, status (A, STATUS) of `copies_forward`.
         """
         before = [array[copies] for array in (self.x, self.v, self.C, self.F)]
         substeps = np.full(len(copies), self.model.substeps)
-        status = self._run(copies, self.model.substeps, progress)
-        failed = np.flatnonzero(status[:, 0] != substep.RUNNING)
+        status = self._frame(copies, coefficients, frame, self.model.substeps, progress)
+        failed = np.flatnonzero(status[:, CODE] != RUNNING)
         if len(failed):
             for array, start in zip((self.x, self.v, self.C, self.F), before):
                 array[copies[failed]] = start[failed]
             substeps[failed] *= 2
-            status[failed] = self._run(copies[failed], 2 * self.model.substeps, progress)
-        return substeps, status[:, 0], status
+            status[failed] = self._frame(copies[failed], coefficients[failed], frame, 2 * self.model.substeps, progress)
+        return substeps, status
 
     def failure(self, copy: int, status: np.ndarray, frame: int, substeps: int) -> SimulationError:
-        """The error for a copy that `advance` could not bring through a frame, from its status (4,) and what the frame left of it."""
+        """The error for a copy that `advance` could not bring through a frame, from its status and what the frame left of it."""
         dt_over_dx = self.model.frame_dt / substeps / self.model.dx
-        found = diagnosis(int(status[0]), dt_over_dx, self.x[copy], self.v[copy], self.F[copy])
-        return failure((*found, int(status[2])), frame, substeps)
+        found = diagnosis(int(status[CODE]), dt_over_dx, self.x[copy], self.v[copy], self.F[copy])
+        return failure((*found, int(status[DONE])), frame, substeps)
 
-    def _run(self, copies: np.ndarray, substeps: int, progress: Progress) -> np.ndarray:
-        """All substeps of a frame in calls short enough to be cancelled between; returns status (A, 4)."""
-        status = np.zeros((len(self.x), 4), np.int32)
-        todo = np.asarray(copies, dtype=np.int32)
-        stride = max(1, min(substeps, _WORK_PER_CALL // self.model.particles))
-        while len(todo):
-            rows = max(1, min(len(todo), _WORK_PER_CALL // (self.model.particles * stride), _GRID_NODES_AT_ONCE // max(self.capacity, 1)))
-            for first in range(0, len(todo), rows):
-                some = np.ascontiguousarray(todo[first : first + rows])
-                progress.check()
-                self._launch(some, substeps, min(substeps, int(status[some, 2].min()) + stride), status)
-            full = todo[status[todo, 0] == substep.GRID_FULL]
-            burst = status[full, 3] > MOST_NODES
-            status[full[burst], 0] = substep.BURST
-            full = full[~burst]
-            if len(full):
-                self._grow(status[full])
-                status[full, 0] = substep.RUNNING
-            todo = todo[(status[todo, 0] == substep.RUNNING) & (status[todo, 2] < substeps)]
-        return status[copies]
-
-    def _grow(self, status: np.ndarray) -> None:
-        wanted = int(status[:, 3].max())
-        # A third more than asked, so that a body that turns does not ask again at every substep.
-        self.capacity = wanted + wanted // 3
-
-    def _launch(self, copies: np.ndarray, substeps: int, until: int, status: np.ndarray) -> None:
-        m = self.model
-        if not self.capacity:
-            extent = np.ceil(np.ptp(self.x, axis=1).max(axis=0) / m.dx) + 4
-            self.capacity = int(min(np.prod(extent) * 1.5, MOST_NODES))
-        grid = np.empty((len(copies), self.capacity, 4))
-        substep.run_substeps(
-            m.plastic, m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role,
-            m.clamp_lo, m.clamp, m.offset, m.dx, m.frame_dt / substeps,
-            copies, until, self.acceleration, self.gradient, self.x, self.v, self.C, self.F, grid, status,
-        )  # fmt: skip
+    def _frame(self, copies: np.ndarray, coefficients: np.ndarray, frame: int, substeps: int, progress: Progress) -> np.ndarray:
+        """All substeps of a frame, for as many copies at a time as there is room for; returns status (A, STATUS)."""
+        packing, offset = self.run.packing, self.model.offset
+        conditions = conditions_for(self.model, frame, _all_of(self.x[copies], self.v[copies], self.C[copies], self.F[copies]))
+        pieces = [packing.piece(c, packing.active, self.model.frame_dt / substeps) for c in conditions]
+        everyone = _all_of(self.x, self.v, self.C, self.F)
+        gravity = np.ascontiguousarray(np.broadcast_to(self.model.gravity_in(frame), (self.model.particles, 3))[packing.active])
+        status = np.zeros((len(copies), STATUS), np.int32)
+        first = 0
+        while first < len(copies):
+            some = copies[first : first + max(1, _GRID_NODES_AT_ONCE // self.run.capacity)]
+            order = (some.astype(np.int32)[:, None] * np.int32(self.model.particles) + packing.active).reshape(-1)
+            state = packing.packed(order, everyone, offset)
+            given = np.ascontiguousarray(coefficients[first : first + len(some)], dtype=np.float64)
+            force = packing.combined(self.phi, self.dphi, gravity, given, state)
+            status[first : first + len(some)] = self.run.frame(state, force, len(some), pieces, substeps, progress)
+            packing.write(order, state, offset, everyone)
+            first += len(some)
+        return status
 
 
-class CopiesInTurn(Copies):
-    """The same for models with colliders or moving pins: one copy after the other, each on as many cores as it is worth."""
-
-    def failure(self, copy: int, status: np.ndarray, frame: int, substeps: int) -> SimulationError:
-        """As `Copies.failure`; here a copy that failed is left as it was."""
-        return failure(status, frame, substeps)
-
-    def advance(self, copies: np.ndarray, frame: int, progress: Progress) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """As `Copies.advance`."""
-        body = Body(self.model)
-        substeps, status = np.zeros(len(copies), int), np.zeros((len(copies), 4), np.int32)
-        for row, b in enumerate(copies):
-            state = State(self.x[b], self.v[b], self.C[b], self.F[b])
-            after, run, status[row, :3] = body.attempt(state, self.acceleration[b], self.gradient[b], frame, progress)
-            substeps[row] = run.substeps
-            if after is not None:
-                self.x[b], self.v[b], self.C[b], self.F[b] = after.x, after.v, after.C, after.F
-        return substeps, status[:, 0], status
-
-
-def conditioned(model: Model) -> bool:
-    """Whether more holds at the nodes than pins that stand still: `Body` knows of it, `Copies` does not."""
-    return bool(model.movers) or model.pin_path is not None or model.collider_grid.active or model.grid_force.active
+def _all_of(x: np.ndarray, v: np.ndarray, C: np.ndarray, F: np.ndarray) -> State:
+    """The particles of all copies, one copy after the other, in the same memory."""
+    return State(x.reshape(-1, 3), v.reshape(-1, 3), C.reshape(-1, 3, 3), F.reshape(-1, 3, 3))

@@ -1,7 +1,8 @@
 """How the motion of a body changes with the force on it and with its start: many changes at once, to first order.
 
 One simulation of the body as it is; then every change costs a small part of another, because it shares all that depends on the body alone
-(`tangent_kernels`). Elastic laws; bodies that flow, colliders and moving pins take finite differences.
+(`kernels.linearise`, `kernels.carry`): elastic or plastic, held by what stands still or by what moves. What touches
+a collider has no such changes: the nodes that go along would leave the wall.
 """
 
 from __future__ import annotations
@@ -12,16 +13,20 @@ from functools import partial
 import numpy as np
 import torch
 
+from ..errors import SimulationError, UsageError
 from ..progress import Journal, Progress
+from .body.copies_run import CopiesRun, ends_of
+from .body.frame_run import Piece
 from .checks import check_state
-from .compiler import device
 from .compiler.settings import compiled_in, contracted, native_vectors
-from .copies import conditioned
 from .failure import diagnosis, failure
-from .kernels import substep, tangent_kernels
+from .kernels import linearise, substep
+from .kernels.carry import PLASTIC_STATE, SOURCE, STATE, WIDTHS, carry
+from .kernels.copies_forward import CODE, DONE
+from .kernels.linearise import FLOW, RECORD
 from .kernels.native import aligned, aligned_zeros
-from .kernels.tangent_kernels import RECORD, SOURCE, STATE, WIDTHS
-from .laws.constitutive import ELASTIC_LAWS
+from .lattice.kinematics import conditions_for
+from .laws.plasticity import VON_MISES
 from .model import Model
 from .state import State
 
@@ -32,11 +37,6 @@ MOST_NUMBERS = 2**29
 """In any one array: kernels index with 32 bits, and 2 GB is more than any body asks for that has not flown apart."""
 _WORK_PER_CALL = 6_000_000
 """Changes of a particle in a substep between two safe points."""
-
-
-def applies_to(model: Model) -> bool:
-    """Whether the changes of this model's motion can be carried."""
-    return not conditioned(model) and bool(np.isin(model.law, list(ELASTIC_LAWS.values())).all())
 
 
 @dataclass(frozen=True)
@@ -75,15 +75,17 @@ def tangents(
 
     Raises:
         SimulationError: when the simulation breaks even with half the dt.
+        UsageError: for a model with colliders.
         Cancelled: when the user asked to stop.
     """
+    if model.movers or model.collider_grid.active:
+        raise UsageError("Changes of a motion are not carried past colliders.", "Leave the colliders out.")
     if model.axes is not None:
         A = model.axes
         v0, C0 = (None if given is None else given @ A for given in (changes.v0, changes.C0))
         turned = Changes(changes.coefficients @ A, v0, None if C0 is None else A.T @ C0)
         x, changed = tangents(model.upright(), start.turned(A), phi, dphi, coefficients @ A, turned, progress, journal)
         return x @ A.T, changed @ A.T.astype(np.float32)
-    device.start(model.device)
     return _Carrier(model, start, phi, dphi, changes, progress).run(coefficients, journal)
 
 
@@ -93,8 +95,11 @@ class _Carrier:
     def __init__(self, model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, changes: Changes, progress: Progress) -> None:
         check_state(model.particles, model.offset, model.dx, start.x, start.v, start.C, start.F)
         self.model, self.state, self.progress = model, start, progress
+        self.body = CopiesRun(model, MOST_NUMBERS // (2 * 3 * WIDTHS[-1]))
+        self.body.make_room_for(start.x[None])
+        self.active, self.count = self.body.packing.active, len(self.body.packing.active)
         self.phi, self.dphi = torch.from_numpy(np.ascontiguousarray(phi)), torch.from_numpy(np.ascontiguousarray(dphi))
-        count, n = len(changes.coefficients), model.particles
+        count, n = len(changes.coefficients), self.count
         # Few changes are spread over the cores rather than over the lanes.
         self.width = next((width for width in WIDTHS if count <= 2 * width), WIDTHS[-1])
         groups = -(-count // self.width)
@@ -108,20 +113,21 @@ class _Carrier:
         """First acting frame of each change; later ones lie in later groups."""
         per_frame = torch.from_numpy(changes.coefficients[self.order]).float()
         self.coefficients = torch.cat([per_frame, per_frame.new_zeros(groups * self.width - count, *per_frame.shape[1:])])
-        self.lanes = aligned_zeros((groups, n, STATE, self.width), np.float32)
+        numbers = PLASTIC_STATE if model.plastic else STATE
+        self.lanes = aligned_zeros((groups, n, numbers, self.width), np.float32)
         for rows, values in ((slice(0, 3), changes.v0), (slice(3, 12), changes.C0)):
             if values is not None:
                 padded = np.zeros((groups * self.width, n, rows.stop - rows.start), np.float32)
-                padded[:count] = values[self.order].reshape(count, n, -1)
+                padded[:count] = values[self.order][:, self.active].reshape(count, n, -1)
                 self.lanes[:, :, rows] = padded.reshape(groups, self.width, n, -1).transpose(0, 2, 3, 1)
-        self.count, self.capacity, self.substeps = count, 0, 0
+        self.changes, self.boxes = count, np.zeros((0, 6), np.int32)
         self.source = aligned((groups, n, SOURCE, self.width), np.float32)
 
     def run(self, coefficients: np.ndarray, journal: Journal) -> tuple[np.ndarray, np.ndarray]:
         """Frame by frame under coefficients (T, P, 3) [m/s²]: what `tangents` returns, and what it raises."""
         frames, n = len(coefficients), self.model.particles
         x = np.empty((frames + 1, n, 3))
-        changed = np.zeros((self.count, frames + 1, n, 3), np.float32)
+        changed = np.zeros((self.changes, frames + 1, n, 3), np.float32)
         x[0] = self.state.x
         loop = journal.loop("frames", coefficients)
         done, kept = loop.resume()
@@ -136,10 +142,10 @@ class _Carrier:
             substeps = self._record(acceleration, gradient, t)
             groups = -(-int((self.begin <= t).sum()) // self.width)
             if groups:
-                self._force(groups, t, substeps, spatial)
+                self._force(groups, t, substeps, spatial[self.active])
                 self._carry(groups, substeps)
-                moved = self.lanes[:groups, :, 21:].transpose(0, 3, 1, 2).reshape(-1, n, 3)[: self.count]
-                changed[self.order[: len(moved)], t + 1] = moved
+                moved = self.lanes[:groups, :, 21:24].transpose(0, 3, 1, 2).reshape(-1, self.count, 3)[: self.changes]
+                changed[self.order[: len(moved), None], t + 1, self.active] = moved
             x[t + 1] = self.state.x
             loop.reached(t + 1, partial(self._so_far, x[: t + 2], changed[:, : t + 2], groups))
         return x, changed
@@ -151,82 +157,82 @@ class _Carrier:
 
     def _record(self, acceleration: np.ndarray, gradient: np.ndarray, frame: int) -> int:
         """The frame's substeps, kept and linearised; moves the body on. Returns their number: the model's, or twice that."""
-        m = self.model
+        m, packing = self.model, self.body.packing
+        conditions = conditions_for(m, frame, self.state)
+        force = packing.forces(packing.active, acceleration, gradient)
         for substeps in (m.substeps, 2 * m.substeps):
-            status = self._attempt(acceleration, gradient, substeps)
-            if status[0] == substep.RUNNING:
+            self._make_room(substeps)
+            pieces = [packing.piece(c, packing.active, m.frame_dt / substeps) for c in conditions]
+            self.rows[: 6 * self.count] = packing.packed(packing.active, self.state, m.offset)
+            status = self.body.frame(self.rows, force, 1, pieces, substeps, self.progress, self.boxes)[0]
+            if status[CODE] == substep.RUNNING:
                 break
         else:
-            at = int(status[2]) + (status[0] != substep.BURST)
-            found = diagnosis(int(status[0]), m.frame_dt / substeps / m.dx, self.x[at], self.v[at], self.F[at])
-            raise failure((*found, int(status[2])), frame, substeps)
-        with contracted():
-            tangent_kernels.linearise(
-                m.volume, m.mu, m.lam, m.viscosity, m.law, m.offset, m.dx, m.frame_dt / substeps,
-                self.x, self.C, self.F, self.boxes, self.corner, self.record,
-            )  # fmt: skip
-        self.state = State(self.x[-1].copy(), self.v[-1].copy(), self.C[-1].copy(), self.F[-1].copy())
+            raise self._failure(status, frame, substeps)
+        self._linearise(pieces)
+        after = State(*(np.array(array) for array in (self.state.x, self.state.v, self.state.C, self.state.F)))
+        packing.write(packing.active, self.rows[-6 * self.count :], m.offset, after)
+        self.state = after
         return substeps
 
-    def _attempt(self, acceleration: np.ndarray, gradient: np.ndarray, substeps: int) -> np.ndarray:
-        m, n = self.model, self.model.particles
-        if not self.capacity:
-            self.capacity = int(min(np.prod(np.ceil(np.ptp(self.state.x, axis=0) / m.dx) + 4) * 1.5, self._most_nodes(substeps)))
-        if substeps != self.substeps:  # memory that is used again need not be fetched from the system again
-            self.substeps = substeps
-            self.x, self.v = np.empty((substeps + 1, n, 3)), np.empty((substeps + 1, n, 3))
-            self.C, self.F = np.empty((substeps + 1, n, 3, 3)), np.empty((substeps + 1, n, 3, 3))
-            self.boxes, self.corner = np.zeros((substeps, 6), np.int32), np.zeros((substeps, n), np.int32)
-            self.record = np.empty(substeps * n * RECORD, np.float32)
-            self._make_room()
-        while True:
-            self.x[0], self.v[0], self.C[0], self.F[0] = self.state.x, self.state.v, self.state.C, self.state.F
-            status = np.zeros(4, np.int32)
-            tangent_kernels.record_frame(
-                m.plastic, m.mass, m.volume, m.mu, m.lam, m.yield_stress, m.viscosity, m.law, m.role, m.clamp_lo, m.clamp,
-                m.offset, m.dx, m.frame_dt / substeps, acceleration[None], gradient[None], LEAST_MASS * float(m.mass.min()),
-                self.x, self.v, self.C, self.F, self.boxes, self.inverse_mass, self.grid, status,
-            )  # fmt: skip
-            if status[0] != substep.GRID_FULL:
-                return status
-            most = self._most_nodes(substeps)
-            if status[3] > most:
-                status[0] = substep.BURST
-                return status
-            self.capacity = min(int(status[3]) * 4 // 3, most)
-            self._make_room()
+    def _failure(self, status: np.ndarray, frame: int, substeps: int) -> SimulationError:
+        """The error for a frame that broke in both lengths of substeps."""
+        at = int(status[DONE]) + (status[CODE] != substep.BURST)
+        columns = self.rows.reshape(-1, self.count, 2, 3, 4)[at]  # of F with x, of C with v
+        F, (x, v) = columns[:, 0, :, :3].swapaxes(1, 2), (columns[:, k, :, 3] for k in (0, 1))
+        code, worst = diagnosis(int(status[CODE]), self.model.frame_dt / substeps / self.model.dx, x, v, F)
+        return failure((code, int(self.body.packing.active[worst]), int(status[DONE])), frame, substeps)
 
-    def _most_nodes(self, substeps: int) -> int:
-        """Of a grid, so that neither the masses of a frame nor the columns of two groups are more than `MOST_NUMBERS`."""
-        return max(MOST_NUMBERS // max(substeps, 2 * 3 * self.width), 1)
+    def _make_room(self, substeps: int) -> None:
+        """For all that is kept of a frame; memory that is used again need not be fetched from the system again."""
+        if substeps == len(self.boxes):
+            return
+        count, flowing = self.count, self.model.plastic
+        self.rows = aligned(((substeps + 1) * 6 * count, 4), np.float64)
+        self.boxes, self.corner = np.zeros((substeps, 6), np.int32), np.zeros((substeps, count), np.int32)
+        self.record = np.empty(substeps * count * RECORD, np.float32)
+        self.flows = np.zeros((substeps, count) if flowing else (1, 1), np.int32)
+        self.flow = np.empty(substeps * count * FLOW if flowing else 1, np.float32)
 
-    def _make_room(self) -> None:
-        """For `capacity` nodes and `substeps`."""
-        self.inverse_mass = np.empty((self.substeps, self.capacity), np.float32)
-        self.grid = np.empty((1, self.capacity, 4))
+    def _linearise(self, pieces: list[Piece]) -> None:
+        """Fills corner, record, flows, flow and inverse_mass from what the frame has kept."""
+        m, substeps, begin = self.model, len(self.boxes), 0
+        self.nodes = int(np.prod(self.boxes[:, 3:].astype(np.int64), axis=1).max())
+        self.inverse_mass = np.empty((substeps, self.nodes), np.float32)
+        for piece, end in zip(pieces, ends_of(len(pieces), substeps)):
+            with contracted(), compiled_in(np.float64):
+                linearise.linearise(
+                    m.plastic, begin, end, self.body.particle, self.rows, piece.lattice, self.boxes,
+                    self.corner, self.record, self.flows, self.flow,
+                )  # fmt: skip
+                linearise.inverse_masses(
+                    begin, end, self.body.capacity, LEAST_MASS * float(m.mass.min()), self.boxes, self.body.grid,
+                    piece.boundary[0], piece.lo, self.inverse_mass,
+                )  # fmt: skip
+            begin = end
 
     def _force(self, groups: int, frame: int, substeps: int, spatial: np.ndarray) -> None:
-        """What the changed force gives in a substep, into `source`; `spatial` (N, 3, 3) is F^-1 at the frame's start."""
-        m, n = self.model, self.model.particles
-        momentum = torch.from_numpy(m.mass * m.frame_dt / substeps)
-        slope = m.dx * torch.from_numpy(spatial).transpose(1, 2) @ self.dphi.transpose(1, 2)
-        given = (momentum[:, None, None] * torch.cat([self.phi[:, None], slope], dim=1)).float().reshape(4 * n, -1)
+        """What the changed force gives in a substep, into `source`; `spatial` (M, 3, 3) is F^-1 at the frame's start."""
+        m, n = self.model, self.count
+        momentum = torch.from_numpy(m.mass[self.active] * m.frame_dt / substeps)
+        slope = m.dx * torch.from_numpy(spatial).transpose(1, 2) @ self.dphi[self.active].transpose(1, 2)
+        given = (momentum[:, None, None] * torch.cat([self.phi[self.active][:, None], slope], dim=1)).float().reshape(4 * n, -1)
         change = self.coefficients[: groups * self.width, frame].reshape(groups, self.width, -1, 3).permute(0, 2, 3, 1)
         out = torch.from_numpy(self.source)[:groups].view(groups, 4 * n, 3 * self.width)
         torch.matmul(given, change.reshape(groups, -1, 3 * self.width), out=out)
 
     def _carry(self, groups: int, substeps: int) -> None:
-        m, nodes = self.model, 3 * self.capacity
-        mass, flat = m.mass.astype(np.float32), lambda array: array.reshape(-1, self.width)
-        viscous = -4.0 * m.frame_dt / substeps / m.dx * m.volume * m.viscosity
-        damping = np.stack([viscous, viscous * m.lam / m.mu], axis=1).astype(np.float32).reshape(-1)
-        at_once = max(1, min(groups, _WORK_PER_CALL // (m.particles * substeps * self.width), MOST_NUMBERS // (nodes * self.width) - 1))
+        m, nodes, active = self.model, 3 * self.nodes, self.active
+        mass, flat = m.mass[active].astype(np.float32), lambda array: array.reshape(-1, self.width)
+        viscous = np.where(m.law < VON_MISES, -4.0 * m.frame_dt / substeps / m.dx * m.volume * m.viscosity, 0.0)[active]
+        damping = np.stack([viscous, viscous * m.lam[active] / m.mu[active]], axis=1).astype(np.float32).reshape(-1)
+        at_once = max(1, min(groups, _WORK_PER_CALL // (self.count * substeps * self.width), MOST_NUMBERS // (nodes * self.width) - 1))
         at_once += at_once % 2
         for first in range(0, groups, at_once):
             grid = aligned((min(at_once, groups - first) * nodes, self.width), np.float32)
             self.progress.check()
             with native_vectors(), contracted(), compiled_in(np.float32):
-                tangent_kernels.carry[self.width](
-                    first, mass, damping, m.role, m.dx, m.frame_dt / substeps, self.boxes, self.corner, self.record, self.inverse_mass,
-                    flat(self.source), flat(self.lanes), grid,
+                carry[self.width](
+                    m.plastic, first, mass, damping, m.role[active], m.dx, m.frame_dt / substeps, self.boxes,
+                    self.corner, self.record, self.flows, self.flow, self.inverse_mass, flat(self.source), flat(self.lanes), grid,
                 )  # fmt: skip

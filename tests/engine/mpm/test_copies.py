@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
+from seeing_wind.engine.mpm.lattice.colliders import Plane
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment
 from tests.engine.mpm.bodies import RUBBER, affine_basis, block, still
 
 
-def test_copies_equal_single_rollouts():
-    body = block(pinned_below=0.015)
-    model, _ = model_for(body, RUBBER, 30.0)
+@pytest.mark.parametrize("what", ["held", "damped", "on a floor", "held by pins that move"])
+def test_copies_equal_single_rollouts(what):
+    body = block(pinned_below=None if what == "on a floor" else 0.015)
+    more = {}
+    if what == "on a floor":
+        more["colliders"] = [Plane((0.0, 0.0, body.x[:, 2].min() - 0.002), (0.1, 0.0, 1.0), friction=0.3)]
+    if what == "held by pins that move":
+        more["pin_path"] = body.x[body.pinned] + np.linspace(0.0, 0.02, 4)[:, None, None] * np.array([1.0, 0.0, 0.5])
+    model, _ = model_for(body, replace(RUBBER, loss_factor=0.05 if what == "damped" else 0.0), 30.0, **more)
+    assert what != "damped" or model.viscosity.any()
     phi, dphi = affine_basis(body.x)
     rng = np.random.default_rng(0)
     coefficients = 5 * rng.normal(size=(4, 3, 4, 3))
@@ -28,24 +38,9 @@ def test_copies_equal_single_rollouts():
         for t in range(3):
             acceleration = phi @ coefficients[b, t]
             gradient = np.einsum("jc,njk->nck", coefficients[b, t], dphi) @ np.linalg.inv(state.F)
-            state = advance(model, state, acceleration, gradient)
+            state = advance(model, state, acceleration, gradient, frame=t)
             assert np.allclose(every.points[b, t + 1], state.x, atol=1e-10)
     assert np.allclose(points, attachment.follow(every.points), atol=1e-15)
-
-
-def test_copies_leave_the_nominal_path_at_their_frame():
-    body = block()
-    model, _ = model_for(body, RUBBER, 30.0)
-    phi, dphi = affine_basis(body.x)
-    coefficients = np.zeros((3, 4, 4, 3))
-    nominal = rollout(model, State.at_rest(body.x), still(model, 4))
-    coefficients[1, 2:, 0, 0] = 3.0
-    found = rollout_batch(model, nominal, phi, dphi, coefficients, start_frame=[0, 2, 4]).points
-    assert np.allclose(found[[0, 2]], nominal.x, atol=1e-12)
-    assert np.allclose(found[1, :3], nominal.x[:3], atol=1e-12)
-    assert np.isclose((found[1, 4] - nominal.x[4])[:, 0].mean(), 0.5 * 3.0 * (2 / 30.0) ** 2, rtol=0.05)
-    with pytest.raises(ValueError, match="start_frame"):
-        rollout_batch(model, State.at_rest(body.x), phi, dphi, coefficients, start_frame=[0, 2, 4])
 
 
 def test_a_broken_copy_is_marked_and_leaves_the_others_alone():

@@ -11,10 +11,7 @@ from scipy.optimize import least_squares
 from seeing_wind.engine.errors import MaterialError
 from seeing_wind.engine.materials import LOSS_FREQUENCY, MATERIALS, adjusted
 from seeing_wind.engine.mpm import State, model_for, rollout
-from seeing_wind.engine.mpm.body import Body
 from seeing_wind.engine.mpm.damping import VISCOUS_COURANT, longest_retardation, retardation_of, substeps_for, with_retardation
-from seeing_wind.engine.mpm.rollout import body_rollout
-from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import RUBBER, block
 from tests.engine.mpm.test_physics import bar
@@ -116,16 +113,6 @@ def test_a_body_that_turns_as_one_piece_is_not_damped():
     still = np.zeros((4, model.particles, 3))
     damped, free = (rollout(one, start, still) for one in (model, replace(model, viscosity=0.0 * model.viscosity)))
     np.testing.assert_allclose(damped.x, free.x, rtol=0, atol=1e-4 * np.abs(free.x - free.x[0]).max())
-
-
-def test_all_cores_find_what_one_does():
-    body, model = damped_block()
-    rng = np.random.default_rng(2)
-    start = State(body.x, rng.normal(size=body.x.shape), rng.normal(size=(len(body.x), 3, 3)), np.tile(np.eye(3), (len(body.x), 1, 1)))
-    force = 5.0 * rng.normal(size=(2, model.particles, 3))
-    one, all_of_them = rollout(model, start, force), body_rollout(Body(model), start, force, None, NoProgress(), 0)
-    for name in "xvCF":
-        np.testing.assert_allclose(getattr(all_of_them, name), getattr(one, name), rtol=0, atol=1e-9 * np.abs(getattr(one, name)).max())
 
 
 # -- what the substeps carry ------------------------------------------------------------------------------------------------------

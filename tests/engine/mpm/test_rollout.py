@@ -193,7 +193,7 @@ def test_a_frame_that_is_a_little_too_fast_takes_half_the_substep():
 
 
 def test_a_grid_too_large_for_memory_is_an_error(monkeypatch):
-    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.copies"), "MOST_NODES", 2000)
+    monkeypatch.setattr(importlib.import_module("seeing_wind.engine.mpm.body.substeps"), "MOST_NODES", 2000)
     model, state = two_flying_apart()
     with pytest.raises(SimulationError, match="flew off") as caught:
         rollout(model, state, still(model, 8))

@@ -1,6 +1,7 @@
-"""One body on all cores.
+"""One body on all cores, or copies of it on a core each.
 
     substeps.py   `Body`: frames of substeps, forwards and backwards
+    copies_run.py `CopiesRun`: a frame of many copies, or of one with every substep kept
     packing.py    its particles as the kernels want them, and back
     frame_run.py  one frame, and what is kept of it
 """

@@ -20,7 +20,7 @@ class Piece:
     lo: np.ndarray
     """(9,) int32, first nodes of the boxes of clamped, solid and pushed nodes."""
     boundary: tuple[np.ndarray, ...]
-    """clamp, clamp_velocity, planes, solid, push; see `parallel.substep`."""
+    """clamp, clamp_velocity, planes, solid, push; see `conditions.boundary_velocity`."""
 
 
 @dataclass

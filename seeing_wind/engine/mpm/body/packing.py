@@ -14,7 +14,7 @@ from ..compiler.precision import dtype_of
 from ..compiler.settings import compiled_in
 from ..kernels import packed, parallel
 from ..kernels.native import aligned
-from ..kernels.pack import pack, pack_forces, unpack
+from ..kernels.pack import combine_forces, pack, pack_forces, unpack
 from ..lattice.boundary import HELD
 from ..lattice.kinematics import Conditions, conditions_for
 from ..model import Model
@@ -51,14 +51,25 @@ class Packing:
         by_cell = self._by_cell(state.x if len(self.active) == m.particles else state.x[self.active], conditions[0].offset)
         order = self.active[by_cell]
         first = np.linspace(0, len(order), self.tasks + 1).astype(np.int32)
-        force = aligned((3 * len(order), 4), self.real)
-        slopes = np.empty((0, 3, 3)) if gradient is None else float64(gradient)
-        launched_in(self.real, pack_forces)(order, float64(acceleration), slopes, force)
-        pieces = [self._piece(c, order, m.frame_dt / substeps) for c in conditions]
-        run = FrameRun(order, first, self.particle.take(by_cell, axis=0).reshape(-1), force, pieces, substeps)
+        pieces = [self.piece(c, order, m.frame_dt / substeps) for c in conditions]
+        particle, force = self.particle.take(by_cell, axis=0).reshape(-1), self.forces(order, acceleration, gradient)
+        run = FrameRun(order, first, particle, force, pieces, substeps)
         rows = self.packed(order, state, m.offset)
         run.kept[0] = rows, self.boxes(run, rows, pieces[0].offset)
         return run
+
+    def forces(self, order: np.ndarray, acceleration: np.ndarray, gradient: np.ndarray | None) -> np.ndarray:
+        """Rows (3 M, 4) of `packed.forces` for the particles `order` (M,), from acceleration (N, 3) and gradient (N, 3, 3)."""
+        force = aligned((3 * len(order), 4), self.real)
+        slopes = np.empty((0, 3, 3)) if gradient is None else float64(gradient)
+        launched_in(self.real, pack_forces)(order, float64(acceleration), slopes, force)
+        return force
+
+    def combined(self, phi: np.ndarray, dphi: np.ndarray, gravity: np.ndarray, coefficients: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Rows (copies 3 M, 4) of `packed.forces` from a basis, see `pack.combine_forces`."""
+        force = aligned((3 * len(phi) * len(coefficients), 4), self.real)
+        launched_in(self.real, combine_forces)(phi, dphi, gravity, coefficients, state, force)
+        return force
 
     def packed(self, order: np.ndarray, state: State, offset: np.ndarray) -> np.ndarray:
         """The particles `order` (M,) of the state as rows (6 M, 4) of `packed.states`, positions relative to offset (3,)."""
@@ -83,7 +94,9 @@ class Packing:
             order = order[np.argsort(key[order] >> 16, kind="stable")]
         return order
 
-    def _piece(self, c: Conditions, order: np.ndarray, dt: float) -> Piece:
+    def piece(self, c: Conditions, order: np.ndarray, dt: float) -> Piece:
+        """The conditions for particles that are simulated in this order, in substeps of dt [s]."""
+
         def real(array: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(array, dtype=self.real)
 
@@ -116,8 +129,12 @@ class Packing:
         if len(run.order) < self.model.particles:
             for array, start in ((into.x, before.x), (into.v, before.v), (into.C, before.C), (into.F, before.F)):
                 array[:] = start
-        launched_in(self.real, unpack)(run.order, packed, offset, into.x, into.v, into.C, into.F)
+        self.write(run.order, packed, offset, into)
         return into
+
+    def write(self, order: np.ndarray, packed: np.ndarray, offset: np.ndarray, into: State) -> None:
+        """Rows (6 M, 4) of `packed.states` into the particles `order` (M,) of `into`; the others are left alone."""
+        launched_in(self.real, unpack)(order, packed, offset, into.x, into.v, into.C, into.F)
 
 
 def tasks_for(count: int) -> int:

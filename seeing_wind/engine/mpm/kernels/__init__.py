@@ -1,8 +1,8 @@
-"""The substep as compiled kernels, in three forms.
+"""The substep as compiled kernels. All that runs it is made of the functions in `substep.py`.
 
-    transfer.py, substep.py           many copies of one small body, float64
-    packed.py, pack.py, parallel.py   one large body on all cores (crew.py),
-    parallel_forward.py, parallel_adjoint.py  forwards and backwards
-    tangent_kernels.py                many small changes of one simulation, to first order
-    native.py                         arrays for vectors of the processor
+    substep.py, packed.py             p2g, nodes, g2p of one particle or node; particles in rows, and their transfer
+    parallel.py, parallel_forward.py, parallel_adjoint.py  one body on all cores (crew.py), forwards and backwards
+    copies_forward.py                 many copies of a body, each on one core; or one with all its substeps kept
+    linearise.py, carry.py            many small changes of such a body, to first order
+    pack.py, native.py                between NumPy's arrays and rows; arrays for vectors of the processor
 """

@@ -3,7 +3,7 @@
 # mypy: ignore-errors
 
 from ..compiler import ti
-from .packed import MOST_PARTICLES, bounded, forces, rows_of, states
+from .packed import MOST_PARTICLES, bounded, forces, matrix, rows_of, states
 
 order_of = ti.types.ndarray(dtype=ti.i32, ndim=1)
 numbers = ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -74,3 +74,24 @@ def unpack_forces(order: order_of, force: forces, acceleration: vectors, gradien
             acceleration[p, j] = column[3]
             for i in ti.static(range(3)):
                 gradient[p, i, j] = column[i]
+
+
+@ti.kernel
+def combine_forces(phi: vectors, dphi: matrices, gravity: vectors, coefficients: matrices, state: states, force: forces):
+    """Rows of `force` of all copies: a_p = g_p + sum_j phi_pj c_j and grad a_p = (sum_j c_j dphi_pj/dX) F^-1, with F of `state`.
+
+    phi (M, P), dphi (M, P, 3), gravity (M, 3), coefficients (copies, P, 3).
+    """
+    for q in range(coefficients.shape[0] * phi.shape[0]):
+        copy, p = q // phi.shape[0], q % phi.shape[0]
+        a, G = real_vector(gravity, p), ti.Matrix.zero(float, 3, 3)
+        for k in range(phi.shape[1]):
+            c = ti.Vector([ti.cast(coefficients[copy, k, i], float) for i in ti.static(range(3))])
+            slope = ti.Vector([ti.cast(dphi[p, k, i], float) for i in ti.static(range(3))])
+            a += ti.cast(phi[p, k], float) * c
+            G += c.outer_product(slope)
+        at = rows_of(q)
+        F0, F1, F2 = state[at[0]], state[at[0] + 1], state[at[0] + 2]
+        G = G @ matrix(F0, F1, F2).inverse()
+        for j in ti.static(range(3)):
+            force[at[1] + j] = ti.Vector([G[0, j], G[1, j], G[2, j], a[j]])

@@ -1,4 +1,4 @@
-"""Transfer between packed particles and a flat grid: what `transfer` does, laid out for one body of many particles on all cores.
+"""Particles in packed rows, and their transfer to a flat grid and back with quadratic B-splines.
 
 Everything a particle has comes in vectors of four numbers, one for each axis j:
 
@@ -27,7 +27,11 @@ nodes = ti.types.ndarray(element_shape=(4,), ndim=1)
 """Momentum or velocity, and mass."""
 
 integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
+table = ti.types.ndarray(dtype=ti.i32, ndim=2)
+flags = ti.types.ndarray(dtype=ti.i32, ndim=3)
 numbers = ti.types.ndarray(ndim=1)
+rows = ti.types.ndarray(ndim=2)
+lattice_rows = ti.types.ndarray(ndim=4)
 
 MOST_NODES_ACROSS = 2**13 - 1
 """Along y or z."""
@@ -104,8 +108,14 @@ def combined(a, b, c, by):
 
 
 @ti.func
+def base_of(x, offset, inv_dx):
+    """First of the three nodes per axis that a particle at x [m] touches, (3,) int."""
+    return ti.Vector([ti.floor((x[a] - offset[a]) * inv_dx - 0.5, ti.i32) for a in ti.static(range(3))])
+
+
+@ti.func
 def spline(f):
-    """Weights of the first, second and third node along every axis, each (4,); see `transfer.spline`."""
+    """Weights of the first, second and third node along every axis, each (4,); f in 0.5..1.5 is the distance to the first."""
     a, b, c = 1.5 - f, f - 1.0, f - 0.5
     return 0.5 * (a * a), 0.75 - b * b, 0.5 * (c * c)
 

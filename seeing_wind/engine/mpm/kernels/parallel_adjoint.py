@@ -1,14 +1,14 @@
 """One substep of one large body backwards, on all cores: derivatives by its start, force and material from those by its end.
 
-Each function is the adjoint of its namesake in `parallel`, called in reverse order. A name with `_bar` is the derivative of the loss
-by the name.
+Each function is the adjoint of its namesake in `substep` or `parallel`, called in reverse order. A name with `_bar` is the
+derivative of the loss by the name.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti
 from ..lattice.boundary import FREE
-from ..lattice.conditions import boundary_velocity_adjoint
+from ..lattice.conditions import boundary_jacobian
 from ..laws.constitutive import kirchhoff_both_ways
 from ..laws.plasticity import VON_MISES, plastic_flow_adjoint
 from ..laws.viscous import is_damped, viscous, viscous_adjoint
@@ -28,39 +28,29 @@ from .packed import (
     combined,
     constants,
     corner_of,
+    flags,
     forces,
     fourths,
     gather,
     integers,
     lattice_of,
+    lattice_rows,
     matrix,
     node_count,
     nodes,
     numbers,
+    rows,
     rows_of,
     scatter,
     spline_pull,
     states,
+    table,
     triple,
     window_of,
     with_fourth,
 )
-from .parallel import (
-    CLAMP_LO,
-    PUSH_LO,
-    SOLID_LO,
-    box_rows,
-    brought,
-    cleared,
-    flags,
-    lattice_rows,
-    node_velocity,
-    place,
-    pushed,
-    rows,
-    summed,
-)
-from .substep import STRIDE
+from .parallel import cleared, summed
+from .substep import CLAMP_LO, PUSH_LO, SOLID_LO, STRIDE, brought, node_velocity, place, pushed
 
 PHASES = 4
 """Of a substep: the nodes' velocities, g2p backwards, the nodes backwards, p2g backwards."""
@@ -142,11 +132,11 @@ def node_to_velocity_adjoint(
     if g[3] > 0.0:
         at = place(node, lo, dims)
         v = ti.Vector([g[0], g[1], g[2]]) / g[3]
-        v_bar = boundary_velocity_adjoint(
-            at, pushed(at, v, dt, triple(window, PUSH_LO), push), ti.Vector([s[0], s[1], s[2]]), offset, dx,
-            triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid,
+        J = boundary_jacobian(
+            at, pushed(at, v, dt, triple(window, PUSH_LO), push), offset, dx,
+            triple(window, CLAMP_LO), clamp, planes, triple(window, SOLID_LO), solid,
         )  # fmt: skip
-        q_bar = v_bar / g[3]
+        q_bar = J.transpose() @ ti.Vector([s[0], s[1], s[2]]) / g[3]
         m_bar = -q_bar.dot(v)
     momentum_bar[node] = ti.Vector([q_bar[0], q_bar[1], q_bar[2], m_bar])
 
@@ -244,7 +234,7 @@ def substep_adjoint(
     # derivatives, in: by the next state, out: by this one; those by force and constants are added up
     bar: states, force_bar: forces, particle_bar: constants,
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
-    lattice: numbers, window: integers, boxes: box_rows,
+    lattice: numbers, window: integers, boxes: table,
     grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
 ):  # fmt: skip
     """g2p and p2g backwards."""
@@ -260,7 +250,7 @@ def substep_adjoint(
                 for index in range(begin, end):
                     node = bounded(index, MOST_NODES)
                     velocity[node] = node_velocity(
-                        node, momentum[node], window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
+                        node, momentum[node], lo, dims, window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
                     )
                 finish(roster, 0)
                 task = taken(roster, 0, worker, workers, tasks)

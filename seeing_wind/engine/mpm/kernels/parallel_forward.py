@@ -4,8 +4,8 @@
 
 from ..compiler import ti
 from .crew import await_all, counters, finish, taken
-from .packed import constants, forces, integers, nodes, numbers, states
-from .parallel import STOPPED, box_rows, flags, grid_to_task, lattice_rows, look, nodes_of_task, rows, task_to_grid
+from .packed import constants, flags, forces, integers, lattice_rows, nodes, numbers, rows, states, table
+from .parallel import STOPPED, grid_to_task, look, nodes_of_task, task_to_grid
 from .substep import STRIDE
 
 PHASES = 4
@@ -23,12 +23,11 @@ def substeps(
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
     # `lattice_of`; integers, see `Body`; boxes (tasks, BOX): first and last of the particles' first nodes, in and out, and their origin;
     # status (tasks, 2) out: code, particle
-    lattice: numbers, window: integers, boxes: box_rows, status: box_rows,
+    lattice: numbers, window: integers, boxes: table, status: table,
     # grids: the tasks' own, one after the other, then momentum and velocity of all
     grid: nodes, momentum: nodes, velocity: nodes,
 ):  # fmt: skip
     """p2g, the nodes' velocities, g2p, until all substeps are done or one has stopped."""
-    # The compiler runs loops of less than about a thousand turns on one thread: a worker is STRIDE turns, all but one of them empty.
     ti.loop_config(block_dim=STRIDE)
     for turn in range(workers * STRIDE):
         if turn % STRIDE == 0:

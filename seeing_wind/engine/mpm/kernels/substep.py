@@ -1,161 +1,150 @@
-"""The substep, and the kernel that runs substeps for many copies of one body at once.
+"""The substep of MLS-MPM: what one particle brings to its nodes, what a node's momentum becomes, what one particle takes home.
 
-Copies are independent: the outer loop over them is the compiler's parallel loop, and all of a copy's work stays on one thread with one
-private grid. That needs no atomics and no barrier, and a grid of a few thousand nodes stays in the core's cache.
+Hu et al. 2018, "A moving least squares material point method"; Jiang et al. 2015, "The affine particle-in-cell method". The lattice's nodes
+are at offset + dx (i, j, k) for all integers; `lo` and `dims` name the box of it that is in use, so a body may travel as far as it likes.
+
+The external acceleration a_p, held over a frame, is added to the particle's velocity before p2g, as in the paper (arXiv 2512.00762); its
+gradient goes into the affine momentum. Without that the torque and the strain that a field has over one kernel are lost.
+
+All that runs substeps is made of these functions: one body on all cores (`parallel`), many copies of one, each on a core, and a body whose
+every substep is kept (`copies_forward`).
 """
-# The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
+# The compiler reads the annotations of functions at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti
-from ..lattice.boundary import FREE, HELD
+from ..lattice.boundary import FREE
+from ..lattice.conditions import boundary_velocity, in_box
+from ..laws.constitutive import kirchhoff
 from ..laws.plasticity import VON_MISES, plastic_flow
-from .transfer import affine_momentum, base_of, clear, gather, momentum_to_velocity, scatter, vec3
+from ..laws.viscous import is_damped, viscous
+from .packed import (
+    LAM,
+    LAW,
+    MASS,
+    MU,
+    ROLE,
+    VISCOSITY,
+    VOLUME,
+    YIELD_STRESS,
+    combined,
+    corner_of,
+    fourths,
+    gather,
+    matrix,
+    scatter,
+    triple,
+    with_fourth,
+)
 
 RUNNING, NOT_FINITE, TOO_FAST, INVERTED, GRID_FULL, BURST = 0, 1, 2, 3, 4, 5
-"""Status of a copy. GRID_FULL is no failure: the caller gives more nodes and calls again."""
-
-scalars = ti.types.ndarray(dtype=ti.f64, ndim=1)
-flags = ti.types.ndarray(dtype=ti.i32, ndim=1)
-vectors = ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=2)
-matrices = ti.types.ndarray(dtype=ti.types.matrix(3, 3, ti.f64), ndim=2)
-grids = ti.types.ndarray(dtype=ti.types.vector(4, ti.f64), ndim=2)
-nodes = ti.types.ndarray(dtype=ti.i32, ndim=3)
-statuses = ti.types.ndarray(dtype=ti.i32, ndim=2)
-
-
-@ti.func
-def window(b, x: ti.template(), role: ti.template(), offset, dx):
-    """The box of nodes that copy b touches: first node and node counts."""
-    lo, hi = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
-    for p in range(x.shape[1]):
-        if role[p] != HELD:
-            base = base_of(x[b, p], offset, 1.0 / dx)
-            lo = ti.min(lo, base)
-            hi = ti.max(hi, base)
-    if hi[0] < lo[0]:  # everything is held
-        hi = lo
-    return lo, hi - lo + 3
-
-
-@ti.func
-def particles_to_grid(
-    plastic: ti.template(), b, r, mass: ti.template(), volume: ti.template(), mu: ti.template(), lam: ti.template(),
-    viscosity: ti.template(), law: ti.template(), role: ti.template(),
-    x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
-    force_row, acceleration: ti.template(), gradient: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
-):  # fmt: skip
-    """p2g of the particles in row b under the force in row `force_row`."""
-    for p in range(x.shape[1]):
-        if role[p] != HELD:
-            A = affine_momentum(
-                plastic, law[p], mass[p], volume[p], mu[p], lam[p], viscosity[p], C[b, p], F[b, p], gradient[force_row, p], dt, 1.0 / dx
-            )
-            scatter(x[b, p], mass[p] * (v[b, p] + dt * acceleration[force_row, p]), mass[p], A, offset, dx, lo, dims, grid, r)
-
-
-@ti.func
-def grid_to_particles(
-    plastic: ti.template(), b, r, mu: ti.template(), yield_stress: ti.template(), viscosity: ti.template(), law: ti.template(),
-    role: ti.template(), x: ti.template(), v: ti.template(), C: ti.template(), F: ti.template(),
-    offset, dx, dt, lo, dims, grid: ti.template(),
-):  # fmt: skip
-    """g2p of copy b. Pinned particles deform but keep their place. Returns status, particle and the next window."""
-    status, culprit = RUNNING, -1
-    next_lo, next_hi = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
-    for p in range(x.shape[1]):
-        if role[p] != HELD:
-            v_p, C_p = gather(x[b, p], offset, dx, lo, dims, grid, r)
-            F_p = F[b, p] + dt * (C_p @ F[b, p])
-            x_p = x[b, p]
-            if role[p] == FREE:
-                x_p += dt * v_p
-            size = v_p.norm() + C_p.norm()
-            if not (size < 1e300):  # also when it is NaN
-                status, culprit = NOT_FINITE, p
-            elif dt * v_p.norm() > dx:
-                status, culprit = TOO_FAST, p
-            elif not (F_p.determinant() > 0.0):
-                status, culprit = INVERTED, p
-            else:
-                base = base_of(x_p, offset, 1.0 / dx)
-                next_lo = ti.min(next_lo, base)
-                next_hi = ti.max(next_hi, base)
-                if ti.static(plastic):
-                    if law[p] >= VON_MISES:
-                        F_p = plastic_flow(law[p], F_p, mu[p], yield_stress[p], viscosity[p], dt)
-            x[b, p], v[b, p], C[b, p], F[b, p] = x_p, v_p, C_p, F_p
-    if next_hi[0] < next_lo[0]:
-        next_hi = next_lo
-    return status, culprit, next_lo, next_hi - next_lo + 3
-
-
+"""Status of a body. GRID_FULL is no failure: the caller gives more nodes and calls again."""
 STRIDE = 1024
-"""Turns of the outer loop per copy."""
+"""Turns of a kernel's outer loop for each worker, all but one of them empty: the compiler runs loops of less than about a thousand turns on
+one thread."""
+CLAMP_LO, SOLID_LO, PUSH_LO = 2, 3, 4
+"""Rows of three in an array of integers that kernels call `window`: first nodes of the boxes of clamped, solid and pushed nodes."""
 
 
-@ti.kernel
-def run_substeps(
-    # model; `plastic`: whether any particle has a plastic law
-    plastic: ti.template(), mass: scalars, volume: scalars, mu: scalars, lam: scalars, yield_stress: scalars, viscosity: scalars,
-    law: flags, role: flags, clamp_lo: ti.types.vector(3, ti.i32), clamp: nodes,
-    offset: vec3, dx: ti.f64, dt: ti.f64,
-    # which copies, and up to which substep of the frame
-    copies: flags, until: ti.i32,
-    # force
-    acceleration: vectors, gradient: matrices,
-    # state in and out
-    x: vectors, v: vectors, C: matrices, F: matrices,
-    # scratch
-    grid: grids,
-    # progress in and out: status (B, 4) = code, particle, substeps done, nodes wanted
-    status: statuses,
+@ti.func
+def brought(tau, row, push, own, f, particle: ti.template(), state: ti.template(), force: ti.template(), dx, dt):
+    """What a particle at f from its first node brings to its nodes under the stress tau, S + i X + j Y + k Z: momentum and mass.
+
+    It is m (v + dt a) + A (x_i - x_p) with A of the MLS-MPM transfer; B = dx A.
+    """
+    k = (4.0 * dt / dx) * particle[own + VOLUME]
+    scale = particle[own + MASS] * dx
+    # Beside a column of C stands v_j: the fourth number of `moving` is dx times the momentum.
+    moving = [scale * (state[row + 3 + j] + dt * force[push + j]) for j in ti.static(range(3))]
+    columns = [moving[j] - k * ti.Vector([tau[0, j], tau[1, j], tau[2, j], 0.0]) for j in ti.static(range(3))]
+    X, Y, Z = [with_fourth(columns[j], 0.0) for j in ti.static(range(3))]
+    S = (1.0 / dx) * fourths(columns[0], columns[1], columns[2], scale) - combined(X, Y, Z, f)
+    return S, X, Y, Z
+
+
+@ti.func
+def particle_to_grid(
+    plastic: ti.template(), row, push, own, first_node, particle: ti.template(), state: ti.template(),
+    force: ti.template(), offset, dx, dt, lo, dims, grid: ti.template(),
 ):  # fmt: skip
-    """Bring the copies listed in `copies` from substep status[b, 2] to `until`, or to the substep at which a copy fails."""
-    # One copy per task: they take long, and unevenly when one of them fails. The compiler runs loops of less than about a thousand turns on
-    # one thread, so every copy is given a block of STRIDE turns, all but one of them empty.
-    ti.loop_config(block_dim=STRIDE)
-    for turn in range(copies.shape[0] * STRIDE):
-        if turn % STRIDE == 0:
-            r = turn // STRIDE
-            b = copies[r]
-            lo, dims = window(b, x, role, offset, dx)
-            code = RUNNING
-            while status[b, 2] < until and code == RUNNING:
-                # In 64 bits: the box of an exploding body overflows 32.
-                wanted = ti.cast(dims[0], ti.i64) * dims[1] * dims[2]
-                if wanted > grid.shape[1]:
-                    code = GRID_FULL
-                    status[b, 3] = ti.cast(ti.min(wanted, 2**31 - 1), ti.i32)
-                else:
-                    clear(grid, r, dims)
-                    particles_to_grid(
-                        plastic, b, r, mass, volume, mu, lam, viscosity, law, role, x, v, C, F, b, acceleration, gradient,
-                        offset, dx, dt, lo, dims, grid,
-                    )
-                    momentum_to_velocity(lo, dims, clamp_lo, clamp, grid, r)
-                    code, status[b, 1], lo, dims = grid_to_particles(
-                        plastic, b, r, mu, yield_stress, viscosity, law, role, x, v, C, F, offset, dx, dt, lo, dims, grid
-                    )
-                    if code == RUNNING:
-                        status[b, 2] += 1
-            status[b, 0] = code
+    """p2g of one particle, whose state, force and numbers begin at row, push and own: adds momentum and mass to the 27 nodes round it."""
+    F0, F1, F2 = state[row], state[row + 1], state[row + 2]
+    at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
+    law = ti.cast(particle[own + LAW], ti.i32)
+    mu, lam, viscosity = particle[own + MU], particle[own + LAM], particle[own + VISCOSITY]
+    tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), mu, lam)
+    if is_damped(law, viscosity):
+        tau += viscous(matrix(state[row + 3], state[row + 4], state[row + 5]), mu, lam, viscosity)
+    S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
+    scatter(f, S, X, Y, Z, at, dims, grid)
 
 
-@ti.kernel
-def assemble_force(
-    phi: ti.types.ndarray(dtype=ti.f64, ndim=2), dphi: ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=2),
-    gravity: ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=1), copies: flags,
-    coefficients: ti.types.ndarray(dtype=ti.types.vector(3, ti.f64), ndim=2), F: matrices,
-    acceleration_out: vectors, gradient_out: matrices,
+@ti.func
+def grid_to_particle(
+    plastic: ti.template(), p, row, own, row_out, first_node, particle: ti.template(), state: ti.template(), state_out: ti.template(),
+    pin_velocity: ti.template(), offset, dx, dt, lo, dims, velocity: ti.template(),
 ):  # fmt: skip
-    """a_p = g_p + sum_j phi_j(X_p) c_j and grad a_p = (sum_j c_j dphi_j/dX) F^-1 for the listed copies."""
-    for r in range(copies.shape[0]):
-        b = copies[r]
-        for p in range(phi.shape[0]):
-            a = gravity[p]
-            G = ti.Matrix.zero(ti.f64, 3, 3)
-            for j in range(phi.shape[1]):
-                a += phi[p, j] * coefficients[b, j]
-                G += coefficients[b, j].outer_product(dphi[p, j])
-            acceleration_out[b, p] = a
-            gradient_out[b, p] = G @ F[b, p].inverse()
+    """g2p of particle p, from `state` at row to `state_out` at row_out: returns its status and its new place (4,)."""
+    F0, F1, F2 = state[row], state[row + 1], state[row + 2]
+    x = fourths(F0, F1, F2, 0.0)
+    free, prescribed = 1.0, 0.0 * F0
+    if ti.cast(particle[own + ROLE], ti.i32) != FREE:
+        pin = ti.min(p, pin_velocity.shape[0] - 1)  # one row for all where they stand still
+        free, prescribed = 0.0, ti.Vector([pin_velocity[pin, 0], pin_velocity[pin, 1], pin_velocity[pin, 2], 0.0])
+    at, f = corner_of(x, offset, 1.0 / dx, lo, dims, first_node)
+    v, Mx, My, Mz = gather(f, at, dims, velocity)
+    k = 4.0 / dx
+    Cx, Cy, Cz = k * (Mx - f[0] * v), k * (My - f[1] * v), k * (Mz - f[2] * v)
+    x = x + dt * (free * v + prescribed)
+    F0, F1, F2 = F0 + dt * combined(Cx, Cy, Cz, F0), F1 + dt * combined(Cx, Cy, Cz, F1), F2 + dt * combined(Cx, Cy, Cz, F2)
+    F = matrix(F0, F1, F2)
+    status, speed_sqr, J = RUNNING, v[0] * v[0] + v[1] * v[1] + v[2] * v[2], F.determinant()
+    # Also when one is NaN. What is not finite in C is not in F.
+    if not (speed_sqr < 1e30 and ti.abs(J) < 1e30):
+        status = NOT_FINITE
+    elif dt * dt * speed_sqr > dx * dx:
+        status = TOO_FAST
+    elif not (J > 0.0):
+        status = INVERTED
+    elif ti.static(plastic):
+        law = ti.cast(particle[own + LAW], ti.i32)
+        if law >= VON_MISES:
+            F = plastic_flow(law, F, particle[own + MU], particle[own + YIELD_STRESS], particle[own + VISCOSITY], dt)
+            for i in ti.static(range(3)):
+                F0[i], F1[i], F2[i] = F[i, 0], F[i, 1], F[i, 2]
+    state_out[row_out], state_out[row_out + 1], state_out[row_out + 2] = with_fourth(F0, x[0]), with_fourth(F1, x[1]), with_fourth(F2, x[2])
+    state_out[row_out + 3], state_out[row_out + 4] = with_fourth(Cx, v[0]), with_fourth(Cy, v[1])
+    state_out[row_out + 5] = with_fourth(Cz, v[2])
+    return status, x
+
+
+@ti.func
+def place(node, lo, dims):
+    """Lattice index (3,) of a node."""
+    i = node // (dims[1] * dims[2])
+    j = node // dims[2] - i * dims[1]
+    return lo + ti.Vector([i, j, node - (i * dims[1] + j) * dims[2]])
+
+
+@ti.func
+def pushed(at, v, dt, push_lo, push: ti.template()):
+    """v after the acceleration prescribed at the lattice's node `at`."""
+    c = at - push_lo
+    pushed_v = v
+    if in_box(c, push):
+        pushed_v = v + dt * ti.Vector([push[c[0], c[1], c[2], a] for a in ti.static(range(3))])
+    return pushed_v
+
+
+@ti.func
+def node_velocity(
+    node, g, lo, dims, window: ti.template(), offset, dx, dt, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
+    solid: ti.template(), push: ti.template(),
+):  # fmt: skip
+    """Momentum over mass, the push of the grid's own force, and what the boundary makes of it, with the mass."""
+    v = ti.Vector.zero(float, 3)
+    if g[3] > 0.0:
+        at = place(node, lo, dims)
+        v = pushed(at, ti.Vector([g[0], g[1], g[2]]) / g[3], dt, triple(window, PUSH_LO), push)
+        v = boundary_velocity(at, v, offset, dx, triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid)
+    return ti.Vector([v[0], v[1], v[2], g[3]])

@@ -100,11 +100,8 @@ def boundary_velocity(
 
 
 @ti.func
-def boundary_velocity_adjoint(
-    node, v, v_out_bar, offset, dx, clamp_lo, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid_lo,
-    solid: ti.template(),
-):  # fmt: skip
-    """v_bar from the derivative by `boundary_velocity`'s result; v is again momentum / mass. The conditions get no derivatives."""
+def boundary_jacobian(node, v, offset, dx, clamp_lo, clamp: ti.template(), planes: ti.template(), solid_lo, solid: ti.template()):
+    """d boundary_velocity / d v, (3, 3); v is again momentum / mass. The conditions get no derivatives."""
     x = place_of(node, offset, dx)
     J = ti.Matrix.identity(float, 3)
     through = v
@@ -126,4 +123,4 @@ def boundary_velocity_adjoint(
     if in_box(c, clamp):
         if clamp[c[0], c[1], c[2]] != 0:
             J = ti.Matrix.zero(float, 3, 3)
-    return J.transpose() @ v_out_bar
+    return J

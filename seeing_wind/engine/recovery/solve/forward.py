@@ -1,7 +1,7 @@
 """The forward model of the solve: unknowns in, trajectories and their derivatives out.
 
 The unknowns theta (n,) are the field's coefficients (knots, modes, 3) [m/s²] followed by the initial velocities (V,) [m/s].
-The Jacobian comes from changes carried along one simulation, or, for bodies that flow, from a simulation per unknown.
+The Jacobian comes from changes carried along one simulation.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from ...mpm.batch import rollout_batch
 from ...mpm.model import Model
 from ...mpm.rollout import advance
 from ...mpm.state import State, Trajectory
-from ...mpm.tangent import Changes, applies_to, tangents
+from ...mpm.tangent import Changes, tangents
 from ...progress import Journal, Progress
 from ..prior.basis import Knots, SpatialBasis
 from ..targets.objective import Objective
 
 OFFSET = 1e-4
-"""Step of the finite differences, relative to the size that the prior expects. In double precision the quotient is good to 1e-5."""
+"""Change of an unknown by which residuals are differenced, relative to the size that the prior expects."""
 COLUMNS_AT_ONCE = 96
-"""Simulations whose positions are held in memory together."""
+"""Changed motions that residuals are taken of together."""
 TANGENT_BYTES, FEWEST = 300_000_000, 16
 """Memory that the changed positions of one call of `tangents` may take, and unknowns that one is worth in any case."""
 
@@ -138,9 +138,6 @@ class Forward:
         self, state: State | None, unknown: np.ndarray, offset: np.ndarray, first: int, frames: int
     ) -> tuple[np.ndarray, np.ndarray]:
         """Positions (frames+1, N, 3) of `window` under `unknown` (n,), and (n, ...) with each of its entries changed by its offset (n,)."""
-        if not applies_to(self.rough):
-            both = self.window(state, np.concatenate([unknown[None], unknown + np.diag(offset)]), first, frames)
-            return both[0], both[1:]
         modes = self.shape[1]
         unit = np.eye(len(unknown))
         constant = np.repeat(unit[:, : 3 * modes].reshape(-1, 1, modes, 3), frames, axis=1)
@@ -156,17 +153,16 @@ class Forward:
     def _batch(
         self,
         model: Model,
-        state: State | Trajectory,
+        state: State,
         coefficients: np.ndarray,
         velocity: np.ndarray | None,
-        start: np.ndarray | None = None,
     ) -> np.ndarray:
         v0 = C0 = None
         if velocity is not None:
             v0, C0 = np.tensordot(velocity, self.velocity, 1), np.tensordot(velocity, self.velocity_gradient, 1)
         phi, gradient = self.basis.phi, self.basis.gradient
         return rollout_batch(
-            model, state, phi, gradient, coefficients, start_frame=start, v0=v0, C0=C0, progress=self.progress, journal=self.journal
+            model, state, phi, gradient, coefficients, v0=v0, C0=C0, progress=self.progress, journal=self.journal
         ).points
 
     def jacobian(self, theta: np.ndarray, active: np.ndarray, objective: Objective, scale: np.ndarray) -> np.ndarray:
@@ -192,17 +188,11 @@ class Forward:
         """`jacobian` with the rough model, if it holds."""
         which = np.flatnonzero(active)
         offset = OFFSET * scale[which]
-        if applies_to(self.rough):
-            at_once = max(FEWEST, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x)))
-            blocks, moved = _blocks(which, at_once), self._carried
-        else:
-            kinds = [which[which < self.size], which[which >= self.size]]
-            blocks = [some for kind in kinds for some in _blocks(kind, COLUMNS_AT_ONCE)]
-            moved = partial(self._shaken, self.trajectory(theta, self.rough))
+        blocks = _blocks(which, max(FEWEST, TANGENT_BYTES // (12 * (len(self.hats) + 1) * len(self.x))))
 
         def found(some: np.ndarray, step: np.ndarray) -> np.ndarray:
             parts = []
-            for nominal, positions, steps in moved(theta, some, step):
+            for nominal, positions, steps in self._carried(theta, some, step):
                 base = objective.residual(nominal[None])[0]
                 parts.append(((objective.residual(positions) - base) / steps[:, None, None]).astype(np.float32))
             return np.concatenate(parts)
@@ -227,20 +217,6 @@ class Forward:
         )
         for few in _blocks(np.arange(len(some)), COLUMNS_AT_ONCE):
             yield nominal, nominal + offset[few, None, None, None] * change[few], offset[few]
-
-    def _shaken(self, nominal: Trajectory, theta: np.ndarray, some: np.ndarray, offset: np.ndarray) -> Iterator[Moved]:
-        """The same by one more simulation for every change, from the picture in which its hat begins: nothing earlier can feel it.
-
-        Either coefficients are changed or initial velocities, not both.
-        """
-        first = np.concatenate([np.repeat(np.argmax(self.hats > 0.0, axis=0), 3 * self.shape[1]), np.zeros(len(theta) - self.size, int)])
-        moved = np.repeat(theta[None], len(some), axis=0)
-        moved[np.arange(len(some)), some] += offset
-        velocity = moved[:, self.size :] if some[0] >= self.size else None
-        positions = self._batch(self.rough, nominal, self.per_frame(moved), velocity, first[some])
-        if not np.isfinite(positions).all():
-            raise SimulationError("A slightly different force breaks the simulation down.", "Choose a stiffer or heavier material.")
-        yield nominal.x, positions, offset
 
 
 Moved = tuple[np.ndarray, np.ndarray, np.ndarray]
