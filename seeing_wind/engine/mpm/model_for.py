@@ -84,26 +84,15 @@ def model_for(
     spacing = min(body.spacing for body in bodies)
     dx = CELL_SPACINGS * spacing if dx is None else dx
     frame_dt = 1.0 / fps
-    if max_substeps is None:
-        held = any(
-            np.any(body.pinned) and substeps_needed(_softened(stuff, body), dx, frame_dt, scale) <= MAX_SUBSTEPS_HELD / math.sqrt(WORTH)
-            for body, stuff, scale in zip(bodies, materials, scales)
-        )
-        max_substeps = MAX_SUBSTEPS_HELD if held else MAX_SUBSTEPS
+    parts = list(zip(bodies, materials, scales))
+    max_substeps = _most_substeps(parts, dx, frame_dt) if max_substeps is None else max_substeps
     x = np.concatenate([np.asarray(body.x, dtype=np.float64) for body in bodies])
     pinned = np.concatenate([np.asarray(body.pinned, dtype=bool) for body in bodies])
     _check_reach(x, dx)
     path = None if pin_path is None else checked_pin_path(pin_path, x, pinned, dx)
     notes: list[str] = []
-    substeps, columns = max(MIN_SUBSTEPS, _substeps_for(speed, path, dx, frame_dt, max_substeps)), []
-    for body, stuff, scale in zip(bodies, materials, scales):
-        youngs_modulus, needed = _affordable_modulus(stuff, body, scale, dx, frame_dt, max_substeps, notes)
-        if youngs_modulus < stuff.youngs_modulus and np.any(body.pinned):
-            share = youngs_modulus / stuff.youngs_modulus
-            notes.append(f"{stuff.name}: it is held, so the forces that bend it are in proportion, about {share:.2g} of the real ones.")
-        substeps = max(substeps, needed)
-        columns.append(_body_columns(body, stuff, scale, youngs_modulus))
-    mass, volume, mu, lam, yield_stress, viscosity, law = (np.concatenate(column) for column in zip(*columns))
+    (mass, volume, mu, lam, yield_stress, viscosity, law), needed = _columns(parts, dx, frame_dt, max_substeps, notes)
+    substeps = max(least_substeps, MIN_SUBSTEPS, _substeps_for(speed, path, dx, frame_dt, max_substeps), needed)
     # Of two walls, the lattice follows the collider's.
     axes = None if colliders else border_axes(x, pinned, spacing)
     if axes is not None:
@@ -120,10 +109,37 @@ def model_for(
         mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
         gravity, device, obstacles, movers, pin_path=path, pin_rest=None if path is None else x, clamp_depth=clamp_depth, axes=axes,
     )  # fmt: skip
-    model = replace(model, substeps=max(least_substeps, substeps))
     if not pinned.any():  # hardly shows its damping
         return model, notes
     return _damped(model, bodies, materials, notes), notes
+
+
+Part = tuple[Particles, Material, float]
+"""A body, what it is made of, and the factor on its density."""
+
+
+def _most_substeps(parts: Sequence[Part], dx: float, frame_dt: float) -> int:
+    """`MAX_SUBSTEPS`, or `MAX_SUBSTEPS_HELD` where something is pinned that keeps at least a `WORTH` of its stiffness so."""
+    held = any(
+        np.any(body.pinned) and substeps_needed(_softened(stuff, body), dx, frame_dt, scale) <= MAX_SUBSTEPS_HELD / math.sqrt(WORTH)
+        for body, stuff, scale in parts
+    )
+    return MAX_SUBSTEPS_HELD if held else MAX_SUBSTEPS
+
+
+def _columns(
+    parts: Sequence[Part], dx: float, frame_dt: float, max_substeps: int, notes: list[str]
+) -> tuple[tuple[np.ndarray, ...], int]:
+    """`_body_columns` of all bodies, as stiff as `max_substeps` can carry, and the substeps that they need."""
+    columns, most = [], 0
+    for body, stuff, scale in parts:
+        youngs_modulus, needed = _affordable_modulus(stuff, body, scale, dx, frame_dt, max_substeps, notes)
+        if youngs_modulus < stuff.youngs_modulus and np.any(body.pinned):
+            share = youngs_modulus / stuff.youngs_modulus
+            notes.append(f"{stuff.name}: it is held, so the forces that bend it are in proportion, about {share:.2g} of the real ones.")
+        most = max(most, needed)
+        columns.append(_body_columns(body, stuff, scale, youngs_modulus))
+    return tuple(np.concatenate(column) for column in zip(*columns)), most
 
 
 def _damped(model: Model, bodies: Sequence[Particles], materials: Sequence[Material], notes: list[str]) -> Model:

@@ -129,39 +129,3 @@ def vertex_drag(
     for corner in range(3):
         np.add.at(total, faces[:, corner], share)
     return total[:, :3], total[:, 3:].reshape(-1, 3, 3)
-
-
-@dataclass(frozen=True)
-class DragSlopes:
-    """Derivatives of the corner forces D (w + v - v') / 3 of each face, `vertex_drag` with its damping, coordinates of corners in a row."""
-
-    x: np.ndarray
-    """(F, 9, 9) by the places of the corners [N/m]."""
-    wind: np.ndarray
-    """(F, 9, 9) by the wind at the corners, minus that by their velocities as far as w goes [N s/m]."""
-
-
-def drag_slopes(
-    wind: np.ndarray, vertices: np.ndarray, velocity: np.ndarray, after: np.ndarray, faces: np.ndarray, law: DragLaw = AIR
-) -> DragSlopes:
-    """How the force of the air on a sheet changes, v' = `after` (V, 3) being the velocity at the end of a semi-implicit step.
-
-    Other arguments are those of `vertex_drag`, which gives the force to a face's corners as D w / 3 and takes D (v' - v) / 3 off them.
-    """
-    w = (np.broadcast_to(wind, velocity.shape) - velocity)[faces].mean(axis=1)
-    normals = area_normals(vertices, faces)
-    damping = face_damping(w, normals, law)
-    felt = w[:, None] + (velocity - after)[faces]  # (F, 3, 3) at each corner
-    direction = w / np.maximum((w**2).sum(axis=-1, keepdims=True), TINY)
-    by_wind = damping[:, None] + np.einsum("fij,fcj,fk->fcik", damping, felt, direction)
-    n = _unit(normals)
-    push = np.einsum("fci,fi->fc", felt, n)
-    turned = push[..., None, None] * (np.eye(3) - n[:, None, :, None] * n[:, None, None, :]) + n[:, None, :, None] * felt[:, :, None]
-    by_normal = law.tangential * felt[..., None] * n[:, None, None] + (law.normal - law.tangential) * turned
-    by_normal = 0.5 * law.density * np.linalg.norm(w, axis=-1)[:, None, None, None] * by_normal
-    corners = vertices[faces]
-    edge = 0.5 * (np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1))
-    by_corner = np.cross(edge[:, :, None], np.eye(3)).swapaxes(-1, -2)  # normal by corner d: (F, d, i, j)
-    by_place = np.einsum("fcik,fdkj->fcidj", by_normal, by_corner) / 3.0
-    shared = np.broadcast_to(by_wind[:, :, :, None] / 9.0, (len(faces), 3, 3, 3, 3))
-    return DragSlopes(by_place.reshape(-1, 9, 9), shared.reshape(-1, 9, 9))

@@ -138,9 +138,3 @@ def _faces(x: np.ndarray, spacing: float, volume: float) -> tuple[np.ndarray, np
         faces.append(size**2 * step[tuple(found.T)][:, None] * unit)
         ways.append(2 * nearest + (normal[np.arange(len(found)), nearest] > 0.0))
     return np.concatenate(centres), np.concatenate(faces), np.concatenate(ways)
-
-
-def facing_area(normals: np.ndarray, direction: np.ndarray) -> float:
-    """Area [m²] that a closed surface of area normals (E, 3) shows along `direction` (3,)."""
-    direction = direction / max(float(np.linalg.norm(direction)), TINY)
-    return float(np.maximum(-normals @ direction, 0.0).sum())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.observe.object.motion.control import attach, barycentric, carry
+from seeing_wind.engine.observe.object.motion.control import attach
 
 
 def affine(rng: np.random.Generator):
@@ -59,30 +59,3 @@ def test_few_particles() -> None:
         attach(np.zeros((1, 3)), np.empty((0, 3)))
     with pytest.raises(ObjectError, match="finite"):
         attach(np.full((1, 3), np.nan), line)
-
-
-def test_barycentric_inside_its_triangle() -> None:
-    controls = np.array([[0.0, 0, 0], [1.0, 0, 0], [0.0, 1, 0], [9.0, 9, 9]])
-    attachment = barycentric(np.array([[0.2, 0.3, 0.0]]), controls)
-    assert dict(zip(attachment.index[0].tolist(), attachment.weight[0].tolist())) == pytest.approx({0: 0.5, 1: 0.2, 2: 0.3})
-    assert attachment.follow(controls)[0] == pytest.approx([0.2, 0.3, 0.0])
-
-
-def test_barycentric_out_of_plane_keeps_the_offset() -> None:
-    controls = np.array([[0.0, 0, 0], [1.0, 0, 0], [0.0, 1, 0]])
-    point = np.array([[0.2, 0.3, 0.5]])
-    attachment = barycentric(point, controls)
-    assert attachment.follow(controls)[0] == pytest.approx([0.2, 0.3, 0.0])
-    moved = controls + [0.0, 1.0, 2.0]
-    assert carry(attachment, point, controls, moved)[0] == pytest.approx([0.2, 1.3, 2.5])
-
-
-def test_barycentric_replaces_a_third_point_on_a_line() -> None:
-    controls = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [0.0, 5.0, 0]])
-    attachment = barycentric(np.array([[0.05, 0.01, 0.0]]), controls)
-    assert 3 in attachment.index[0]
-    assert attachment.follow(controls)[0] == pytest.approx([0.05, 0.01, 0.0])
-    alone = barycentric(np.array([[0.05, 0.01, 0.0]]), controls[:3])
-    assert alone.weight[0] == pytest.approx([1.0, 0.0, 0.0])
-    with pytest.raises(ObjectError):
-        barycentric(np.zeros((1, 3)), np.empty((0, 3)))

@@ -5,7 +5,7 @@ import pytest
 
 from seeing_wind.engine.records import Attachment, Particles
 from seeing_wind.engine.recovery.wind.drag import AIR, face_forces
-from seeing_wind.engine.recovery.wind.surface import facing_area, mesh_surface, particle_surface
+from seeing_wind.engine.recovery.wind.surface import mesh_surface, particle_surface
 
 SPACING = 0.01
 REST = np.tile(np.eye(3), (1, 1, 1))
@@ -24,6 +24,11 @@ def turn(axis, angle):
     a = np.asarray(axis, float) / np.linalg.norm(axis)
     K = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
     return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+
+
+def facing_area(normals, direction):
+    """Area [m²] that a closed surface of area normals (E, 3) shows along `direction` (3,)."""
+    return np.maximum(-normals @ direction / np.linalg.norm(direction), 0.0).sum()
 
 
 @pytest.mark.parametrize("layers", [1, 2, 5])

@@ -1,6 +1,6 @@
-"""Points that ride on other points with weights fixed in picture 0: affine moving least squares, and the paper's barycentric control.
+"""Points that ride on other points with weights fixed in picture 0, by affine moving least squares.
 
-The paper moves every Gaussian with its three nearest key points (Eq. (13) of arXiv 2512.00762, `barycentric`). Here the body moves by
+The paper moves every Gaussian with its three nearest key points (Eq. (13) of arXiv 2512.00762). Here the body moves by
 physics, and it is the key points, the Gaussians and the surface that ride on the particles (`attach`): 16 neighbours instead of three
 reproduce every affine motion, out of the plane too, where three points lose rotation.
 """
@@ -66,52 +66,3 @@ def kernel_of(distance: np.ndarray) -> np.ndarray:
     """Kernel weights (K, J) of distances (K, J): 1 at the point, small at the farthest neighbour."""
     reach = 1.1 * np.maximum(distance.max(axis=1, keepdims=True), 1e-300)
     return (1.0 - (distance / reach) ** 2) ** 2
-
-
-def barycentric(points: np.ndarray, controls: np.ndarray, candidates: int = 8) -> Attachment:
-    """The paper's control by the three nearest key points, Eq. (13): x = a_i P_i + a_j P_j + a_k P_k, coefficients fixed in picture 0.
-
-    Out of the triangle's plane the coefficients are those of the foot of the perpendicular (least squares), and `carry` keeps the
-    remaining offset as it was. Where the three nearest lie on a line, the third is replaced by the next one (of `candidates`) that does
-    not; where all do, the point rides on its nearest key point alone.
-
-    Args:
-        points: (G, 3) [m]; controls: (K, 3) key points P at rest [m].
-
-    Raises:
-        ObjectError: fewer than one key point.
-    """
-    points, controls = np.asarray(points, dtype=np.float64), np.asarray(controls, dtype=np.float64)
-    if len(controls) == 0:
-        raise ObjectError("There are no key points to control the body.", "Give tracks on the object.")
-    count = min(max(candidates, 3), len(controls))
-    order = cKDTree(controls).query(points, k=count)[1].reshape(-1, count)
-    index = np.repeat(order[:, :1], 3, axis=1).astype(np.int32)
-    weight = np.zeros((len(points), 3))
-    weight[:, 0] = 1.0
-    open_ = np.full(len(points), count >= 3)
-    for third in range(2, count):
-        a, b, c = (controls[order[:, i]] for i in (0, 1, third))
-        ab, ac, ap = b - a, c - a, points - a
-        bb, cc, bc = (ab * ab).sum(1), (ac * ac).sum(1), (ab * ac).sum(1)
-        determinant = bb * cc - bc**2
-        good = open_ & (determinant > 1e-4 * bb * cc)  # the sine of the corner above 0.01
-        safe = np.where(good, determinant, 1.0)
-        pb, pc = (ap * ab).sum(1), (ap * ac).sum(1)
-        beta, gamma = (cc * pb - bc * pc) / safe, (bb * pc - bc * pb) / safe
-        weight[good] = np.stack([1.0 - beta - gamma, beta, gamma], axis=1)[good]
-        index[good] = order[:, (0, 1, third)][good]
-        open_ &= ~good
-    return Attachment(index=index, weight=weight)
-
-
-def carry(attachment: Attachment, points: np.ndarray, rest: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Move points (K, 3) by the displacement of what they are attached to, keeping any offset that the attachment does not reproduce.
-
-    Args:
-        rest: (N, 3) carriers at rest [m]; moved: (..., N, 3) the same carriers later [m].
-
-    Returns:
-        (..., K, 3) [m].
-    """
-    return points + attachment.follow(moved) - attachment.follow(rest)
