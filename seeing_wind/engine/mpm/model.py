@@ -15,30 +15,6 @@ MOST_NODES = 30_000_000
 
 
 @dataclass(frozen=True)
-class GridForce:
-    """Acceleration at a box of nodes; zero outside."""
-
-    lo: np.ndarray
-    """(3,) int32, first node of the box: it stands at the lattice's offset + dx lo."""
-    acceleration: np.ndarray
-    """(a, b, c, 3) held all the time, or (T, a, b, c, 3), one for each frame from the clip's first [m/s²]; the last frame's goes on."""
-
-    @property
-    def active(self) -> bool:
-        """Whether anything is pushed."""
-        return bool(self.acceleration.any())
-
-    def at(self, frame: int) -> np.ndarray:
-        """(a, b, c, 3) in a frame."""
-        field = self.acceleration
-        return field if field.ndim == 4 else field[min(max(frame, 0), len(field) - 1)]
-
-
-NO_FORCE = GridForce(np.zeros(3, np.int32), np.zeros((1, 1, 1, 3)))
-"""No force at any node."""
-
-
-@dataclass(frozen=True)
 class Model:
     """Bodies, grid and time of one simulation. `model_for` builds it."""
 
@@ -86,11 +62,9 @@ class Model:
     """(N, 3) [m] all particles at rest; only with `pin_path`."""
     clamp_depth: float = 0.0
     """Cells below the border of the pinned material at which it begins to be held."""
-    grid_force: GridForce = NO_FORCE
-    """Acceleration prescribed at nodes of the lattice, see `lattice.grid_force.with_grid_force`."""
     axes: np.ndarray | None = None
     """(3, 3) the lattice's axes as columns, None for the world's. What says where nodes are (offset, clamp, pin_path, pin_rest,
-    collider_grid, grid_force) is in coordinates along them; `rollout` and its kin turn what they get and what they give back."""
+    collider_grid) is in coordinates along them; `rollout` and its kin turn what they get and what they give back."""
 
     def upright(self) -> Model:
         """The same in the lattice's own coordinates."""

@@ -2,7 +2,7 @@
 
 One simulation of the body as it is; then every change costs a small part of another, because it shares all that depends on the body alone
 (`kernels.linearise`, `kernels.carry`): elastic or plastic, held by what stands still or by what moves. What touches
-a collider has no such changes: the nodes that go along would leave the wall.
+a collider has no such changes.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from .checks import check_state
 from .compiler.settings import compiled_in, contracted, native_vectors
 from .failure import diagnosis, failure
 from .kernels import linearise, substep
-from .kernels.carry import PLASTIC_STATE, SOURCE, STATE, WIDTHS, carry
+from .kernels.carry import SOURCE, STATE, WIDTHS, carry
 from .kernels.copies_forward import CODE, DONE
-from .kernels.linearise import FLOW, RECORD
+from .kernels.linearise import FLOW
 from .kernels.native import aligned, aligned_zeros
 from .lattice.kinematics import conditions_for
 from .laws.plasticity import VON_MISES
@@ -95,7 +95,7 @@ class _Carrier:
     def __init__(self, model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, changes: Changes, progress: Progress) -> None:
         check_state(model.particles, model.offset, model.dx, start.x, start.v, start.C, start.F)
         self.model, self.state, self.progress = model, start, progress
-        self.body = CopiesRun(model, MOST_NUMBERS // (2 * 3 * WIDTHS[-1]))
+        self.body = CopiesRun(model, MOST_NUMBERS // (2 * 4 * WIDTHS[-1]))
         self.body.make_room_for(start.x[None])
         self.active, self.count = self.body.packing.active, len(self.body.packing.active)
         self.phi, self.dphi = torch.from_numpy(np.ascontiguousarray(phi)), torch.from_numpy(np.ascontiguousarray(dphi))
@@ -113,8 +113,7 @@ class _Carrier:
         """First acting frame of each change; later ones lie in later groups."""
         per_frame = torch.from_numpy(changes.coefficients[self.order]).float()
         self.coefficients = torch.cat([per_frame, per_frame.new_zeros(groups * self.width - count, *per_frame.shape[1:])])
-        numbers = PLASTIC_STATE if model.plastic else STATE
-        self.lanes = aligned_zeros((groups, n, numbers, self.width), np.float32)
+        self.lanes = aligned_zeros((groups, n, STATE, self.width), np.float32)
         for rows, values in ((slice(0, 3), changes.v0), (slice(3, 12), changes.C0)):
             if values is not None:
                 padded = np.zeros((groups * self.width, n, rows.stop - rows.start), np.float32)
@@ -142,9 +141,9 @@ class _Carrier:
             substeps = self._record(acceleration, gradient, t)
             groups = -(-int((self.begin <= t).sum()) // self.width)
             if groups:
-                self._force(groups, t, substeps, spatial[self.active])
+                self._force(groups, t, substeps, gradient[self.active], spatial[self.active])
                 self._carry(groups, substeps)
-                moved = self.lanes[:groups, :, 21:24].transpose(0, 3, 1, 2).reshape(-1, self.count, 3)[: self.changes]
+                moved = self.lanes[:groups, :, 21:].transpose(0, 3, 1, 2).reshape(-1, self.count, 3)[: self.changes]
                 changed[self.order[: len(moved), None], t + 1, self.active] = moved
             x[t + 1] = self.state.x
             loop.reached(t + 1, partial(self._so_far, x[: t + 2], changed[:, : t + 2], groups))
@@ -169,7 +168,7 @@ class _Carrier:
                 break
         else:
             raise self._failure(status, frame, substeps)
-        self._linearise(pieces)
+        self._linearise(pieces, force)
         after = State(*(np.array(array) for array in (self.state.x, self.state.v, self.state.C, self.state.F)))
         packing.write(packing.active, self.rows[-6 * self.count :], m.offset, after)
         self.state = after
@@ -190,29 +189,34 @@ class _Carrier:
         count, flowing = self.count, self.model.plastic
         self.rows = aligned(((substeps + 1) * 6 * count, 4), np.float64)
         self.boxes, self.corner = np.zeros((substeps, 6), np.int32), np.zeros((substeps, count), np.int32)
-        self.record = np.empty(substeps * count * RECORD, np.float32)
+        self.record = np.empty(substeps * count * linearise.width_of(flowing), np.float32)
         self.flows = np.zeros((substeps, count) if flowing else (1, 1), np.int32)
         self.flow = np.empty(substeps * count * FLOW if flowing else 1, np.float32)
 
-    def _linearise(self, pieces: list[Piece]) -> None:
-        """Fills corner, record, flows, flow and inverse_mass from what the frame has kept."""
+    def _linearise(self, pieces: list[Piece], force: np.ndarray) -> None:
+        """Fills corner, record, flows, flow, inverse_mass and velocity from what the frame has kept."""
         m, substeps, begin = self.model, len(self.boxes), 0
         self.nodes = int(np.prod(self.boxes[:, 3:].astype(np.int64), axis=1).max())
         self.inverse_mass = np.empty((substeps, self.nodes), np.float32)
+        self.velocity = np.empty(3 * substeps * self.nodes, np.float32)
         for piece, end in zip(pieces, ends_of(len(pieces), substeps)):
+            window = np.concatenate([np.zeros(3 * substep.CLAMP_LO, np.int32), piece.lo])
             with contracted(), compiled_in(np.float64):
-                linearise.linearise(
-                    m.plastic, begin, end, self.body.particle, self.rows, piece.lattice, self.boxes,
-                    self.corner, self.record, self.flows, self.flow,
-                )  # fmt: skip
-                linearise.inverse_masses(
+                linearise.node_motion(
                     begin, end, self.body.capacity, LEAST_MASS * float(m.mass.min()), self.boxes, self.body.grid,
-                    piece.boundary[0], piece.lo, self.inverse_mass,
+                    *piece.boundary, piece.lattice, window, self.inverse_mass, self.velocity,
+                )  # fmt: skip
+                linearise.linearise(
+                    m.plastic, begin, end, self.nodes, self.body.particle, self.rows, force, piece.lattice, self.boxes, self.velocity,
+                    self.corner, self.record, self.flows, self.flow,
                 )  # fmt: skip
             begin = end
 
-    def _force(self, groups: int, frame: int, substeps: int, spatial: np.ndarray) -> None:
-        """What the changed force gives in a substep, into `source`; `spatial` (M, 3, 3) is F^-1 at the frame's start."""
+    def _force(self, groups: int, frame: int, substeps: int, gradient: np.ndarray, spatial: np.ndarray) -> None:
+        """What the changed force gives in a substep, into `source`; `spatial` (M, 3, 3) is F^-1 at the frame's start.
+
+        `gradient` (M, 3, 3), grad a, changes with F itself by -grad a dF F^-1; nodes that go along undo just that.
+        """
         m, n = self.model, self.count
         momentum = torch.from_numpy(m.mass[self.active] * m.frame_dt / substeps)
         slope = m.dx * torch.from_numpy(spatial).transpose(1, 2) @ self.dphi[self.active].transpose(1, 2)
@@ -220,9 +224,15 @@ class _Carrier:
         change = self.coefficients[: groups * self.width, frame].reshape(groups, self.width, -1, 3).permute(0, 2, 3, 1)
         out = torch.from_numpy(self.source)[:groups].view(groups, 4 * n, 3 * self.width)
         torch.matmul(given, change.reshape(groups, -1, 3 * self.width), out=out)
+        if not m.plastic:
+            return
+        scaled = torch.from_numpy(-m.dx * gradient).float() * momentum[:, None, None].float()
+        dF = torch.from_numpy(self.lanes)[:groups, :, 12:21].unflatten(2, (3, 3))
+        turned = torch.einsum("nca,gnabw,nbk->gnkcw", scaled, dF, torch.from_numpy(spatial).float())
+        torch.from_numpy(self.source)[:groups, :, 3:] += turned.flatten(2, 3)
 
     def _carry(self, groups: int, substeps: int) -> None:
-        m, nodes, active = self.model, 3 * self.nodes, self.active
+        m, nodes, active = self.model, 4 * self.nodes, self.active
         mass, flat = m.mass[active].astype(np.float32), lambda array: array.reshape(-1, self.width)
         viscous = np.where(m.law < VON_MISES, -4.0 * m.frame_dt / substeps / m.dx * m.volume * m.viscosity, 0.0)[active]
         damping = np.stack([viscous, viscous * m.lam[active] / m.mu[active]], axis=1).astype(np.float32).reshape(-1)
@@ -234,5 +244,6 @@ class _Carrier:
             with native_vectors(), contracted(), compiled_in(np.float32):
                 carry[self.width](
                     m.plastic, first, mass, damping, m.role[active], m.dx, m.frame_dt / substeps, self.boxes,
-                    self.corner, self.record, self.flows, self.flow, self.inverse_mass, flat(self.source), flat(self.lanes), grid,
+                    self.corner, self.record, self.flows, self.flow, self.inverse_mass, self.velocity,
+                    flat(self.source), flat(self.lanes), grid,
                 )  # fmt: skip

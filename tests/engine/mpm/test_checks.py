@@ -205,16 +205,21 @@ def test_the_particle_that_broke_it_is_named(body):
         rollout(model, replace(rest, x=with_value(rest.x, 37, 1e12)), still)
 
 
-@pytest.mark.parametrize("count, module", [(3, "copies"), (21, "body.substeps")], ids=["small", "large"])
-def test_the_particle_that_flew_off_is_named(monkeypatch, count, module):
-    body = block((count, count, count))
+@pytest.mark.parametrize("how", ["alone", "as a copy"])
+def test_the_particle_that_flew_off_is_named(monkeypatch, how):
+    body = block((3, 3, 3))
     lost = Particles(np.full((1, 3), 0.3), body.volume[:1], np.zeros(1, bool), body.spacing)
     model, _ = model_for([lost, body], RUBBER, 30.0, gravity=(0, 0, 0))
-    monkeypatch.setattr(importlib.import_module(f"seeing_wind.engine.mpm.{module}"), "MOST_NODES", 40_000)
+    for module in ("substeps", "copies_run"):
+        monkeypatch.setattr(importlib.import_module(f"seeing_wind.engine.mpm.body.{module}"), "MOST_NODES", 40_000)
     x, v = np.concatenate([lost.x, body.x]), np.zeros((model.particles, 3))
     v[0] = 6.0
     with pytest.raises(SimulationError, match="flew off") as caught:
-        rollout(model, State.at_rest(x, v), np.zeros((5, model.particles, 3)))
+        if how == "alone":
+            rollout(model, State.at_rest(x, v), np.zeros((5, model.particles, 3)))
+        else:
+            phi = np.ones((model.particles, 1))
+            rollout_batch(model, State.at_rest(x, v), phi, 0.0 * x[:, None], np.zeros((2, 5, 1, 3)), strict=True)
     assert caught.value.particle == 0 and caught.value.quantity == "position" and caught.value.frame > 0
 
 

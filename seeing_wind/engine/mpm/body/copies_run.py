@@ -23,15 +23,15 @@ _NOT_KEPT = np.zeros((0, 6), np.int32)
 class CopiesRun:
     """Runs the substeps of frames of one model, in double precision."""
 
-    def __init__(self, model: Model, most_nodes: int = MOST_NODES) -> None:
-        """most_nodes: a body that wants more in its grid has burst."""
+    def __init__(self, model: Model, most_nodes: int | None = None) -> None:
+        """most_nodes: a body that wants more in its grid has burst; None is `MOST_NODES`."""
         assert model.axes is None, "give Model.upright"
         device.start(model.device)
         self.model, self.packing = model, Packing(model, "double", 1)
         self.particle = self.packing.particle.reshape(-1)
-        self.window = np.zeros(3 * (substep.PUSH_LO + 1), np.int32)
+        self.window = np.zeros(3 * (substep.SOLID_LO + 1), np.int32)
         self.kernel = Launcher(copies_forward.substeps_of_copies, self.packing.real)
-        self.most, self.capacity = most_nodes, 0
+        self.most, self.capacity = most_nodes or MOST_NODES, 0
         """Nodes of each grid."""
         self.grid = self.velocity = aligned((0, 4), self.packing.real)
 

@@ -18,9 +18,9 @@ class Piece:
     pin_velocity: np.ndarray
     """(M, 3) of the particles in their order, or one row (1, 3) of zeros [m/s]."""
     lo: np.ndarray
-    """(9,) int32, first nodes of the boxes of clamped, solid and pushed nodes."""
+    """(6,) int32, first nodes of the boxes of clamped and solid nodes."""
     boundary: tuple[np.ndarray, ...]
-    """clamp, clamp_velocity, planes, solid, push; see `conditions.boundary_velocity`."""
+    """clamp, clamp_velocity, planes, solid; see `conditions.boundary_velocity`."""
 
 
 @dataclass

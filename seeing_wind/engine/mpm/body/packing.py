@@ -107,8 +107,8 @@ class Packing:
             offset=offset,
             lattice=real(np.array([*offset, self.model.dx, dt])),
             pin_velocity=real(c.pin_velocity if len(c.pin_velocity) == 1 else c.pin_velocity[order]),
-            lo=np.concatenate([c.clamp_lo, c.solid_lo, c.push_lo]).astype(np.int32),
-            boundary=(c.clamp, real(c.clamp_velocity), real(planes), real(c.solid), real(c.push)),
+            lo=np.concatenate([c.clamp_lo, c.solid_lo]).astype(np.int32),
+            boundary=(c.clamp, real(c.clamp_velocity), real(planes), real(c.solid)),
         )
 
     def boxes(self, run: FrameRun, packed: np.ndarray, offset: np.ndarray) -> np.ndarray:

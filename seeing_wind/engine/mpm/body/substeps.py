@@ -175,7 +175,7 @@ class Body:
             self.momentum, self.velocity = (aligned((wanted + wanted // 3, 4), self.real) for _ in range(2))
         if room > len(self.grid):
             self.grid = aligned((min(room + room // 3, MOST_INDEXED), 4), self.real)
-        self.window[:3], self.window[3:6], self.window[6:15] = lo, dims, piece.lo
+        self.window[:3], self.window[3:6], self.window[6:12] = lo, dims, piece.lo
         self.window[parallel.CAPACITY :] = min(len(self.velocity), MOST_NODES), len(self.grid), 0, 0
         return True
 

@@ -1,33 +1,37 @@
 """How small changes of the force move one body: many changes carried through a frame's linearised substeps at once.
 
-A change is carried in coordinates that move with it: the nodes go along with the changed particles, so that weights stay and
+The exact derivative of the substep, which a body with a plastic law gets (what the names mean is in `linearise`):
 
-    p2g   q = m (dv + dt da),  B = dx m (D + dt dG) - (4 dt V / dx) (dtau - tau L^T),  L = dF F^-1,  dC = D - C L
-    g2p   dv = sum w dv_i,  D = 4/dx² sum w dv_i (x_i - x_p)^T,  dF += dt D F,  dx += dt dv
+    p2g    d(m_i v_i) = sum w (dq + dB (x_i - x_p) - B dx) + (dx . grad w) (q + B (x_i - x_p)),  dm_i = sum (dx . grad w) m
+           dq = m (dv + dt da),  dB = m (dC + dt dG) - (4 dt V / dx²) dtau
+    nodes  dv_i = (d(m_i v_i) - v_i dm_i) / m_i, zero where a node is clamped
+    g2p    dv = sum w dv_i + turn dx,  dC = 4/dx² sum w dv_i (x_i - x_p)^T + swirl dx
+           dF <- (1 + dt C) dF + dt dC F, then, where it flows, (d flow / d F) dF;  dx += dt dv
 
-Where a plastic law lets F forget, dF F^-1 is no longer L, the gradient of the change of place. It is carried by itself, G:
+An elastic body's changes are carried in half the time, in coordinates that move with them: the nodes go along with the changed particles,
+so that weights stay, and with L = dF F^-1 and D = dC + C L, the change's velocity gradient in the unchanged body,
 
-    p2g   dtau - tau G^T;   g2p   dF += dt D F + dt C (dF - G F), then dF <- (d flow / d F) dF;   G += dt (D - G C)
+    p2g    dq as above,  dB = m (D + dt dG) - (4 dt V / dx²) (dtau - tau L^T)
+    g2p    dv = sum w dv_i,  D = 4/dx² sum w dv_i (x_i - x_p)^T,  dF += dt D F,  dx += dt dv
 
-with D the change's velocity gradient in the unchanged body. It is the substep of `substep` with stress and flow exchanged for their
-derivatives (`linearise`). What the moving nodes neglect is of the order of the discretisation's own error: for a plate of
-14 cells 0.2 %, for a block of 2 by 2 by 3 cells 10 %.
+What the moving nodes neglect is of the order of the discretisation's own error: for a plate of 14 cells 0.2 %, for a block of 2 by 2 by 3
+cells 10 %. In a body that flows it would be half of the change, as the strain of its nodes is never undone.
 
-Changes that are carried together share weights and stress derivative; they are the lanes of a vector.
+Changes that are carried together share all that they are multiplied with; they are the lanes of a vector.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
 
 from ..compiler import ti
 from ..lattice.boundary import FREE
-from .linearise import FLOW, RATE, RECORD, STRESS, masses, singles
+from .linearise import FLOAT, FLOW, GROWTH, PLACE, PULL, SLOPES, STRESS, SWIRL, TURN, WEIGHTS, masses, singles, width_of
 from .packed import integers, table
 from .substep import STRIDE
 
 WIDTHS = (8, 16)
 """Changes that may be carried together: one or two vector registers of single precision, or one of the wide ones."""
-STATE, PLASTIC_STATE = 24, 33
-"""Numbers of a change per particle: dv 0..2, D 3..11, dF 12..20, dx 21..23; with plastic laws G 24..32; matrices row by row."""
+STATE = 24
+"""Numbers of a change per particle: dv 0..2, dC or D 3..11, dF 12..20, dx 21..23, matrices row by row."""
 SOURCE = 12
 """dt m da 0..2, dt m dx dG 3..11, dG column by column."""
 
@@ -38,27 +42,26 @@ def _carry(width: int):
     @ti.kernel
     def carry(
         plastic: ti.template(), first: ti.i32, mass: singles, damping: singles, role: integers, dx: ti.f32, dt: ti.f32,
-        boxes: table, corner: table, record: singles, flows: table, flow: singles, inverse_mass: masses,
+        boxes: table, corner: table, record: singles, flows: table, flow: singles, inverse_mass: masses, velocity: singles,
         source: lanes, state: lanes, grid: lanes,
     ):  # fmt: skip
-        """Brings state (groups M STATE,), or PLASTIC_STATE, of the groups from `first` on through a frame under source (groups M SOURCE,).
+        """Brings state (groups M STATE,) of the groups from `first` on through a frame under source (groups M SOURCE,).
 
-        damping (2 M,): for each particle -(4 dt V / dx) eta, and that times lam / mu; see `viscous`. grid (groups 3 nodes,).
+        damping (2 M,): for each particle -(4 dt V / dx) eta, and that times lam / mu; see `viscous`. grid (groups 4 nodes,).
         """
         ti.loop_config(block_dim=STRIDE)
-        for turn in range(grid.shape[0] // (3 * inverse_mass.shape[1]) * STRIDE):
+        for turn in range(grid.shape[0] // (4 * inverse_mass.shape[1]) * STRIDE):
             if turn % STRIDE == 0:
-                g = turn // STRIDE
-                own = g * 3 * inverse_mass.shape[1]
-                count = mass.shape[0]
+                g, count, most = turn // STRIDE, mass.shape[0], inverse_mass.shape[1]
+                own = g * 4 * most
                 for s in range(boxes.shape[0]):
-                    to_nodes(
-                        plastic, s, first + g, count, own, mass, damping, dx, boxes, corner, record, flow, source, state, grid
-                    )  # fmt: skip
+                    to_nodes(plastic, s, first + g, count, own, mass, damping, dx, boxes, corner, record, source, state, grid)
                     for node in range(boxes[s, 3] * boxes[s, 4] * boxes[s, 5]):
-                        inverse = inverse_mass[s, node]
+                        inverse, at, to = inverse_mass[s, node], 3 * (s * most + node), own + 4 * node
                         for a in ti.static(range(3)):
-                            grid[own + 3 * node + a] = inverse * grid[own + 3 * node + a]
+                            if ti.static(plastic):
+                                grid[to + a] = grid[to + a] - velocity[at + a] * grid[to + 3]
+                            grid[to + a] = inverse * grid[to + a]
                     from_nodes(plastic, s, first + g, count, own, role, dx, dt, boxes, corner, record, flows, flow, state, grid)
 
     return carry
@@ -67,28 +70,23 @@ def _carry(width: int):
 @ti.func
 def to_nodes(
     plastic: ti.template(), s, group, count, own, mass: ti.template(), damping: ti.template(), dx, boxes: ti.template(),
-    corner: ti.template(), record: ti.template(), flow: ti.template(), source: ti.template(), state: ti.template(), grid: ti.template(),
+    corner: ti.template(), record: ti.template(), source: ti.template(), state: ti.template(), grid: ti.template(),
 ):  # fmt: skip
-    """p2g of all particles' changes."""
+    """p2g of all particles' changes: a node's momentum, then its mass."""
     nil = 0.0 * state[0]
     stride_y = boxes[s, 5]
     stride_x = boxes[s, 4] * stride_y
-    for node in range(3 * boxes[s, 3] * stride_x):
+    for node in range(4 * boxes[s, 3] * stride_x):
         grid[own + node] = nil
     for p in range(count):
-        at, given = (s * count + p) * RECORD, (group * count + p) * SOURCE
-        row = (group * count + p) * ti.static(PLASTIC_STATE if plastic else STATE)
-        node = own + 3 * corner[s, p]
+        at, row, given = (s * count + p) * ti.static(width_of(plastic)), (group * count + p) * STATE, (group * count + p) * SOURCE
+        node = own + 4 * corner[s, p]
         for c in range(3):
             B = [source[given + 3 + 3 * k + c] + (mass[p] * dx) * state[row + 3 + 3 * c + k] for k in ti.static(range(3))]
             for k in ti.static(range(9)):
                 F = state[row + 12 + k]
                 for d in ti.static(range(3)):
-                    B[d] = B[d] + record[at + 12 + 9 * (3 * c + d) + k] * F
-            if ti.static(plastic):
-                stress = (s * count + p) * FLOW + STRESS + 3 * c
-                for d, k in ti.static(ti.ndrange(3, 3)):
-                    B[d] = B[d] - flow[stress + k] * state[row + 24 + 3 * d + k]
+                    B[d] = B[d] + record[at + STRESS + 9 * (3 * c + d) + k] * F
             if damping[2 * p] != 0.0:
                 swell = damping[2 * p + 1] * (state[row + 3] + state[row + 7] + state[row + 11])
                 for d in ti.static(range(3)):
@@ -96,17 +94,40 @@ def to_nodes(
                     B[d] = B[d] + ti.cast(c == d, ti.f32) * swell
             value = source[given + c] + mass[p] * state[row + c]
             for d in ti.static(range(3)):
-                value = value - record[at + 9 + d] * B[d]
+                value = value - record[at + PLACE + d] * B[d]
             for i in ti.static(range(3)):
                 line = value
                 for j in ti.static(range(3)):
-                    w = record[at + 3 * i] * record[at + 3 * j + 1]
-                    to = node + 3 * (i * stride_x + j * stride_y) + c
-                    grid[to] = grid[to] + (w * record[at + 2]) * line
-                    grid[to + 3] = grid[to + 3] + (w * record[at + 5]) * (line + B[2])
-                    grid[to + 6] = grid[to + 6] + (w * record[at + 8]) * (line + B[2] + B[2])
+                    w = record[at + WEIGHTS + 3 * i] * record[at + WEIGHTS + 3 * j + 1]
+                    to = node + 4 * (i * stride_x + j * stride_y) + c
+                    grid[to] = grid[to] + (w * record[at + WEIGHTS + 2]) * line
+                    grid[to + 4] = grid[to + 4] + (w * record[at + WEIGHTS + 5]) * (line + B[2])
+                    grid[to + 8] = grid[to + 8] + (w * record[at + WEIGHTS + 8]) * (line + B[2] + B[2])
                     line = line + B[1]
                 value = value + B[0]
+        if ti.static(plastic):
+            shifted_to_nodes(at, row, node, mass[p], dx, stride_x, stride_y, record, state, grid)
+
+
+@ti.func
+def shifted_to_nodes(at, row, node, mass, dx, stride_x, stride_y, record: ti.template(), state: ti.template(), grid: ti.template()):
+    """What a particle's change of place alone brings to nodes that stay: by other weights, and by other distances."""
+    dx_0, dx_1, dx_2 = state[row + 21], state[row + 22], state[row + 23]
+    away = [
+        (1.0 / dx) * (record[at + FLOAT + 3 + c] * dx_0 + record[at + FLOAT + 6 + c] * dx_1 + record[at + FLOAT + 9 + c] * dx_2)
+        for c in ti.static(range(3))
+    ]
+    for i, j in ti.static(ti.ndrange(3, 3)):
+        w_x, w_y = record[at + WEIGHTS + 3 * i], record[at + WEIGHTS + 3 * j + 1]
+        aside = (record[at + SLOPES + 3 * i] * w_y) * dx_0 + (w_x * record[at + SLOPES + 3 * j + 1]) * dx_1
+        for k in ti.static(range(3)):
+            w_z, to = record[at + WEIGHTS + 3 * k + 2], node + 4 * (i * stride_x + j * stride_y + k)
+            shift = w_z * aside + (w_x * w_y * record[at + SLOPES + 3 * k + 2]) * dx_2
+            for c in ti.static(range(3)):
+                brought = record[at + FLOAT + c] + i * record[at + FLOAT + 3 + c]
+                brought = brought + j * record[at + FLOAT + 6 + c] + k * record[at + FLOAT + 9 + c]
+                grid[to + c] = grid[to + c] + brought * shift - (w_x * w_y * w_z) * away[c]
+            grid[to + 3] = grid[to + 3] + mass * shift
 
 
 @ti.func
@@ -118,60 +139,49 @@ def from_nodes(
     stride_y = boxes[s, 5]
     stride_x = boxes[s, 4] * stride_y
     for p in range(count):
-        at, row = (s * count + p) * RECORD, (group * count + p) * ti.static(PLASTIC_STATE if plastic else STATE)
-        node = own + 3 * corner[s, p]
-        if ti.static(plastic):
-            stray(row, at, (s * count + p) * FLOW + RATE, dt, record, flow, state)
+        at, row = (s * count + p) * ti.static(width_of(plastic)), (group * count + p) * STATE
+        node = own + 4 * corner[s, p]
+        before = [state[row + 12 + k] for k in ti.static(range(9))]
+        shift = [state[row + 21 + k] for k in ti.static(range(3))]
         for c in range(3):
             nil = 0.0 * state[row]
             v, M = nil, [nil, nil, nil]
             for i in ti.static(range(3)):
                 plane, plane_y, plane_z = nil, nil, nil
                 for j in ti.static(range(3)):
-                    to = node + 3 * (i * stride_x + j * stride_y) + c
-                    middle, last = record[at + 5] * grid[to + 3], record[at + 8] * grid[to + 6]
-                    line = record[at + 2] * grid[to] + middle + last
-                    w = record[at + 3 * j + 1]
+                    to = node + 4 * (i * stride_x + j * stride_y) + c
+                    middle, last = record[at + WEIGHTS + 5] * grid[to + 4], record[at + WEIGHTS + 8] * grid[to + 8]
+                    line = record[at + WEIGHTS + 2] * grid[to] + middle + last
+                    w = record[at + WEIGHTS + 3 * j + 1]
                     plane = plane + w * line
                     plane_z = plane_z + w * (middle + last + last)
                     if ti.static(j > 0):
                         plane_y = plane_y + (j * w) * line
-                w = record[at + 3 * i]
+                w = record[at + WEIGHTS + 3 * i]
                 v = v + w * plane
                 M[1] = M[1] + w * plane_y
                 M[2] = M[2] + w * plane_z
                 if ti.static(i > 0):
                     M[0] = M[0] + (i * w) * plane
-            D = [(4.0 / dx) * (M[d] - record[at + 9 + d] * v) for d in ti.static(range(3))]
+            D = [(4.0 / dx) * (M[d] - record[at + PLACE + d] * v) for d in ti.static(range(3))]
+            grown = [state[row + 12 + 3 * c + d] for d in ti.static(range(3))]
+            if ti.static(plastic):
+                growth = at + GROWTH + 3 * c
+                for d in ti.static(range(3)):
+                    grown[d] = record[growth] * before[d] + record[growth + 1] * before[3 + d] + record[growth + 2] * before[6 + d]
+                    v = v + record[at + TURN + 3 * c + d] * shift[d]
+                    for e in ti.static(range(3)):
+                        D[d] = D[d] + record[at + SWIRL + 9 * c + 3 * d + e] * shift[e]
             for d in ti.static(range(3)):
                 state[row + 3 + 3 * c + d] = D[d]
-            for d in ti.static(range(3)):
-                turned = record[at + 93 + d] * D[0] + record[at + 96 + d] * D[1] + record[at + 99 + d] * D[2]
-                state[row + 12 + 3 * c + d] = state[row + 12 + 3 * c + d] + turned
+                pulled = record[at + PULL + d] * D[0] + record[at + PULL + 3 + d] * D[1] + record[at + PULL + 6 + d] * D[2]
+                state[row + 12 + 3 * c + d] = grown[d] + pulled
             state[row + c] = v
             if role[p] == FREE:
                 state[row + 21 + c] = state[row + 21 + c] + dt * v
         if ti.static(plastic):
-            for k in ti.static(range(9)):
-                state[row + 24 + k] = state[row + 24 + k] + dt * state[row + 3 + k]
             if flows[s, p] != 0:
                 flow_on(row + 12, (s * count + p) * FLOW, flow, state)
-
-
-@ti.func
-def stray(row, at, rate, dt, record: ti.template(), flow: ti.template(), state: ti.template()):
-    """Adds to a change what the body's own velocity gradient C makes of it: dt C (dF - G F) to dF, -dt G C to G."""
-    G = [state[row + 24 + k] for k in ti.static(range(9))]
-    E = [
-        dt * state[row + 12 + 3 * i + j]
-        - (G[3 * i] * record[at + 93 + j] + G[3 * i + 1] * record[at + 96 + j] + G[3 * i + 2] * record[at + 99 + j])
-        for i in ti.static(range(3))
-        for j in ti.static(range(3))
-    ]
-    for i, j in ti.static(ti.ndrange(3, 3)):
-        for k in ti.static(range(3)):
-            state[row + 12 + 3 * i + j] = state[row + 12 + 3 * i + j] + flow[rate + 3 * i + k] * E[3 * k + j]
-            state[row + 24 + 3 * i + j] = state[row + 24 + 3 * i + j] - dt * flow[rate + 3 * k + j] * G[3 * i + k]
 
 
 @ti.func

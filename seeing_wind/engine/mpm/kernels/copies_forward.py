@@ -107,9 +107,9 @@ def substeps_of_copies(
     plastic: ti.template(), until: ti.i32, capacity: ti.i32,  # nodes of each copy's grid
     # `particle` of one copy; states and forces of all copies, one after the other
     particle: constants, state: states, force: forces, pin_velocity: rows,
-    # at the nodes, see `conditions.boundary_velocity` and `substep.pushed`
-    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
-    lattice: numbers, window: integers,  # `lattice_of`; rows CLAMP_LO, SOLID_LO and PUSH_LO of `substep`
+    # at the nodes, see `conditions.boundary_velocity`
+    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
+    lattice: numbers, window: integers,  # `lattice_of`; rows CLAMP_LO and SOLID_LO of `substep`
     # (S, 6) out, first node and node counts, or (0, 6). With it there is one copy, the states of all substeps lie one after the other, as
     # do the grids of momentum and mass; without it all is in place, and the velocities are in the grid
     boxes: table, grid: nodes, velocity: nodes,
@@ -136,8 +136,8 @@ def substeps_of_copies(
                     copy_to_grid(plastic, now, r * count, count, wanted, at, particle, state, force, offset, dx, dt, lo, dims, grid)
                     for node in range(wanted):
                         velocity[bounded(to + node, MOST_NODES)] = node_velocity(
-                            node, grid[bounded(at + node, MOST_NODES)], lo, dims, window, offset, dx, dt,
-                            clamp, clamp_velocity, planes, solid, push,
+                            node, grid[bounded(at + node, MOST_NODES)], lo, dims, window, offset, dx,
+                            clamp, clamp_velocity, planes, solid,
                         )  # fmt: skip
                     code, status[r, CULPRIT], lo, dims = grid_to_copy(
                         plastic, now, now + kept * count, count, to, particle, state, pin_velocity, offset, dx, dt, lo, dims, velocity

@@ -1,7 +1,6 @@
 """A frame's substeps linearised: what small changes of one body's motion are multiplied with, see `carry`.
 
-All comes from the states, the boxes and the grids of every substep, as `copies_forward` keeps them. The stress derivative is that of the
-first Piola-Kirchhoff stress pushed forward (Bonet and Wood, "Nonlinear continuum mechanics", section 6.3).
+All comes from the states, the boxes and the grids of every substep, as `copies_forward` keeps them.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -23,47 +22,89 @@ from .packed import (
     constants,
     corner_of,
     flags,
+    forces,
     fourths,
     integers,
     lattice_of,
+    lattice_rows,
     matrix,
     nodes,
     numbers,
+    rows,
     rows_of,
     spline,
+    spline_slope,
     states,
     table,
     triple,
 )
 from .packed import MOST_NODES as MOST_INDEXED
-from .substep import place
+from .substep import CLAMP_LO, brought, node_velocity, place
 
-RECORD = 102
-"""Numbers of a linearised particle: weights 0..8, place f in its cell 9..11, derivative of the stress 12..92, dt F 93..101."""
+WEIGHTS, PLACE, STRESS, PULL, SLOPES, FLOAT, TURN, SWIRL, GROWTH = 0, 9, 12, 93, 102, 111, 123, 132, 159
+"""Where in a linearised particle's numbers they are:
 
-FLOW, STRESS, RATE = 99, 81, 90
-"""Numbers that a particle has besides in a body with plastic laws: the derivative of the flow, row 3 i + j that of F_ij after it by the
-nine of F before it; from STRESS on -(4 dt V / dx) tau, from RATE on C, both zero under an elastic law."""
+    WEIGHTS  3 i + a  of the i-th node along axis a                              PLACE   f in its cell
+    STRESS   -(4 dt V / dx) (dtau - tau L^T) by dF, row 3 a + b that of tau_ab   PULL    dt F
+
+and in a body with a plastic law, where STRESS is without tau L^T,
+
+    SLOPES   3 i + a  derivatives of the weights [1/m]     TURN    dv by dx, 3 c + e
+    GROWTH   I + dt C                                      SWIRL   dC by dx, 9 c + 3 d + e
+    FLOAT    S X Y Z of `substep.brought`, three each: what the particle brings to node (i, j, k) is S + i X + j Y + k Z
+"""
+RECORD, PLASTIC_RECORD = 102, 168
+"""How many there are."""
+FLOW = 81
+"""Numbers of the derivative of plastic flow: row 3 i + j is that of F_ij after it, by the nine of F before it."""
+
+
+
+def width_of(plastic: bool) -> int:
+    """`RECORD` or `PLASTIC_RECORD`; a constant of the kernel."""
+    return PLASTIC_RECORD if plastic else RECORD
+
 
 singles = ti.types.ndarray(dtype=ti.f32, ndim=1)
 masses = ti.types.ndarray(dtype=ti.f32, ndim=2)
 
 
+@ti.kernel
+def node_motion(
+    begin: ti.i32, end: ti.i32, capacity: ti.i32, least_mass: ti.f64, boxes: table, momentum: nodes,
+    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, lattice: numbers, window: integers,
+    inverse_mass: masses, velocity: singles,
+):  # fmt: skip
+    """Out, for substeps `begin` to `end`: inverse_mass (S, nodes), zero for nodes that are clamped or have less than least_mass [kg], and
+    their velocities (S nodes 3,). `momentum` has `capacity` nodes for each substep."""
+    for s, node in ti.ndrange((begin, end), inverse_mass.shape[1]):
+        offset, dx, dt = lattice_of(lattice)
+        lo, dims = ti.Vector([boxes[s, a] for a in range(3)]), ti.Vector([boxes[s, 3 + a] for a in range(3)])
+        if node < dims[0] * dims[1] * dims[2]:
+            g, c = momentum[bounded(s * capacity + node, MOST_INDEXED)], place(node, lo, dims) - triple(window, CLAMP_LO)
+            stands = False
+            if in_box(c, clamp):
+                stands = clamp[c[0], c[1], c[2]] != 0
+            inverse = 0.0
+            if g[3] > least_mass and not stands:
+                inverse = 1.0 / g[3]
+            inverse_mass[s, node] = ti.cast(inverse, ti.f32)
+            v = node_velocity(node, g, lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid)
+            for a in ti.static(range(3)):
+                velocity[3 * (s * inverse_mass.shape[1] + node) + a] = ti.cast(v[a], ti.f32)
+
+
 @ti.func
 def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.template(), F, C, record: ti.template()):
-    """Writes -(4 dt V / dx) (dtau - tau L^T) by dF, L = dF F^-1, into `record` from `at` on: row 3 a + b is that of tau_ab.
-
-    Under a plastic law without tau L^T. Returns -(4 dt V / dx) tau.
-    """
+    """Writes what STRESS names into `record` from `at` on; returns tau, viscous part included."""
     law, mu, lam = ti.cast(particle[own + LAW], ti.i32), particle[own + MU], particle[own + LAM]
     viscosity, scale = particle[own + VISCOSITY], -4.0 * dt / dx * particle[own + VOLUME]
     tau, known = kirchhoff(plastic, law, F, mu, lam)
     inverse, damped = F.inverse().transpose(), is_damped(law, viscosity)
+    whole = tau
     if damped:
-        tau += viscous(C, mu, lam, viscosity)
-    turn = scale * product(tau, inverse)
-    if law >= VON_MISES:
-        turn = ti.Matrix.zero(float, 3, 3)
+        whole += viscous(C, mu, lam, viscosity)
+    turn = scale * product(whole, inverse)
     for a in range(3):
         for b in range(a, 3):
             bar = ti.Matrix.zero(float, 3, 3)
@@ -72,18 +113,36 @@ def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.temp
             if ti.static(plastic):
                 if law >= VON_MISES:
                     _tau, F_bar, _mu_bar, _lam_bar = hencky_both_ways(F, mu, lam, bar)
-            if damped:
-                C_bar = viscosity * doubled_rate(bar, lam / mu)
-                F_bar -= product(product(C.transpose(), C_bar), inverse)
+            elif damped:
+                F_bar -= product(product(C.transpose(), viscosity * doubled_rate(bar, lam / mu)), inverse)
             for i, d in ti.static(ti.ndrange(3, 3)):
                 first, second = F_bar[i, d], F_bar[i, d]
-                if i == b:
-                    first -= turn[a, d]
-                if i == a:
-                    second -= turn[b, d]
+                if ti.static(not plastic):
+                    first -= turn[a, d] if i == b else 0.0
+                    second -= turn[b, d] if i == a else 0.0
                 record[at + 9 * (3 * a + b) + 3 * i + d] = ti.cast(first, ti.f32)
                 record[at + 9 * (3 * b + a) + 3 * i + d] = ti.cast(second, ti.f32)
-    return scale * tau
+    return whole
+
+
+@ti.func
+def advection(at, corner, w, slope, f, dx, v_p, velocity: ti.template(), stride_x, stride_y, record: ti.template()):
+    """Writes how v and C of g2p change as the particle moves among nodes that stay as they are, `velocity` from node `corner` on."""
+    turn, swirl = ti.Matrix.zero(float, 3, 3), [ti.Matrix.zero(float, 3, 3) for _ in ti.static(range(3))]
+    for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
+        node = 3 * (corner + i * stride_x + j * stride_y + k)
+        by = ti.Vector([slope[i][0] * w[j][1] * w[k][2], w[i][0] * slope[j][1] * w[k][2], w[i][0] * w[j][1] * slope[k][2]]) / dx
+        away = ti.Vector([i - f[0], j - f[1], k - f[2]])
+        for c in ti.static(range(3)):
+            v = ti.cast(velocity[node + c], ti.f64)
+            for e in ti.static(range(3)):
+                turn[c, e] += v * by[e]
+            swirl[c] += v * away.outer_product(by)
+    for c, e in ti.static(ti.ndrange(3, 3)):
+        record[at + TURN + 3 * c + e] = ti.cast(turn[c, e], ti.f32)
+        for d in ti.static(range(3)):
+            own = v_p[c] / dx if ti.static(d == e) else 0.0
+            record[at + SWIRL + 9 * c + 3 * d + e] = ti.cast(4.0 / dx * (swirl[c][d, e] - own), ti.f32)
 
 
 @ti.func
@@ -105,56 +164,38 @@ def flow_derivative(at, own, dt, particle: ti.template(), trial, flow: ti.templa
 
 @ti.kernel
 def linearise(
-    plastic: ti.template(), begin: ti.i32, end: ti.i32, particle: constants, state: states, lattice: numbers, boxes: table,
-    corner: table, record: singles, flows: table, flow: singles,
+    plastic: ti.template(), begin: ti.i32, end: ti.i32, most: ti.i32, particle: constants, state: states, force: forces,
+    lattice: numbers, boxes: table, velocity: singles, corner: table, record: singles, flows: table, flow: singles,
 ):  # fmt: skip
-    """Weights, stress derivatives and those of the flow in substeps `begin` to `end` of a frame that `copies_forward` has kept.
+    """All that changes of the particles are multiplied with in substeps `begin` to `end`; `velocity` has `most` nodes for each.
 
-    Out: corner (S, M), record (S M RECORD,); with plastic laws flows (S, M), flow (S M FLOW,).
+    Out: corner (S, M), record (S M `width_of`,); with plastic laws flows (S, M), flow (S M FLOW,).
     """
     for s, p in ti.ndrange((begin, end), particle.shape[0] // 8):
         offset, dx, dt = lattice_of(lattice)
         lo, dims = ti.Vector([boxes[s, a] for a in range(3)]), ti.Vector([boxes[s, 3 + a] for a in range(3)])
         count = particle.shape[0] // 8
-        row, own, at = rows_of(s * count + p)[0], rows_of(p)[2], (s * count + p) * RECORD
+        row, after, at = rows_of(s * count + p)[0], rows_of((s + 1) * count + p)[0], (s * count + p) * ti.static(width_of(plastic))
+        push, own = rows_of(p)[1], rows_of(p)[2]
         F0, F1, F2 = state[row], state[row + 1], state[row + 2]
         node, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
         corner[s, p] = node
         w, F, C = spline(f), matrix(F0, F1, F2), matrix(state[row + 3], state[row + 4], state[row + 5])
         for i, a in ti.static(ti.ndrange(3, 3)):
-            record[at + 3 * i + a] = ti.cast(w[i][a], ti.f32)
-            record[at + 93 + 3 * i + a] = ti.cast(dt * F[i, a], ti.f32)
+            record[at + WEIGHTS + 3 * i + a] = ti.cast(w[i][a], ti.f32)
+            record[at + PULL + 3 * i + a] = ti.cast(dt * F[i, a], ti.f32)
         for a in ti.static(range(3)):
-            record[at + 9 + a] = ti.cast(f[a], ti.f32)
-        stress = stress_derivative(plastic, at + 12, own, dx, dt, particle, F, C, record)
+            record[at + PLACE + a] = ti.cast(f[a], ti.f32)
+        tau = stress_derivative(plastic, at + STRESS, own, dx, dt, particle, F, C, record)
         if ti.static(plastic):
-            after = rows_of((s + 1) * count + p)[0]
-            rate = matrix(state[after + 3], state[after + 4], state[after + 5])
-            more = (s * count + p) * FLOW
-            flows[s, p] = flow_derivative(more, own, dt, particle, F + dt * product(rate, F), flow)
-            kept = ti.select(ti.cast(particle[own + LAW], ti.i32) >= VON_MISES, 1.0, 0.0)
+            slope, rate = spline_slope(f), matrix(state[after + 3], state[after + 4], state[after + 5])
+            S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
             for i, a in ti.static(ti.ndrange(3, 3)):
-                flow[more + STRESS + 3 * i + a] = ti.cast(kept * stress[i, a], ti.f32)
-                flow[more + RATE + 3 * i + a] = ti.cast(kept * rate[i, a], ti.f32)
-
-
-@ti.kernel
-def inverse_masses(
-    begin: ti.i32, end: ti.i32, capacity: ti.i32, least_mass: ti.f64, boxes: table, momentum: nodes, clamp: flags, clamp_lo: integers,
-    inverse_mass: masses,
-):  # fmt: skip
-    """Out, for substeps `begin` to `end`: inverse_mass (S, nodes), zero for nodes that are clamped or have less than least_mass [kg].
-
-    `momentum` has `capacity` nodes for each substep; the box `clamp` begins at node clamp_lo (3,).
-    """
-    for s, node in ti.ndrange((begin, end), inverse_mass.shape[1]):
-        lo, dims = ti.Vector([boxes[s, a] for a in range(3)]), ti.Vector([boxes[s, 3 + a] for a in range(3)])
-        if node < dims[0] * dims[1] * dims[2]:
-            mass, c = momentum[bounded(s * capacity + node, MOST_INDEXED)][3], place(node, lo, dims) - triple(clamp_lo, 0)
-            stands = False
-            if in_box(c, clamp):
-                stands = clamp[c[0], c[1], c[2]] != 0
-            inverse = 0.0
-            if mass > least_mass and not stands:
-                inverse = 1.0 / mass
-            inverse_mass[s, node] = ti.cast(inverse, ti.f32)
+                record[at + SLOPES + 3 * i + a] = ti.cast(slope[i][a] / dx, ti.f32)
+                record[at + GROWTH + 3 * i + a] = ti.cast(dt * rate[i, a] + (1.0 if ti.static(i == a) else 0.0), ti.f32)
+            for a in ti.static(range(3)):
+                record[at + FLOAT + a], record[at + FLOAT + 3 + a] = ti.cast(S[a], ti.f32), ti.cast(X[a], ti.f32)
+                record[at + FLOAT + 6 + a], record[at + FLOAT + 9 + a] = ti.cast(Y[a], ti.f32), ti.cast(Z[a], ti.f32)
+            v = ti.Vector([state[after + 3][3], state[after + 4][3], state[after + 5][3]])
+            advection(at, s * most + node, w, slope, f, dx, v, velocity, dims[1] * dims[2], dims[2], record)
+            flows[s, p] = flow_derivative((s * count + p) * FLOW, own, dt, particle, F + dt * product(rate, F), flow)

@@ -22,7 +22,7 @@ from .packed import (
 )
 from .substep import RUNNING, grid_to_particle, node_velocity, particle_to_grid
 
-CAPACITY, ROOM, DONE, STOPPED, WINDOW = 15, 16, 17, 18, 19
+CAPACITY, ROOM, DONE, STOPPED, WINDOW = 12, 13, 14, 15, 16
 """Places in the array `window`, after its rows of three, of the nodes that there is room for in the window, and in the tasks' own grids
 together, of the substeps done, and of whether one of them was the last that could be; length. See `Body`."""
 ORIGIN, BOX = 6, 7
@@ -43,14 +43,13 @@ def summed(node, tasks, i, boxes: ti.template(), grid: ti.template()):
 @ti.func
 def node_to_velocity(
     node, tasks, window: ti.template(), boxes: ti.template(), grid: ti.template(), momentum: ti.template(), velocity: ti.template(),
-    offset, dx, dt, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid: ti.template(),
-    push: ti.template(),
+    offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid: ti.template(),
 ):  # fmt: skip
     """Sums the tasks' parts of a node."""
     lo, dims = window_of(window)
     g = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, grid)
     momentum[node] = g
-    velocity[node] = node_velocity(node, g, lo, dims, window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push)
+    velocity[node] = node_velocity(node, g, lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid)
 
 
 @ti.func
@@ -109,15 +108,14 @@ def grid_to_task(
 def nodes_of_task(
     task, tasks, window: ti.template(), boxes: ti.template(), grid: ti.template(), momentum: ti.template(), velocity: ti.template(),
     lattice: ti.template(), clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid: ti.template(),
-    push: ti.template(),
 ):  # fmt: skip
     """Velocities of a task's share of all nodes."""
-    offset, dx, dt = lattice_of(lattice)
+    offset, dx, _dt = lattice_of(lattice)
     begin, end = share(task, tasks, node_count(window))
     for index in range(begin, end):
         node_to_velocity(
-            bounded(index, MOST_NODES), tasks, window, boxes, grid, momentum, velocity, offset, dx, dt,
-            clamp, clamp_velocity, planes, solid, push,
+            bounded(index, MOST_NODES), tasks, window, boxes, grid, momentum, velocity, offset, dx,
+            clamp, clamp_velocity, planes, solid,
         )  # fmt: skip
 
 

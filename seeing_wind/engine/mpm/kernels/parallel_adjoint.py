@@ -50,7 +50,7 @@ from .packed import (
     with_fourth,
 )
 from .parallel import cleared, summed
-from .substep import CLAMP_LO, PUSH_LO, SOLID_LO, STRIDE, brought, node_velocity, place, pushed
+from .substep import CLAMP_LO, SOLID_LO, STRIDE, brought, node_velocity, place
 
 PHASES = 4
 """Of a substep: the nodes' velocities, g2p backwards, the nodes backwards, p2g backwards."""
@@ -121,19 +121,18 @@ def sums(a, b, c):
 @ti.func
 def node_to_velocity_adjoint(
     node, tasks, window: ti.template(), boxes: ti.template(), grid_bar: ti.template(), momentum: ti.template(),
-    momentum_bar: ti.template(), offset, dx, dt, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
-    solid: ti.template(), push: ti.template(),
+    momentum_bar: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
+    solid: ti.template(),
 ):  # fmt: skip
-    """v = boundary(q / m + dt a): turns the nodes' v_bar into q_bar and m_bar."""
+    """v = boundary(q / m): turns the nodes' v_bar into q_bar and m_bar."""
     lo, dims = window_of(window)
     s = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, grid_bar)
     g = momentum[node]
     q_bar, m_bar = ti.Vector.zero(float, 3), g[3] * 0.0
     if g[3] > 0.0:
-        at = place(node, lo, dims)
         v = ti.Vector([g[0], g[1], g[2]]) / g[3]
         J = boundary_jacobian(
-            at, pushed(at, v, dt, triple(window, PUSH_LO), push), offset, dx,
+            place(node, lo, dims), v, offset, dx,
             triple(window, CLAMP_LO), clamp, planes, triple(window, SOLID_LO), solid,
         )  # fmt: skip
         q_bar = J.transpose() @ ti.Vector([s[0], s[1], s[2]]) / g[3]
@@ -233,7 +232,7 @@ def substep_adjoint(
     first: integers, particle: constants, state: states, state_next: states, force: forces,
     # derivatives, in: by the next state, out: by this one; those by force and constants are added up
     bar: states, force_bar: forces, particle_bar: constants,
-    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
+    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
     lattice: numbers, window: integers, boxes: table,
     grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
 ):  # fmt: skip
@@ -241,7 +240,7 @@ def substep_adjoint(
     ti.loop_config(block_dim=STRIDE)
     for turn in range(workers * STRIDE):
         if turn % STRIDE == 0:
-            offset, dx, dt = lattice_of(lattice)
+            offset, dx, _dt = lattice_of(lattice)
             lo, dims = window_of(window)
             worker, tasks = turn // STRIDE, first.shape[0] - 1
             task = taken(roster, 0, worker, workers, tasks)
@@ -250,7 +249,7 @@ def substep_adjoint(
                 for index in range(begin, end):
                     node = bounded(index, MOST_NODES)
                     velocity[node] = node_velocity(
-                        node, momentum[node], lo, dims, window, offset, dx, dt, clamp, clamp_velocity, planes, solid, push
+                        node, momentum[node], lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid
                     )
                 finish(roster, 0)
                 task = taken(roster, 0, worker, workers, tasks)
@@ -268,8 +267,8 @@ def substep_adjoint(
                 begin, end = share(task, tasks, node_count(window))
                 for index in range(begin, end):
                     node_to_velocity_adjoint(
-                        bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx, dt,
-                        clamp, clamp_velocity, planes, solid, push,
+                        bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx,
+                        clamp, clamp_velocity, planes, solid,
                     )  # fmt: skip
                 finish(roster, 2)
                 task = taken(roster, 2, worker, workers, tasks)

@@ -19,8 +19,8 @@ def substeps(
     workers: ti.i32, roster: counters,  # see `crew`
     # body: `first` particle of every task
     first: integers, particle: constants, state: states, state_out: states, force: forces, pin_velocity: rows,
-    # at the nodes, see `conditions.boundary_velocity` and `parallel.pushed`
-    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, push: lattice_rows,
+    # at the nodes, see `conditions.boundary_velocity`
+    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
     # `lattice_of`; integers, see `Body`; boxes (tasks, BOX): first and last of the particles' first nodes, in and out, and their origin;
     # status (tasks, 2) out: code, particle
     lattice: numbers, window: integers, boxes: table, status: table,
@@ -43,7 +43,7 @@ def substeps(
                 task = taken(roster, phase + 1, worker, workers, tasks)
                 while task < tasks:
                     nodes_of_task(
-                        task, tasks, window, boxes, grid, momentum, velocity, lattice, clamp, clamp_velocity, planes, solid, push
+                        task, tasks, window, boxes, grid, momentum, velocity, lattice, clamp, clamp_velocity, planes, solid
                     )
                     finish(roster, phase + 1)
                     task = taken(roster, phase + 1, worker, workers, tasks)

@@ -14,7 +14,7 @@ every substep is kept (`copies_forward`).
 
 from ..compiler import ti
 from ..lattice.boundary import FREE
-from ..lattice.conditions import boundary_velocity, in_box
+from ..lattice.conditions import boundary_velocity
 from ..laws.constitutive import kirchhoff
 from ..laws.plasticity import VON_MISES, plastic_flow
 from ..laws.viscous import is_damped, viscous
@@ -42,8 +42,8 @@ RUNNING, NOT_FINITE, TOO_FAST, INVERTED, GRID_FULL, BURST = 0, 1, 2, 3, 4, 5
 STRIDE = 1024
 """Turns of a kernel's outer loop for each worker, all but one of them empty: the compiler runs loops of less than about a thousand turns on
 one thread."""
-CLAMP_LO, SOLID_LO, PUSH_LO = 2, 3, 4
-"""Rows of three in an array of integers that kernels call `window`: first nodes of the boxes of clamped, solid and pushed nodes."""
+CLAMP_LO, SOLID_LO = 2, 3
+"""Rows of three in an array of integers that kernels call `window`: first nodes of the boxes of clamped and solid nodes."""
 
 
 @ti.func
@@ -127,24 +127,15 @@ def place(node, lo, dims):
 
 
 @ti.func
-def pushed(at, v, dt, push_lo, push: ti.template()):
-    """v after the acceleration prescribed at the lattice's node `at`."""
-    c = at - push_lo
-    pushed_v = v
-    if in_box(c, push):
-        pushed_v = v + dt * ti.Vector([push[c[0], c[1], c[2], a] for a in ti.static(range(3))])
-    return pushed_v
-
-
-@ti.func
 def node_velocity(
-    node, g, lo, dims, window: ti.template(), offset, dx, dt, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
-    solid: ti.template(), push: ti.template(),
+    node, g, lo, dims, window: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
+    solid: ti.template(),
 ):  # fmt: skip
-    """Momentum over mass, the push of the grid's own force, and what the boundary makes of it, with the mass."""
+    """Momentum over mass, and what the boundary makes of it, with the mass."""
     v = ti.Vector.zero(float, 3)
     if g[3] > 0.0:
-        at = place(node, lo, dims)
-        v = pushed(at, ti.Vector([g[0], g[1], g[2]]) / g[3], dt, triple(window, PUSH_LO), push)
-        v = boundary_velocity(at, v, offset, dx, triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid)
+        v = boundary_velocity(
+            place(node, lo, dims), ti.Vector([g[0], g[1], g[2]]) / g[3], offset, dx,
+            triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid,
+        )  # fmt: skip
     return ti.Vector([v[0], v[1], v[2], g[3]])

@@ -58,10 +58,6 @@ class Conditions:
     """(3,) int32."""
     solid: np.ndarray
     """(a, b, c, 8), see `colliders.ColliderGrid`."""
-    push_lo: np.ndarray
-    """(3,) int32, first node of `push`."""
-    push: np.ndarray
-    """(a, b, c, 3) acceleration prescribed at the nodes [m/s²]."""
 
 
 def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx: float) -> np.ndarray:
@@ -98,10 +94,10 @@ def conditions_for(model: Model, frame: int, state: State | None = None) -> list
     Raises:
         SimulationError: when the path of the pins has no such frame.
     """
-    obstacles, force = model.collider_grid, model.grid_force
+    obstacles = model.collider_grid
     still = Conditions(
         model.offset, model.clamp_lo, model.clamp, np.zeros((*model.clamp.shape, 3)), np.zeros((1, 3)),
-        obstacles.planes, obstacles.solid_lo, obstacles.solid, force.lo, force.at(frame),
+        obstacles.planes, obstacles.solid_lo, obstacles.solid,
     )  # fmt: skip
     movers = bool(model.movers)
     begun, span = frame + model.part[0] / model.part[1], 1.0 / model.part[1]
@@ -121,8 +117,8 @@ def conditions_for(model: Model, frame: int, state: State | None = None) -> list
     step = span * (model.pin_path[frame + 1] - model.pin_path[frame])
     start = model.pin_path[frame] + model.part[0] * step
     at_rest = model.pin_rest[model.pinned]
-    # A mesh's signed distance and a force are given on the lattice where it lies: with either, the lattice stays.
-    follow = 0.0 if movers or obstacles.solid[..., 0].any() or force.active else 1.0
+    # A mesh's signed distance is given on the lattice where it lies: with one, the lattice stays.
+    follow = 0.0 if movers or obstacles.solid[..., 0].any() else 1.0
     mean_step = follow * step.mean(axis=0)
     patterns = _count(float(np.linalg.norm(step - mean_step, axis=1).max()), _CLAMP_LAG * model.dx, model.substeps)
     patterns = max(patterns, walls)
