@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..conventions import frame_named
 from ..errors import ObjectError
 from ..masks import Masks, areas
 from ..progress import Journal, Progress
@@ -89,7 +90,7 @@ def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
         )
     if not seen.all():
         lost = np.flatnonzero(~seen)
-        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in picture {lost[0]}.")
+        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in {frame_named(lost[0])}.")
 
 
 def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: Tracks, enough: np.ndarray, progress: Progress) -> Tracks:

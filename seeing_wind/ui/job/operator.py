@@ -12,6 +12,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ...engine.errors import SeeingWindError
+from ..clip.inputs.pace import pace_of_scene
 from . import console, status, worker
 
 TICK = 0.1
@@ -109,7 +110,7 @@ class JobOperator:
         if scene.seeing_wind.unfinished != self.step:  # an undo has taken it back
             scene.seeing_wind.unfinished = self.step
         try:
-            self._take_in(running)
+            self._take_in(running, scene)
             if running.exit is None:
                 return {"PASS_THROUGH"}
             self._remove_timer(context)
@@ -129,7 +130,7 @@ class JobOperator:
     def _block(self, scene: bpy.types.Scene) -> set[str]:
         running = jobs[self.key]
         try:
-            running.exit = worker.wait(self._relay(running), lambda message: None)
+            running.exit = worker.wait(self._relay(running, scene), lambda message: None)
             return self._conclude(scene, running)
         except (SeeingWindError, OSError) as error:
             return self._fail(scene, *worker.told(error))
@@ -139,17 +140,18 @@ class JobOperator:
             jobs.pop(self.key, None)
             status.end(status.of(self.key))
 
-    def _relay(self, running: Running) -> worker.Messages:
+    def _relay(self, running: Running, scene: bpy.types.Scene) -> worker.Messages:
         """The job's messages, passed through this operator on their way to the blocking driver."""
         while running.exit is None:
-            batch = self._take_in(running)
+            batch = self._take_in(running, scene)
             if running.exit is None:
                 running.cancel = bool((yield batch)) or running.cancel
         return running.exit
 
-    def _take_in(self, running: Running) -> list[worker.Message]:
+    def _take_in(self, running: Running, scene: bpy.types.Scene) -> list[worker.Message]:
         batch = running.poll()
-        news = [status.receive(status.of(self.key), self.step, message) for message in batch]
+        frame_of = pace_of_scene(scene).frame_of
+        news = [status.receive(status.of(self.key), self.step, message, frame_of) for message in batch]
         if self.console is not None:
             for message in batch:
                 self.console.show(message)

@@ -1,9 +1,11 @@
-"""What the engine says to its command line, in the panel's words: `--distance` is called Distance here."""
+"""What the engine says to its command line, in the panel's words: `--distance` is called Distance here, and frames are the scene's."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
+from ...engine.conventions import FRAME
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of
 
 STAGES = (ObserveSettings, BuildSettings, RecoverSettings, WindSettings)
@@ -15,6 +17,12 @@ LABELS = {
 """Of the options that the panel has."""
 
 
-def in_panel_words(text: str) -> str:
-    """The text with each flag that the panel has a property for called by its label."""
+def in_panel_words(text: str, frame_of: Callable[[int], int] | None = None) -> str:
+    """The text with each flag that the panel has a property for called by its label.
+
+    Args:
+        frame_of: the scene frame of a picture of the clip, counted from the first that is used; None leaves frames as they are.
+    """
+    if frame_of is not None:
+        text = FRAME.sub(lambda found: f"frame {frame_of(int(found[1]))}", text)
     return re.sub(r"`?(--[a-z][a-z-]*)`?", lambda found: LABELS.get(found[1], found[0]), text)

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from seeing_wind.engine.conventions import frame_named
+from seeing_wind.ui.clip.inputs.pace import Pace
 from seeing_wind.ui.job import status
+from seeing_wind.ui.job.panel_words import in_panel_words
 
 
 def test_the_time_that_is_left_is_said_once_it_can_be() -> None:
@@ -40,6 +43,19 @@ def test_flags_are_called_as_the_panel_calls_them() -> None:
     status.receive(now, "recover", {"type": "error", **said})
     step = now.steps["recover"]
     assert (step.message, step.hint) == ("Distance must be above 0 m; this is -2.", "Add --schedule paper, or leave Further Views out.")
+
+
+def test_frames_are_those_of_the_scene() -> None:
+    now, frame_of = status.SceneStatus(), Pace(1001, 1.25).frame_of
+    status.begin(now, "recover", "Recover")
+    sight = f"The object is out of sight in 5 of 40 pictures, first in {frame_named(8)}."
+    status.receive(now, "recover", {"type": "warning", "message": sight}, frame_of)
+    assert now.warnings == ["The object is out of sight in 5 of 40 pictures, first in frame 1011."]
+    broken = f"Particle 3 was turned inside out in {frame_named(4)}, substep 7 of 20."
+    status.receive(now, "recover", {"type": "error", "message": broken, "hint": "Choose --frames 12:40."}, frame_of)
+    step = now.steps["recover"]
+    assert "in frame 1006, substep 7 of 20" in step.message and step.hint == "Choose Pictures 12:40."
+    assert in_panel_words("drawing, frame 3 of 40", frame_of) == "drawing, frame 3 of 40", "that is how far it is"
 
 
 def test_what_the_engine_says_of_a_finished_stage_is_what_the_panel_waits_for() -> None:

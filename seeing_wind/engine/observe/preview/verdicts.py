@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ...conventions import frame_named
 from ...masks import areas
 from ...records import Observation
 from ...settings import ObserveSettings
@@ -96,7 +97,7 @@ def _sight(seen: Observation) -> Verdict:
         return Verdict(
             "sight",
             0.5 + len(lost) / len(seen.masks),
-            f"The object is out of sight in {len(lost)} of {len(seen.masks)} pictures, first in picture {lost[0]}.",
+            f"The object is out of sight in {len(lost)} of {len(seen.masks)} pictures, first in {frame_named(lost[0])}.",
             f"End the clip before with --frames {seen.first_frame}:{seen.first_frame + max(int(lost[0]) - 1, 1)}.",
         )
     return Verdict("sight", 0.0, "The object is seen in every picture.")

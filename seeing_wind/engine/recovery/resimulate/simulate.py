@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...conventions import frame_named
 from ...errors import SimulationError, UsageError
 from ...field.force_field import ForceField
 from ...mpm.lattice.closed_mesh import is_closed, weld
@@ -285,5 +286,5 @@ def _torn_note(vertices: np.ndarray, triangles: np.ndarray, lead: int) -> list[s
     worst = (length / np.maximum(length[0], 0.25 * np.median(length[0]))).max(axis=1)
     if worst.max() <= TORN:
         return []
-    frame = max(int(np.argmax(worst > TORN)) - lead, 0)
-    return [f"stretched to {worst.max():.1f} times its size, from frame {frame} on, and may have torn: a higher Young's modulus holds it"]
+    first = frame_named(max(int(np.argmax(worst > TORN)) - lead, 0))
+    return [f"stretched to {worst.max():.1f} times its size, from {first} on, and may have torn: a higher Young's modulus holds it"]

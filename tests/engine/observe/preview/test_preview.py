@@ -99,7 +99,7 @@ def test_out_of_sight(disc_seen: Observation) -> None:
     masks = np.stack([np.asarray(mask) for mask in disc_seen.masks])
     masks[9:] = False
     found = verdict(dataclasses.replace(disc_seen, masks=masks), "sight")
-    assert "first in picture 9" in found.because and "--frames 0:8" in found.do
+    assert "first in frame 9" in found.because and "--frames 0:8" in found.do
 
 
 def test_no_scale(disc_seen: Observation) -> None:
