@@ -92,8 +92,8 @@ def pictures_of(path: str) -> list[Path]:
         files = [file for file in place.parent.glob("*") if re.fullmatch(name, file.name)] if place.parent.is_dir() else []
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
 
-FRAME = re.compile(r"\bframe (\d+)\b(?! of )")
-"""A frame as `frame_named` writes it; "frame 3 of 40" tells how far a job is."""
+FRAME = re.compile(r"\bframe (\d+)\b")
+"""A frame as `frame_named` writes it."""
 
 
 def frame_named(t: int) -> str:

@@ -6,6 +6,7 @@ An operator supplies `start` (gather, return the generator of messages) and `fin
 from __future__ import annotations
 
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import bpy
@@ -14,6 +15,7 @@ from bpy.app.handlers import persistent
 from ...engine.errors import SeeingWindError
 from ..clip.inputs.pace import pace_of_scene
 from . import console, status, worker
+from .panel_words import in_scene_frames
 
 TICK = 0.1
 """Seconds between two looks at the worker: quick enough for a bar to move, rare enough to cost nothing."""
@@ -149,9 +151,9 @@ class JobOperator:
         return running.exit
 
     def _take_in(self, running: Running, scene: bpy.types.Scene) -> list[worker.Message]:
-        batch = running.poll()
         frame_of = pace_of_scene(scene).frame_of
-        news = [status.receive(status.of(self.key), self.step, message, frame_of) for message in batch]
+        batch = [_in_scene_frames(message, frame_of) for message in running.poll()]
+        news = [status.receive(status.of(self.key), self.step, message) for message in batch]
         if self.console is not None:
             for message in batch:
                 self.console.show(message)
@@ -229,6 +231,13 @@ class SEEING_WIND_OT_cancel(bpy.types.Operator):
         status.of(context.scene.session_uid).cancelling = True
         redraw()
         return {"FINISHED"}
+
+
+def _in_scene_frames(message: worker.Message, frame_of: Callable[[int], int]) -> worker.Message:
+    """A message with the scene's frames; progress tells how far a job is in the clip."""
+    if message["type"] not in ("warning", "error"):
+        return message
+    return message | {key: in_scene_frames(str(message[key]), frame_of) for key in ("message", "hint") if key in message}
 
 
 def blocks(context) -> bool:

@@ -17,12 +17,11 @@ LABELS = {
 """Of the options that the panel has."""
 
 
-def in_panel_words(text: str, frame_of: Callable[[int], int] | None = None) -> str:
-    """The text with each flag that the panel has a property for called by its label.
+def in_scene_frames(text: str, frame_of: Callable[[int], int]) -> str:
+    """The text with each frame of the clip, counted from the first picture that is used, called by its frame in the scene."""
+    return FRAME.sub(lambda found: f"frame {frame_of(int(found[1]))}", text)
 
-    Args:
-        frame_of: the scene frame of a picture of the clip, counted from the first that is used; None leaves frames as they are.
-    """
-    if frame_of is not None:
-        text = FRAME.sub(lambda found: f"frame {frame_of(int(found[1]))}", text)
+
+def in_panel_words(text: str) -> str:
+    """The text with each flag that the panel has a property for called by its label."""
     return re.sub(r"`?(--[a-z][a-z-]*)`?", lambda found: LABELS.get(found[1], found[0]), text)

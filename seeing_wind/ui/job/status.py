@@ -131,8 +131,8 @@ def begin(status: SceneStatus, step: str, title: str) -> None:
     status.steps[step] = Step(State.RUNNING, message="Starting", started=time.monotonic())
 
 
-def receive(status: SceneStatus, step: str, message: dict[str, Any], frame_of: Callable[[int], int] | None = None) -> bool:
-    """Take in one message of a job; `frame_of` as for `in_panel_words`. Returns whether there is anything new to draw."""
+def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
+    """Take in one message of a job. Returns whether there is anything new to draw."""
     entry = status.steps[step]
     kind = message["type"]
     if kind == "progress":
@@ -145,9 +145,9 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any], frame_of: C
         if "residual" in message:
             entry.residual = float(message["residual"])
     elif kind == "warning":
-        status.warnings.append(in_panel_words(str(message.get("message", "")), frame_of))
+        status.warnings.append(in_panel_words(str(message.get("message", ""))))
     elif kind == "error":
-        entry.message, entry.hint = (in_panel_words(str(message.get(key, "")), frame_of) for key in ("message", "hint"))
+        entry.message, entry.hint = (in_panel_words(str(message.get(key, ""))) for key in ("message", "hint"))
         entry.mend = str(message.get("mend", ""))
         entry.log = str(message.get("log", ""))
         entry.state = State.FAILED

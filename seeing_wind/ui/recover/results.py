@@ -24,7 +24,7 @@ from ..field.node_groups import get_input
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
-from ..job.panel_words import in_panel_words
+from ..job.panel_words import in_panel_words, in_scene_frames
 from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, wind_told
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
@@ -48,7 +48,7 @@ def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
     told, field, first = wind_told(take), scene.seeing_wind.field_object, scene.seeing_wind.frame_start
     beside = said_of_range(scene, first, first + int(field["seeing_wind_frames"])) if field is not None else ""
     frame_of = pace_of_scene(scene).frame_of
-    others = [in_panel_words(note, frame_of) for note in recovery_notes(take) if told is None or note not in told.notes]
+    others = [in_panel_words(in_scene_frames(note, frame_of)) for note in recovery_notes(take) if told is None or note not in told.notes]
     return [each for each in (beside, unseen) if each] + others
 
 
@@ -126,7 +126,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     if settings.real_time:
         conform(scene, settings.field_object, True)
     frame_of = pace_of_scene(scene).frame_of
-    settings.field_verdict = " ".join(in_panel_words(note, frame_of) for note in told.notes) if told is not None else ""
+    settings.field_verdict = " ".join(in_panel_words(in_scene_frames(note, frame_of)) for note in told.notes) if told is not None else ""
     filled = seen is not None and fill(scene, take, path)
     _clear_the_view(scene)
     physics_nodes.follow(followers, settings.field_object)

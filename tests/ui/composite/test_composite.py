@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR, create_recovered_object
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.catchers import FLOOR, WALL
-from seeing_wind.ui.composite.mattes import CARD, grain_of, matte, narrowed, softened, widened
+from seeing_wind.ui.composite.mattes import CARD, matte, narrowed, softened, widened
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
@@ -195,27 +192,6 @@ def test_obstacles_of_the_edit_catch_shadows(scene):
     bpy.ops.seeing_wind.insert_collider(object="House")
     said = composite.set_up(scene)
     assert scene.objects["House"].is_shadow_catcher and "shadows on House" in str(said)
-
-
-def test_the_clips_grain_is_measured_and_put_on_what_is_not_the_clip(scene, tmp_path):
-    """Gaussian noise of 3 % on a picture with a slope: found within a tenth, and found again on the plate of the render."""
-    take = Take(Path(scene.seeing_wind.recovered_take))
-    arrays = take.read_arrays("observation.npz")
-    rng = np.random.default_rng(3)
-    slope = np.linspace(60.0, 160.0, 96)[None, :, None] + np.zeros((64, 96, 3))
-    arrays["image"] = np.clip(slope + 255.0 * 0.03 * rng.normal(size=slope.shape), 0, 255).astype(np.uint8)
-    take.write_arrays("observation.npz", arrays)
-    assert grain_of(take) == pytest.approx(0.03, rel=0.1)
-    scene.frame_set(3)
-    said = composite.set_up(scene, plate="PLATE", samples=1)
-    assert said.behind == "moving plate" and said.grain == grain_of(take)
-    covered = render(tmp_path / "grain.png")[24:40, 28:44, 1] / 255.0
-    assert covered.std() == pytest.approx(0.03, rel=0.25) and abs(covered.mean() - 120 / 255) < 0.01
-    scene.frame_set(4)
-    again = render(tmp_path / "later.png")[24:40, 30:44, 1] / 255.0
-    assert abs(np.corrcoef(covered[:, 2:].ravel(), again.ravel())[0, 1]) < 0.3, "grain that stands still is dirt on the lens"
-    composite.set_up(scene, plate="PLATE", samples=1, grain=0.0)
-    assert render(tmp_path / "clean.png")[24:40, 30:44, 1].std() < 1.5
 
 
 def test_mattes_are_as_wide_and_as_soft_as_they_say():

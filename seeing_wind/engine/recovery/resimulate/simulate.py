@@ -152,7 +152,7 @@ def _moved(
         notes = one.notes
         if edit.contact and len(edit.body) > 1:
             notes = [*notes, "a shell does not push other bodies, and they do not push it"]
-        moved.append((one, Simulated(x[:, one.vertex], one.triangles, len(one.shell.mass), notes, shell=True), x))
+        moved.append((one, Simulated(one.follow(x), one.triangles, len(one.shell.mass), notes, shell=True), x))
     return moved
 
 
