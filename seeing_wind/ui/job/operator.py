@@ -16,6 +16,7 @@ from ...engine.errors import SeeingWindError
 from ..clip.inputs.pace import pace_of_scene
 from . import console, status, worker
 from .panel_words import in_scene_frames
+from .steps_shown import fold_past
 
 TICK = 0.1
 """Seconds between two looks at the worker: quick enough for a bar to move, rare enough to cost nothing."""
@@ -184,6 +185,7 @@ class JobOperator:
         status.end(now)
         status.refresh(scene)
         now.steps[self.step].message = said
+        fold_past(scene.seeing_wind, self.step)
         redraw()
         self.report({"INFO"}, said)
         for warning in now.warnings:

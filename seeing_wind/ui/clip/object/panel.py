@@ -5,7 +5,7 @@ import bpy
 from ....engine.materials import MATERIALS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
-from ...job.panel_pieces import Tab, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
+from ...job.panel_pieces import Tab, columns, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
 from ...job.status import State
 from ...option_properties import panel_options
 from .preview import FILM, PICTURE
@@ -17,9 +17,9 @@ class ObjectTab(Tab):
     bl_label = "Object"
     step = "object"
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """Box or mask, distance or scale, material."""
-        column, settings = self.columns()
+        column, settings = columns(layout), context.scene.seeing_wind
         _draw_object(column, settings)
         column.separator()
         column.prop(settings, "scale_mode")
@@ -31,12 +31,12 @@ class ObjectTab(Tab):
         column.prop(settings, "form")
         _draw_material(column, settings)
         _draw_held(column, context, settings)
-        _draw_preview(self.layout, context, settings)
-        _draw_guesses(self.layout, context, settings, self.bl_space_type)
-        _draw_more(self.layout, settings)
+        _draw_preview(layout, context, settings)
+        _draw_guesses(layout, context, settings, self.bl_space_type)
+        _draw_more(layout, settings)
         step = status.of(context.scene.session_uid).steps["object"]
         if step.state == State.FAILED:
-            draw_failure(self.layout, context, step)
+            draw_failure(layout, context, step)
 
 
 def _draw_object(column, settings) -> None:
