@@ -13,7 +13,7 @@ from seeing_wind.ui.composite.mattes import CARD, matte, narrowed, softened, wid
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
-from seeing_wind.ui.field.samples import samples_of
+from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.job import status
 from tests.ui.composite.pictures import red_cube, render
 from tests.ui.jobs import recover
@@ -110,6 +110,25 @@ def test_the_legend_names_the_peak_and_shows_its_colours_in_solid_view(scene):
     assert f"{in_figures(scene.seeing_wind.arrows_object['seeing_wind_peak'])} N/m³" in texts and "0" in texts and len(texts) == 3
     mesh = legend.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert mesh.color_attributes.active_color_name == "wind_colour" and len(mesh.polygons) > 48
+
+
+def test_no_dashed_line_goes_from_the_field_to_what_follows_it(scene):
+    """Blender draws one from each visible child to its parent, unless both are at one place."""
+    field, legend = scene.seeing_wind.field_object, scene.objects["Recovered Wind Legend"]
+    bpy.context.view_layer.update()
+    seen = [child for child in field.children if not child.hide_viewport]
+    assert len(seen) == 2 and field.matrix_world.translation.length > 0.1
+    for child in seen:
+        assert (child.matrix_world.translation - field.matrix_world.translation).length < 1e-6
+    sampled = read_samples(samples_of(field)).points + np.array(field.matrix_world.translation)
+    places = {}
+    for obj in (scene.seeing_wind.arrows_object, legend):
+        mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        places[obj] = np.array([obj.matrix_world @ vertex.co for vertex in mesh.vertices])
+    arrows, bar = places.values()
+    size = np.ptp(sampled, axis=0).max()
+    assert (arrows > sampled.min(axis=0) - size).all() and (arrows < sampled.max(axis=0) + size).all(), "and they stay where they were"
+    assert bar[:, 0].max() < sampled[:, 0].min() + 0.05 * size, "to the left of it"
 
 
 def test_reloading_the_results_leaves_one_of_each(scene):
