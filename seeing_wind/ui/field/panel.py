@@ -61,6 +61,8 @@ class FieldTab(Tab):
             box = layout.box()
             box.alert = True
             draw_text(box, context, wrong, "ERROR")
+        if said_of_override(field):
+            layout.operator("seeing_wind.turn_override", icon="ORIENTATION_LOCAL")
         if stride_of(field) != 1.0:
             layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
         if LOOP in field:
