@@ -23,6 +23,7 @@ from ..job import takes
 from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
 from ..scene_units import metres_per_unit
+from ..user_paths import absolute
 from . import nodes
 from .catchers import set_catchers
 from .film import grain_of, softness_of
@@ -63,6 +64,13 @@ class Composite:
     """Of the motion blur [frames]; 0: none."""
     astray: str
     """That the camera stands elsewhere than the clip's did, and what to do; "" where it does not."""
+    missing: str
+    """That the take's folder is gone, and what cannot be done without it; "" where it is there."""
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is wrong with it."""
+        return [each for each in (self.astray, self.missing) if each]
 
     def __str__(self) -> str:
         parts = ["the clip" if self.behind == "clip" else f"the {self.behind}, since the clip's object moves anew"]
@@ -72,8 +80,7 @@ class Composite:
         parts += [f"grain of {100.0 * self.grain:.1f} %"] * bool(self.grain)
         parts += [f"as soft as the clip ({self.softness:.1f} pixels)"] * bool(self.softness)
         parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
-        said = f"Composite over {', '.join(parts)}"
-        return f"{self.astray} {said}" if self.astray else said
+        return " ".join([*self.warnings, f"Composite over {', '.join(parts)}"])
 
 
 def set_up(
@@ -92,11 +99,12 @@ def set_up(
         show_field: render the arrows too.
 
     Raises:
-        UsageError: without camera and clip, or without a plate where one is asked for.
+        UsageError: without camera and clip, when the clip's file is gone, or without a plate where one is asked for.
     """
     settings, clip = scene.seeing_wind, scene.active_clip
     if scene.camera is None or clip is None:
         raise UsageError("The scene has no camera with a clip.", "Run Recover on a clip, or load the results of one.")
+    _check_film(clip)
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
     take = Take(takes.shown(settings)) if settings.recovered_take else None
@@ -121,16 +129,17 @@ def set_up(
     rendered = set_overscan(scene, 1.0 if lens is None else lens.wider)
     nodes.build(scene, clip, picture, mattes, noise, lens, rendered)
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
-    return Composite(behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, astray(scene))
+    return Composite(behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, astray(scene), _missing(take))
 
 
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
     """Render the whole range into a video (H.264 in MP4), or the current frame into a PNG. Without a window it waits.
 
     Raises:
-        UsageError: when the clip begins before frame 0, where Blender renders nothing.
+        UsageError: when the clip begins before frame 0, where Blender renders nothing, or its file is gone.
         SeeingWindError: when Blender could not write the file.
     """
+    _check_film(scene.active_clip)
     first = scene.seeing_wind.frame_start
     if first < 0 and not still:
         raise UsageError(
@@ -169,6 +178,19 @@ def astray(scene: bpy.types.Scene) -> str:
     if max(np.abs(away[:3, :3]).max(), angles) < ASTRAY and np.abs(away[:3, 3]).max() * metres_per_unit(scene) < ASTRAY:
         return ""
     return f"{camera.name} is not where the clip's camera was, so nothing stands where it belongs: make {clips.name} the active camera."
+
+
+def _check_film(clip: bpy.types.MovieClip | None) -> None:
+    """UsageError for a clip without its file: Blender renders nothing in its place."""
+    path = absolute(clip.filepath, clip.library) if clip is not None else ""
+    if clip is not None and not Path(path).is_file():
+        raise UsageError(f"There is no file {path}.", "Put it back, or choose the clip again.")
+
+
+def _missing(take: Take | None) -> str:
+    if take is None or take.path.is_dir():
+        return ""
+    return f"There is no folder {take.path}: without it there are no outlines, grain, softness and lens of the clip. Put it back."
 
 
 def _hold_out(scene: bpy.types.Scene, take: Take | None, mattes: Mattes | None, hidden: bool) -> str:

@@ -54,8 +54,8 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
             context.scene.seeing_wind.hdri = self.hdri
         chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "soft", "show_field")}
         done = set_up(context.scene, plate=self.behind, **chosen)
-        if done.astray:
-            self.report({"WARNING"}, done.astray)
+        for wrong in done.warnings:
+            self.report({"WARNING"}, wrong)
         return str(done)
 
 

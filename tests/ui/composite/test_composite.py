@@ -67,6 +67,24 @@ def test_set_up_again_makes_nothing_twice(scene):
     assert len([obj for obj in scene.objects if obj.name.startswith(CARD)]) == 1
 
 
+def test_a_clip_or_a_take_that_is_gone_is_told(scene, tmp_path, workplace):
+    bpy.ops.seeing_wind.set_up_composite(samples=1)
+    take = workplace / "out.take"
+    take.rename(workplace / "away.take")
+    said = composite.set_up(scene, samples=1)
+    assert said.warnings == [said.missing] and str(take) in said.missing and said.grain == said.softness == 0.0
+    (workplace / "away.take").rename(take)
+    assert not composite.set_up(scene, samples=1).warnings
+    (workplace / "clip.mp4").rename(workplace / "away.mp4")
+    try:
+        with pytest.raises(RuntimeError, match="There is no file .*clip.mp4"):
+            bpy.ops.seeing_wind.set_up_composite(samples=1)
+        with pytest.raises(RuntimeError, match="There is no file .*clip.mp4"):
+            bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "none.png"), still=True)
+    finally:
+        (workplace / "away.mp4").rename(workplace / "clip.mp4")
+
+
 def test_without_a_clip_it_is_refused(scene):
     scene.active_clip = None
     with pytest.raises(RuntimeError, match="no camera with a clip"):
