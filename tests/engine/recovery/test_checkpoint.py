@@ -20,7 +20,7 @@ from seeing_wind.engine.progress import Journal, NoProgress
 from seeing_wind.engine.record_arrays import to_arrays
 from seeing_wind.engine.records import Recovery
 from seeing_wind.engine.recovery import journal as journals
-from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.recovery.paper.refinement import refine
 from seeing_wind.engine.recovery.paper.schedule import recover_by_descent

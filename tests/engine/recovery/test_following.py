@@ -9,7 +9,7 @@ from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Attachment, Particles, PointTargets, TrackTargets
-from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.prior import learning as beliefs
 from seeing_wind.engine.recovery.prior.basis import knots_between, spatial_basis, velocity_basis
 from seeing_wind.engine.recovery.prior.learning import track_misfit

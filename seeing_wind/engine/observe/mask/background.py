@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from ...progress import Progress
 from ...records import Camera
 from ..clip.shake import surrounding_corners
 from ..clip.stored import Frames
-from .motion import Window, cut, window_of
+from .motion import Window, cut, window_of, within
 
 STILL = 1.5
 """Pixels by which corners of the surroundings may move for the camera to count as standing still; the plate bears as much."""
@@ -58,6 +58,11 @@ class Plate:
     noise: float
     """Typical difference between a picture and the plate where nothing moves, largest channel [grey levels]."""
 
+    @cached_property
+    def _smooth(self) -> np.ndarray:
+        """`color` without its grain, blurred once for all pictures that are compared with it."""
+        return cv2.GaussianBlur(self.color, (0, 0), 1.0)
+
     def difference(self, picture: np.ndarray) -> np.ndarray:
         """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise; 0 where unreliable."""
         away = cv2.absdiff(picture, self.color).astype(np.float32)
@@ -70,7 +75,8 @@ class Plate:
             (h, w) float32: the largest difference of a channel [grey levels]; (h, w) int8: 1 where the plate is brighter by one factor in
             all channels, a shadow that went, -1 where it is darker, one that came, else 0.
         """
-        now, behind = (cv2.GaussianBlur(cut(whole, window), (0, 0), 1.0).astype(np.float32) for whole in (picture, self.color))
+        now = cv2.GaussianBlur(cut(picture, window), (0, 0), 1.0).astype(np.float32)
+        behind = cut(self._smooth, window).astype(np.float32)
         away = largest(cv2.absdiff(now, behind))
         behind += 4.0
         ratio = (now + 4.0) / behind
@@ -236,18 +242,20 @@ def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray
     """A better plate once the object's `masks` (T+1, H, W) are known: trusted where the object ever leaves and what is seen then agrees."""
     color = clean_plate(frames, masks, median, progress)
     grow = np.ones((9, 9), np.uint8)
-    leaves = np.zeros(color.shape[:2], np.int32)
-    passed = np.zeros(color.shape[:2], bool)
-    agree = np.zeros(color.shape[:2], np.int32)
+    seen = masks.windows[masks.windows[:, 2] > 0]
+    low, high = seen[:, :2].min(axis=0) - 4, seen[:, 2:].max(axis=0) + 4
+    x0, y0, x1, y1 = within((int(low[0]), int(low[1]), int(high[0]), int(high[1])), color)
+    part = np.s_[y0:y1, x0:x1]
+    leaves, agree = np.zeros((2, y1 - y0, x1 - x0), np.int32)
     for t, mask in enumerate(masks):
         progress.check()
-        off = cv2.dilate(mask.astype(np.uint8), grow) == 0
+        off = cv2.dilate(mask[part].astype(np.uint8), grow) == 0
         leaves += off
-        passed |= ~off
-        agree += off & (largest(cv2.absdiff(np.array(frames[t]), color)) < 4.0 * before.noise)
+        agree += off & (largest(cv2.absdiff(frames[t, y0:y1][:, x0:x1], color[part])) < 4.0 * before.noise)
     # Three sights of a pixel are the least of which a median can drop one that is wrong. Where they do not agree, the object was missed.
-    steady = (leaves >= 3) & (agree > STEADY_PART * leaves)
-    return Plate(color, (before.reliable & ~passed) | (passed & steady), before.noise)
+    steady, reliable = (leaves >= 3) & (agree > STEADY_PART * leaves), before.reliable.copy()
+    reliable[part] = np.where(leaves < len(masks), steady, reliable[part])
+    return Plate(color, reliable, before.noise)
 
 
 def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progress: Progress) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Protocol
 
 import cv2
@@ -233,7 +234,7 @@ def followed(
 
     Args:
         picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at picture 0.
-        points: advanced beside the follower, so that a large clip is read once.
+        points: advanced beside the follower, so that a large clip is read once, on another core while the follower looks at the next picture.
     """
     packing = Packing()
     packing.add(follower.mask)
@@ -245,13 +246,23 @@ def followed(
         if points is not None:
             points.resume(picture, masks, kept)
 
-    def state() -> dict[str, np.ndarray]:
-        return to_arrays(packing.masks(), "masks.") | follower.state() | (points.state() if points is not None else {})
+    with ThreadPoolExecutor(1) as beside:
+        behind: Future[None] | None = None
 
-    for t in range(done + 1, count):
-        progress.update(t / count, f"following the object, frame {t} of {count - 1}")
-        packing.add(follower.advance(picture(t)))
-        if points is not None:
-            points.advance(picture(t), follower.flow, follower.mask)
-        loop.reached(t, state)
+        def state() -> dict[str, np.ndarray]:
+            if behind is not None:
+                behind.result()
+            return to_arrays(packing.masks(), "masks.") | follower.state() | (points.state() if points is not None else {})
+
+        for t in range(done + 1, count):
+            progress.update(t / count, f"following the object, frame {t} of {count - 1}")
+            now = picture(t)
+            packing.add(follower.advance(now))
+            if behind is not None:
+                behind.result()
+            if points is not None:
+                behind = beside.submit(points.advance, now, follower.flow, follower.mask)
+            loop.reached(t, state)
+        if behind is not None:
+            behind.result()
     return packing.masks()
