@@ -112,6 +112,7 @@ def _recover_into(
     from ..look import write_ply
     from ..look.multiview import with_views
     from ..observe.object.motion.views import view_targets
+    from ..observe.preview.verdicts import doubted
     from ..recovery.diagnostics.remarks import worst_first
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
@@ -152,7 +153,8 @@ def _recover_into(
             return diverged(recovery)
         field = fitted
         wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
-    recovery = dataclasses.replace(recovery, notes=worst_first([*wind.notes, *recovery.notes]))
+    notes = [*wind.notes, *recovery.notes, *doubted(observation, observing)]
+    recovery = dataclasses.replace(recovery, notes=worst_first(notes))
 
     def draw(journal: Journal) -> dict[str, Any]:
         from ..look.report import write_report

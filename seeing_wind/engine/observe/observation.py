@@ -11,11 +11,13 @@ import numpy as np
 from .. import systems
 from ..errors import ObjectError
 from ..progress import Journal, Progress
-from ..records import Camera, Observation
+from ..records import Camera, Doubt, Doubts, Observation
 from ..settings import ObserveSettings
 from .clip.camera import find_camera
 from .clip.defects import check_pictures, tell_defects
 from .clip.depth import object_depth, typical_depth
+from .clip.filmed.beside import touching
+from .clip.filmed.surroundings import camera_doubts
 from .clip.frames import Clip, read_clip
 from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
@@ -30,6 +32,7 @@ from .working_size import WorkingSize, working_scale
 
 HUGE = 50.0
 """Metres: an object longer than this is more often one whose distance is in millimetres."""
+MOVES_DO = "Film from a tripod, or give the camera's path with --camera."
 ROUND_POINT = 0.25
 """About how far the object may reach from a point on it, in units of the picture's shorter side."""
 
@@ -57,6 +60,8 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, jo
 
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized)
     check_pictures(clip.frames, clip.first_frame, progress)
+    for one in clip.doubts:
+        progress.warn(str(one))
     if clip.frames.shape[1:3] == clip.size:
         return _seen(clip, settings, progress, journal)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
@@ -77,13 +82,14 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     around = lens.straight_map(around)
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
+    doubts = [*clip.doubts, *(() if settings.camera is not None else camera_doubts(clip.frames, around, progress))]
     turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress, journal)
     if turns is not None:
         progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
         still = True
         clip = replace(clip, frames=steadied(clip.frames, turns, camera, progress))
     elif not still and settings.camera is None:
-        progress.warn("The camera moves, and without --camera its motion is taken for the object's.")
+        doubts.append(Doubt(1.2, "The camera moves, and without --camera its motion is taken for the object's.", MOVES_DO))
     plate = median_plate(clip.frames, progress) if still else None
     median = None if plate is None else plate.color
     progress.update(0.08, "finding the object")
@@ -98,6 +104,10 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     _tell_huge(mask, depth, camera, progress)
     masks, tracks = follow(clip, mask, plate, looks, lens, settings, progress, journal)
     tell_defects(clip.frames, masks, progress)
+    if plate is not None:
+        doubts += [one for one in (touching(clip.frames, masks, plate),) if one is not None]
+    for one in doubts[len(clip.doubts) :]:
+        progress.warn(str(one))
     progress.update(0.95, "background")
     background = clean_plate(clip.frames, masks, median, progress)
     xy = tracks.xy
@@ -121,6 +131,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         visible=tracks.visible,
         sigma=tracks.sigma,
         on_centroid=tracks.on_centroid,
+        doubts=Doubts.of(doubts),
     )
 
 

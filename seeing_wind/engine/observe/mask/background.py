@@ -79,11 +79,12 @@ class Plate:
         behind = cut(self._smooth, window).astype(np.float32)
         away = largest(cv2.absdiff(now, behind))
         behind += 4.0
-        ratio = (now + 4.0) / behind
-        middle = cv2.transform(ratio, np.full((1, 3), 1.0 / 3.0, np.float32))
+        ratios = cv2.split((now + 4.0) / behind)
+        middle = (ratios[0] + ratios[1] + ratios[2]) * np.float32(1.0 / 3.0)
         # In the dark, a codec's rounding tints as much as a colour does.
         grain = 0.6 * self.noise / _smallest(behind)
-        alike = largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle + grain
+        apart = [cv2.absdiff(one, middle) for one in ratios]
+        alike = cv2.max(cv2.max(apart[0], apart[1]), apart[2]) < 0.5 * SHADOW_TINT * middle + grain
         # A shadow is soft and lets through what is behind it; a gray thing's own pattern and edges are neither.
         alike &= np.abs(middle - cv2.GaussianBlur(middle, (0, 0), 3.0)) < SHADOW_SOFT + grain
         alike &= cut(self.reliable, window, cv2.BORDER_CONSTANT) & (middle > SHADOW[0]) & (middle < SHADOW[1])
@@ -175,21 +176,29 @@ def _row_blocks(picture: np.ndarray, count: int) -> Iterator[slice]:
 
 
 def _median(block: np.ndarray) -> np.ndarray:
-    """The lower median over the first axis of a uint8 array, by a sorting network: whole planes are compared, twenty times faster."""
-    planes, spare = [plane.copy() for plane in block], np.empty_like(block[0])
+    """The lower median over the first axis of a uint8 array."""
     middle = (len(block) - 1) // 2
-    for low, high in _exchanges(len(block), middle):
-        np.minimum(planes[low], planes[high], out=spare)
-        np.maximum(planes[low], planes[high], out=planes[high])
-        planes[low], spare = spare, planes[low]
-    return planes[middle]
+    return _ordered(block, middle, middle)[middle]
+
+
+def _ordered(block: np.ndarray, low: int, high: int) -> list[np.ndarray]:
+    """The planes of a uint8 array sorted along its first axis, as far as those from `low` to `high` depend on it.
+
+    By a sorting network: whole planes are compared, twenty times faster than one pixel's values after the other's.
+    """
+    planes, spare = [plane.copy() for plane in block], np.empty_like(block[0])
+    for one, other in _exchanges(len(block), low, high):
+        np.minimum(planes[one], planes[other], out=spare)
+        np.maximum(planes[one], planes[other], out=planes[other])
+        planes[one], spare = spare, planes[one]
+    return planes
 
 
 @cache
-def _exchanges(count: int, wanted: int) -> list[tuple[int, int]]:
-    """Pairs (low, high) of places to be put in order, one after the other, so that the `wanted` of `count` values is in its place.
+def _exchanges(count: int, first: int, last: int) -> list[tuple[int, int]]:
+    """Pairs (low, high) of places to be put in order, one after the other, so that of `count` values `first` to `last` are in their places.
 
-    Those of Batcher's odd-even mergesort (Batcher 1968; Knuth, volume 3, 5.2.2, algorithm M) on which that place depends.
+    Those of Batcher's odd-even mergesort (Batcher 1968; Knuth, volume 3, 5.2.2, algorithm M) on which those places depend.
     """
     pairs, run = list[tuple[int, int]](), 1
     while run < count:
@@ -200,7 +209,7 @@ def _exchanges(count: int, wanted: int) -> list[tuple[int, int]]:
                 pairs += [(low, low + apart) for low in together if low // (2 * run) == (low + apart) // (2 * run)]
             apart //= 2
         run *= 2
-    needed, kept = {wanted}, list[tuple[int, int]]()
+    needed, kept = {*range(first, last + 1)}, list[tuple[int, int]]()
     for pair in reversed(pairs):
         if needed & {*pair}:
             needed |= {*pair}
@@ -288,9 +297,9 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
 
 def _masked_median(block: np.ndarray, covered: np.ndarray) -> np.ndarray:
     """Median over the first axis of `block` (F, R, W, 3) where not `covered` (F, R, W); 0 where covered throughout."""
-    # Covered samples sort to the end, so the median is the middle of the first `seen` ones.
-    values = np.sort(np.where(covered[..., None], np.int16(256), block.astype(np.int16)), axis=0)
+    # Covered samples, made white, sort to the end, so the median is the middle of the first `seen` ones.
+    ordered = np.stack(_ordered(np.where(covered[..., None], np.uint8(255), block), 0, len(block) // 2))
     seen = (~covered).sum(axis=0)
     low, high = np.maximum((seen - 1) // 2, 0), seen // 2
-    pick = [np.take_along_axis(values, np.minimum(index, len(block) - 1)[None, ..., None], axis=0)[0] for index in (low, high)]
+    pick = [np.take_along_axis(ordered, index[None, ..., None], axis=0)[0].astype(np.int16) for index in (low, high)]
     return np.where(seen[..., None] > 0, (pick[0] + pick[1]) // 2, 0).astype(np.uint8)

@@ -80,13 +80,14 @@ class MaskFollower:
     ) -> None:
         """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
 
-        `looks`: how the object differs from the plate; None learns it from picture 0. `trim`: masks end in the middle of a blurred rim.
+        `looks`: how the object differs from the plate; None learns it from picture 0. `trim`: masks end in the middle of a blurred rim;
+        without it they are found more roughly, too.
         """
         self._trim = trim
         self._progress = progress
         self._plate = plate
         self._looks = looks if looks is not None or plate is None else Looks(plate, [(picture, mask)])
-        self._solver = FlowSolver(rough=True)
+        self._solver = FlowSolver(rough=True, finest=0 if trim else 1)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(picture, window_of(mask, 24))
         self._colors = Colors(picture[mask], around[~near])
@@ -169,10 +170,11 @@ class MaskFollower:
             carried[margin : margin + y1 - y0, margin : margin + x1 - x0] = self._shape
             return carried > 0, where
         rows, columns = np.nonzero(self._shape)
-        motion = self.flow.motion[rows + y0 - self.flow.y0, columns + x0 - self.flow.x0]
-        landed = np.round(np.stack([columns + x0, rows + y0], axis=1) + motion).astype(int) - [where[0], where[1]]
-        inside = (landed >= 0).all(axis=1) & (landed[:, 0] < carried.shape[1]) & (landed[:, 1] < carried.shape[0])
-        carried[landed[inside, 1], landed[inside, 0]] = 1
+        motion = self.flow.motion[y0 - self.flow.y0 : y1 - self.flow.y0, x0 - self.flow.x0 : x1 - self.flow.x0][self._shape]
+        column = np.rint(motion[:, 0]).astype(np.int64) + columns + (x0 - where[0])
+        row = np.rint(motion[:, 1]).astype(np.int64) + rows + (y0 - where[1])
+        inside = (column >= 0) & (row >= 0) & (column < carried.shape[1]) & (row < carried.shape[0])
+        carried[row[inside], column[inside]] = 1
         # Pixels drift apart where the object grows: close the gaps.
         carried = cv2.morphologyEx(carried, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
         return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where

@@ -135,11 +135,11 @@ def body_shift(
 class FlowSolver:
     """Dense inverse search flow (Kroeger 2016) round a known shift, on the object's window only."""
 
-    def __init__(self, *, rough: bool = False) -> None:
-        """`rough`: the motion only has to be about right."""
+    def __init__(self, *, rough: bool = False, finest: int = 0) -> None:
+        """`rough`: the motion only has to be about right; `finest`: how often the pictures are halved for the last look at them."""
         self._pixels = ROUGH_PIXELS if rough else FLOW_PIXELS
         self._solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        self._solver.setFinestScale(0)
+        self._solver.setFinestScale(finest)
         if rough:
             self._solver.setPatchStride(4)
             self._solver.setGradientDescentIterations(16)
@@ -156,5 +156,7 @@ class FlowSolver:
             first, second = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (first, second))
         motion = self._solver.calc(np.ascontiguousarray(first), np.ascontiguousarray(second), None)
         if scale < 1.0:
-            motion = cv2.resize(motion, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR) * np.float32(1.0 / scale)
-        return Flow(x0, y0, motion + np.array([dx, dy], np.float32))
+            motion = cv2.resize(motion, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR)
+            motion *= np.float32(1.0 / scale)
+        motion += np.array([dx, dy], np.float32)
+        return Flow(x0, y0, motion)
