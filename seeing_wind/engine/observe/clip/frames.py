@@ -204,7 +204,7 @@ def _check_count(path: str, kept: int, count: int, first: int, last: int | None)
 
 
 def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray) -> tuple[float, Doubt | None]:
-    """Frames per second: the user's, else the file's, else (where the pictures' `times` (T+1,) [s] are uneven) their mean, which is told."""
+    """Frames per second: the user's, else the file's, else (where the pictures' `times` (T+1,) [s] are uneven) their mean, a doubt."""
     if fps is not None:
         return float(fps), None
     steps = np.diff(times)

@@ -80,14 +80,13 @@ class MaskFollower:
     ) -> None:
         """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
 
-        `looks`: how the object differs from the plate; None learns it from picture 0. `trim`: masks end in the middle of a blurred rim;
-        without it they are found more roughly, too.
+        `looks`: how the object differs from the plate; None learns it from picture 0. `trim`: masks end in the middle of a blurred rim.
         """
         self._trim = trim
         self._progress = progress
         self._plate = plate
         self._looks = looks if looks is not None or plate is None else Looks(plate, [(picture, mask)])
-        self._solver = FlowSolver(rough=True, finest=0 if trim else 1)
+        self._solver = FlowSolver(rough=True)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(picture, window_of(mask, 24))
         self._colors = Colors(picture[mask], around[~near])
@@ -236,7 +235,7 @@ def followed(
 
     Args:
         picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at picture 0.
-        points: advanced beside the follower, so that a large clip is read once, on another core while the follower looks at the next picture.
+        points: advanced beside the follower, so that a large clip is read once; on another core, while it looks at the next picture.
     """
     packing = Packing()
     packing.add(follower.mask)

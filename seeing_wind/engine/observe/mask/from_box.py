@@ -94,6 +94,14 @@ def mask_in_box(
     return mask
 
 
+def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:
+    """The box (x0, y0, x1, y1) [px] that a person draws round `mask` (H, W) bool, inside the picture."""
+    x0, y0, x1, y1 = window_of(mask, 0)
+    margin = max(4.0, 0.05 * max(x1 - x0 - 1, y1 - y0 - 1))
+    height, width = mask.shape
+    return max(x0 - margin, 0.0), max(y0 - margin, 0.0), min(x1 - 1 + margin, width - 1.0), min(y1 - 1 + margin, height - 1.0)
+
+
 def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) -> np.ndarray:
     """(H, W) bool, the box. Raises UsageError as `mask_in_box`."""
     if not np.isfinite(box).all() or box[2] <= box[0] or box[3] <= box[1]:

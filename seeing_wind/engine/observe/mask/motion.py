@@ -135,11 +135,11 @@ def body_shift(
 class FlowSolver:
     """Dense inverse search flow (Kroeger 2016) round a known shift, on the object's window only."""
 
-    def __init__(self, *, rough: bool = False, finest: int = 0) -> None:
-        """`rough`: the motion only has to be about right; `finest`: how often the pictures are halved for the last look at them."""
+    def __init__(self, *, rough: bool = False) -> None:
+        """`rough`: the motion only has to be about right."""
         self._pixels = ROUGH_PIXELS if rough else FLOW_PIXELS
         self._solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        self._solver.setFinestScale(finest)
+        self._solver.setFinestScale(0)
         if rough:
             self._solver.setPatchStride(4)
             self._solver.setGradientDescentIterations(16)

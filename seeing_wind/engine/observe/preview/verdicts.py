@@ -26,7 +26,7 @@ OPEN = 0.5
 """Part of the time between pictures for which a usual shutter is open."""
 
 GROWS = 0.1
-"""Relative change of the object's size in the picture from which it counts as coming nearer or turning: a swing across the view has less."""
+"""Relative change of the object's size in the picture from which it comes nearer or turns: a swing across the view has less."""
 
 BLURRED = 0.08
 """Blur in units of the object's shorter side from which its outline and tracks suffer."""
@@ -200,8 +200,8 @@ def _depth_motion(seen: Observation) -> Verdict:
     if abs(np.log(most)) <= np.log1p(GROWS):
         return Verdict("motion in depth", 0.0, "It stays about as large, so it moves across the view.")
     return Verdict(
-        "motion in depth", 0.5, f"It {'grows' if most > 1.0 else 'shrinks'} to {100 * most:.0f} % of its first size: it moves along the view, "
-        "turns or stretches, which one camera cannot tell apart.", "Film across the motion, or add a second view.",
+        "motion in depth", 0.5, f"It {'grows' if most > 1.0 else 'shrinks'} to {100 * most:.0f} % of its first size: it moves along the "
+        "view, turns or stretches, which one camera cannot tell apart.", "Film across the motion, or add a second view.",
     )  # fmt: skip
 
 

@@ -62,7 +62,8 @@ def test_a_rate_of_240_is_read(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("transfer", "name"), [(16, "PQ"), (18, "HLG"), (1, "")])
 def test_a_high_dynamic_range_is_named(tmp_path: Path, transfer: int, name: str) -> None:
-    (tmp_path / "hdr.mp4").write_bytes(with_box(filmed(tmp_path / "a.mp4"), box(b"colr", b"nclx" + struct.pack(">HHHB", 9, transfer, 9, 0))))
+    color = box(b"colr", b"nclx" + struct.pack(">HHHB", 9, transfer, 9, 0))
+    (tmp_path / "hdr.mp4").write_bytes(with_box(filmed(tmp_path / "a.mp4"), color))
     told = doubts(tmp_path / "hdr.mp4")
     assert [name in one and "high dynamic range" in one for one in told] == [True] * bool(name)
 

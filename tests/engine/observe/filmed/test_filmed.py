@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scenes import HEIGHT, WIDTH, Scene, noise, write_video
 
+from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.clip.filmed.beside import touching
 from seeing_wind.engine.observe.clip.filmed.combing import Combing
 from seeing_wind.engine.observe.clip.filmed.surroundings import camera_doubts
 from seeing_wind.engine.observe.mask.background import Plate
-from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
@@ -49,8 +49,11 @@ def test_a_lens_that_refocuses_is_told() -> None:
 
 def test_a_still_camera_and_a_hand_are_no_lens_that_refocuses() -> None:
     assert told([warped(grown(1.0), t) for t in range(12)]) == []
-    turn = [cv2.getRotationMatrix2D((WIDTH / 2, HEIGHT / 2), np.sin(0.5 * t), 1.0) for t in range(20)]
-    assert told([warped(np.column_stack([one[:, :2], one[:, 2] - one[:, :2] @ [80, 60] + 4 * np.sin(t)]), t) for t, one in enumerate(turn)]) == []
+    hand = []
+    for t in range(20):
+        turn = cv2.getRotationMatrix2D((WIDTH / 2, HEIGHT / 2), np.sin(0.5 * t), 1.0)
+        hand.append(warped(np.column_stack([turn[:, :2], turn[:, 2] - turn[:, :2] @ [80, 60] + 4 * np.sin(t)]), t))
+    assert told(hand) == []
 
 
 def read_by_rows(share: float) -> list[np.ndarray]:

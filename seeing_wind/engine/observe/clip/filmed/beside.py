@@ -15,7 +15,7 @@ LOOKS = 9
 """Pictures that are looked at, spread over the clip."""
 
 RIM, REACH = 0.03, 0.5
-"""How far from the outline a blurred rim may reach, and how far away another thing is looked for, in units of the root of the object's area."""
+"""How far from the outline a blurred rim may reach and another thing is looked for, in units of the root of the object's area."""
 
 DIFFERS = 6.0
 """Times the noise by which it differs from the background."""
@@ -25,7 +25,7 @@ LEAST = 0.04
 
 
 def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
-    """Said where in most pictures something that is no shadow differs from the still background right beside the object.
+    """Said where in most pictures something that is no shadow differs from the background right beside the object.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object in them; plate: the background.
@@ -36,8 +36,8 @@ def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
         return None
     return Doubt(
         0.65,
-        f"Something else moves and touches the object ({100 * float(np.median(seen)):.0f} % of its area, beside it): if it is a rope, a hand "
-        "or another thing, what it pulls counts as the field's force.",
+        f"Something else moves and touches the object ({100 * float(np.median(seen)):.0f} % of its area, beside it): if it is a rope, a "
+        "hand or another thing, what it pulls counts as the field's force.",
         "Mark both as one object, or mark where it is held.",
     )
 
@@ -51,7 +51,8 @@ def _beside(picture: np.ndarray, mask: np.ndarray, plate: Plate) -> float:
     away_from = cv2.distanceTransform(1 - shape, cv2.DIST_L2, 5)
     rim = max(3.0, RIM * size)
     differs = (away > DIFFERS * plate.noise) & (light == 0) & cut(plate.reliable, window, cv2.BORDER_CONSTANT)
-    other = cv2.morphologyEx((differs & (away_from <= REACH * size) & (shape == 0)).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    other = (differs & (away_from <= REACH * size) & (shape == 0)).astype(np.uint8)
+    other = cv2.morphologyEx(other, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     _, labels = cv2.connectedComponents(other, connectivity=8)
     own = np.unique(labels[(away_from <= rim) & (other > 0)])
     return float((np.isin(labels, own[own > 0]) & (away_from > rim)).sum() / mask.sum())

@@ -16,8 +16,8 @@ MOST = 40
 """Pictures that are looked at, spread over the clip."""
 
 BREATHES = 0.004
-"""Relative change of the picture's size from which it is told: half of what a phone's lens does when it refocuses from one metre to infinity.
-Corners are tracked ten times as well."""
+"""Relative change of the picture's size from which it is told: two pixels at the rim of a picture of 1000. Corners are tracked ten times
+as well."""
 
 SLIDES = 0.05
 """Part of the picture's width by which a picture that grows may slide: a camera that moves does both."""
@@ -58,10 +58,11 @@ def surroundings(frames: Frames, around: np.ndarray, progress: Progress) -> Moti
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
     height, width = first.shape
     corners = surrounding_corners(first, around, max(8.0, width / 40))
-    chosen = np.unique(np.linspace(1, len(frames) - 1, min(MOST, len(frames) - 1)).astype(int))
     kept: list[tuple[int, np.ndarray, float]] = []
     middle = np.array([0.5 * width, 0.5 * height])
-    for t in chosen if corners is not None else ():
+    if corners is None:
+        return Motion(np.zeros(0, int), np.zeros((0, 2, 3)), np.zeros(0))
+    for t in np.unique(np.linspace(1, len(frames) - 1, min(MOST, len(frames) - 1)).astype(int)):
         progress.check()
         gray = cv2.cvtColor(frames[int(t)], cv2.COLOR_RGB2GRAY)
         there, sure = _followed(first, gray, corners)
@@ -99,8 +100,8 @@ def _breathing(motion: Motion, width: int) -> Doubt | None:
         return None
     return Doubt(
         0.7,
-        f"All that stands still grows or shrinks by up to {100 * abs(size[most] - 1.0):.1f} %, most in picture {motion.pictures[most]}: the "
-        "lens refocuses or zooms, and that is taken for motion.",
+        f"All that stands still grows or shrinks by up to {100 * abs(size[most] - 1.0):.1f} %, most in picture {motion.pictures[most]}: "
+        "the lens refocuses or zooms, and that is taken for motion.",
         "Lock the focus while filming, or choose a part in which it is still.",
     )
 
