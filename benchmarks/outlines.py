@@ -141,7 +141,7 @@ def after_correction(case: Case, masks: dict[int, np.ndarray], folder: Path) -> 
     others = [t for t in sorted(case.truth) if t != worst]
     cv2.imwrite(str(folder / "truth.png"), case.truth[worst].astype(np.uint8) * 255)
     box = box_round(case.truth[0])
-    pointed, _ = seen_in(case, box=box, corrections=(float(worst + first), *mistake(masks[worst], case.truth[worst])))
+    pointed, _ = seen_in(case, box=box, correct=(float(worst + first), *mistake(masks[worst], case.truth[worst])))
     outlined, _ = seen_in(case, box=box, outline=str(folder / "truth.png"), outline_picture=worst + first)
     kinds = {"as found": masks, "one point": pointed, "an outline": outlined}
     return {kind: [overlap(found[t], case.truth[t]) for t in others] for kind, found in kinds.items()}

@@ -130,7 +130,7 @@ def _recover_into(
     for number, (clip, camera, mask) in enumerate(arguments.view, start=1):
         # Depth and pins of a further view are not used: its points are found on the first view's body.
         further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
-        further = dataclasses.replace(further, outline=None, corrections=None, distance=1.0, depth_model=None)
+        further = dataclasses.replace(further, outline=None, correct=None, distance=1.0, depth_model=None)
         further = dataclasses.replace(further, prompt=None, detector_model=None)
         sights.append(observe_stage(take, clip, further, progress, view=number)[0])
         targets.append(view_targets(body, sights[-1]))

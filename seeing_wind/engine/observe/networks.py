@@ -38,7 +38,7 @@ def check_networks(settings: ObserveSettings) -> None:
         raise UsageError("The object is marked by words and by a mask, box or points.", "Give one of them.")
     if settings.outline_picture and settings.outline is None:
         raise UsageError("--outline-picture says which picture --outline shows, and there is none.", "Give both, or neither.")
-    if settings.mask_model and (settings.corrections or settings.outline):
+    if settings.mask_model and (settings.correct or settings.outline):
         raise UsageError("--mask-model follows the outline by itself, and cannot be corrected.", "Leave it or the corrections out.")
     if settings.depth and settings.depth_model:
         raise UsageError("--depth and --depth-model contradict each other.", "Give one of them.")

@@ -185,7 +185,7 @@ def _corrections(
         UsageError: one that lies outside the clip.
     """
     count, height, width = clip.frames.shape[:3]
-    marks = marks_of(settings.corrections or (), clip.first_frame, (count, height, width))
+    marks = marks_of(settings.correct or (), clip.first_frame, (count, height, width))
     steady = {t: np.eye(3) if turns is None else homography(turns[t], lens.camera) for t in range(count)}
     marks = {
         t: Marks(lens.straight_points(one.on), lens.straight_points(one.beside)).through(steady[t]) for t, one in marks.items()

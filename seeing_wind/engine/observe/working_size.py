@@ -98,10 +98,10 @@ class WorkingSize:
         if settings.points is not None:
             points = point_list(settings.points, *self.file)
             changes["points"] = tuple(float(value) for value in self.inward(points).ravel())
-        if settings.corrections is not None:
-            rows = np.array(settings.corrections, dtype=np.float64).reshape(-1, 4)
+        if settings.correct is not None:
+            rows = np.array(settings.correct, dtype=np.float64).reshape(-1, 4)
             rows[:, 1:3] = self.inward(rows[:, 1:3])
-            changes["corrections"] = tuple(float(value) for value in rows.ravel())
+            changes["correct"] = tuple(float(value) for value in rows.ravel())
         if settings.pixels_per_metre is not None:
             changes["pixels_per_metre"] = settings.pixels_per_metre / float(self._factor[0])
         return replace(settings, **changes)  # type: ignore[arg-type]

@@ -50,8 +50,8 @@ class ObserveSettings:
         0, label="Picture", help="the picture that --outline shows, counted from 0 in the file", minimum=0, metavar="N", group=SEEN,
         panel="main",
     )  # fmt: skip
-    corrections: tuple[float, ...] | None = option(
-        None, flag="--correct", help="points in any picture N, counted from 0 in the file: N+X,Y on the object, N-X,Y beside it; the "
+    correct: tuple[float, ...] | None = option(
+        None, help="points in any picture N, counted from 0 in the file: N+X,Y on the object, N-X,Y beside it; the "
         "outline is found again there and carried to the other pictures", unit="px", metavar="N+X,Y", form=MARKS, group=SEEN, panel="",
     )  # fmt: skip
     tracks: str | None = option(

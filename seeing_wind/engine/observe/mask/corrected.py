@@ -26,11 +26,18 @@ LOCAL = 0.6
 POINT = 0.05
 """Radius that a mark stands for, in the same units, at most."""
 
-ALIKE = 0.5
-"""By how much an outline may differ from the one that was corrected, in units of the correction, for it to be wrong in the same way."""
+CLOSE, ALIKE = 0.05, 0.5
+"""How far round a correction outlines are compared, in the same units, and by how much they may differ there, in units of the correction,
+for them to be wrong in the same way."""
 
 POINTS = 400
 """Pixels of the object near a correction by which its motion is told."""
+
+GRAIN = 8.0
+"""Grey levels within which colours are alike, besides what they vary by at the place that was marked."""
+
+FLOOD = 8 | (1 << 8) | cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY
+"""Eight neighbours, ones into the mask, against the colour of the start, the picture itself left alone."""
 
 WHERE = "Count pictures from 0 as --frames does, and give --correct N+X,Y on the object or N-X,Y beside it."
 
@@ -78,19 +85,37 @@ def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Pr
     size = float(np.sqrt(max(mask.sum(), 1)))
     radius = max(1, round(min(SEED * min(mask.shape), POINT * size)))
     discs = [_discs(points, radius, mask.shape) for points in (marks.on, marks.beside)]
-    if size**2 < FEW:
-        return (mask | discs[0]) & ~discs[1]  # too few pixels for their colours to say more
-    near = _discs(np.concatenate([marks.on, marks.beside]), round(max(LOCAL * size, 4 * radius)), mask.shape)
+    found = mask
+    if size**2 >= FEW:
+        alike = [_alike(picture, points, radius) for points in (marks.on, marks.beside)]
+        found = _cut_again(picture, (mask | alike[0]) & ~alike[1], discs, round(max(LOCAL * size, 4 * radius)), progress)
+    found = (found | discs[0]) & ~discs[1]
+    if found.sum() < LEAST_PIXELS:
+        raise ObjectError("The corrections leave nothing of the object.", "Mark points on it, too.")
+    return found
+
+
+def _alike(picture: np.ndarray, points: np.ndarray, radius: int) -> np.ndarray:
+    """(H, W) bool: what is coloured as the places round `points` (P, 2) [px] are, as far as it hangs together with them."""
+    smooth, found = cv2.GaussianBlur(picture, (0, 0), 1.5), np.zeros((picture.shape[0] + 2, picture.shape[1] + 2), np.uint8)
+    for x, y in np.round(points).astype(int):
+        place = smooth[max(y - 3 * radius, 0) : y + 3 * radius + 1, max(x - 3 * radius, 0) : x + 3 * radius + 1].reshape(-1, 3)
+        spread = tuple(float(value) for value in GRAIN + 2.0 * place.std(axis=0))
+        cv2.floodFill(smooth, found, (int(x), int(y)), 0, spread, spread, FLOOD)
+    return found[1:-1, 1:-1] > 0
+
+
+def _cut_again(picture: np.ndarray, mask: np.ndarray, discs: list[np.ndarray], reach: int, progress: Progress) -> np.ndarray:
+    """What GrabCut takes for the object within `reach` [px] of `discs` (H, W) bool that are on it and beside it; elsewhere `mask` as it is."""
+    distance = cv2.distanceTransform(1 - (discs[0] | discs[1]).astype(np.uint8), cv2.DIST_L2, 5)
+    near = distance <= reach
     window = within(window_of(mask | near, 20), picture)
-    trimap = np.where(mask, cv2.GC_FGD, cv2.GC_BGD).astype(np.uint8)
+    trimap = np.where(mask & ~discs[1], cv2.GC_FGD, cv2.GC_BGD).astype(np.uint8)
     trimap[near & mask], trimap[near & ~mask] = cv2.GC_PR_FGD, cv2.GC_PR_BGD
     trimap[discs[0]], trimap[discs[1]] = cv2.GC_FGD, cv2.GC_BGD
     found = np.zeros_like(mask)
     paste(found, grab_cut(cut(picture, window), cut(trimap, window), 5, progress), window)
-    found = tidy((found | discs[0]) & ~discs[1], (mask & ~near) | discs[0])
-    if found.sum() < LEAST_PIXELS:
-        raise ObjectError("The corrections leave nothing of the object.", "Mark points on it, too.")
-    return found
+    return tidy(found, (mask & ~near) | discs[0])
 
 
 def _discs(points: np.ndarray, radius: int, shape: tuple[int, ...]) -> np.ndarray:
@@ -130,25 +155,33 @@ def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progr
     pictures, found = sorted(better), {t: better[t] for t in better}
     ends = [(one + other) // 2 for one, other in zip(pictures, pictures[1:])]
     for start, low, high in zip(pictures, [0, *(end + 1 for end in ends)], [*ends, len(frames) - 1]):
-        changes = np.stack([better[start] & ~masks[start], masks[start] & ~better[start]])
-        if changes.any():
-            for way in (range(start + 1, high + 1), range(start - 1, low - 1, -1)):
-                found |= _mended(frames, masks, better[start], changes, way, progress)
+        changes = [(part, True) for part in _parts(better[start] & ~masks[start])]
+        changes += [(part, False) for part in _parts(masks[start] & ~better[start])]
+        for way in (range(start + 1, high + 1), range(start - 1, low - 1, -1)) if changes else ():
+            found |= _mended(frames, masks, better[start], changes, way, progress)
     return Masks.of(found[t] if t in found else masks[t] for t in range(len(frames)))
 
 
+def _parts(mask: np.ndarray) -> list[np.ndarray]:
+    """What of `mask` (H, W) bool hangs together, specks left out."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    return [labels == one for one in range(1, count) if stats[one, cv2.CC_STAT_AREA] >= LEAST_PIXELS]
+
+
 def _mended(
-    frames: Frames, masks: Masks, shape: np.ndarray, changes: np.ndarray, way: range, progress: Progress
+    frames: Frames, masks: Masks, shape: np.ndarray, changes: list[tuple[np.ndarray, bool]], way: range, progress: Progress
 ) -> dict[int, np.ndarray]:
-    """The masks of the pictures on the `way` with the `changes` (2, H, W) bool, added and taken away, that made `shape` (H, W) of one."""
-    size = float(np.sqrt(shape.sum()))
-    near = cv2.distanceTransform(1 - changes.any(axis=0).astype(np.uint8), cv2.DIST_L2, 5) <= LOCAL * size
-    solver, total, found = FlowSolver(rough=True), np.eye(3), dict[int, np.ndarray]()
-    rows, columns = np.nonzero(shape & near if (shape & near).any() else shape)
+    """The masks of the pictures on the `way` with the `changes` (H, W) bool, added or not, that made `shape` (H, W) of one."""
+    size, outline = float(np.sqrt(shape.sum())), masks[way.start - way.step]
+    reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, 2 * (2 * round(max(CLOSE * size, 3.0)) + 1,))
+    around = [cv2.dilate(part.astype(np.uint8), reach) > 0 for part, _ in changes]
+    distance = cv2.distanceTransform(1 - np.any([part for part, _ in changes], axis=0).astype(np.uint8), cv2.DIST_L2, 5)
+    near = shape & (distance <= LOCAL * size)
+    rows, columns = np.nonzero(near if near.any() else shape)
     some = np.linspace(0, len(rows) - 1, min(POINTS, len(rows))).astype(int)
     points = np.stack([columns, rows], axis=1)[some].astype(np.float64)
-    outline = masks[way.start - way.step]
     before, last = cv2.cvtColor(frames[way.start - way.step], cv2.COLOR_RGB2GRAY), outline
+    solver, total, found = FlowSolver(rough=True), np.eye(3), dict[int, np.ndarray]()
     for t in way:
         progress.check()
         gray, mask = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY), masks[t]
@@ -163,9 +196,12 @@ def _mended(
         if fit is None:
             break
         total = np.vstack([fit, [0.0, 0.0, 1.0]]) @ total
-        added, taken, around, as_it_was = (_moved(one, total) for one in (*changes, near, outline))
-        if ((as_it_was ^ mask) & around).sum() < ALIKE * (added | taken).sum():
-            found[t] = (mask | added) & ~taken
+        differs, mended = _moved(outline, total) ^ mask, mask.copy()
+        for (part, added), place in zip(changes, around):
+            part = _moved(part, total)
+            if (differs & _moved(place, total)).sum() < ALIKE * part.sum():
+                mended[part] = added
+        found[t] = mended
         before, last = gray, mask
     return found
 

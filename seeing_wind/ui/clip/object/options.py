@@ -52,7 +52,7 @@ def object_options(
     elif values["outline"] is None:
         values = values | {"outline_picture": 0}
     points = [number for one in settings.corrections for number in (float(one.picture), *map(single, one.place), float(not one.beside))]
-    given = part_of(values, ObserveSettings, **{name: values[name] for name in named}) | {"corrections": tuple(points) or None}
+    given = part_of(values, ObserveSettings, **{name: values[name] for name in named}) | {"correct": tuple(points) or None}
     check_files(given, ObserveSettings)
     return given | made, inputs
 
