@@ -248,9 +248,8 @@ def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray
     """A better plate once the object's `masks` (T+1, H, W) are known: trusted where the object ever leaves and what is seen then agrees."""
     color = clean_plate(frames, masks, median, progress)
     grow = np.ones((9, 9), np.uint8)
-    seen = masks.windows[masks.windows[:, 2] > 0]
-    low, high = seen[:, :2].min(axis=0) - 4, seen[:, 2:].max(axis=0) + 4
-    x0, y0, x1, y1 = within((int(low[0]), int(low[1]), int(high[0]), int(high[1])), color)
+    seen = masks.windows[masks.windows[:, 2] > 0].astype(int)
+    x0, y0, x1, y1 = within((*(seen[:, :2].min(axis=0) - 4), *(seen[:, 2:].max(axis=0) + 4)), color)
     part = np.s_[y0:y1, x0:x1]
     leaves, agree = np.zeros((2, y1 - y0, x1 - x0), np.int32)
     for t, mask in enumerate(masks):
@@ -295,8 +294,7 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
 def _masked_median(block: np.ndarray, covered: np.ndarray) -> np.ndarray:
     """Median over the first axis of `block` (F, R, W, 3) where not `covered` (F, R, W); 0 where covered throughout."""
     # Covered samples, made white, sort to the end, so the median is the middle of the first `seen` ones.
-    ordered = np.stack(_ordered(np.where(covered[..., None], np.uint8(255), block), 0, len(block) // 2))
-    seen = (~covered).sum(axis=0)
+    ordered, seen = np.stack(_ordered(np.where(covered[..., None], np.uint8(255), block), 0, len(block) // 2)), (~covered).sum(axis=0)
     low, high = np.maximum((seen - 1) // 2, 0), seen // 2
     pick = [np.take_along_axis(ordered, index[None, ..., None], axis=0)[0].astype(np.int16) for index in (low, high)]
     return np.where(seen[..., None] > 0, (pick[0] + pick[1]) // 2, 0).astype(np.uint8)

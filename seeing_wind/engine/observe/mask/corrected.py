@@ -14,7 +14,7 @@ from ..clip.shake import through
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import Looks
+from .evidence import RIM, Looks
 from .first_mask import SEED
 from .follow import MaskFollower, followed
 from .from_box import FEW
@@ -26,7 +26,7 @@ LOCAL = 0.6
 POINT = 0.05
 """Radius that a mark stands for, in the same units, at most."""
 
-CLOSE, ALIKE = 0.05, 0.5
+CLOSE, ALIKE = 0.1, 0.5
 """How far round a correction outlines are compared, in the same units, and by how much they may differ there, in units of the correction,
 for them to be wrong in the same way."""
 
@@ -34,7 +34,10 @@ POINTS = 400
 """Pixels of the object near a correction by which its motion is told."""
 
 GRAIN = 8.0
-"""Grey levels within which colours are alike, besides what they vary by at the place that was marked."""
+"""Grey levels that one colour varies by."""
+
+MOST = 0.9
+"""Part of the object that a mark may change by its colour alone: more is a colour that says nothing here."""
 
 FLOOD = 8 | (1 << 8) | cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY
 """Eight neighbours, ones into the mask, against the colour of the start, the picture itself left alone."""
@@ -87,8 +90,16 @@ def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Pr
     discs = [_discs(points, radius, mask.shape) for points in (marks.on, marks.beside)]
     found = mask
     if size**2 >= FEW:
-        alike = [_alike(picture, points, radius) for points in (marks.on, marks.beside)]
-        found = _cut_again(picture, (mask | alike[0]) & ~alike[1], discs, round(max(LOCAL * size, 4 * radius)), progress)
+        begun = mask.copy()
+        for points, on in ((marks.on, True), (marks.beside, False)):
+            wrong = (mask != on).astype(np.uint8)
+            column, row = np.round(points).astype(int).T
+            # Nearer the outline it is the rim that is wrong, where a colour is both sides'.
+            far = cv2.distanceTransform(wrong, cv2.DIST_L2, 5)[row, column] > 2.0 * RIM
+            alike = _alike(picture, points[far], radius) & (wrong > 0)
+            if alike.sum() < MOST * mask.sum():
+                begun[alike] = on
+        found = _cut_again(picture, begun, discs, round(max(LOCAL * size, 4 * radius)), progress)
     found = (found | discs[0]) & ~discs[1]
     if found.sum() < LEAST_PIXELS:
         raise ObjectError("The corrections leave nothing of the object.", "Mark points on it, too.")
@@ -99,14 +110,14 @@ def _alike(picture: np.ndarray, points: np.ndarray, radius: int) -> np.ndarray:
     """(H, W) bool: what is coloured as the places round `points` (P, 2) [px] are, as far as it hangs together with them."""
     smooth, found = cv2.GaussianBlur(picture, (0, 0), 1.5), np.zeros((picture.shape[0] + 2, picture.shape[1] + 2), np.uint8)
     for x, y in np.round(points).astype(int):
-        place = smooth[max(y - 3 * radius, 0) : y + 3 * radius + 1, max(x - 3 * radius, 0) : x + 3 * radius + 1].reshape(-1, 3)
-        spread = tuple(float(value) for value in GRAIN + 2.0 * place.std(axis=0))
-        cv2.floodFill(smooth, found, (int(x), int(y)), 0, spread, spread, FLOOD)
+        place = smooth[max(y - 2 * radius, 0) : y + 2 * radius + 1, max(x - 2 * radius, 0) : x + 2 * radius + 1].reshape(-1, 3)
+        if place.std(axis=0).max() < GRAIN:  # a place of several colours stands for none of them
+            cv2.floodFill(smooth, found, (int(x), int(y)), 0, 3 * (2.0 * GRAIN,), 3 * (2.0 * GRAIN,), FLOOD)
     return found[1:-1, 1:-1] > 0
 
 
 def _cut_again(picture: np.ndarray, mask: np.ndarray, discs: list[np.ndarray], reach: int, progress: Progress) -> np.ndarray:
-    """What GrabCut takes for the object within `reach` [px] of `discs` (H, W) bool that are on it and beside it; elsewhere `mask` as it is."""
+    """What GrabCut takes for the object within `reach` [px] of `discs` (H, W) bool on it and beside it; elsewhere `mask` as it is."""
     distance = cv2.distanceTransform(1 - (discs[0] | discs[1]).astype(np.uint8), cv2.DIST_L2, 5)
     near = distance <= reach
     window = within(window_of(mask | near, 20), picture)

@@ -60,7 +60,8 @@ class SEEING_WIND_OT_correct_outline(DirectOperator, bpy.types.Operator):
         self.area = context.area
         self.region = next(region for region in self.area.regions if region.type == "WINDOW")
         context.window.cursor_modal_set("EYEDROPPER")
-        context.workspace.status_text_set(f"Click a point {'beside' if self.beside else 'on'} the object   |   Esc, right mouse button: cancel")
+        where = "beside" if self.beside else "on"
+        context.workspace.status_text_set(f"Click a point {where} the object   |   Esc, right mouse button: cancel")
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 

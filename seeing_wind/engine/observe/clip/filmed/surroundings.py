@@ -19,6 +19,9 @@ BREATHES = 0.004
 """Relative change of the picture's size from which it is told: two pixels at the rim of a picture of 1000. Corners are tracked ten times
 as well."""
 
+ROUND, JUMPS = 5, 4.0
+"""Pictures over whose median it is taken, and how many times as much as they usually differ from that it has to be."""
+
 SLIDES = 0.05
 """Part of the picture's width by which a picture that grows may slide: a camera that moves does both."""
 
@@ -91,16 +94,19 @@ def _followed(before: np.ndarray, after: np.ndarray, corners: np.ndarray) -> tup
 
 
 def _breathing(motion: Motion, width: int) -> Doubt | None:
-    if not len(motion.pictures):
+    if len(motion.pictures) < ROUND:
         return None
-    size = np.sqrt(np.abs(np.linalg.det(motion.affine[:, :, :2])))
+    size = np.sqrt(np.abs(np.linalg.det(motion.affine[:, :, :2]))) - 1.0
     slide = np.linalg.norm(motion.affine[:, :, 2], axis=1)
-    most = int(np.argmax(np.abs(size - 1.0)))
-    if abs(size[most] - 1.0) < BREATHES or slide.max() > SLIDES * width:
+    # A lens moves smoothly; few corners, or ones that are not still, give sizes that jump.
+    padded = np.pad(size, ROUND // 2, mode="edge")
+    smooth = np.median(np.lib.stride_tricks.sliding_window_view(padded, ROUND), axis=1)
+    most = int(np.argmax(np.abs(smooth)))
+    if abs(smooth[most]) < max(BREATHES, JUMPS * float(np.median(np.abs(size - smooth)))) or slide.max() > SLIDES * width:
         return None
     return Doubt(
         0.7,
-        f"All that stands still grows or shrinks by up to {100 * abs(size[most] - 1.0):.1f} %, most in picture {motion.pictures[most]}: "
+        f"All that stands still grows or shrinks by up to {100 * abs(smooth[most]):.1f} %, most in picture {motion.pictures[most]}: "
         "the lens refocuses or zooms, and that is taken for motion.",
         "Lock the focus while filming, or choose a part in which it is still.",
     )
