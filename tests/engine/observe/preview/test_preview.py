@@ -204,11 +204,6 @@ def test_what_grows_moves_along_the_view(disc_seen: Observation) -> None:
     assert "shrinks" in verdict(lone, "motion in depth").because, "by its outline, where there are no points"
 
 
-def test_no_scale(disc_seen: Observation) -> None:
-    assert "one unknown factor" in verdict(disc_seen, "scale", ObserveSettings()).because
-    assert verdict(disc_seen, "scale").severity == 0.0
-
-
 def test_doubts_of_the_clip_are_in_the_same_list_and_in_a_recovery_s_notes(disc_seen: Observation) -> None:
     doubts = Doubts.of([Doubt(0.3, "It is pale.", "Convert it."), Doubt(1.5, "It is slow motion.", "Give --fps 240.")])
     kept = from_arrays(Observation, to_arrays(dataclasses.replace(disc_seen, doubts=doubts)))

@@ -12,7 +12,7 @@ from ....records import Doubt
 from ..shake import LEAST_CORNERS, LEAST_PART, surrounding_corners
 from ..stored import Frames
 
-MOST = 40
+MOST = 20
 """Pictures that are looked at, spread over the clip."""
 
 BREATHES = 0.004
