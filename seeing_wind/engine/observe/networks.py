@@ -116,7 +116,7 @@ class Outlined:
 
     def __init__(self, picture: np.ndarray, masks: Masks) -> None:
         """`picture` (H, W, 3) uint8 RGB: number 0."""
-        self._solver, self._masks, self._count = FlowSolver(), masks, 0
+        self._solver, self._masks, self._count = FlowSolver(rough=True), masks, 0
         self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         self.mask = masks[0]
         self.flow: Flow | None = None

@@ -30,6 +30,9 @@ CLOSE, ALIKE = 0.1, 0.5
 """How far round a correction outlines are compared, in the same units, and by how much they may differ there, in units of the correction,
 for them to be wrong in the same way."""
 
+LITTLE = 0.003
+"""Part of the object that a correction has to change for it to be taken along."""
+
 POINTS = 400
 """Pixels of the object near a correction by which its motion is told."""
 
@@ -166,17 +169,18 @@ def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progr
     pictures, found = sorted(better), {t: better[t] for t in better}
     ends = [(one + other) // 2 for one, other in zip(pictures, pictures[1:])]
     for start, low, high in zip(pictures, [0, *(end + 1 for end in ends)], [*ends, len(frames) - 1]):
-        changes = [(part, True) for part in _parts(better[start] & ~masks[start])]
-        changes += [(part, False) for part in _parts(masks[start] & ~better[start])]
+        area = int(better[start].sum())
+        changes = [(part, True) for part in _parts(better[start] & ~masks[start], area)]
+        changes += [(part, False) for part in _parts(masks[start] & ~better[start], area)]
         for way in (range(start + 1, high + 1), range(start - 1, low - 1, -1)) if changes else ():
             found |= _mended(frames, masks, better[start], changes, way, progress)
     return Masks.of(found[t] if t in found else masks[t] for t in range(len(frames)))
 
 
-def _parts(mask: np.ndarray) -> list[np.ndarray]:
-    """What of `mask` (H, W) bool hangs together, specks left out."""
+def _parts(mask: np.ndarray, area: int) -> list[np.ndarray]:
+    """What of `mask` (H, W) bool hangs together, specks of an object of `area` [px] left out."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    return [labels == one for one in range(1, count) if stats[one, cv2.CC_STAT_AREA] >= LEAST_PIXELS]
+    return [labels == one for one in range(1, count) if stats[one, cv2.CC_STAT_AREA] >= max(LEAST_PIXELS, LITTLE * area)]
 
 
 def _mended(
