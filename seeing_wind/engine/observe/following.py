@@ -43,6 +43,7 @@ class Tracks:
 def follow(
     clip: Clip,
     mask: np.ndarray,
+    outlines: Masks | None,
     plate: Plate | None,
     looks: Looks | None,
     lens: Lens,
@@ -50,7 +51,10 @@ def follow(
     progress: Progress,
     journal: Journal,
 ) -> tuple[Masks, Tracks]:
-    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
+    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track.
+
+    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of picture 0 in any case.
+    """
     frames = clip.frames
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     if settings.tracks:
@@ -64,9 +68,11 @@ def follow(
     points = Generations(frames[0], mask, corners, reseed=reseed)
     if settings.mask_model:
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
-        follower: Follower = Outlined(frames[0], outlines)
-    else:
+    follower: Follower
+    if outlines is None:
         follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True)
+    else:
+        follower = Outlined(frames[0], outlines)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     seen = areas(masks) > 0
     _tell_lost(seen, progress)
