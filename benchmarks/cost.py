@@ -29,7 +29,7 @@ def one(frames: int, particles: int) -> dict:
     from benchmarks.schedule import FPS, MATERIAL, scene
     from seeing_wind.engine.look.report.accuracy import field_errors
     from seeing_wind.engine.progress import NoProgress
-    from seeing_wind.engine.recovery import recover
+    from seeing_wind.engine.recovery.recover import recover
 
     case = scene(frames, particles, mean=(0.0, 0.0, 0.0), kind=True)
     few = case.seen(min(frames, 6))  # compiles what is needed, not counted

@@ -28,8 +28,8 @@ from seeing_wind.engine.mpm.state import State  # noqa: E402
 from seeing_wind.engine.observe.object.motion.control import attach  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 from seeing_wind.engine.records import Camera, Material, Particles, Recovery, TrackTargets  # noqa: E402
-from seeing_wind.engine.recovery import recover  # noqa: E402
 from seeing_wind.engine.recovery.prior import learning as beliefs  # noqa: E402
+from seeing_wind.engine.recovery.recover import recover  # noqa: E402
 from seeing_wind.engine.recovery.solve import window  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
 

@@ -18,7 +18,7 @@ import numpy as np
 from seeing_wind.engine.command.trajectories.bodies import Trajectories, read_trajectories
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.settings import RecoverSettings
 
 Variant = Callable[[Trajectories], Trajectories]

@@ -35,8 +35,8 @@ from seeing_wind.engine.mpm.rollout import advance  # noqa: E402
 from seeing_wind.engine.mpm.state import State  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 from seeing_wind.engine.records import Attachment, Material, Particles, PointTargets, Recovery  # noqa: E402
-from seeing_wind.engine.recovery import recover  # noqa: E402
 from seeing_wind.engine.recovery.paper.schedule import recover_by_descent  # noqa: E402
+from seeing_wind.engine.recovery.recover import recover  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
 
 FPS = 30.0

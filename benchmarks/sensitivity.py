@@ -135,7 +135,7 @@ def recovered(file: Path) -> dict[str, Any]:
     from seeing_wind.engine.command.trajectories.bodies import read_trajectories
     from seeing_wind.engine.look.report.accuracy import field_errors
     from seeing_wind.engine.progress import NoProgress
-    from seeing_wind.engine.recovery import recover
+    from seeing_wind.engine.recovery.recover import recover
     from seeing_wind.engine.settings import RecoverSettings
 
     source, began = read_trajectories(file, None, None), time.monotonic()

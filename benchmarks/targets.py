@@ -23,7 +23,7 @@ from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 from seeing_wind.engine.record_arrays import from_arrays, read_body  # noqa: E402
 from seeing_wind.engine.records import Body, Observation, PointTargets, TrackTargets  # noqa: E402
-from seeing_wind.engine.recovery import recover  # noqa: E402
+from seeing_wind.engine.recovery.recover import recover  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
 from seeing_wind.engine.stages import track_targets  # noqa: E402
 from seeing_wind.engine.take import Take  # noqa: E402

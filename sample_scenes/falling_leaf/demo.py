@@ -14,6 +14,7 @@ import argparse
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -53,7 +54,10 @@ def main(argv: list[str] | None = None) -> int:
     out = Path(options.out).resolve()
     seconds: dict[str, float] = {}
     out.mkdir(parents=True, exist_ok=True)
-    (out / FIGURES).unlink(missing_ok=True)  # those of an earlier run must not pass for this one's
+    # what an earlier run left must not pass for this one's
+    (out / FIGURES).unlink(missing_ok=True)
+    for edit in out.glob("wind.edit*.take"):
+        shutil.rmtree(edit)
     try:
         print("1/3 building the clip", flush=True)
         arguments = ["--out", str(out / "clip"), "--seed", str(options.seed), "--frames", str(options.frames)]

@@ -19,8 +19,12 @@ from seeing_wind.ui.field.solvers.particles import calibrate_particles  # noqa: 
 
 RIBBON = (0.05, 0.26)
 """Width and length of the inserted ribbon [m]."""
-CELLS = (6, 31)
+CELLS = (6, 40)
 """Its faces across and along."""
+CURL = (0.02, 0.17)
+"""How far a ribbon that comes off its spool waves, and the length of a wave [m]."""
+SLANT = 0.35
+"""Ribbons are cut askew: how far along for every metre across."""
 MATERIAL, DENSITY = "cotton", 400.0
 """Cloth: an open mesh is simulated as a shell. As dense as the leaf [kg/m³], so that the same wind carries it."""
 BESIDE = 0.27
@@ -39,6 +43,7 @@ def main(folder: Path) -> None:
     start(folder)
     scene = bpy.context.scene
     insert_ribbons(scene)
+    grow_twig(scene)
     say("simulating three ribbons in the recovered wind")
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
@@ -77,12 +82,12 @@ def insert_ribbons(scene) -> None:
     """The inserted mesh three times: as it is, held at its upper end, and at twice its mass."""
     right = np.array([BESIDE, 0.0, 0.0])
     place = start_of(scene.seeing_wind.recovered_object) + 2.0 * right + [0.0, 0.0, 0.02]
-    for name, at, colour in (
-        ("Ribbon", place, (0.03, 0.22, 0.27)),
-        ("Ribbon Pinned", place - right, (0.42, 0.03, 0.06)),
-        ("Ribbon Twice the Mass", place + [0.0, 0.02, 0.0], (0.55, 0.27, 0.03)),
+    for name, at, phase, colour in (
+        ("Ribbon", place, 0.5, (0.03, 0.22, 0.27)),
+        ("Ribbon Pinned", place - right, 0.0, (0.42, 0.03, 0.06)),
+        ("Ribbon Twice the Mass", place + [0.0, 0.09, 0.0], 2.6, (0.55, 0.27, 0.03)),
     ):
-        ribbon = make_ribbon(name, at, colour)
+        ribbon = make_ribbon(name, at, phase, colour)
         done(bpy.ops.seeing_wind.insert_mesh(object=ribbon.name, material=MATERIAL))
         body = scene.seeing_wind.bodies[-1]
         body.use_density, body.density = True, DENSITY
@@ -97,12 +102,17 @@ def start_of(leaf) -> np.ndarray:
     return vertices.reshape(-1, 3).mean(0) @ np.array(leaf.matrix_world)[:3, :3].T + np.array(leaf.matrix_world)[:3, 3]
 
 
-def make_ribbon(name: str, centre: np.ndarray, colour: tuple[float, float, float]):
-    """A ribbon that hangs, slightly twisted; its upper edge is the vertex group "Held"."""
+def make_ribbon(name: str, centre: np.ndarray, phase: float, colour: tuple[float, float, float]):
+    """A ribbon that hangs, slightly twisted and in waves from its spool; its upper edge is the vertex group "Held"."""
     u, v = np.meshgrid(np.linspace(0.0, 1.0, CELLS[0] + 1), np.linspace(0.0, 1.0, CELLS[1] + 1))
-    across, along = u - 0.5, 0.5 - v
-    twist = 0.9 * along
-    vertices = np.stack([np.cos(twist) * across * RIBBON[0], np.sin(twist) * across * RIBBON[0], along * RIBBON[1]], -1).reshape(-1, 3)
+    across, along = (u - 0.5) * RIBBON[0], (0.5 - v) * RIBBON[1]
+    along += SLANT * across * (2.0 * v - 1.0) * (v > 0.5)  # its lower end; what is held is straight
+    twist = 3.5 * (along - 0.5 * RIBBON[1])
+    turn = 2.0 * np.pi / CURL[1] * (0.5 * RIBBON[1] - along) + phase
+    wave = CURL[0] * (np.sin(turn) - np.sin(phase))
+    # as long as it is along the wave
+    down = along - 0.25 * (2.0 * np.pi * CURL[0] / CURL[1]) ** 2 * (along - 0.5 * RIBBON[1])
+    vertices = np.stack([np.cos(twist) * across, np.sin(twist) * across + wave, down], -1).reshape(-1, 3)
     ribbon = new_object(name, vertices + centre, u, v)
     ribbon.data.materials.append(cloth(name, colour))
     ribbon.vertex_groups.new(name="Held").add(list(range(CELLS[0] + 1)), 1.0, "REPLACE")
@@ -124,23 +134,50 @@ def new_object(name: str, vertices: np.ndarray, u: np.ndarray, v: np.ndarray):
 
 
 def cloth(name: str, colour: tuple[float, float, float]):
-    """Cotton: unevenly dyed, with a lighter hem, and bright where the light is behind it."""
+    """Cotton: unevenly dyed and a little faded, with two woven stripes, and bright where the light is behind it."""
     material, surface, add = thin(name, 0.85)
     flat = add("TexCoord", {}).outputs["UV"]
     metres = add("VectorMath", {0: flat, 1: (*RIBBON, 0.0)}, operation="MULTIPLY").outputs[0]
-    dye = add("TexNoise", {"Vector": metres, "Scale": 45.0, "Detail": 3.0})
-    uneven = ramp(add, dye.outputs[0], ((0.3, [0.8 * value for value in colour]), (0.7, [1.15 * value for value in colour])))
+    faded = [0.25 + 0.6 * value for value in colour]
+    dye = add("TexNoise", {"Vector": metres, "Scale": 30.0, "Detail": 6.0, "Roughness": 0.65})
+    worn = [0.6 * value + 0.4 * pale for value, pale in zip(colour, faded, strict=True)]
+    uneven = ramp(add, dye.outputs[0], ((0.3, [0.55 * value for value in colour]), (0.52, colour), (0.75, worn)))
     across = add("SeparateXYZ", {0: flat}).outputs[0]
-    hem = ramp(add, across, ((0.0, [1] * 3), (0.12, [0] * 3), (0.88, [1] * 3)), "CONSTANT")
-    faded = [0.3 + 0.6 * value for value in colour]
+    stripes = [(at + side, [white] * 3) for at in (0.24, 0.76) for side, white in ((-0.09, 0.0), (-0.03, 0.8), (0.03, 0.8), (0.09, 0.0))]
+    woven = ramp(add, across, stripes)
     link = material.node_tree.links.new
     mixed = add("Mix", {}, data_type="RGBA")
-    for value, socket in ((hem.outputs[0], 0), (uneven.outputs[0], 6)):
+    for value, socket in ((woven.outputs[0], 0), (uneven.outputs[0], 6)):
         link(value, mixed.inputs[socket])
     mixed.inputs[7].default_value = (*faded, 1.0)
     for node in surface:
         link(mixed.outputs[2], node.inputs[0])
+    creases = add("TexNoise", {"Vector": metres, "Scale": 70.0, "Detail": 3.0})
+    bump = add("Bump", {"Height": creases.outputs[0], "Strength": 0.5, "Distance": 0.003})
+    for node in surface:
+        link(bump.outputs[0], node.inputs["Normal"])
     return material
+
+
+def grow_twig(scene) -> None:
+    """What the held ribbon hangs from: a twig that reaches into the picture from above."""
+    held = start_of(scene.seeing_wind.recovered_object) + [BESIDE, 0.0, 0.02 + 0.5 * RIBBON[1]]
+    right = np.array([-0.05, -0.02, 0.03, 0.07, 0.13, 0.2])
+    way = np.stack([right, np.array([0.0, 0.0, 0.0, 0.01, 0.02, 0.02]), np.array([-0.006, 0.0, 0.001, 0.016, 0.06, 0.16])], axis=1)
+    curve = bpy.data.curves.new("Twig", "CURVE")
+    curve.dimensions, curve.bevel_depth, curve.bevel_resolution = "3D", 0.0035, 3
+    for points, thick in ((way, np.linspace(0.45, 1.5, len(way))), (way[3] + [[0.0] * 3, [-0.03, 0.02, 0.05]], np.array([0.6, 0.25]))):
+        spline = curve.splines.new("POLY")
+        spline.points.add(len(points) - 1)
+        for point, place, radius in zip(spline.points, points + held, thick, strict=True):
+            point.co, point.radius = (*place, 1.0), radius
+    twig = bpy.data.objects.new("Twig", curve)
+    scene.collection.objects.link(twig)
+    material = bpy.data.materials.new("Bark")
+    material.use_nodes = True
+    surface = material.node_tree.nodes["Principled BSDF"]
+    surface.inputs["Base Color"].default_value, surface.inputs["Roughness"].default_value = (0.06, 0.038, 0.024, 1.0), 0.9
+    curve.materials.append(material)
 
 
 def thin(name: str, roughness: float):

@@ -92,5 +92,17 @@ def pictures_of(path: str) -> list[Path]:
         files = [file for file in place.parent.glob("*") if re.fullmatch(name, file.name)] if place.parent.is_dir() else []
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
 
+FRAME = re.compile(r"\bframe (\d+)\b")
+"""A frame as `frame_named` writes it."""
+
+
+def frame_named(t: int) -> str:
+    """What a message calls the picture t of a clip, counted from the first that is used: in the panel it becomes the scene's frame.
+
+    Pictures counted from the beginning of a file, as --frames counts them, are called pictures.
+    """
+    return f"frame {t}"
+
+
 UNHELD = "Nothing was marked as held"
 """How the note begins on a force that only answers gravity: the panel offers what mends it."""

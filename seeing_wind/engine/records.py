@@ -5,6 +5,7 @@ Letters and units are those of `conventions`. Arrays are float64 unless a field 
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -87,6 +88,38 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """What makes a clip less trustworthy, whatever is looked for in it."""
+
+    severity: float
+    """From 1 on the result cannot be trusted."""
+    because: str
+    do: str
+
+    def __str__(self) -> str:
+        return f"{self.because} {self.do}"
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """Those of a clip."""
+
+    severity: np.ndarray
+    """(D,), see `Doubt`."""
+    because: tuple[str, ...]
+    do: tuple[str, ...]
+
+    @staticmethod
+    def of(doubts: Iterable[Doubt]) -> Doubts:
+        """The worst first."""
+        found = sorted(doubts, key=lambda one: -one.severity)
+        return Doubts(np.array([one.severity for one in found]), tuple(one.because for one in found), tuple(one.do for one in found))
+
+    def __iter__(self) -> Iterator[Doubt]:
+        return (Doubt(float(severity), because, do) for severity, because, do in zip(self.severity, self.because, self.do))
+
+
+@dataclass(frozen=True)
 class Observation:
     """What was seen in the clip (stage *observe*)."""
 
@@ -114,6 +147,8 @@ class Observation:
     """(T+1, K) standard deviation of a track [px]."""
     on_centroid: np.ndarray
     """(K,) bool: the track is the silhouette's centroid, not a surface point (bodies too small or too plain for corners)."""
+    doubts: Doubts | None = None
+    """What the clip itself makes doubtful; None in takes from before it was kept."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.masks, Masks):

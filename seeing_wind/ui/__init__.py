@@ -33,6 +33,7 @@ from .clip import operators as clip_operators
 from .clip import panel as clip_panel
 from .clip import properties as clip_properties
 from .clip import views as clip_views
+from .clip.object import correct as object_correct
 from .clip.object import held as object_held
 from .clip.object import operators as object_operators
 from .clip.object import panel as object_panel
@@ -62,7 +63,7 @@ from .recover import panel as recover_panel
 FEATURES = (
     install_preferences, install_operators,
     clip_properties, clip_operators, clip_draw_box, clip_views, clip_panel,
-    object_properties, object_operators, object_held, object_preview, object_panel,
+    object_properties, object_operators, object_correct, object_held, object_preview, object_panel,
     recover_operators, recover_panel,
     field_properties, field_operators, field_panel,
     library_operators, library_panel,

@@ -8,12 +8,13 @@ from .clip.properties import ClipSettings
 from .composite.properties import CompositeSettings
 from .edit.properties import EditOptions, EditSettings
 from .field.properties import FieldSettings
+from .job.steps_shown import StepsShown
 from .recover.properties import RecoverOptions, RecoverResults
 
 
 class SEEING_WIND_PG_scene(
     RecoverOptions, ClipSettings, ObjectSettings, EditOptions, EditSettings, BakeSettings, FieldSettings, CompositeSettings, RecoverResults,
-    bpy.types.PropertyGroup,
+    StepsShown, bpy.types.PropertyGroup,
 ):  # fmt: skip
     """`scene.seeing_wind`."""
 

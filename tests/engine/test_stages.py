@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -176,3 +178,13 @@ def test_several_views_are_lifted_once_and_go_on_where_they_were_stopped(tmp_pat
     take.write_arrays("lifted.npz", {"lifted": whole[:1]})
     np.testing.assert_array_equal(lift_stage(take, seen, body, targets, "up", Progress(told.append)).lifted, whole)
     assert any("done again" in message["message"] for message in told)
+
+
+def test_what_is_seen_does_not_wait_for_the_solver() -> None:
+    """Importing torch and Taichi takes longer than looking at a clip."""
+    words = "import sys, seeing_wind.engine.command.observe, seeing_wind.engine.observe, seeing_wind.engine.recovery.journal"
+    loaded = subprocess.run(
+        [sys.executable, "-c", f"{words}; print(*sys.modules)"], check=True, capture_output=True, text=True, cwd=Path(__file__).parents[2]
+    ).stdout.split()
+    assert "seeing_wind.engine.recovery.journal" in loaded
+    assert not {"torch", "taichi", "scipy"} & set(loaded)

@@ -49,7 +49,7 @@ def test_names_follow_blender_s_rules(addon) -> None:
 
 
 def test_every_number_says_its_unit_and_every_property_what_it_is(addon) -> None:
-    scales = {"field_strength", "field_share", "mass_scale", "stiffness_scale", "factor", "grain", "hdri_strength"}
+    scales = {"field_strength", "field_share", "mass_scale", "stiffness_scale", "factor", "grain", "soft", "hdri_strength"}
     unitless = {*scales, "friction", "floor_friction", "poisson_ratio"}
     operators = [getattr(bpy.ops.seeing_wind, name).get_rna_type() for name in dir(bpy.ops.seeing_wind)]
     groups = [cls.bl_rna for cls in ui.CLASSES if issubclass(cls, (bpy.types.PropertyGroup, bpy.types.AddonPreferences))]

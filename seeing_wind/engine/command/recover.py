@@ -112,6 +112,7 @@ def _recover_into(
     from ..look import write_ply
     from ..look.multiview import with_views
     from ..observe.object.motion.views import view_targets
+    from ..observe.preview.verdicts import doubted
     from ..recovery.diagnostics.remarks import worst_first
     from ..recovery.stage import recover_stage
     from ..recovery.wind.stage import wind_stage
@@ -129,7 +130,8 @@ def _recover_into(
     for number, (clip, camera, mask) in enumerate(arguments.view, start=1):
         # Depth and pins of a further view are not used: its points are found on the first view's body.
         further = dataclasses.replace(observing, mask=mask, camera=camera, box=None, points=None, tracks=None, depth=None, pin=None)
-        further = dataclasses.replace(further, distance=1.0, depth_model=None, prompt=None, detector_model=None)
+        further = dataclasses.replace(further, outline=None, correct=None, distance=1.0, depth_model=None)
+        further = dataclasses.replace(further, prompt=None, detector_model=None)
         sights.append(observe_stage(take, clip, further, progress, view=number)[0])
         targets.append(view_targets(body, sights[-1]))
     upstream = stamp_of(built, *(Path(name) for view in arguments.view for name in view))
@@ -152,7 +154,8 @@ def _recover_into(
             return diverged(recovery)
         field = fitted
         wind = wind_stage(take, body, body.particles, body.material, recovery, observation.fps, blown, settings, progress)
-    recovery = dataclasses.replace(recovery, notes=worst_first([*wind.notes, *recovery.notes]))
+    notes = [*wind.notes, *recovery.notes, *doubted(observation, observing)]
+    recovery = dataclasses.replace(recovery, notes=worst_first(notes))
 
     def draw(journal: Journal) -> dict[str, Any]:
         from ..look.report import write_report

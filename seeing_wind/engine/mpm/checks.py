@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..conventions import frame_named
 from ..errors import MaterialError, SimulationError, UsageError
 from ..materials import adjusted
 from ..records import Material, Particles
@@ -137,7 +138,7 @@ def check_force(count: int, acceleration: np.ndarray, gradient: np.ndarray | Non
         if not _finite(array):
             t, particle = (int(i) for i in np.argwhere(~np.isfinite(array))[0, :2])
             raise SimulationError(
-                f"The {name} of particle {particle} in frame {first_frame + t} is not finite.", "Check the force field.",
+                f"The {name} of particle {particle} in {frame_named(first_frame + t)} is not finite.", "Check the force field.",
                 frame=first_frame + t, particle=particle, quantity=name,
             )  # fmt: skip
 

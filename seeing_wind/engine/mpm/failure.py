@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..conventions import frame_named
 from ..errors import SimulationError
 from .kernels import substep
 
@@ -23,7 +24,7 @@ def failure(status: Sequence[int] | np.ndarray, frame: int, substeps: int) -> Si
     reason, quantity = _REASONS[code]
     who = f"Particle {particle}" if particle >= 0 else "A particle"
     return SimulationError(
-        f"{who} {reason} in frame {frame}, substep {at} of {substeps}.",
+        f"{who} {reason} in {frame_named(frame)}, substep {at} of {substeps}.",
         "Lower the force, the gravity or Young's modulus, or use fewer particles.",
         frame=frame, substep=at, particle=particle, quantity=quantity,
     )  # fmt: skip

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..conventions import frame_named
 from ..errors import ObjectError
 from ..masks import Masks, areas
 from ..progress import Journal, Progress
@@ -42,6 +43,7 @@ class Tracks:
 def follow(
     clip: Clip,
     mask: np.ndarray,
+    outlines: Masks | None,
     plate: Plate | None,
     looks: Looks | None,
     lens: Lens,
@@ -49,7 +51,10 @@ def follow(
     progress: Progress,
     journal: Journal,
 ) -> tuple[Masks, Tracks]:
-    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track."""
+    """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track.
+
+    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of picture 0 in any case.
+    """
     frames = clip.frames
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
     if settings.tracks:
@@ -63,9 +68,11 @@ def follow(
     points = Generations(frames[0], mask, corners, reseed=reseed)
     if settings.mask_model:
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
-        follower: Follower = Outlined(frames[0], outlines)
-    else:
+    follower: Follower
+    if outlines is None:
         follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True)
+    else:
+        follower = Outlined(frames[0], outlines)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     seen = areas(masks) > 0
     _tell_lost(seen, progress)
@@ -89,7 +96,7 @@ def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
         )
     if not seen.all():
         lost = np.flatnonzero(~seen)
-        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in picture {lost[0]}.")
+        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in {frame_named(lost[0])}.")
 
 
 def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: Tracks, enough: np.ndarray, progress: Progress) -> Tracks:

@@ -36,6 +36,10 @@ def check_networks(settings: ObserveSettings) -> None:
         raise UsageError("The prompt is empty.", "Say in a word or two what the object is.")
     if settings.prompt is not None and (settings.mask or settings.box or settings.points):
         raise UsageError("The object is marked by words and by a mask, box or points.", "Give one of them.")
+    if settings.outline_picture and settings.outline is None:
+        raise UsageError("--outline-picture says which picture --outline shows, and there is none.", "Give both, or neither.")
+    if settings.mask_model and (settings.correct or settings.outline):
+        raise UsageError("--mask-model follows the outline by itself, and cannot be corrected.", "Leave it or the corrections out.")
     if settings.depth and settings.depth_model:
         raise UsageError("--depth and --depth-model contradict each other.", "Give one of them.")
     if settings.tracks and settings.track_model:
@@ -108,11 +112,11 @@ def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progres
 
 
 class Outlined:
-    """Follows an object whose `masks` (T+1, H, W) a network has found (see `mask.follow.Follower`): seeks the flow between them."""
+    """Follows an object whose `masks` (T+1, H, W) are known already (see `mask.follow.Follower`): seeks the flow between them."""
 
     def __init__(self, picture: np.ndarray, masks: Masks) -> None:
         """`picture` (H, W, 3) uint8 RGB: number 0."""
-        self._solver, self._masks, self._count = FlowSolver(), masks, 0
+        self._solver, self._masks, self._count = FlowSolver(rough=True), masks, 0
         self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         self.mask = masks[0]
         self.flow: Flow | None = None

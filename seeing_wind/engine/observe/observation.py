@@ -9,27 +9,32 @@ import cv2
 import numpy as np
 
 from .. import systems
-from ..errors import ObjectError
+from ..errors import ObjectError, UsageError
 from ..progress import Journal, Progress
-from ..records import Camera, Observation
+from ..records import Camera, Doubt, Doubts, Observation
 from ..settings import ObserveSettings
 from .clip.camera import find_camera
 from .clip.defects import check_pictures, tell_defects
 from .clip.depth import object_depth, typical_depth
+from .clip.filmed.beside import touching
+from .clip.filmed.surroundings import camera_doubts
 from .clip.frames import Clip, read_clip
 from .clip.lens import Lens
 from .clip.opencv_threads import one_thread
-from .clip.shake import as_filmed, camera_turns, steadied, turning
+from .clip.shake import as_filmed, camera_turns, homography, steadied, through_mask, turning
 from .following import follow
 from .mask.background import clean_plate, median_plate, stands_still
 from .mask.by_turns import with_background
+from .mask.corrected import Marks, carried_to_first, marks_of, with_corrections
+from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import point_list, read_mask
-from .mask.from_box import moving_in
+from .mask.from_box import box_round, moving_in
 from .networks import check_networks, first_depth, first_outline
 from .working_size import WorkingSize, working_scale
 
 HUGE = 50.0
 """Metres: an object longer than this is more often one whose distance is in millimetres."""
+MOVES_DO = "Film from a tripod, or give the camera's path with --camera."
 ROUND_POINT = 0.25
 """About how far the object may reach from a point on it, in units of the picture's shorter side."""
 
@@ -77,27 +82,39 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     around = lens.straight_map(around)
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
+    doubts = [*clip.doubts, *(() if settings.camera is not None else camera_doubts(clip.frames, around, progress))]
     turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress, journal)
     if turns is not None:
         progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
         still = True
         clip = replace(clip, frames=steadied(clip.frames, turns, camera, progress))
     elif not still and settings.camera is None:
-        progress.warn("The camera moves, and without --camera its motion is taken for the object's.")
+        doubts.append(Doubt(1.2, "The camera moves, and without --camera its motion is taken for the object's.", MOVES_DO))
     plate = median_plate(clip.frames, progress) if still else None
     median = None if plate is None else plate.color
     progress.update(0.08, "finding the object")
     moving = None if plate is None else moving_in(clip.frames, plate.noise)
+    shown, marks = _corrections(settings, clip, lens, turns)
+    if shown and not marked(settings):
+        # Nothing else says where it is: it is sought in picture 0 where it is followed back to.
+        settings = replace(settings, box=box_round(carried_to_first(clip.frames, shown, plate, progress)))
+        around = _marked_area(settings, height, width)
     mask = first_outline(settings, clip.frames, plate, moving, lens, progress)
     progress.update(0.1, "following the object")
     looks = None
     if plate is not None and moving is not None:
         mask, plate, looks = with_background(clip.frames, mask, plate, moving, settings, around, progress, journal)
+    outlines = with_corrections(clip.frames, mask, shown, marks, plate, looks, progress, journal)
+    mask = mask if outlines is None else outlines[0]
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     _tell_huge(mask, depth, camera, progress)
-    masks, tracks = follow(clip, mask, plate, looks, lens, settings, progress, journal)
+    masks, tracks = follow(clip, mask, outlines, plate, looks, lens, settings, progress, journal)
     tell_defects(clip.frames, masks, progress)
+    if plate is not None:
+        doubts += [one for one in (touching(clip.frames, masks, plate),) if one is not None]
+    for one in doubts:
+        progress.warn(str(one))
     progress.update(0.95, "background")
     background = clean_plate(clip.frames, masks, median, progress)
     xy = tracks.xy
@@ -121,6 +138,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         visible=tracks.visible,
         sigma=tracks.sigma,
         on_centroid=tracks.on_centroid,
+        doubts=Doubts.of(doubts),
     )
 
 
@@ -156,10 +174,45 @@ def _straight(settings: ObserveSettings, lens: Lens) -> ObserveSettings:
     return settings
 
 
+def _corrections(
+    settings: ObserveSettings, clip: Clip, lens: Lens, turns: np.ndarray | None
+) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:
+    """The outline (H, W) bool that the user gave, and marks that correct one, by the pictures of the clip that they are in.
+
+    `turns` (T+1, 3, 3): those taken out of its pictures, None where none were.
+
+    Raises:
+        UsageError: one that lies outside the clip.
+    """
+    count, height, width = clip.frames.shape[:3]
+    marks = marks_of(settings.correct or (), clip.first_frame, (count, height, width))
+    steady = {t: np.eye(3) if turns is None else homography(turns[t], lens.camera) for t in range(count)}
+    marks = {
+        t: Marks(lens.straight_points(one.on), lens.straight_points(one.beside)).through(steady[t]) for t, one in marks.items()
+    }
+    if settings.outline is None:
+        return {}, marks
+    place = settings.outline_picture - clip.first_frame
+    if not 0 <= place < count:
+        raise UsageError(
+            f"--outline-picture {settings.outline_picture} lies outside the clip's {clip.first_frame} to {clip.first_frame + count - 1}.",
+            "Count from 0, as --frames does.",
+        )
+    outline = lens.straight_map(read_mask(settings.outline, height, width, "outline"))
+    if outline.sum() < LEAST_PIXELS:
+        raise ObjectError(f"The outline {settings.outline} has {int(outline.sum())} pixels, too few for an object.", "Draw it larger.")
+    return {place: through_mask(outline, steady[place])}, marks
+
+
+def marked(settings: ObserveSettings) -> bool:
+    """Whether the object is marked in picture 0."""
+    return any(one is not None for one in (settings.mask, settings.box, settings.points, settings.prompt))
+
+
 def _marked_area(settings: ObserveSettings, height: int, width: int) -> np.ndarray:
     """(H, W) bool: about where a mask, box or points say that the object is; nowhere without them."""
-    if settings.mask:
-        return read_mask(settings.mask, height, width)
+    if settings.mask or (settings.outline and not marked(settings)):
+        return read_mask(settings.mask or settings.outline or "", height, width)
     area = np.zeros((height, width), np.uint8)
     if settings.box is not None and np.isfinite(settings.box).all():
         low, high = np.floor(settings.box[:2]), np.ceil(settings.box[2:])

@@ -75,7 +75,7 @@ class WorkingSize:
             UsageError: as the readers of those files say, in the file's own pixels.
         """
         changes: dict[str, object] = {}
-        for name, what in (("mask", "mask"), ("pin", "pin mask")):
+        for name, what in (("mask", "mask"), ("outline", "outline"), ("pin", "pin mask")):
             path = getattr(settings, name)
             if path is not None:
                 changes[name] = str(folder / f"{name}.png")
@@ -98,6 +98,10 @@ class WorkingSize:
         if settings.points is not None:
             points = point_list(settings.points, *self.file)
             changes["points"] = tuple(float(value) for value in self.inward(points).ravel())
+        if settings.correct is not None:
+            rows = np.array(settings.correct, dtype=np.float64).reshape(-1, 4)
+            rows[:, 1:3] = self.inward(rows[:, 1:3])
+            changes["correct"] = tuple(float(value) for value in rows.ravel())
         if settings.pixels_per_metre is not None:
             changes["pixels_per_metre"] = settings.pixels_per_metre / float(self._factor[0])
         return replace(settings, **changes)  # type: ignore[arg-type]

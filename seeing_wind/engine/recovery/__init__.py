@@ -7,8 +7,6 @@
     prior/          what is believed of a force beforehand
     targets/        what was observed, as residuals          wind/         the force as a wind, and bodies in it
                                                              paper/        the paper's own schedule for the same problem
+
+Nothing is imported here: `observe` keeps a journal, too, and shall not wait for the solver.
 """
-
-from .recover import recover
-
-__all__ = ["recover"]

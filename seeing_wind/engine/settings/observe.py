@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..conventions import DEFAULT_FOV_DEGREES
-from .option import PIXELS, RANGE, option
+from .option import MARKS, PIXELS, RANGE, option
 from .recover import seed_option
 
 SEEN = "what is seen"
@@ -42,6 +42,18 @@ class ObserveSettings:
     points: tuple[float, ...] | None = option(
         None, help="points on the object in the first picture", unit="px", metavar="X,Y", form=PIXELS, group=SEEN, one_of="object", panel=""
     )
+    outline: str | None = option(
+        None, help="PNG of a later picture, non-zero where the object is: what is found there is mended by it, and in the other pictures "
+        "as far as it is wrong alike; alone it marks the object", metavar="PNG", group=SEEN, file=True, panel="main",
+    )  # fmt: skip
+    outline_picture: int = option(
+        0, label="Picture", help="the picture that --outline shows, counted from 0 in the file", minimum=0, metavar="N", group=SEEN,
+        panel="main",
+    )  # fmt: skip
+    correct: tuple[float, ...] | None = option(
+        None, help="points in any picture N, counted from 0 in the file: N+X,Y on the object, N-X,Y beside it; the "
+        "outline is found again there and carried to the other pictures", unit="px", metavar="N+X,Y", form=MARKS, group=SEEN, panel="",
+    )  # fmt: skip
     tracks: str | None = option(
         None, help="NPZ with xy (T+1,K,2) px and visible (T+1,K), instead of tracking", metavar="NPZ", group=SEEN, file=True, panel=""
     )

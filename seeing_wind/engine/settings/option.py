@@ -232,9 +232,22 @@ def pixel(text: str) -> tuple[float, float]:
     return x, y
 
 
+def mark(text: str) -> tuple[float, float, float, float]:
+    """'N+X,Y' -> (N, X, Y, 1), a point [px] on the object in picture N; 'N-X,Y' -> (N, X, Y, 0), one beside it. Raises ValueError."""
+    sign = "+" if "+" in text else "-"
+    number, at = text.split(sign, 1)
+    return float(int(number)), *pixel(at), float(sign == "+")
+
+
+def _marks(values: Sequence[float]) -> list[str]:
+    rows = zip(values[::4], values[1::4], values[2::4], values[3::4])
+    return [f"{int(number)}{'+' if on else '-'}{number_text(x)},{number_text(y)}" for number, x, y, on in rows]
+
+
 def _pairs(values: Sequence[float]) -> list[str]:
     return [f"{number_text(x)},{number_text(y)}" for x, y in zip(values[::2], values[1::2])]
 
 
 RANGE = Form(frame_range, lambda value: [f"{value[0]}:{value[1]}"], "be two pictures in order, such as 12:27")
 PIXELS = Form(pixel, _pairs, "be points such as 120,80", many=True)
+MARKS = Form(mark, _marks, "be points such as 40+120,80, or 40-120,80 beside the object", many=True)

@@ -1,6 +1,6 @@
 """The panel *Bake*."""
 
-from ..job.panel_pieces import Tab, draw_job, draw_preview_mark, draw_range, fold, panels
+from ..job.panel_pieces import Tab, columns, draw_job, draw_preview_mark, draw_range, fold, panels
 from .plan import MARK
 
 
@@ -10,19 +10,19 @@ class BakeTab(Tab):
     bl_label = "Bake"
     step = "bake"
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """How, which frames, go."""
-        column, settings = self.columns()
+        column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "bake_way")
         first, last = settings.bake_frames
         body = fold(column, "bake", f"Frames {first} to {last}" if settings.bake_use_frames else "Frames and Precision")
         if body is not None:
             _draw_how(body, settings)
         missing = "" if settings.simulated_take or settings.coarse_take else "First re-simulate"
-        draw_job(self.layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", missing)
-        draw_preview_mark(self.layout, context, self.step)
+        draw_job(layout, context, "bake", "seeing_wind.bake", "Bake to Keyframes", "KEYFRAME", missing)
+        draw_preview_mark(layout, context, self.step)
         if any(MARK in (body.baked_copy or body.object or ()) for body in settings.bodies):
-            self.layout.operator("seeing_wind.clear_bake", icon="X")
+            layout.operator("seeing_wind.clear_bake", icon="X")
 
 
 def _draw_how(column, settings) -> None:

@@ -5,7 +5,7 @@ import os
 import bpy
 
 from ..job import status
-from ..job.panel_pieces import Tab, draw_engine, draw_failure, draw_range, fold, panels
+from ..job.panel_pieces import Tab, columns, draw_engine, draw_failure, draw_range, fold, panels
 from ..job.status import State
 
 
@@ -15,14 +15,14 @@ class ClipTab(Tab):
     bl_label = "Clip"
     step = "clip"
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """The engine's state comes first: without one nothing works."""
         if status.engine.problem is not None or "engine" in status.of(context.scene.session_uid).steps:
-            draw_engine(self.layout, context)
-        row = self.layout.row(align=True)
+            draw_engine(layout, context)
+        row = layout.row(align=True)
         row.operator("seeing_wind.choose_clip", text="Choose Clip", icon="FILE_MOVIE")
         row.operator("seeing_wind.choose_clip", text="Active Clip", icon="TRACKER").active = True
-        column, settings = self.columns()
+        column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "clip")
         column.prop(settings, "camera_mode")
         if settings.camera_mode == "JSON":
@@ -31,11 +31,11 @@ class ClipTab(Tab):
             row = column.row(align=True)
             row.prop(settings, "focal_length", text="Lens (mm, °)")
             row.prop(settings, "fov", text="")
-        _draw_time(self.layout, settings)
-        _draw_views(self.layout, settings, self.bl_space_type)
+        _draw_time(layout, settings)
+        _draw_views(layout, settings, self.bl_space_type)
         step = status.of(context.scene.session_uid).steps["clip"]
         if step.state == State.FAILED:
-            draw_failure(self.layout, context, step)
+            draw_failure(layout, context, step)
 
 
 def _draw_time(layout, settings) -> None:

@@ -23,17 +23,23 @@ from ..job import takes
 from ..job.take_reading import field_summary, read_seen
 from ..job.worker import said_by
 from ..scene_units import metres_per_unit
+from ..user_paths import absolute
 from . import nodes
 from .catchers import set_catchers
+from .film import grain_of, softness_of
 from .hdri import set_hdri, unset_hdri
 from .lens import lens_of
 from .light import SUN, set_light, sun_of
-from .mattes import Mattes, grain_of, mattes_of, set_card
+from .mattes import Mattes, mattes_of, set_card
 from .overscan import set_overscan
 
 PLATE = "Seeing Wind Clean Plate"
 ASTRAY = 0.01
 """Metres, and radians of turn or of view, by which a camera may differ from the clip's and still be taken for it."""
+
+USUAL_FILTER, SHARPEST, SOFTEST = 1.5, 0.25, 2.5
+"""Width [px] of Cycles' usual filter, Blackman and Harris's; standard deviations [px] of its Gaussian one: above the first it is softer
+than that, and the second is all that its width, four times as much, can be."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +56,21 @@ class Composite:
     """Whether the clip's lens bends straight lines, and with it what is rendered."""
     grain: float
     """Of the clip, on what is rendered: standard deviation of display values in 0..1."""
+    softness: float
+    """Of the render, as the clip's: standard deviation of the blur [pixels of the render]; 0: Blender's own filter."""
     light: str
     """What was done for want of a light; "" where the scene has its own."""
     shutter: float
     """Of the motion blur [frames]; 0: none."""
     astray: str
     """That the camera stands elsewhere than the clip's did, and what to do; "" where it does not."""
+    missing: str
+    """That the take's folder is gone, and what cannot be done without it; "" where it is there."""
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is wrong with it."""
+        return [each for each in (self.astray, self.missing) if each]
 
     def __str__(self) -> str:
         parts = ["the clip" if self.behind == "clip" else f"the {self.behind}, since the clip's object moves anew"]
@@ -63,14 +78,14 @@ class Composite:
         parts += [f"what flies behind the object is cut by its {self.held_out}"] * bool(self.held_out)
         parts += ["bent as by the clip's lens"] * self.bent
         parts += [f"grain of {100.0 * self.grain:.1f} %"] * bool(self.grain)
+        parts += [f"as soft as the clip ({self.softness:.1f} pixels)"] * bool(self.softness)
         parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
-        said = f"Composite over {', '.join(parts)}"
-        return f"{self.astray} {said}" if self.astray else said
+        return " ".join([*self.warnings, f"Composite over {', '.join(parts)}"])
 
 
 def set_up(
     scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, wall: bool = False, samples: int = 32, shutter: float = 0.5,
-    grain: float = 1.0, show_field: bool = False,
+    grain: float = 1.0, soft: float = 1.0, show_field: bool = False,
 ) -> Composite:  # fmt: skip
     """Make a scene render its edit over the clip. May be called again after changes.
 
@@ -80,15 +95,16 @@ def set_up(
         floor, wall: add a plane under, or behind, everything that catches shadows; obstacles of the edit always do.
         samples: of Cycles, per pixel.
         shutter: how long the camera's shutter was open [frames]: 0.5 is a shutter of 180 degrees; 0 renders no motion blur.
-        grain: factor on the clip's own, which is measured.
+        grain, soft: factors on the clip's own noise and blur, which are measured.
         show_field: render the arrows too.
 
     Raises:
-        UsageError: without camera and clip, or without a plate where one is asked for.
+        UsageError: without camera and clip, when the clip's file is gone, or without a plate where one is asked for.
     """
     settings, clip = scene.seeing_wind, scene.active_clip
     if scene.camera is None or clip is None:
         raise UsageError("The scene has no camera with a clip.", "Run Recover on a clip, or load the results of one.")
+    _check_film(clip)
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
     take = Take(takes.shown(settings)) if settings.recovered_take else None
@@ -108,20 +124,22 @@ def set_up(
     catchers = set_catchers(scene, floor, wall)
     light = _light(scene, take)
     noise = grain * grain_of(take) if take is not None else 0.0
+    softness = _soften(scene, take, soft)
     lens = lens_of(take, tuple(clip.size)) if take is not None else None
     rendered = set_overscan(scene, 1.0 if lens is None else lens.wider)
     nodes.build(scene, clip, picture, mattes, noise, lens, rendered)
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
-    return Composite(behind, tuple(catchers), held_out, lens is not None, noise, light, shutter, astray(scene))
+    return Composite(behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, astray(scene), _missing(take))
 
 
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
     """Render the whole range into a video (H.264 in MP4), or the current frame into a PNG. Without a window it waits.
 
     Raises:
-        UsageError: when the clip begins before frame 0, where Blender renders nothing.
+        UsageError: when the clip begins before frame 0, where Blender renders nothing, or its file is gone.
         SeeingWindError: when Blender could not write the file.
     """
+    _check_film(scene.active_clip)
     first = scene.seeing_wind.frame_start
     if first < 0 and not still:
         raise UsageError(
@@ -162,6 +180,19 @@ def astray(scene: bpy.types.Scene) -> str:
     return f"{camera.name} is not where the clip's camera was, so nothing stands where it belongs: make {clips.name} the active camera."
 
 
+def _check_film(clip: bpy.types.MovieClip | None) -> None:
+    """UsageError for a clip without its file: Blender renders nothing in its place."""
+    path = absolute(clip.filepath, clip.library) if clip is not None else ""
+    if clip is not None and not Path(path).is_file():
+        raise UsageError(f"There is no file {path}.", "Put it back, or choose the clip again.")
+
+
+def _missing(take: Take | None) -> str:
+    if take is None or take.path.is_dir():
+        return ""
+    return f"There is no folder {take.path}: without it there are no outlines, grain, softness and lens of the clip. Put it back."
+
+
 def _hold_out(scene: bpy.types.Scene, take: Take | None, mattes: Mattes | None, hidden: bool) -> str:
     """Let the object that is in the clip hide what flies behind it; returns by what, as `Composite.held_out`.
 
@@ -178,6 +209,20 @@ def _hold_out(scene: bpy.types.Scene, take: Take | None, mattes: Mattes | None, 
     by_body = not hidden and depths is None
     obj.hide_render, obj.is_holdout, obj.is_shadow_catcher = not by_body, by_body, False
     return "" if hidden else "body" if by_body else "outline"
+
+
+def _soften(scene: bpy.types.Scene, take: Take | None, factor: float) -> float:
+    """Let Cycles film as softly as the clip is times a factor; returns how softly [pixels of the render], 0 for Blender's usual filter."""
+    seen = take.read_arrays("observation.npz").get("image") if take is not None and take.file("observation.npz").is_file() else None
+    softness, cycles = 0.0, scene.cycles
+    if take is not None and seen is not None:
+        size = scene.render.resolution_x * scene.render.resolution_percentage / 100.0 / seen.shape[1]
+        softness = min(factor * softness_of(take) * size, SOFTEST)
+    if softness <= SHARPEST:
+        cycles.pixel_filter_type, cycles.filter_width = "BLACKMAN_HARRIS", USUAL_FILTER
+        return 0.0
+    cycles.pixel_filter_type, cycles.filter_width = "GAUSSIAN", 4.0 * softness
+    return softness
 
 
 def _depths(take: Take) -> np.ndarray | None:

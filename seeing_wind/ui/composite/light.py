@@ -51,7 +51,7 @@ def light_of(picture: np.ndarray, ratio: float) -> Light:
         ratio: light of the sun over that of sky and ground, on a surface that faces it.
     """
     rows = max(1, round(EDGE * len(picture)))
-    above, below = (_linear(part).mean(axis=(0, 1)) for part in (picture[:rows], picture[-rows:]))
+    above, below = (linear(part).mean(axis=(0, 1)) for part in (picture[:rows], picture[-rows:]))
     around = 0.5 * (above + below)
     ambient = max(float(around @ LUMINANCE), 1e-3)
     colour = (1.0 + ratio - around / ambient) / ratio
@@ -114,7 +114,8 @@ def _ratio(bright: np.ndarray, facing: np.ndarray) -> float:
     return float(np.clip(slope / max(float(constant), 1e-6), *RATIOS))
 
 
-def _linear(picture: np.ndarray) -> np.ndarray:
+def linear(picture: np.ndarray) -> np.ndarray:
+    """Linear values of a picture (...) uint8 sRGB."""
     values = picture / 255.0
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 

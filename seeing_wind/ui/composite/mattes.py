@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import struct
 import zlib
 from collections.abc import Sequence
@@ -25,8 +24,6 @@ HELD_OUT, COVERED = "Red", "Green"
 """Channels of a matte: the outline, its edge a pixel soft; and the same wider, for the object's shadow rim and motion blur."""
 WIDER = 0.012
 """Of the picture's longer side, by which the cover is wider than the outline."""
-NOISE_WINDOW = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
-"""Second difference across both axes: sees noise, and nothing of what is smooth (Immerkaer, Fast noise variance estimation, 1996)."""
 
 
 @dataclass(frozen=True)
@@ -121,21 +118,6 @@ def _loaded(first: Path) -> bpy.types.Image:
         raise TakeError(f"Blender cannot read the matte {first}.", "Delete the folder and set the composite up again.") from error
     image.name, image.source, image.colorspace_settings.name = IMAGE, "SEQUENCE", "Non-Color"
     return image
-
-
-def grain_of(take: Take) -> float:
-    """Standard deviation of the clip's noise, of display values in 0..1, from picture 0 beside the object; 0 where it is not known."""
-    arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
-    picture = arrays.get("image")
-    if picture is None or picture.ndim != 3 or min(picture.shape[:2]) < 16:
-        return 0.0
-    bright = picture[..., :3].astype(np.float64).mean(axis=-1) / 255.0
-    height, width = bright.shape
-    seen = sum(
-        weight * bright[y : height - 2 + y, x : width - 2 + x] for y, row in enumerate(NOISE_WINDOW) for x, weight in enumerate(row)
-    )
-    # the median leaves edges out; a mean of three channels has less noise than one of them
-    return float(np.median(np.abs(seen)) / 0.6745 / 6.0 * math.sqrt(3.0))
 
 
 def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:

@@ -37,6 +37,10 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         name="Grain Factor", default=1.0, min=0.0, soft_max=2.0,
         description="Factor on the clip's own noise, which is measured and put on what is not the clip; 0 leaves it clean",
     )  # fmt: skip
+    soft: FloatProperty(
+        name="Softness Factor", default=1.0, min=0.0, soft_max=2.0,
+        description="Factor on how softly the clip shows the object's rim, which is measured and given to the render; 0: Blender's filter",
+    )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")
     hdri: StringProperty(
         name="HDRI", subtype="FILE_PATH", options=PATH, description="A panorama that lights the edit; not given: that of the scene"
@@ -48,10 +52,10 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
 
         if self.properties.is_property_set("hdri"):
             context.scene.seeing_wind.hdri = self.hdri
-        chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "show_field")}
+        chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "soft", "show_field")}
         done = set_up(context.scene, plate=self.behind, **chosen)
-        if done.astray:
-            self.report({"WARNING"}, done.astray)
+        for wrong in done.warnings:
+            self.report({"WARNING"}, wrong)
         return str(done)
 
 

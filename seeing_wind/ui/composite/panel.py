@@ -1,6 +1,6 @@
 """The panel *Composite*."""
 
-from ..job.panel_pieces import Tab, panels
+from ..job.panel_pieces import Tab, columns, panels
 
 
 class CompositeTab(Tab):
@@ -14,14 +14,14 @@ class CompositeTab(Tab):
         """Once there is a clip."""
         return context.scene is not None and context.scene.active_clip is not None
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """The light, set up, then render."""
-        column, settings = self.columns()
+        column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "hdri")
         if settings.hdri:
             column.prop(settings, "hdri_turn")
             column.prop(settings, "hdri_strength")
-        column = self.layout.column()
+        column = layout.column()
         column.operator("seeing_wind.set_up_composite", icon="NODE_COMPOSITING")
         column.operator("seeing_wind.render_composite", icon="RENDER_ANIMATION")
         column.operator("seeing_wind.render_composite", text="Render This Frame", icon="RENDER_STILL").still = True

@@ -5,7 +5,7 @@ import bpy
 from ...engine.materials import MATERIALS, SHEETS
 from ...engine.settings import BodyEdit
 from ..field.display import has_wind
-from ..job.panel_pieces import Tab, draw_override, draw_text, fold, panels
+from ..job.panel_pieces import Tab, columns, draw_override, draw_text, fold, panels
 from ..option_properties import panel_options
 from .sheet_label import is_shell, shell_words
 
@@ -19,12 +19,12 @@ class EditTab(Tab):
     bl_label = "Edit"
     step = "edit"
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """The list of bodies and the active one's settings."""
         settings = context.scene.seeing_wind
-        _draw_edits(self.layout, settings, self.bl_space_type)
-        _draw_bodies(self.layout, settings, self.bl_space_type)
-        column, settings = self.columns()
+        _draw_edits(layout, settings, self.bl_space_type)
+        _draw_bodies(layout, settings, self.bl_space_type)
+        column, settings = columns(layout), context.scene.seeing_wind
         if settings.active_body < len(settings.bodies):
             _draw_body(column, settings.bodies[settings.active_body], settings)
         row = column.row()

@@ -85,14 +85,16 @@ def create_arrows(
     size = np.linalg.norm(vectors, axis=-1)
     peak = peak or float(np.quantile(size, PEAK_QUANTILE)) or 1.0
     length = length / unit if length else _free_length(positions[0])
-    obj = bpy.data.objects.new(name, _mesh(name, positions, vectors, np.minimum(size / peak, 1.0), confidence))
+    # at the field's own place: Blender draws a dashed line from every child to its parent
+    place = np.zeros(3) if parent is None else np.array(parent.matrix_basis.translation)
+    obj = bpy.data.objects.new(name, _mesh(name, positions - place, vectors, np.minimum(size / peak, 1.0), confidence))
     set_up_modifier(obj, _arrow_group(name, positions.shape[1], len(vectors), frame_start, length, parent))
     obj["seeing_wind_peak"], obj["seeing_wind_units"] = peak, units
     sure = np.ones_like(size) if confidence is None else np.asarray(confidence)
     obj[SURE] = np.where(size > STRENGTH_SHOWN * peak, sure, 0.0).max(axis=1).tolist()
     (collection or scene.collection).objects.link(obj)
     if parent is not None:
-        obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
+        obj.parent, obj.matrix_parent_inverse, obj.location = parent, parent.matrix_basis.inverted(), place.tolist()
     return obj
 
 

@@ -94,9 +94,12 @@ def said_of_mirror(field: Any) -> str:
 def said_of_override(field: Any) -> str:
     """What a library override that is turned does not turn; "" for any other field."""
     linked = field.override_library.reference if field.override_library is not None else None
-    if linked is None or linked.matrix_world.to_quaternion().rotation_difference(field.matrix_world.to_quaternion()).angle < 1e-3:
+    texture = field.field.texture
+    if linked is None or texture is None or texture.library is None:  # one in this file turns with it
         return ""
-    return "A library override that is turned: Blender's solvers feel it at its new place, in the old directions. Append it to turn it"
+    if linked.matrix_world.to_quaternion().rotation_difference(field.matrix_world.to_quaternion()).angle < 1e-3:
+        return ""
+    return "A library override that is turned: Blender's solvers feel it at its new place, in the old directions"
 
 
 def has_wind(field: Any) -> bool:

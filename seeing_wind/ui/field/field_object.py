@@ -14,6 +14,7 @@ f / rho. The field's own values are kept in a hidden child (`samples`): for Geom
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -33,7 +34,7 @@ SOLVER_DELAY = 1
 """Blender's solvers step *to* a frame with the effectors as they are *at* that frame, and the recovered force is held from picture t to
 picture t + 1: so the force of interval t must stand at the scene frame of picture t + 1."""
 
-FRAMES = "Frames"
+FRAMES, AGAIN = "Frames", "Turned"
 """In the name of the modifier that lets solvers wait for the texture."""
 
 
@@ -128,6 +129,33 @@ def make_again(field: bpy.types.Object, reach: str, kind: str = FORCE) -> None:
     field.field.strength *= factor
 
 
+def turn_override(field: bpy.types.Object) -> None:
+    """Give a library override of a field a texture in this file, which turns with it; that of the library turns with the linked original.
+
+    Its values stay in the library, its place and strength are the override's own.
+
+    Raises:
+        UsageError: when it is no library override, or its values are gone.
+    """
+    samples = samples_of(field)
+    if field.override_library is None:
+        raise UsageError(f"{field.name} is no library override.", "Choose a field that was linked and overridden.")
+    if samples is None:
+        raise UsageError(f"The values under {field.name} are gone.", "Link it again.")
+    felt = read_samples(samples).felt_as(field[KIND])
+    atlas = make_atlas(f"{field.name} Atlas", felt)
+    followers = make_followers(field, atlas.frames, atlas.counts[1] * atlas.pixel[1], SOLVER_DELAY)
+    former = field.field.texture
+    field.field.texture = make_texture(field.name, atlas, felt.box, followers, reach_of(field["seeing_wind_reach"], felt.box))
+    remove_texture(former)
+    for modifier in [each for each in field.modifiers if each.type == "NODES" and AGAIN in each.name]:
+        field.modifiers.remove(modifier)
+    group = GroupBuilder(f"{field.name} {AGAIN}")
+    place = group.node("ShaderNodeCombineXYZ", {"X": _zero(group, followers)}).outputs[0]
+    moved = group.node("GeometryNodeSetPosition", {"Geometry": group.input.outputs["Geometry"], "Offset": place}).outputs[0]
+    set_up_modifier(field, group.finish(moved))
+
+
 def linear_drag(velocity: np.ndarray) -> tuple[float, float]:
     """Where a drag that is linear in the speed comes nearest to the real one, which is quadratic, on a body that stands still.
 
@@ -177,6 +205,17 @@ def _wait(obj: bpy.types.Object, followers: Followers) -> None:
     depends on these, and stays where it is.
     """
     group = GroupBuilder(f"{obj.name} {FRAMES}")
+    place = group.node("ShaderNodeCombineXYZ", {"X": _zero(group, followers)}).outputs[0]
+    vertex = group.node("GeometryNodeMeshLine", {"Count": 1, "Start Location": place}).outputs[0]
+    shown = group.node("GeometryNodeMeshToCurve", {"Mesh": group.input.outputs["Geometry"]}).outputs[0]
+    joined = group.node("GeometryNodeJoinGeometry")
+    for part in (vertex, shown):
+        group.tree.links.new(part, joined.inputs[0])
+    set_up_modifier(obj, group.finish(joined.outputs[0]))
+
+
+def _zero(group: GroupBuilder, followers: Followers) -> Any:
+    """Output of a node: 0, known only once the followers are."""
     still = group.tree.nodes.new("ShaderNodeValue")
     driver = still.outputs[0].driver_add("default_value").driver
     for name, texture in zip("abcde", followers.all, strict=True):
@@ -184,13 +223,7 @@ def _wait(obj: bpy.types.Object, followers: Followers) -> None:
         target = variable.targets[0]
         variable.name, target.id_type, target.id, target.data_path = name, "TEXTURE", texture, f"{COLOR}[0]"
     driver.expression = "0*(a+b+c+d+e)"
-    place = group.node("ShaderNodeCombineXYZ", {"X": still.outputs[0]}).outputs[0]
-    vertex = group.node("GeometryNodeMeshLine", {"Count": 1, "Start Location": place}).outputs[0]
-    shown = group.node("GeometryNodeMeshToCurve", {"Mesh": group.input.outputs["Geometry"]}).outputs[0]
-    joined = group.node("GeometryNodeJoinGeometry")
-    for part in (vertex, shown):
-        group.tree.links.new(part, joined.inputs[0])
-    set_up_modifier(obj, group.finish(joined.outputs[0]))
+    return still.outputs[0]
 
 
 def _set_field(field: bpy.types.FieldSettings) -> None:

@@ -32,11 +32,14 @@ def create_legend(
         height: [scene units].
         parent: what it follows, such as the field object.
     """
+    # its own place is its parent's: Blender draws a dashed line between the two
+    place = np.asarray(corner) if parent is None else np.array(parent.matrix_basis.translation)
+    aside = np.asarray(corner) - place
     rows = np.linspace(0.0, 1.0, CELLS + 1)
     vertices = np.array([(x * WIDTH * height, 0.0, z * height) for z in rows for x in (-1.0, 0.0)])
     faces = [(2 * k, 2 * k + 1, 2 * k + 3, 2 * k + 2) for k in range(CELLS)]
     mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(vertices.tolist(), [], faces)
+    mesh.from_pydata((vertices + aside).tolist(), [], faces)
     strength = np.repeat(rows, 2)
     for key, values in (("strength", strength), ("confidence", np.ones_like(strength))):
         mesh.attributes.new(key, "FLOAT", "POINT").data.foreach_set("value", values.astype(np.float32))
@@ -46,7 +49,7 @@ def create_legend(
     mesh.materials.append(arrow_material())
     obj = bpy.data.objects.new(name, mesh)
     obj[LEGEND_MARK] = True
-    obj.location, obj.hide_render, obj.hide_select = corner.tolist(), True, True
+    obj.location, obj.hide_render, obj.hide_select = place.tolist(), True, True
     collection.objects.link(obj)
     if parent is not None:
         obj.parent, obj.matrix_parent_inverse = parent, parent.matrix_basis.inverted()
@@ -56,11 +59,11 @@ def create_legend(
     wide = 0.2 * height + LETTER * SIZE * height * max(len(text) for text in written)
     size = {"Size X": wide, "Size Y": 1.25 * height, "Vertices X": 2, "Vertices Y": 2}
     plate = group.node("GeometryNodeMeshGrid", size).outputs["Mesh"]
-    parts = [_placed(group, plate, (0.5 * wide - 0.13 * height, 0.01 * height, 0.5 * height), DARK)]
+    parts = [_placed(group, plate, aside + [0.5 * wide - 0.13 * height, 0.01 * height, 0.5 * height], DARK)]
     for text, at in written.items():
         letters = group.node("GeometryNodeStringToCurves", {"String": text, "Size": SIZE * height})
         filled = group.node("GeometryNodeFillCurve", {0: group.node("GeometryNodeRealizeInstances", {0: letters.outputs[0]}).outputs[0]})
-        parts.append(_placed(group, filled.outputs[0], (0.03 * height, 0.0, at - 0.3 * SIZE * height), LIGHT))
+        parts.append(_placed(group, filled.outputs[0], aside + [0.03 * height, 0.0, at - 0.3 * SIZE * height], LIGHT))
     join = group.node("GeometryNodeJoinGeometry")
     # the bar last, which puts it in front: its active colours then count for Solid view
     for part in (*parts, group.input.outputs["Geometry"]):
@@ -69,9 +72,10 @@ def create_legend(
     return obj
 
 
-def _placed(group: GroupBuilder, geometry: Any, at: tuple[float, float, float], colour: float) -> Any:
+def _placed(group: GroupBuilder, geometry: Any, at: np.ndarray, colour: float) -> Any:
     """Geometry of the XY plane, upright, in one shade of grey whatever Solid view takes its colors from."""
-    turned = group.node("GeometryNodeTransform", {"Geometry": geometry, "Translation": at, "Rotation": (np.pi / 2, 0.0, 0.0)}).outputs[0]
+    upright = {"Geometry": geometry, "Translation": at.tolist(), "Rotation": (np.pi / 2, 0.0, 0.0)}
+    turned = group.node("GeometryNodeTransform", upright).outputs[0]
     painted = group.node("GeometryNodeSetMaterial", {"Geometry": turned, "Material": _material(colour)}).outputs[0]
     return group.node(
         "GeometryNodeStoreNamedAttribute", {"Geometry": painted, "Name": COLOUR, "Value": (colour, colour, colour, 1.0)},

@@ -73,6 +73,23 @@ class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
         return f"{field.name}: {said_of_fit(field)}"
 
 
+class SEEING_WIND_OT_turn_override(DirectOperator, bpy.types.Operator):
+    """Let Blender's solvers feel a library override of a linked wind turned as it stands: it gets a texture in this file"""
+
+    bl_idname = "seeing_wind.turn_override"
+    bl_label = "Turn the Wind Too"
+
+    field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
+
+    def act(self, context):
+        """Its values stay in the library."""
+        from .field_object import turn_override  # needs NumPy
+
+        field = chosen_field(context, self.field)
+        turn_override(field)
+        return f"{field.name} blows as it is turned"
+
+
 class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
     """Let the chosen object's particles, hair, cloth, rigid body or physics nodes accelerate in the recovered wind as real matter does"""
 
@@ -243,5 +260,5 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
 
 CLASSES = (
     SEEING_WIND_OT_apply_to_field, SEEING_WIND_OT_calibrate, SEEING_WIND_OT_calibrate_again, SEEING_WIND_OT_conform,
-    SEEING_WIND_OT_export_field,
+    SEEING_WIND_OT_export_field, SEEING_WIND_OT_turn_override,
 )  # fmt: skip

@@ -41,9 +41,9 @@ class FieldTab(Tab):
         """Once there is a field: the scene's own, or a selected one that was appended or linked."""
         return context.scene is not None and field_at_hand(context) is not None
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """Reads the objects' own settings: nothing is kept twice."""
-        settings, layout, field = context.scene.seeing_wind, self.layout, field_at_hand(context)
+        settings, field = context.scene.seeing_wind, field_at_hand(context)
         layout.use_property_split, layout.use_property_decorate = True, False
         if field != settings.field_object:
             layout.label(text=field.name, icon="FORCE_WIND")
@@ -61,13 +61,15 @@ class FieldTab(Tab):
             box = layout.box()
             box.alert = True
             draw_text(box, context, wrong, "ERROR")
+        if said_of_override(field):
+            layout.operator("seeing_wind.turn_override", icon="ORIENTATION_LOCAL")
         if stride_of(field) != 1.0:
             layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
         if LOOP in field:
             layout.prop(field, f'["{LOOP}"]', text="Loop")
-        self._felt(context, settings, field)
+        self._felt(context, layout, settings, field)
         if settings.arrows_object is not None and settings.arrows_object.parent == field:
-            self._arrows(context, settings.arrows_object)
+            self._arrows(context, layout, settings.arrows_object)
         column = layout.column()
         both = column.column(align=True)
         one = both.row(align=True)
@@ -87,9 +89,9 @@ class FieldTab(Tab):
             box.operator("seeing_wind.calibrate_again", icon="FILE_REFRESH")
         column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
 
-    def _felt(self, context, settings, field):
+    def _felt(self, context, layout, settings, field):
         """What solvers feel, and how near it is to the recovered field."""
-        column = self.layout.column()
+        column = layout.column()
         if has_wind(field):
             column.prop(settings, "field_kind")
         column.prop(settings, "field_reach")
@@ -100,8 +102,8 @@ class FieldTab(Tab):
         if said_of_fit(field):
             draw_text(column, context, said_of_fit(field), "INFO")
 
-    def _arrows(self, context, arrows):
-        column = self.layout.column(heading="Arrows")
+    def _arrows(self, context, layout, arrows):
+        column = layout.column(heading="Arrows")
         column.prop(arrows, "hide_viewport", text="Hide Arrows")
         modifier = next((modifier for modifier in arrows.modifiers if modifier.type == "NODES"), None)
         for name, text in SHOWN.items() if modifier is not None else ():
@@ -119,7 +121,7 @@ class FieldTab(Tab):
         if material is not None:
             ramp = next((node for node in material.node_tree.nodes if node.type == "VALTORGB"), None)
         if ramp is not None:
-            box = self.layout.box()
+            box = layout.box()
             box.template_color_ramp(ramp, "color_ramp", expand=False)
             row = box.row()
             row.label(text="0")

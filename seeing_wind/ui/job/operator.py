@@ -6,13 +6,17 @@ An operator supplies `start` (gather, return the generator of messages) and `fin
 from __future__ import annotations
 
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import bpy
 from bpy.app.handlers import persistent
 
 from ...engine.errors import SeeingWindError
+from ..clip.inputs.pace import pace_of_scene
 from . import console, status, worker
+from .panel_words import in_scene_frames
+from .steps_shown import fold_past
 
 TICK = 0.1
 """Seconds between two looks at the worker: quick enough for a bar to move, rare enough to cost nothing."""
@@ -109,7 +113,7 @@ class JobOperator:
         if scene.seeing_wind.unfinished != self.step:  # an undo has taken it back
             scene.seeing_wind.unfinished = self.step
         try:
-            self._take_in(running)
+            self._take_in(running, scene)
             if running.exit is None:
                 return {"PASS_THROUGH"}
             self._remove_timer(context)
@@ -129,7 +133,7 @@ class JobOperator:
     def _block(self, scene: bpy.types.Scene) -> set[str]:
         running = jobs[self.key]
         try:
-            running.exit = worker.wait(self._relay(running), lambda message: None)
+            running.exit = worker.wait(self._relay(running, scene), lambda message: None)
             return self._conclude(scene, running)
         except (SeeingWindError, OSError) as error:
             return self._fail(scene, *worker.told(error))
@@ -139,16 +143,17 @@ class JobOperator:
             jobs.pop(self.key, None)
             status.end(status.of(self.key))
 
-    def _relay(self, running: Running) -> worker.Messages:
+    def _relay(self, running: Running, scene: bpy.types.Scene) -> worker.Messages:
         """The job's messages, passed through this operator on their way to the blocking driver."""
         while running.exit is None:
-            batch = self._take_in(running)
+            batch = self._take_in(running, scene)
             if running.exit is None:
                 running.cancel = bool((yield batch)) or running.cancel
         return running.exit
 
-    def _take_in(self, running: Running) -> list[worker.Message]:
-        batch = running.poll()
+    def _take_in(self, running: Running, scene: bpy.types.Scene) -> list[worker.Message]:
+        frame_of = pace_of_scene(scene).frame_of
+        batch = [_in_scene_frames(message, frame_of) for message in running.poll()]
         news = [status.receive(status.of(self.key), self.step, message) for message in batch]
         if self.console is not None:
             for message in batch:
@@ -180,6 +185,7 @@ class JobOperator:
         status.end(now)
         status.refresh(scene)
         now.steps[self.step].message = said
+        fold_past(scene.seeing_wind, self.step)
         redraw()
         self.report({"INFO"}, said)
         for warning in now.warnings:
@@ -227,6 +233,13 @@ class SEEING_WIND_OT_cancel(bpy.types.Operator):
         status.of(context.scene.session_uid).cancelling = True
         redraw()
         return {"FINISHED"}
+
+
+def _in_scene_frames(message: worker.Message, frame_of: Callable[[int], int]) -> worker.Message:
+    """A message with the scene's frames; progress tells how far a job is in the clip."""
+    if message["type"] not in ("warning", "error"):
+        return message
+    return message | {key: in_scene_frames(str(message[key]), frame_of) for key in ("message", "hint") if key in message}
 
 
 def blocks(context) -> bool:

@@ -43,22 +43,34 @@ class Tab:
     bl_category = CATEGORY
     step = ""
     """The step of the work that the panel stands for, or ""."""
+    title = ""
+    """Of the step, with its number."""
 
-    def draw_header_preset(self, context):
-        """How the step stands, at the right end of its title."""
-        if self.step:
-            step = status.of(context.scene.session_uid).steps[self.step]
-            row = self.layout.row()
-            row.alert = step.state == State.FAILED
-            row.active = step.state != State.IDLE
-            row.label(text="", icon=ICONS[step.state])
-            row.separator()
+    def draw(self, context):
+        """A step under a title of its own, which folds when the work has gone past it: Blender lets nobody fold a panel but the user."""
+        if not self.step:
+            self.fill(context, self.layout)
+            return
+        header, body = self.layout.panel_prop(context.scene.seeing_wind, f"shows_{self.step}")
+        header.label(text=self.title)
+        step = status.of(context.scene.session_uid).steps[self.step]
+        row = header.row()
+        row.alert = step.state == State.FAILED
+        row.active = step.state != State.IDLE
+        row.label(text="", icon=ICONS[step.state])
+        if body is not None:
+            self.fill(context, body)
 
-    def columns(self):
-        """A layout with names beside their values."""
-        self.layout.use_property_split = True
-        self.layout.use_property_decorate = False
-        return self.layout.column(), bpy.context.scene.seeing_wind
+    def fill(self, context, layout):
+        """What the panel shows."""
+        raise NotImplementedError
+
+
+def columns(layout):
+    """A column with names beside their values."""
+    layout.use_property_split = True
+    layout.use_property_decorate = False
+    return layout.column()
 
 
 def panels(tab: type[Tab], order: int) -> tuple[type, ...]:
@@ -75,7 +87,8 @@ def panels(tab: type[Tab], order: int) -> tuple[type, ...]:
             "bl_idname": name,
             "bl_space_type": space,
             "bl_order": order,
-            "bl_label": f"{order + 1}. {tab.bl_label}" if tab.step else tab.bl_label,
+            "bl_options": {"HIDE_HEADER"} if tab.step else getattr(tab, "bl_options", set()),
+            "title": f"{order + 1}. {tab.bl_label}",
             "__doc__": tab.__doc__,
         }
         made.append(type(name, (tab, bpy.types.Panel), body))

@@ -1,9 +1,11 @@
-"""What the engine says to its command line, in the panel's words: `--distance` is called Distance here."""
+"""What the engine says to its command line, in the panel's words: `--distance` is called Distance here, and frames are the scene's."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
+from ...engine.conventions import FRAME
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of
 
 STAGES = (ObserveSettings, BuildSettings, RecoverSettings, WindSettings)
@@ -13,6 +15,11 @@ LABELS = {
     "--tracks": "Tracks", "--view": "Further Views", "--no-gravity": "Gravity: None",
 }  # fmt: skip
 """Of the options that the panel has."""
+
+
+def in_scene_frames(text: str, frame_of: Callable[[int], int]) -> str:
+    """The text with each frame of the clip, counted from the first picture that is used, called by its frame in the scene."""
+    return FRAME.sub(lambda found: f"frame {frame_of(int(found[1]))}", text)
 
 
 def in_panel_words(text: str) -> str:

@@ -2,7 +2,7 @@
 
 from ...engine.conventions import UNHELD
 from ..job import status
-from ..job.panel_pieces import Tab, draw_job, draw_text, panels
+from ..job.panel_pieces import Tab, columns, draw_job, draw_text, panels
 from ..job.status import State
 
 
@@ -12,9 +12,9 @@ class RecoverTab(Tab):
     bl_label = "Recover"
     step = "recover"
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """Gravity, where to, go."""
-        column, settings = self.columns()
+        column, settings = columns(layout), context.scene.seeing_wind
         column.prop(settings, "gravity_mode")
         if settings.gravity_mode == "CUSTOM":
             column.prop(settings, "gravity")
@@ -24,11 +24,11 @@ class RecoverTab(Tab):
         undone = [text for name, text in (("clip", "choose a clip"), ("object", "mark the object")) if now.steps[name].state != State.DONE]
         missing = f"First {' and '.join(undone)}" if undone else ""
         above = _offer_to_hold if any(one.startswith(UNHELD) for one in now.warnings) else None
-        draw_job(self.layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing, above=above)
+        draw_job(layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing, above=above)
         if settings.field_verdict and now.running != "recover":
-            draw_text(self.layout, context, settings.field_verdict, "FORCE_WIND")
+            draw_text(layout, context, settings.field_verdict, "FORCE_WIND")
         if settings.recovered_take and now.running != "recover":
-            row = self.layout.row(align=True)
+            row = layout.row(align=True)
             row.operator("seeing_wind.build_scene", text="Reload", icon="FILE_REFRESH")
             row.operator_menu_enum("seeing_wind.open_report", "which", text="Open", icon="FILE_FOLDER")
 

@@ -12,6 +12,7 @@ from ...engine.take import Take
 from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
+from ..clip.inputs.pace import pace_of_scene
 from ..clip.match import followed, hide_default_cube, said_of_range
 from ..field.arrows import create_arrows
 from ..field.conform import conform
@@ -23,7 +24,7 @@ from ..field.node_groups import get_input
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
-from ..job.panel_words import in_panel_words
+from ..job.panel_words import in_panel_words, in_scene_frames
 from ..job.take_reading import FieldSummary, Seen, field_summary, read_seen, recovery_notes, wind_told
 from ..scene_units import metres_per_unit
 from ..user_paths import absolute
@@ -46,7 +47,8 @@ def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
     unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
     told, field, first = wind_told(take), scene.seeing_wind.field_object, scene.seeing_wind.frame_start
     beside = said_of_range(scene, first, first + int(field["seeing_wind_frames"])) if field is not None else ""
-    others = [in_panel_words(note) for note in recovery_notes(take) if told is None or note not in told.notes]
+    frame_of = pace_of_scene(scene).frame_of
+    others = [in_panel_words(in_scene_frames(note, frame_of)) for note in recovery_notes(take) if told is None or note not in told.notes]
     return [each for each in (beside, unseen) if each] + others
 
 
@@ -123,7 +125,8 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
         setattr(settings, name, kept.get(name))
     if settings.real_time:
         conform(scene, settings.field_object, True)
-    settings.field_verdict = " ".join(in_panel_words(note) for note in told.notes) if told is not None else ""
+    frame_of = pace_of_scene(scene).frame_of
+    settings.field_verdict = " ".join(in_panel_words(in_scene_frames(note, frame_of)) for note in told.notes) if told is not None else ""
     filled = seen is not None and fill(scene, take, path)
     _clear_the_view(scene)
     physics_nodes.follow(followers, settings.field_object)

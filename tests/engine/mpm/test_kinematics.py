@@ -155,7 +155,7 @@ def test_bad_paths_are_refused_with_advice():
     good = np.broadcast_to(body.x[body.pinned], (3, body.pinned.sum(), 3)).copy()
     holed, away = good.copy(), good + 0.01
     holed[1, 4, 2] = np.nan
-    for path, match in ((good[:, 1:], "shape"), (good[0], "shape"), (good[:1], "shape"), (holed, "particle 4 is not finite in picture 1")):
+    for path, match in ((good[:, 1:], "shape"), (good[0], "shape"), (good[:1], "shape"), (holed, "particle 4 is not finite in frame 1")):
         with pytest.raises(UsageError, match=match):
             model_for(body, POST, FPS, pin_path=path)
     with pytest.raises(UsageError, match="17.3 mm away"):
@@ -168,6 +168,6 @@ def test_a_path_that_ends_too_early_names_the_frame():
     body = post()
     path = np.broadcast_to(body.x[body.pinned], (3, body.pinned.sum(), 3))
     model, _ = model_for(body, POST, FPS, pin_path=path)
-    with pytest.raises(SimulationError, match="ends at picture 2, before frame 2") as caught:
+    with pytest.raises(SimulationError, match="ends at frame 2, before frame 2") as caught:
         conditions_for(model, 2)
     assert caught.value.frame == 2

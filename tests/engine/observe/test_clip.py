@@ -168,16 +168,15 @@ def test_a_variable_frame_rate_is_told_and_its_mean_taken(tmp_path: Path) -> Non
     wider(data, place + 8, 8)
     data[place + 12 : place + 24] = struct.pack(">5I", 2, 5, delta, count - 5, 2 * delta)  # from the fifth picture on half the rate
     (tmp_path / "uneven.mp4").write_bytes(data)
-    told: list[dict] = []
-    clip = read_clip(tmp_path / "uneven.mp4", progress=Progress(told.append))
+    clip = read_clip(tmp_path / "uneven.mp4")
     steps = len(clip.frames) - 1
     assert clip.fps == pytest.approx(steps / (5 * 0.04 + (steps - 5) * 0.08), rel=1e-3)
-    assert "40 to 80 ms" in told[-1]["message"]
-    told.clear()
+    (told,) = clip.doubts
+    assert "40 to 80 ms" in told.because
     # An even part of it has the rate of that part, and what the user says goes before.
-    assert read_clip(tmp_path / "uneven.mp4", (0, 4), progress=Progress(told.append)).fps == pytest.approx(25.0)
-    assert read_clip(tmp_path / "uneven.mp4", fps=30.0, progress=Progress(told.append)).fps == 30.0
-    assert not told
+    even, given = read_clip(tmp_path / "uneven.mp4", (0, 4)), read_clip(tmp_path / "uneven.mp4", fps=30.0)
+    assert even.fps == pytest.approx(25.0) and given.fps == 30.0
+    assert not even.doubts and not given.doubts
 
 
 def test_a_video_that_nobody_can_read_is_no_video(tmp_path):

@@ -78,7 +78,7 @@ def test_motion_blur_is_told(tmp_path: Path) -> None:
     for k in range(5, 11):
         blurred[k] = cv2.filter2D(blurred[k], -1, kernel)
     warned = told(blurred, scene.masks)
-    assert len(warned) == 1 and "6 of 13 pictures, first in picture 5" in warned[0]
+    assert len(warned) == 1 and "6 of 13 pictures, first in frame 5" in warned[0]
 
 
 def test_a_camera_that_moves_through_the_room_is_told(tmp_path: Path) -> None:

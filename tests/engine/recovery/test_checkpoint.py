@@ -20,10 +20,10 @@ from seeing_wind.engine.progress import Journal, NoProgress
 from seeing_wind.engine.record_arrays import to_arrays
 from seeing_wind.engine.records import Recovery
 from seeing_wind.engine.recovery import journal as journals
-from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.recovery.paper.refinement import refine
 from seeing_wind.engine.recovery.paper.schedule import recover_by_descent
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.stage import recover_stage
 from seeing_wind.engine.take import Take, stamp_of
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points

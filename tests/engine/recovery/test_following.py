@@ -9,10 +9,10 @@ from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Attachment, Particles, PointTargets, TrackTargets
-from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.prior import learning as beliefs
 from seeing_wind.engine.recovery.prior.basis import knots_between, spatial_basis, velocity_basis
 from seeing_wind.engine.recovery.prior.learning import track_misfit
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve import warm_start, window
 from seeing_wind.engine.recovery.solve.forward import Forward
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve

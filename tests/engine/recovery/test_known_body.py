@@ -8,8 +8,8 @@ import pytest
 from seeing_wind.engine.errors import UsageError
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.clip import still_frames
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.known_body import KnownBody
 from seeing_wind.engine.recovery.solve.section import section_axes, section_shapes, turned
 from seeing_wind.engine.settings import RecoverSettings

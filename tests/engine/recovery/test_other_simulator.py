@@ -15,7 +15,7 @@ import pytest
 from seeing_wind.engine.command.trajectories.bodies import read_trajectories
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.recovery import recover
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.settings import RecoverSettings
 
 FILE = Path(__file__).with_name("genesis_post.npz")

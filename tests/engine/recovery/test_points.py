@@ -7,8 +7,8 @@ import pytest
 
 from seeing_wind.engine.errors import ObjectError, SeeingWindError, UsageError
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.diagnostics.posterior import missed_acceleration
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.targets.points import point_channels
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points, relative
 

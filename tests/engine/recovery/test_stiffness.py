@@ -13,9 +13,9 @@ from seeing_wind.engine.mpm.model_for import model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found, body_as_found
-from seeing_wind.engine.recovery import recover
 from seeing_wind.engine.recovery.clip import most_modes
 from seeing_wind.engine.recovery.diagnostics.remarks import wider_remarks
+from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.recovery.solve import stiffness
 from seeing_wind.engine.recovery.solve import window as windows

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR, create_recovered_object
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.catchers import FLOOR, WALL
-from seeing_wind.ui.composite.mattes import CARD, grain_of, matte, narrowed, softened, widened
+from seeing_wind.ui.composite.mattes import CARD, matte, narrowed, softened, widened
 from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
-from seeing_wind.ui.field.samples import samples_of
+from seeing_wind.ui.field.samples import read_samples, samples_of
 from seeing_wind.ui.job import status
 from tests.ui.composite.pictures import red_cube, render
 from tests.ui.jobs import recover
@@ -70,6 +67,24 @@ def test_set_up_again_makes_nothing_twice(scene):
     assert len([obj for obj in scene.objects if obj.name.startswith(CARD)]) == 1
 
 
+def test_a_clip_or_a_take_that_is_gone_is_told(scene, tmp_path, workplace):
+    bpy.ops.seeing_wind.set_up_composite(samples=1)
+    take = workplace / "out.take"
+    take.rename(workplace / "away.take")
+    said = composite.set_up(scene, samples=1)
+    assert said.warnings == [said.missing] and str(take) in said.missing and said.grain == said.softness == 0.0
+    (workplace / "away.take").rename(take)
+    assert not composite.set_up(scene, samples=1).warnings
+    (workplace / "clip.mp4").rename(workplace / "away.mp4")
+    try:
+        with pytest.raises(RuntimeError, match="There is no file .*clip.mp4"):
+            bpy.ops.seeing_wind.set_up_composite(samples=1)
+        with pytest.raises(RuntimeError, match="There is no file .*clip.mp4"):
+            bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "none.png"), still=True)
+    finally:
+        (workplace / "away.mp4").rename(workplace / "clip.mp4")
+
+
 def test_without_a_clip_it_is_refused(scene):
     scene.active_clip = None
     with pytest.raises(RuntimeError, match="no camera with a clip"):
@@ -113,6 +128,25 @@ def test_the_legend_names_the_peak_and_shows_its_colours_in_solid_view(scene):
     assert f"{in_figures(scene.seeing_wind.arrows_object['seeing_wind_peak'])} N/m³" in texts and "0" in texts and len(texts) == 3
     mesh = legend.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     assert mesh.color_attributes.active_color_name == "wind_colour" and len(mesh.polygons) > 48
+
+
+def test_no_dashed_line_goes_from_the_field_to_what_follows_it(scene):
+    """Blender draws one from each visible child to its parent, unless both are at one place."""
+    field, legend = scene.seeing_wind.field_object, scene.objects["Recovered Wind Legend"]
+    bpy.context.view_layer.update()
+    seen = [child for child in field.children if not child.hide_viewport]
+    assert len(seen) == 2 and field.matrix_world.translation.length > 0.1
+    for child in seen:
+        assert (child.matrix_world.translation - field.matrix_world.translation).length < 1e-6
+    sampled = read_samples(samples_of(field)).points + np.array(field.matrix_world.translation)
+    places = {}
+    for obj in (scene.seeing_wind.arrows_object, legend):
+        mesh = obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+        places[obj] = np.array([obj.matrix_world @ vertex.co for vertex in mesh.vertices])
+    arrows, bar = places.values()
+    size = np.ptp(sampled, axis=0).max()
+    assert (arrows > sampled.min(axis=0) - size).all() and (arrows < sampled.max(axis=0) + size).all(), "and they stay where they were"
+    assert bar[:, 0].max() < sampled[:, 0].min() + 0.05 * size, "to the left of it"
 
 
 def test_reloading_the_results_leaves_one_of_each(scene):
@@ -195,27 +229,6 @@ def test_obstacles_of_the_edit_catch_shadows(scene):
     bpy.ops.seeing_wind.insert_collider(object="House")
     said = composite.set_up(scene)
     assert scene.objects["House"].is_shadow_catcher and "shadows on House" in str(said)
-
-
-def test_the_clips_grain_is_measured_and_put_on_what_is_not_the_clip(scene, tmp_path):
-    """Gaussian noise of 3 % on a picture with a slope: found within a tenth, and found again on the plate of the render."""
-    take = Take(Path(scene.seeing_wind.recovered_take))
-    arrays = take.read_arrays("observation.npz")
-    rng = np.random.default_rng(3)
-    slope = np.linspace(60.0, 160.0, 96)[None, :, None] + np.zeros((64, 96, 3))
-    arrays["image"] = np.clip(slope + 255.0 * 0.03 * rng.normal(size=slope.shape), 0, 255).astype(np.uint8)
-    take.write_arrays("observation.npz", arrays)
-    assert grain_of(take) == pytest.approx(0.03, rel=0.1)
-    scene.frame_set(3)
-    said = composite.set_up(scene, plate="PLATE", samples=1)
-    assert said.behind == "moving plate" and said.grain == grain_of(take)
-    covered = render(tmp_path / "grain.png")[24:40, 28:44, 1] / 255.0
-    assert covered.std() == pytest.approx(0.03, rel=0.25) and abs(covered.mean() - 120 / 255) < 0.01
-    scene.frame_set(4)
-    again = render(tmp_path / "later.png")[24:40, 30:44, 1] / 255.0
-    assert abs(np.corrcoef(covered[:, 2:].ravel(), again.ravel())[0, 1]) < 0.3, "grain that stands still is dirt on the lens"
-    composite.set_up(scene, plate="PLATE", samples=1, grain=0.0)
-    assert render(tmp_path / "clean.png")[24:40, 30:44, 1].std() < 1.5
 
 
 def test_mattes_are_as_wide_and_as_soft_as_they_say():

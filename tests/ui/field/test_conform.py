@@ -137,4 +137,4 @@ def test_a_turned_library_override_is_told(scene, tmp_path) -> None:
     assert said_of_override(field) == "" == said_of_override(field.override_library.reference)
     field.rotation_euler.z = 0.5
     bpy.context.view_layer.update()
-    assert "Append it" in said_of_override(field)
+    assert "in the old directions" in said_of_override(field)

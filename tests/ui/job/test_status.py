@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from seeing_wind.ui.job import status
+from seeing_wind.engine.conventions import frame_named
+from seeing_wind.ui.clip.inputs.pace import Pace
+from seeing_wind.ui.job import operator, status
+from seeing_wind.ui.job.panel_words import in_scene_frames
 
 
 def test_the_time_that_is_left_is_said_once_it_can_be() -> None:
@@ -40,6 +43,17 @@ def test_flags_are_called_as_the_panel_calls_them() -> None:
     status.receive(now, "recover", {"type": "error", **said})
     step = now.steps["recover"]
     assert (step.message, step.hint) == ("Distance must be above 0 m; this is -2.", "Add --schedule paper, or leave Further Views out.")
+
+
+def test_frames_are_those_of_the_scene() -> None:
+    frame_of = Pace(1001, 1.25).frame_of
+    sight = f"The object is out of sight in 5 of 40 pictures, first in {frame_named(8)}."
+    assert in_scene_frames(sight, frame_of) == "The object is out of sight in 5 of 40 pictures, first in frame 1011."
+    going = {"type": "progress", "message": "Following the object, frame 13 to 26 of 26"}
+    assert operator._in_scene_frames(going, frame_of) == going, "that is how far it is in the clip"
+    assert operator._in_scene_frames({"type": "warning", "message": "In frame 4"}, frame_of)["message"] == "In frame 1006"
+    broken = f"Particle 3 was turned inside out in {frame_named(4)}, substep 7 of 20."
+    assert in_scene_frames(broken, frame_of) == "Particle 3 was turned inside out in frame 1006, substep 7 of 20."
 
 
 def test_what_the_engine_says_of_a_finished_stage_is_what_the_panel_waits_for() -> None:

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.engine.conventions import UNHELD
+from seeing_wind.engine.conventions import UNHELD, frame_named
 from seeing_wind.engine.take import Take
 from seeing_wind.ui import freshness
 from seeing_wind.ui.bake.motion import is_intact
@@ -44,9 +44,11 @@ def test_what_the_recovery_says_of_itself_is_in_the_panel(workplace, scene) -> N
     recover(workplace)
     report = workplace / "out.take" / "report.json"
     said = json.loads(report.read_text())
-    report.write_text(json.dumps({**said, "notes": ["Nothing was marked as held.", "One camera."]}))
+    report.write_text(json.dumps({**said, "notes": ["Nothing was marked as held.", f"In {frame_named(3)} it is far off."]}))
+    scene.seeing_wind.frame_start = 101
     bpy.ops.seeing_wind.build_scene(take=str(workplace / "out.take"))
-    assert status.of(scene.session_uid).warnings == ["Nothing was marked as held.", "One camera."]
+    first = scene.seeing_wind.frame_start
+    assert status.of(scene.session_uid).warnings == ["Nothing was marked as held.", f"In frame {first + 3} it is far off."]
     assert status.of(scene.session_uid).warned == "recover"
 
 
@@ -69,7 +71,7 @@ def test_the_answer_to_gravity_has_two_ways_out(workplace, scene) -> None:
 
     def offered() -> list[SimpleNamespace]:
         layout = Drawn()
-        RecoverTab.draw(SimpleNamespace(layout=layout, columns=lambda: (layout, scene.seeing_wind)), bpy.context)
+        RecoverTab.fill(SimpleNamespace(), bpy.context, layout)
         return [one for one in layout.operators if one.name in ("seeing_wind.preview", "wm.context_set_enum")]
 
     assert not offered()
@@ -78,6 +80,19 @@ def test_the_answer_to_gravity_has_two_ways_out(workplace, scene) -> None:
     assert look.name == "seeing_wind.preview"
     bpy.ops.wm.context_set_enum(data_path=away.data_path, value=away.value)
     assert scene.seeing_wind.gravity_mode == "NONE"
+
+
+def test_steps_that_the_work_has_gone_past_fold(workplace, scene) -> None:
+    def shown() -> list[str]:
+        return [step for step in status.STEPS if getattr(scene.seeing_wind, f"shows_{step}")]
+
+    assert shown() == list(status.STEPS)
+    recover(workplace)
+    assert shown() == ["recover", "edit", "resimulate", "bake"]
+    cube("Cube", (0.0, 0.0, 0.0))
+    bpy.ops.seeing_wind.insert_mesh(object="Cube")
+    bpy.ops.seeing_wind.resimulate()
+    assert shown() == ["edit", "resimulate", "bake"]
 
 
 def test_a_failure_for_want_of_an_earlier_step_goes_when_that_step_is_done(workplace, scene) -> None:

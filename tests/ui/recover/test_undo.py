@@ -12,6 +12,7 @@ import pytest
 import seeing_wind.ui as ui
 from seeing_wind.ui.bake.animation import keyframes
 from seeing_wind.ui.bake.plan import MARK
+from seeing_wind.ui.field.library.shelf import BLEND, SHELF
 from seeing_wind.ui.job import status
 from tests.ui.meshes import group, held_cube
 
@@ -28,6 +29,17 @@ def painted() -> None:
     """Paint the recovered object."""
     obj = bpy.context.view_layer.objects.active = bpy.context.scene.seeing_wind.recovered_object
     group(obj, "Foot", {0: 1.0, 1: 1.0, 4: 1.0, 5: 1.0})
+
+
+def overridden() -> str:
+    """Name of a turned library override of a wind of the library."""
+    with bpy.data.libraries.load(str(SHELF / BLEND), link=True) as (_, wanted):
+        wanted.objects = ["Light Breeze"]
+    bpy.context.scene.collection.objects.link(wanted.objects[0])
+    field = wanted.objects[0].override_create(remap_local_usages=True)
+    field.name, field.rotation_euler.z = "Turned Breeze", 1.0
+    bpy.context.view_layer.update()
+    return field.name
 
 
 def panorama(folder: Path) -> str:
@@ -95,6 +107,8 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("add view", lambda: ops.add_view(clip=clip)),
         ("remove view", lambda: ops.remove_view()),
         ("draw box", lambda: ops.draw_box(box=(20.0, 20.0, 44.0, 44.0))),
+        ("correct outline", lambda: ops.correct_outline(place=(30.0, 30.0), picture=2, beside=True)),
+        ("clear corrections", lambda: ops.clear_corrections()),
         ("preview", lambda: ops.preview()),
         ("use held", lambda: ops.use_held()),
         ("recover", lambda: ops.recover(distance=2.0, take=take)),
@@ -130,6 +144,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("composite", lambda: ops.set_up_composite(floor=True)),
         ("composite with a panorama", lambda: ops.set_up_composite(hdri=panorama(workplace))),
         ("add wind", lambda: ops.add_wind(wind="Light Breeze")),
+        ("turn an override", lambda: ops.turn_override(field=overridden())),
     ]
     changing = {cls.bl_idname for cls in ui.CLASSES if issubclass(cls, bpy.types.Operator) and "UNDO" in getattr(cls, "bl_options", ())}
     called = set(re.findall(r"ops\.(\w+)\(", inspect.getsource(test_undo_and_redo_over_every_operator)))
@@ -149,8 +164,8 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         assert snapshot() == after, f"redo of {name}"
         assert states() == after_states, f"redo of {name}"
         before, before_states = after, after_states
-    for _ in range(8):
+    for _ in range(9):
         bpy.ops.ed.undo()
-    for _ in range(8):
+    for _ in range(9):
         bpy.ops.ed.redo()
     assert snapshot() == before, "a long way back and forth"

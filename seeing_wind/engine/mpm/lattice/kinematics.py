@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ...conventions import frame_named
 from ...errors import SimulationError, UsageError
 from ..model import Model
 from ..state import State
@@ -76,7 +77,7 @@ def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx
     path = path.astype(np.float64)
     if not np.isfinite(path).all():
         t, n, _ = np.argwhere(~np.isfinite(path))[0]
-        raise UsageError(f"The path of pinned particle {n} is not finite in picture {t}.", "Check the motion of what holds it.")
+        raise UsageError(f"The path of pinned particle {n} is not finite in {frame_named(t)}.", "Check the motion of what holds it.")
     away = np.linalg.norm(path[0] - x[pinned], axis=1)
     if away.max() > _AWAY * dx:
         n = int(away.argmax())
@@ -111,7 +112,7 @@ def conditions_for(model: Model, frame: int, state: State | None = None) -> list
         return [piece for time in times for piece in _followed(model, still, time, region, span / walls, shifts)]
     if not 0 <= frame < len(model.pin_path) - 1:
         raise SimulationError(
-            f"The path of the pinned particles ends at picture {len(model.pin_path) - 1}, before frame {frame} is over.",
+            f"The path of the pinned particles ends at {frame_named(len(model.pin_path) - 1)}, before {frame_named(frame)} is over.",
             "Give the path for every picture of the simulation.", frame=frame, quantity="pin_path",
         )  # fmt: skip
     step = span * (model.pin_path[frame + 1] - model.pin_path[frame])

@@ -5,5 +5,6 @@
     camera.py   intrinsics, poses, distance           transforms.py      the camera file of nerfstudio and instant-ngp
     lens.py     lens distortion                       shake.py           a hand-held camera's turns
     depth.py    depth in frame 0                      defects.py         black frames, cuts, blur, an object that leaves
+    filmed/     how it was filmed, where that spoils it: interlaced, slow motion, focus, shutter, ropes
     opencv_threads.py  OpenCV on one thread            video.py           writing MP4
 """

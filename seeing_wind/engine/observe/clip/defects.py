@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from ...conventions import frame_named
 from ...errors import ClipError
 from ...masks import Masks
 from ...progress import Progress
@@ -85,11 +86,11 @@ def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
     if rim[0]:
         progress.warn("The object reaches over the edge of the first picture: what lies outside has no mass in the result.")
     elif rim.any():
-        progress.warn(f"The object leaves the picture from picture {int(np.flatnonzero(rim)[0])} on; there its tracks are fewer.")
+        progress.warn(f"The object leaves the picture from {frame_named(int(np.flatnonzero(rim)[0]))} on; there its tracks are fewer.")
     blurred = _blurred(frames, masks, progress)
     if len(blurred):
         progress.warn(
-            f"The object is blurred by its motion in {len(blurred)} of {len(frames)} pictures, first in picture {blurred[0]}: "
+            f"The object is blurred by its motion in {len(blurred)} of {len(frames)} pictures, first in {frame_named(blurred[0])}: "
             "a shorter exposure gives better tracks."
         )
 

@@ -13,6 +13,9 @@ import numpy as np
 from ...conventions import FRAME_RATES, PICTURE_SUFFIXES, is_sequence, pictures_of
 from ...errors import ClipError, UsageError
 from ...progress import NoProgress, Progress
+from ...records import Doubt
+from .filmed.combing import Combing
+from .filmed.container import said_by
 from .pictures import check_size, read_picture
 from .stored import Frames, StoredFrames
 
@@ -45,6 +48,8 @@ class Clip:
     """Pictures that are there at the file's own size, too: see `as_filmed`."""
     own: Frames
     """(K, H, W, 3) uint8 RGB, those pictures."""
+    doubts: tuple[Doubt, ...] = ()
+    """What is wrong with how it was filmed, as far as the file and its pictures say so."""
 
     def as_filmed(self, picture: int) -> np.ndarray:
         """One of the `kept` pictures (H, W, 3) uint8 RGB at the file's own size."""
@@ -82,6 +87,7 @@ def read_clip(
     if is_sequence(str(path)):
         _tell_gaps(files_of(str(path), frames), progress)
     copies: _Copies | None = None
+    combing = Combing()
     times: list[float] = []
     count = 0
     for index, (picture, time) in enumerate(source):
@@ -98,12 +104,17 @@ def read_clip(
                 f"Picture {index} of {path} is {_size(picture.shape)}, the first one {_size(copies.file)}.",
                 "All pictures must have the same size.",
             )
-        copies.add(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
+        upright = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        copies.add(upright)
+        combing.add(upright)
         times.append(time)
     _check_count(str(path), len(times), count, first, last)
     assert copies is not None  # at least two pictures, as has been checked
-    rate = _rate(str(path), fps, file_fps, np.array(times), progress)
-    return Clip(str(path), copies.frames, rate, first, copies.file, copies.kept, copies.own)
+    rate, uneven = _rate(str(path), fps, file_fps, np.array(times))
+    doubts = [uneven, combing.doubt(), *([] if is_sequence(str(path)) else said_by(path, rate, told=fps is not None))]
+    return Clip(
+        str(path), copies.frames, rate, first, copies.file, copies.kept, copies.own, tuple(one for one in doubts if one is not None)
+    )
 
 
 class _Copies:
@@ -192,26 +203,26 @@ def _check_count(path: str, kept: int, count: int, first: int, last: int | None)
         raise ClipError(f"{path} gives one picture, and motion needs two.", "Use a longer clip or a wider --frames range.")
 
 
-def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray, progress: Progress) -> float:
-    """Frames per second: the user's, else the file's, else (where the pictures' `times` (T+1,) [s] are uneven) their mean."""
+def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray) -> tuple[float, Doubt | None]:
+    """Frames per second: the user's, else the file's, else (where the pictures' `times` (T+1,) [s] are uneven) their mean, a doubt."""
     if fps is not None:
-        return float(fps)
+        return float(fps), None
     steps = np.diff(times)
     if np.isfinite(steps).all() and (steps > 0).all():
         usual = float(np.median(steps))
         mean = len(steps) / float(times[-1] - times[0])
-        if np.abs(steps - usual).max() <= UNEVEN * usual:
-            # A file's own number is exact, but that of the whole file: an even part of an uneven clip has another.
-            file_fps = file_fps if np.isfinite(file_fps) and abs(mean / max(file_fps, 1e-9) - 1.0) < ROUNDING else mean
-        else:
-            progress.warn(
+        if np.abs(steps - usual).max() > UNEVEN * usual:
+            return mean, Doubt(
+                0.9,
                 f"The clip's frame rate varies: {1e3 * steps.min():.0f} to {1e3 * steps.max():.0f} ms between pictures. Its mean, "
-                f"{mean:.4g} per second, is used, and forces are wrong where pictures are far apart. Convert it to a constant rate."
+                f"{mean:.4g} per second, is used, and forces are wrong where pictures are far apart.",
+                "Convert it to a constant rate.",
             )
-            return mean
+        # A file's own number is exact, but that of the whole file: an even part of an uneven clip has another.
+        file_fps = file_fps if np.isfinite(file_fps) and abs(mean / max(file_fps, 1e-9) - 1.0) < ROUNDING else mean
     if not (np.isfinite(file_fps) and 0.0 < file_fps < 1e5):
         raise UsageError(f"{path} does not say its frame rate.", "Give it with --fps: forces scale with its square.")
-    return float(file_fps)
+    return float(file_fps), None
 
 
 def _size(shape: tuple[int, ...]) -> str:

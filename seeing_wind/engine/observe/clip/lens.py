@@ -56,7 +56,7 @@ class Lens:
 
     def straight_points(self, xy: np.ndarray) -> np.ndarray:
         """Filmed pixels (..., 2) as those of the pinhole."""
-        if self._maps is None:
+        if self._maps is None or not xy.size:
             return xy
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-9)
         flat = np.ascontiguousarray(xy.reshape(-1, 1, 2), dtype=np.float64)

@@ -141,11 +141,15 @@ def steadied(frames: Frames, turns: np.ndarray, camera: Camera, progress: Progre
     return each(frames, steady, progress)
 
 
+def through_mask(mask: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """A mask (H, W) bool through a homography (3, 3)."""
+    return cv2.warpPerspective(mask.astype(np.uint8), matrix, mask.shape[::-1], flags=cv2.INTER_NEAREST) > 0
+
+
 def as_filmed(xy: np.ndarray, masks: Masks, turns: np.ndarray, camera: Camera) -> tuple[np.ndarray, Masks]:
     """Tracks (T+1, K, 2) and masks (T+1, H, W) of the steadied pictures in the pixels of the filmed ones."""
-    size = masks.shape[2], masks.shape[1]
     back = [np.linalg.inv(homography(turn, camera)) for turn in turns]
-    filmed = (cv2.warpPerspective(mask.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) > 0 for mask, matrix in zip(masks, back))
+    filmed = (through_mask(mask, matrix) for mask, matrix in zip(masks, back))
     return np.stack([through(matrix, points) for matrix, points in zip(back, xy)]), Masks.of(filmed)
 
 

@@ -4,6 +4,7 @@
     from_box.py    in frame 0: what moves together in a box
     cutting.py     a region by its colours, and without specks
     evidence.py    what speaks for each pixel, in log odds
+    corrected.py   the user's corrections in any frame, taken along to the others
     follow.py      carried through the clip
     motion.py      how the object moved between two frames
     by_turns.py    picture 0 and the background, each found by the other

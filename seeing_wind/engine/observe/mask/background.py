@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from ...progress import Progress
 from ...records import Camera
 from ..clip.shake import surrounding_corners
 from ..clip.stored import Frames
-from .motion import Window, cut, window_of
+from .motion import Window, cut, window_of, within
 
 STILL = 1.5
 """Pixels by which corners of the surroundings may move for the camera to count as standing still; the plate bears as much."""
@@ -58,6 +58,11 @@ class Plate:
     noise: float
     """Typical difference between a picture and the plate where nothing moves, largest channel [grey levels]."""
 
+    @cached_property
+    def _smooth(self) -> np.ndarray:
+        """`color` without its grain, blurred once for all pictures that are compared with it."""
+        return cv2.GaussianBlur(self.color, (0, 0), 1.0)
+
     def difference(self, picture: np.ndarray) -> np.ndarray:
         """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise; 0 where unreliable."""
         away = cv2.absdiff(picture, self.color).astype(np.float32)
@@ -70,14 +75,16 @@ class Plate:
             (h, w) float32: the largest difference of a channel [grey levels]; (h, w) int8: 1 where the plate is brighter by one factor in
             all channels, a shadow that went, -1 where it is darker, one that came, else 0.
         """
-        now, behind = (cv2.GaussianBlur(cut(whole, window), (0, 0), 1.0).astype(np.float32) for whole in (picture, self.color))
+        now = cv2.GaussianBlur(cut(picture, window), (0, 0), 1.0).astype(np.float32)
+        behind = cut(self._smooth, window).astype(np.float32)
         away = largest(cv2.absdiff(now, behind))
         behind += 4.0
-        ratio = (now + 4.0) / behind
-        middle = cv2.transform(ratio, np.full((1, 3), 1.0 / 3.0, np.float32))
+        ratios = cv2.split((now + 4.0) / behind)
+        middle = (ratios[0] + ratios[1] + ratios[2]) * np.float32(1.0 / 3.0)
         # In the dark, a codec's rounding tints as much as a colour does.
         grain = 0.6 * self.noise / _smallest(behind)
-        alike = largest(np.abs(ratio - middle[..., None])) < 0.5 * SHADOW_TINT * middle + grain
+        apart = [cv2.absdiff(one, middle) for one in ratios]
+        alike = cv2.max(cv2.max(apart[0], apart[1]), apart[2]) < 0.5 * SHADOW_TINT * middle + grain
         # A shadow is soft and lets through what is behind it; a gray thing's own pattern and edges are neither.
         alike &= np.abs(middle - cv2.GaussianBlur(middle, (0, 0), 3.0)) < SHADOW_SOFT + grain
         alike &= cut(self.reliable, window, cv2.BORDER_CONSTANT) & (middle > SHADOW[0]) & (middle < SHADOW[1])
@@ -89,7 +96,7 @@ class Plate:
 
 
 def largest(picture: np.ndarray) -> np.ndarray:
-    """The largest of three channels (H, W, 3) -> (H, W); NumPy's reduction over so short an axis is twenty times slower."""
+    """The largest of three channels (H, W, 3) -> (H, W); NumPy is twenty times slower over so short an axis."""
     first, second, third = cv2.split(picture)
     return cv2.max(cv2.max(first, second), third)
 
@@ -169,21 +176,26 @@ def _row_blocks(picture: np.ndarray, count: int) -> Iterator[slice]:
 
 
 def _median(block: np.ndarray) -> np.ndarray:
-    """The lower median over the first axis of a uint8 array, by a sorting network: whole planes are compared, twenty times faster."""
-    planes, spare = [plane.copy() for plane in block], np.empty_like(block[0])
+    """The lower median over the first axis of a uint8 array."""
     middle = (len(block) - 1) // 2
-    for low, high in _exchanges(len(block), middle):
-        np.minimum(planes[low], planes[high], out=spare)
-        np.maximum(planes[low], planes[high], out=planes[high])
-        planes[low], spare = spare, planes[low]
-    return planes[middle]
+    return _ordered(block, middle, middle)[middle]
+
+
+def _ordered(block: np.ndarray, low: int, high: int) -> list[np.ndarray]:
+    """A uint8 array's planes along its first axis, those from `low` to `high` sorted, by a network: whole planes are compared."""
+    planes, spare = [plane.copy() for plane in block], np.empty_like(block[0])
+    for one, other in _exchanges(len(block), low, high):
+        np.minimum(planes[one], planes[other], out=spare)
+        np.maximum(planes[one], planes[other], out=planes[other])
+        planes[one], spare = spare, planes[one]
+    return planes
 
 
 @cache
-def _exchanges(count: int, wanted: int) -> list[tuple[int, int]]:
-    """Pairs (low, high) of places to be put in order, one after the other, so that the `wanted` of `count` values is in its place.
+def _exchanges(count: int, first: int, last: int) -> list[tuple[int, int]]:
+    """Pairs (low, high) of places to be put in order, one after the other, so that of `count` values `first` to `last` are in their places.
 
-    Those of Batcher's odd-even mergesort (Batcher 1968; Knuth, volume 3, 5.2.2, algorithm M) on which that place depends.
+    Those of Batcher's odd-even mergesort (Batcher 1968; Knuth, volume 3, 5.2.2, algorithm M) on which those places depend.
     """
     pairs, run = list[tuple[int, int]](), 1
     while run < count:
@@ -194,7 +206,7 @@ def _exchanges(count: int, wanted: int) -> list[tuple[int, int]]:
                 pairs += [(low, low + apart) for low in together if low // (2 * run) == (low + apart) // (2 * run)]
             apart //= 2
         run *= 2
-    needed, kept = {wanted}, list[tuple[int, int]]()
+    needed, kept = {*range(first, last + 1)}, list[tuple[int, int]]()
     for pair in reversed(pairs):
         if needed & {*pair}:
             needed |= {*pair}
@@ -236,18 +248,19 @@ def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray
     """A better plate once the object's `masks` (T+1, H, W) are known: trusted where the object ever leaves and what is seen then agrees."""
     color = clean_plate(frames, masks, median, progress)
     grow = np.ones((9, 9), np.uint8)
-    leaves = np.zeros(color.shape[:2], np.int32)
-    passed = np.zeros(color.shape[:2], bool)
-    agree = np.zeros(color.shape[:2], np.int32)
+    seen = masks.windows[masks.windows[:, 2] > 0].astype(int)
+    x0, y0, x1, y1 = within((*(seen[:, :2].min(axis=0) - 4), *(seen[:, 2:].max(axis=0) + 4)), color)
+    part = np.s_[y0:y1, x0:x1]
+    leaves, agree = np.zeros((2, y1 - y0, x1 - x0), np.int32)
     for t, mask in enumerate(masks):
         progress.check()
-        off = cv2.dilate(mask.astype(np.uint8), grow) == 0
+        off = cv2.dilate(mask[part].astype(np.uint8), grow) == 0
         leaves += off
-        passed |= ~off
-        agree += off & (largest(cv2.absdiff(np.array(frames[t]), color)) < 4.0 * before.noise)
+        agree += off & (largest(cv2.absdiff(frames[t, y0:y1][:, x0:x1], color[part])) < 4.0 * before.noise)
     # Three sights of a pixel are the least of which a median can drop one that is wrong. Where they do not agree, the object was missed.
-    steady = (leaves >= 3) & (agree > STEADY_PART * leaves)
-    return Plate(color, (before.reliable & ~passed) | (passed & steady), before.noise)
+    steady, reliable = (leaves >= 3) & (agree > STEADY_PART * leaves), before.reliable.copy()
+    reliable[part] = np.where(leaves < len(masks), steady, reliable[part])
+    return Plate(color, reliable, before.noise)
 
 
 def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progress: Progress) -> np.ndarray:
@@ -280,9 +293,8 @@ def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progres
 
 def _masked_median(block: np.ndarray, covered: np.ndarray) -> np.ndarray:
     """Median over the first axis of `block` (F, R, W, 3) where not `covered` (F, R, W); 0 where covered throughout."""
-    # Covered samples sort to the end, so the median is the middle of the first `seen` ones.
-    values = np.sort(np.where(covered[..., None], np.int16(256), block.astype(np.int16)), axis=0)
-    seen = (~covered).sum(axis=0)
+    # Covered samples, made white, sort to the end, so the median is the middle of the first `seen` ones.
+    ordered, seen = np.stack(_ordered(np.where(covered[..., None], np.uint8(255), block), 0, len(block) // 2)), (~covered).sum(axis=0)
     low, high = np.maximum((seen - 1) // 2, 0), seen // 2
-    pick = [np.take_along_axis(values, np.minimum(index, len(block) - 1)[None, ..., None], axis=0)[0] for index in (low, high)]
+    pick = [np.take_along_axis(ordered, index[None, ..., None], axis=0)[0].astype(np.int16) for index in (low, high)]
     return np.where(seen[..., None] > 0, (pick[0] + pick[1]) // 2, 0).astype(np.uint8)

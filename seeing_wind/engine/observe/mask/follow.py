@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Protocol
 
 import cv2
@@ -168,10 +169,11 @@ class MaskFollower:
             carried[margin : margin + y1 - y0, margin : margin + x1 - x0] = self._shape
             return carried > 0, where
         rows, columns = np.nonzero(self._shape)
-        motion = self.flow.motion[rows + y0 - self.flow.y0, columns + x0 - self.flow.x0]
-        landed = np.round(np.stack([columns + x0, rows + y0], axis=1) + motion).astype(int) - [where[0], where[1]]
-        inside = (landed >= 0).all(axis=1) & (landed[:, 0] < carried.shape[1]) & (landed[:, 1] < carried.shape[0])
-        carried[landed[inside, 1], landed[inside, 0]] = 1
+        motion = self.flow.motion[y0 - self.flow.y0 : y1 - self.flow.y0, x0 - self.flow.x0 : x1 - self.flow.x0][self._shape]
+        column = np.rint(motion[:, 0]).astype(np.int64) + columns + (x0 - where[0])
+        row = np.rint(motion[:, 1]).astype(np.int64) + rows + (y0 - where[1])
+        inside = (column >= 0) & (row >= 0) & (column < carried.shape[1]) & (row < carried.shape[0])
+        carried[row[inside], column[inside]] = 1
         # Pixels drift apart where the object grows: close the gaps.
         carried = cv2.morphologyEx(carried, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
         return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
@@ -233,7 +235,7 @@ def followed(
 
     Args:
         picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at picture 0.
-        points: advanced beside the follower, so that a large clip is read once.
+        points: advanced beside the follower, so that a large clip is read once; on another core, while it looks at the next picture.
     """
     packing = Packing()
     packing.add(follower.mask)
@@ -245,13 +247,23 @@ def followed(
         if points is not None:
             points.resume(picture, masks, kept)
 
-    def state() -> dict[str, np.ndarray]:
-        return to_arrays(packing.masks(), "masks.") | follower.state() | (points.state() if points is not None else {})
+    with ThreadPoolExecutor(1) as beside:
+        behind: Future[None] | None = None
 
-    for t in range(done + 1, count):
-        progress.update(t / count, f"following the object, frame {t} of {count - 1}")
-        packing.add(follower.advance(picture(t)))
-        if points is not None:
-            points.advance(picture(t), follower.flow, follower.mask)
-        loop.reached(t, state)
+        def state() -> dict[str, np.ndarray]:
+            if behind is not None:
+                behind.result()
+            return to_arrays(packing.masks(), "masks.") | follower.state() | (points.state() if points is not None else {})
+
+        for t in range(done + 1, count):
+            progress.update(t / count, f"following the object, frame {t} of {count - 1}")
+            now = picture(t)
+            packing.add(follower.advance(now))
+            if behind is not None:
+                behind.result()
+            if points is not None:
+                behind = beside.submit(points.advance, now, follower.flow, follower.mask)
+            loop.reached(t, state)
+        if behind is not None:
+            behind.result()
     return packing.masks()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
 import cv2
@@ -27,6 +28,9 @@ MOVES = 0.04
 
 LATER = (1, 2, 3, 5, 8, 12, 17, 23)
 """Pictures whose motion against picture 0 is looked at."""
+
+CORES = 2
+"""Pictures that are looked at together: every machine has two cores, and OpenCV lets Python's other threads run while it works."""
 
 MOTION_PIXELS = 150_000
 """Size of a window beyond which its motion is sought in a smaller copy."""
@@ -90,6 +94,14 @@ def mask_in_box(
     return mask
 
 
+def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:
+    """The box (x0, y0, x1, y1) [px] that a person draws round `mask` (H, W) bool, inside the picture."""
+    x0, y0, x1, y1 = window_of(mask, 0)
+    margin = max(4.0, 0.05 * max(x1 - x0 - 1, y1 - y0 - 1))
+    height, width = mask.shape
+    return max(x0 - margin, 0.0), max(y0 - margin, 0.0), min(x1 - 1 + margin, width - 1.0), min(y1 - 1 + margin, height - 1.0)
+
+
 def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) -> np.ndarray:
     """(H, W) bool, the box. Raises UsageError as `mask_in_box`."""
     if not np.isfinite(box).all() or box[2] <= box[0] or box[3] <= box[1]:
@@ -129,22 +141,29 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     def seen(t: int) -> np.ndarray:
         return cv2.resize(cut(frames[t], window), small, interpolation=cv2.INTER_AREA) if scale < 1.0 else cut(frames[t], window)
 
-    first, solver = seen(0), cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    first = seen(0)
     gray = cv2.cvtColor(first, cv2.COLOR_RGB2GRAY)
     y, x = np.mgrid[: gray.shape[0], : gray.shape[1]].astype(np.float32)
-    moved, changed = np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int32)
-    for t in (t for t in LATER if t < len(frames)):
-        crop = seen(t)
+
+    def flow(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        return cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM).calc(before, after, None)
+
+    def looked_at(crop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far each pixel moves for certain (h, w) float32 [px], and whether it changes (h, w) bool."""
         later = cv2.cvtColor(crop, cv2.COLOR_RGB2GRAY)
-        there, back = solver.calc(gray, later, None), solver.calc(later, gray, None)
+        there, back = flow(gray, later), flow(later, gray)
         at_x, at_y = x + there[..., 0], y + there[..., 1]
         returns = cv2.remap(back, at_x, at_y, cv2.INTER_LINEAR) + there
         still = largest(cv2.GaussianBlur(cv2.absdiff(crop, first).astype(np.float32), (0, 0), 1.0))
         flown = cv2.remap(crop, at_x, at_y, cv2.INTER_LINEAR)
         left = largest(cv2.GaussianBlur(cv2.absdiff(flown, first).astype(np.float32), (0, 0), 1.0))
         sure = (cv2.magnitude(returns[..., 0], returns[..., 1]) < 1.0) & (left < still - 1.5 * noise) & (left < 8.0 * noise)
-        moved = np.maximum(moved, np.where(sure, cv2.magnitude(there[..., 0], there[..., 1]), np.float32(0.0)))
-        changed += still > 6.0 * noise
+        return np.where(sure, cv2.magnitude(there[..., 0], there[..., 1]), np.float32(0.0)), still > 6.0 * noise
+
+    moved, changed = np.zeros(gray.shape, np.float32), np.zeros(gray.shape, np.int32)
+    with ThreadPoolExecutor(CORES) as cores:
+        for far, differs in cores.map(looked_at, (seen(t) for t in LATER if t < len(frames))):
+            moved, changed = np.maximum(moved, far), changed + differs
     across = max(3, int(0.04 * min(gray.shape))) | 1
     share = cv2.blur((moved > LEAST_MOTION * scale).astype(np.float32), (across, across))
     odds = np.where(share > 0.4, MOTION_SURE, np.where((changed == 0) & (share < 0.1), -MOTION_SURE, 0.0)).astype(np.float32)

@@ -53,8 +53,9 @@ def within(window: Window, picture: np.ndarray) -> Window:
 
 def middle_of(mask: np.ndarray) -> np.ndarray:
     """The centroid x, y (2,) [px] of `mask` (H, W) bool, which is not empty."""
-    moments = cv2.moments(mask.astype(np.uint8), binaryImage=True)
-    return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+    x0, y0, x1, y1 = window_of(mask, 0)
+    moments = cv2.moments(mask[y0:y1, x0:x1].astype(np.uint8), binaryImage=True)
+    return np.array([x0 + moments["m10"] / moments["m00"], y0 + moments["m01"] / moments["m00"]])
 
 
 def cut(picture: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
@@ -155,5 +156,7 @@ class FlowSolver:
             first, second = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (first, second))
         motion = self._solver.calc(np.ascontiguousarray(first), np.ascontiguousarray(second), None)
         if scale < 1.0:
-            motion = cv2.resize(motion, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR) * np.float32(1.0 / scale)
-        return Flow(x0, y0, motion + np.array([dx, dy], np.float32))
+            motion = cv2.resize(motion, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR)
+            motion *= np.float32(1.0 / scale)
+        motion += np.array([dx, dy], np.float32)
+        return Flow(x0, y0, motion)

@@ -8,10 +8,11 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ...conventions import frame_named
 from ...masks import areas
 from ...records import Observation
 from ...settings import ObserveSettings
-from .held import swings
+from .held import proposed_place, swings
 
 FEW_TRACKS = 12
 """Tracks in a picture below which a body's bending cannot be told from their errors."""
@@ -24,6 +25,9 @@ HARDLY = 1.5
 
 OPEN = 0.5
 """Part of the time between pictures for which a usual shutter is open."""
+
+GROWS = 0.1
+"""Relative change of the object's size in the picture from which it comes nearer or turns: a swing across the view has less."""
 
 BLURRED = 0.08
 """Blur in units of the object's shorter side from which its outline and tracks suffer."""
@@ -59,8 +63,17 @@ def judged(seen: Observation, settings: ObserveSettings, proposed: np.ndarray | 
         _motion(seen),
         _blur(seen),
         _scale(settings),
+        _depth_motion(seen),
+        *_clip(seen),
     ]
     return sorted(found, key=lambda one: -one.severity)
+
+
+def doubted(seen: Observation, settings: ObserveSettings) -> list[str]:
+    """What is doubtful of `seen`, in sentences, the worst first, as a recovery's notes have it."""
+    proposed = None if seen.pin.any() else proposed_place(seen)
+    found = [one for one in judged(seen, settings, proposed) if one.severity > 0.0]
+    return [f"{one.item.capitalize()}: {one.because} {one.do}".strip() for one in found]
 
 
 def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None) -> Verdict:
@@ -96,7 +109,7 @@ def _sight(seen: Observation) -> Verdict:
         return Verdict(
             "sight",
             0.5 + len(lost) / len(seen.masks),
-            f"The object is out of sight in {len(lost)} of {len(seen.masks)} pictures, first in picture {lost[0]}.",
+            f"The object is out of sight in {len(lost)} of {len(seen.masks)} pictures, first in {frame_named(lost[0])}.",
             f"End the clip before with --frames {seen.first_frame}:{seen.first_frame + max(int(lost[0]) - 1, 1)}.",
         )
     return Verdict("sight", 0.0, "The object is seen in every picture.")
@@ -171,3 +184,27 @@ def _scale(settings: ObserveSettings) -> Verdict:
     if settings.distance or settings.pixels_per_metre or settings.depth or settings.camera or settings.depth_model:
         return Verdict("scale", 0.0, "It is given.")
     return Verdict("scale", 0.9, "No length is known, so forces are off by one unknown factor.", "Give --pixels-per-metre or --distance.")
+
+
+def _depth_motion(seen: Observation) -> Verdict:
+    """By the tracks' distances from their middle; by the outline's area where there are too few."""
+    early = np.flatnonzero(seen.visible[0] & ~seen.on_centroid)
+    grown = []
+    for xy, visible in zip(seen.xy[1:, early], seen.visible[1:, early]):
+        if visible.sum() >= FEW_TRACKS:
+            spans = [np.linalg.norm(points[visible] - points[visible].mean(axis=0), axis=1) for points in (xy, seen.xy[0, early])]
+            grown.append(float(spans[0].sum() / max(spans[1].sum(), 1e-9)))
+    if not grown:
+        sizes = np.sqrt(areas(seen.masks))
+        grown = [float(size / sizes[0]) for size in sizes[1:] if size > 0.0]
+    most = max(grown, key=lambda one: abs(np.log(one)), default=1.0)
+    if abs(np.log(most)) <= np.log1p(GROWS):
+        return Verdict("motion in depth", 0.0, "It stays about as large, so it moves across the view.")
+    return Verdict(
+        "motion in depth", 0.5, f"It {'grows' if most > 1.0 else 'shrinks'} to {100 * most:.0f} % of its first size: it moves along the "
+        "view, turns or stretches, which one camera cannot tell apart.", "Film across the motion, or add a second view.",
+    )  # fmt: skip
+
+
+def _clip(seen: Observation) -> list[Verdict]:
+    return [Verdict("clip", one.severity, one.because, one.do) for one in seen.doubts or ()]

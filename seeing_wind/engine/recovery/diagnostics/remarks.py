@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...conventions import UNHELD
+from ...conventions import UNHELD, frame_named
 from ...records import Particles
 from ..targets.clamp_motion import ClampMotion
 from ..targets.objective import Channels
@@ -55,7 +55,7 @@ def astray(particles: Particles, channels: Sequence[Channels], x: np.ndarray, re
     if residual[worst] <= max(size, ASTRAY * way, ASTRAY_NOISE * noise):
         return ""
     return (
-        f"In frame {worst} the simulated body is {residual[worst]:.3g} {unit} from where it was seen, more than its size "
+        f"In {frame_named(worst)} the simulated body is {residual[worst]:.3g} {unit} from where it was seen, more than its size "
         f"({size:.3g} {unit}): {EXPLAINS_NOTHING}."
     )
 
@@ -112,7 +112,7 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
         )
     if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
         notes.append(
-            f"At picture {peak} the simulated body is {1000 * residual[peak]:.2g} mm off, else {1000 * far:.2g} mm: where the force "
+            f"In {frame_named(peak)} the simulated body is {1000 * residual[peak]:.2g} mm off, else {1000 * far:.2g} mm: where the force "
             "changes suddenly, it is smoothed over about four frames."
         )
     if views == 1:

@@ -5,7 +5,7 @@
     fill.py      particles for a mesh         voxels.py     the inside of a surface that is no proper solid
     pins.py      pinned vertices              obstacles.py  what the bodies run into
     sheets.py    open meshes as shells        in_field.py   what is around the bodies
-    forces.py    further forces on a lattice  coarser.py    fewer particles, for a preview
+    forces.py    further forces on a lattice  coarser/      less to simulate, for a preview
 """
 
 from .mesh import load_mesh

@@ -107,7 +107,7 @@ def enter(
             most = f"A body has at most {LARGEST / 1000.0:g} km: check its scale and the unit."
             raise UsageError(f"{body.name} measures {size / 1000.0:.3g} km.", most)
         if sheets.is_shell(body, vertices, triangles):
-            return sheets.enter(body, vertices, triangles, base_dir, field.frames)
+            return sheets.enter(body, vertices, triangles, base_dir, field.frames, coarseness)
         actor = _enter_mesh(body, vertices, triangles, coarseness)
     if body.free is not None:
         actor = _free(actor, base_dir / body.free)

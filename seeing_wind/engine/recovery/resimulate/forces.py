@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...conventions import FARTHEST
+from ...conventions import FARTHEST, frame_named
 from ...errors import UsageError
 from ...field.trilinear import value_at
 from ...reading import read_arrays
@@ -97,7 +97,8 @@ class Forces:
         outside = ((x < self.box[0]) | (x > self.box[1])).any(axis=2).mean(axis=1)
         if outside.max() <= 0.1:
             return []
-        return [f"it leaves the box of the further forces in frame {int(np.argmax(outside > 0.1))}; beyond, those of the box's edge act"]
+        first = frame_named(int(np.argmax(outside > 0.1)))
+        return [f"it leaves the box of the further forces in {first}; beyond, those of the box's edge act"]
 
 
 def read_forces(path: str | os.PathLike[str], frames: int) -> Forces:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ...conventions import frame_named
 from ...errors import UsageError
 from ...field.force_field import ForceField
 from ...mpm.lattice.colliders import Collider
@@ -109,7 +110,7 @@ class Surroundings:
         if outside.max() <= 0.1:
             return []
         first, share, kind = int(np.argmax(outside > 0.1)), 100 * outside.max(), self.field.kind
-        where = f"up to {share:.0f} % of it lies outside the field's box, first in frame {first}"
+        where = f"up to {share:.0f} % of it lies outside the field's box, first in {frame_named(first)}"
         ends = f"the {kind} there is that of the box's edge" if self.reach == Reach() else f"the {kind} weakens there"
         return [f"{where}; {ends}"]
 

@@ -13,12 +13,13 @@ import numpy as np
 from ...errors import UsageError
 from ...materials import DEFAULT, PLASTIC_LAWS, SHEET_UNITS, SHEETS, Sheet, adjusted, find
 from ...mpm.lattice.closed_mesh import is_closed, triangle_areas, weld
-from ...mpm.shell import Load, Shell, State, advance_frame, at_rest, obstacles_of, shell_of, substeps_for
+from ...mpm.shell import Load, Shell, State, advance_frame, at_rest, obstacles_of, shell_of, substeps_for, surface_of
 from ...progress import Journal, Progress
 from ...records import Body, Recovery
 from ...settings import BodyEdit
 from ..journal import Arrays
 from ..wind.drag import vertex_drag
+from .coarser import Ridden, thinned
 from .fill import connected_parts
 from .forces import Push
 from .in_field import Surroundings
@@ -35,17 +36,23 @@ class Hanging:
     velocity: np.ndarray
     """(3,) or (V, 3) [m/s] when it starts."""
     vertex: np.ndarray
-    """(V,) which of the shell's vertices each of the mesh's is: those at the same place are one."""
+    """(W,) which vertex, of the shell or of the sheet that rides on it, each of the mesh's is: those at the same place are one."""
     triangles: np.ndarray
     """(M, 3) of the mesh."""
     path: np.ndarray | None = None
     """(T+1, P, 3) [m] which way the pinned vertices go, if they do not keep their places."""
+    ridden: Ridden | None = None
+    """For a preview: the shell is coarser than the mesh, whose vertices ride on it."""
 
     @property
     def notes(self) -> list[str]:
         """What the user should know."""
         mass = float(self.shell.mass.sum())
         return [f"simulated as a shell of {mass / self.shell.surface.area.sum():.3g} kg/m², {mass:.3g} kg in all"]
+
+    def follow(self, x: np.ndarray) -> np.ndarray:
+        """Places (T+1, W, 3) of the mesh's vertices where the shell's are at x (T+1, V, 3) [m]."""
+        return (x if self.ridden is None else self.ridden.follow(x))[:, self.vertex]
 
 
 def is_shell(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> bool:
@@ -71,8 +78,10 @@ def is_shell(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray) -> boo
     return shell
 
 
-def enter(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir: Path, frames: int) -> Hanging:
-    """The shell of a body, in a field of so many frames.
+def enter(
+    body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir: Path, frames: int, coarseness: float = 1.0
+) -> Hanging:
+    """The shell of a body, in a field of so many frames; above a coarseness of 1 with fewer vertices than its mesh.
 
     Raises:
         UsageError: a mesh that is no sheet, see `shell.surface_of`; a material without the numbers of a sheet.
@@ -94,12 +103,18 @@ def enter(body: BodyEdit, vertices: np.ndarray, triangles: np.ndarray, base_dir:
             every = np.zeros((frames + 1, len(used), 3))
             every[:, vertex.ravel()[pins]] = read_pin_path(base_dir / body.pin_path, path, frames)
             way = every[:, pinned]
+    x, ridden = vertices[first], None
     try:
-        shell = shell_of(vertices[first], faces, sheet_of(body, area), pinned=pinned, spring=spring)
+        surface = surface_of(x, faces)
+        ridden = thinned(x, surface.faces, pinned | (spring > 0.0), coarseness)
+        if ridden is not None:
+            way = None if way is None else way[:, np.isin(np.flatnonzero(pinned), ridden.used)]
+            x, faces, pinned, spring = x[ridden.used], ridden.faces, pinned[ridden.used], spring[ridden.used]
+        shell = shell_of(x, faces, sheet_of(body, area), pinned=pinned, spring=spring)
     except UsageError as error:
         raise UsageError(f"{body.name}: {error.message}", error.hint) from error
     velocity = np.zeros(3) if body.velocity is None else np.asarray(body.velocity, dtype=np.float64)
-    return Hanging(body, shell, velocity, vertex.ravel(), triangles, way)
+    return Hanging(body, shell, velocity, vertex.ravel(), triangles, way, ridden)
 
 
 def enter_recovered(body: BodyEdit, filmed: Body, recovery: Recovery, base_dir: Path, frames: int) -> Hanging:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...conventions import frame_named
 from ...errors import SimulationError, UsageError
 from ...field.force_field import ForceField
 from ...mpm.lattice.closed_mesh import is_closed, weld
@@ -151,7 +152,7 @@ def _moved(
         notes = one.notes
         if edit.contact and len(edit.body) > 1:
             notes = [*notes, "a shell does not push other bodies, and they do not push it"]
-        moved.append((one, Simulated(x[:, one.vertex], one.triangles, len(one.shell.mass), notes, shell=True), x))
+        moved.append((one, Simulated(one.follow(x), one.triangles, len(one.shell.mass), notes, shell=True), x))
     return moved
 
 
@@ -285,5 +286,5 @@ def _torn_note(vertices: np.ndarray, triangles: np.ndarray, lead: int) -> list[s
     worst = (length / np.maximum(length[0], 0.25 * np.median(length[0]))).max(axis=1)
     if worst.max() <= TORN:
         return []
-    frame = max(int(np.argmax(worst > TORN)) - lead, 0)
-    return [f"stretched to {worst.max():.1f} times its size, from frame {frame} on, and may have torn: a higher Young's modulus holds it"]
+    first = frame_named(max(int(np.argmax(worst > TORN)) - lead, 0))
+    return [f"stretched to {worst.max():.1f} times its size, from {first} on, and may have torn: a higher Young's modulus holds it"]

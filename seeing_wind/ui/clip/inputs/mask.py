@@ -18,21 +18,22 @@ SEGMENT = 24
 """Straight lines that stand for one Bézier segment of a mask."""
 
 
-def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path) -> None:
-    """Draw a mask as it is at the clip's first picture, at the clip's size.
+def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, picture: int | None = None) -> None:
+    """Draw a mask as it is at a picture of the clip's file, by default the first that is used, at the clip's size.
 
     Raises:
         ObjectError: when nothing is inside it.
     """
     settings, clip, before = scene.seeing_wind, loaded_clip(scene.seeing_wind), scene.frame_current
-    scene.frame_set(scene_frame(clip, first_picture(settings)))
+    picture = first_picture(settings) if picture is None else picture
+    scene.frame_set(scene_frame(clip, picture))
     try:
         inside = mask_pixels(mask, *clip.size)
     finally:
         scene.frame_set(before)
     if not inside.any():
         raise ObjectError(
-            f"Nothing is inside the mask {mask.name} at the first picture.", "Close its splines (Alt C) and show its layers."
+            f"Nothing is inside the mask {mask.name} in picture {picture}.", "Close its splines (Alt C) and show its layers."
         )
     write_png(path, inside)
 

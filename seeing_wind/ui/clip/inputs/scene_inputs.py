@@ -42,6 +42,10 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
     settings, found = scene.seeing_wind, _held(scene)
     if settings.object_mode in ("BLENDER_MASK", "PLANE", "PROXY"):
         found += _object(scene)
+    if settings.outline_data is not None:
+        picture = settings.outline_picture
+        stamp = (picture, *mask_stamp(settings.outline_data))
+        found.append(SceneInput("outline", "outline.png", stamp, partial(write_mask, scene, settings.outline_data, picture=picture)))
     if settings.use_tracks:
         clip = clip_of(settings)
         if clip is None or not (len(clip.tracking.tracks) or len(clip.tracking.plane_tracks)):

@@ -9,7 +9,7 @@ import bpy
 
 from ....engine.errors import ObjectError, UsageError
 from ....engine.settings import ObserveSettings
-from ...option_properties import check_files, part_of
+from ...option_properties import check_files, part_of, single
 
 if TYPE_CHECKING:
     from ..inputs.scene_inputs import SceneInput
@@ -47,7 +47,12 @@ def object_options(
             raise UsageError("No camera file is chosen.", "Choose one, or use a field of view.")
     if settings.held_mode != "FILE":
         values = values | {"pin": None}
-    given = part_of(values, ObserveSettings, **{name: values[name] for name in named})
+    if settings.outline_data is not None:
+        values = values | {"outline": None}  # its file is made
+    elif values["outline"] is None:
+        values = values | {"outline_picture": 0}
+    points = [number for one in settings.corrections for number in (float(one.picture), *map(single, one.place), float(not one.beside))]
+    given = part_of(values, ObserveSettings, **{name: values[name] for name in named}) | {"correct": tuple(points) or None}
     check_files(given, ObserveSettings)
     return given | made, inputs
 

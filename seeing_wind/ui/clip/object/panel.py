@@ -5,7 +5,7 @@ import bpy
 from ....engine.materials import MATERIALS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
-from ...job.panel_pieces import Tab, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
+from ...job.panel_pieces import Tab, columns, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
 from ...job.status import State
 from ...option_properties import panel_options
 from .preview import FILM, PICTURE
@@ -17,9 +17,9 @@ class ObjectTab(Tab):
     bl_label = "Object"
     step = "object"
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """Box or mask, distance or scale, material."""
-        column, settings = self.columns()
+        column, settings = columns(layout), context.scene.seeing_wind
         _draw_object(column, settings)
         column.separator()
         column.prop(settings, "scale_mode")
@@ -30,13 +30,14 @@ class ObjectTab(Tab):
         column.prop(settings, "material")
         column.prop(settings, "form")
         _draw_material(column, settings)
+        _draw_corrections(column, settings)
         _draw_held(column, context, settings)
-        _draw_preview(self.layout, context, settings)
-        _draw_guesses(self.layout, context, settings, self.bl_space_type)
-        _draw_more(self.layout, settings)
+        _draw_preview(layout, context, settings)
+        _draw_guesses(layout, context, settings, self.bl_space_type)
+        _draw_more(layout, settings)
         step = status.of(context.scene.session_uid).steps["object"]
         if step.state == State.FAILED:
-            draw_failure(self.layout, context, step)
+            draw_failure(layout, context, step)
 
 
 def _draw_object(column, settings) -> None:
@@ -77,6 +78,28 @@ def _draw_held(column, context, settings) -> None:
         _draw_corners(column, settings, "held_box")
     else:
         column.prop(settings, "held_mask")
+
+
+def _draw_corrections(column, settings) -> None:
+    """What mends the outline in later pictures: points, a Blender mask, or a painted picture."""
+    count = len(settings.corrections)
+    mended = settings.outline_data is not None or bool(settings.outline)
+    body = fold(column, "corrections", f"Correct the Outline ({count + mended} set)" if count + mended else "Correct the Outline")
+    if body is None:
+        return
+    row = body.row(align=True)
+    row.operator("seeing_wind.correct_outline", icon="ADD")
+    row.operator("seeing_wind.correct_outline", text="Point Beside", icon="REMOVE").beside = True
+    for point in settings.corrections[-3:]:
+        where = f"{'beside' if point.beside else 'on it'} at {point.place[0]:.0f}, {point.place[1]:.0f} px"
+        body.label(text=f"Picture {point.picture}: {where}", icon="REMOVE" if point.beside else "ADD")
+    if count:
+        body.operator("seeing_wind.clear_corrections", icon="X")
+    body.prop(settings, "outline_data", text="Blender Mask")
+    if settings.outline_data is None:
+        body.prop(settings, "outline", text="Painted")
+    if mended:
+        body.prop(settings, "outline_picture")
 
 
 def _draw_corners(column, settings, name: str) -> None:

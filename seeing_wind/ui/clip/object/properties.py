@@ -65,6 +65,14 @@ class SEEING_WIND_PG_verdict(bpy.types.PropertyGroup):
     advice: StringProperty(name="What to Do", description="What would make it better")
 
 
+class SEEING_WIND_PG_correction(bpy.types.PropertyGroup):
+    """A point by which the outline is corrected in one picture."""
+
+    picture: IntProperty(name="Picture", min=0, description="Counted from 0 in the file")
+    place: FloatVectorProperty(name="Place (px)", size=2, description="From the left and from the top")
+    beside: BoolProperty(name="Beside", description="The point is not on the object")
+
+
 class ObjectSettings:
     """What only the scene has: datablocks, which Recover takes by their names, a preview's verdicts, and a model's answers."""
 
@@ -79,6 +87,12 @@ class ObjectSettings:
         description="A mesh that stands where the object is in the first picture, as the camera sees it",
     )  # fmt: skip
 
+    outline_data: PointerProperty(
+        name="Outline Mask", type=bpy.types.Mask, update=changed,
+        description="Closed splines round the object in a later picture, by which the outline is mended",
+    )  # fmt: skip
+    corrections: CollectionProperty(type=SEEING_WIND_PG_correction)
+
     verdicts: CollectionProperty(type=SEEING_WIND_PG_verdict)
     previewed_take: StringProperty(name="Previewed Take", subtype="FILE_PATH", description="Folder that the preview is in")
     previewed_picture: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
@@ -89,4 +103,4 @@ class ObjectSettings:
     active_guess: IntProperty(name="Active Guess", default=0, min=0)
 
 
-CLASSES = (SEEING_WIND_PG_guess, SEEING_WIND_PG_verdict)
+CLASSES = (SEEING_WIND_PG_guess, SEEING_WIND_PG_verdict, SEEING_WIND_PG_correction)

@@ -12,22 +12,22 @@ class ResimulateTab(Tab):
     bl_label = "Re-simulate"
     step = "resimulate"
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """Go, or have a quick look first."""
         settings, now = context.scene.seeing_wind, status.of(context.scene.session_uid)
         if now.running == status.EDIT_PREVIEW:
-            draw_progress(self.layout, now.steps[status.EDIT_PREVIEW], now.cancelling)
+            draw_progress(layout, now.steps[status.EDIT_PREVIEW], now.cancelling)
             return
         blown = settings.recovered_take or field_at_hand(context) is not None
         missing = "First recover a field, or add a wind" if not blown else "First insert a mesh" if not len(settings.bodies) else ""
         draw_job(
-            self.layout, context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PHYSICS", missing,
+            layout, context, "resimulate", "seeing_wind.resimulate", "Re-simulate", "PHYSICS", missing,
             beside=lambda row: row.operator("seeing_wind.preview_edit", icon="HIDE_OFF"),
         )  # fmt: skip
         if now.running != "resimulate":
-            draw_preview_mark(self.layout, context, self.step)
+            draw_preview_mark(layout, context, self.step)
             if now.steps["resimulate"].state != State.DONE or now.steps[status.EDIT_PREVIEW].state == State.FAILED:
-                draw_beside(self.layout, context, status.EDIT_PREVIEW)
+                draw_beside(layout, context, status.EDIT_PREVIEW)
 
 
 CLASSES = panels(ResimulateTab, 4)

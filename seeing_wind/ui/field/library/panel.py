@@ -15,9 +15,9 @@ class LibraryTab(Tab):
         """Where this copy of the extension has them."""
         return context.scene is not None and bool(shelf.entries(shelf.SHELF))
 
-    def draw(self, context):
+    def fill(self, context, layout):
         """A menu of all; the asset browser has pictures of them."""
-        column = self.layout.column()
+        column = layout.column()
         column.operator_menu_enum("seeing_wind.add_wind", "wind", text="Add Wind", icon="FORCE_WIND")
         library = shelf.listed()
         if library is None:

@@ -15,9 +15,10 @@ from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.observe import observe
 from seeing_wind.engine.observe.preview.drawing import Canvas
 from seeing_wind.engine.observe.preview.held import proposed_place
-from seeing_wind.engine.observe.preview.verdicts import Verdict, judged
+from seeing_wind.engine.observe.preview.verdicts import Verdict, doubted, judged
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.records import Observation
+from seeing_wind.engine.record_arrays import from_arrays, to_arrays
+from seeing_wind.engine.records import Doubt, Doubts, Observation
 from seeing_wind.engine.settings import ObserveSettings
 from seeing_wind.engine.stages import observe_stage
 from seeing_wind.engine.take import Take
@@ -99,7 +100,7 @@ def test_out_of_sight(disc_seen: Observation) -> None:
     masks = np.stack([np.asarray(mask) for mask in disc_seen.masks])
     masks[9:] = False
     found = verdict(dataclasses.replace(disc_seen, masks=masks), "sight")
-    assert "first in picture 9" in found.because and "--frames 0:8" in found.do
+    assert "first in frame 9" in found.because and "--frames 0:8" in found.do
 
 
 def test_no_scale(disc_seen: Observation) -> None:
@@ -190,3 +191,24 @@ def test_another_held_place_is_marked_without_observing_again(disc: Scene, shown
     assert same == stamp and np.array_equal(fresh.pin, pinned.pin)
     again, _ = observe_stage(Take(take), str(disc.path), settings, Told())
     assert not again.pin.any(), "a mark that was taken away"
+
+
+def test_what_grows_moves_along_the_view(disc_seen: Observation) -> None:
+    middle = disc_seen.xy.mean(axis=1, keepdims=True)
+    grown = middle + (disc_seen.xy - middle) * np.linspace(1.0, 1.25, len(disc_seen.xy))[:, None, None]
+    found = verdict(dataclasses.replace(disc_seen, xy=grown), "motion in depth")
+    assert found.severity > 0.0 and "grows to 125 %" in found.because and "second view" in found.do
+    assert verdict(disc_seen, "motion in depth").severity == 0.0
+    masks = np.stack([np.asarray(disc_seen.masks[0]) & (np.arange(disc_seen.masks.width) < 60 + 40 * (t == 0)) for t in range(13)])
+    lone = dataclasses.replace(disc_seen, on_centroid=np.ones(disc_seen.xy.shape[1], bool), masks=masks)
+    assert "shrinks" in verdict(lone, "motion in depth").because, "by its outline, where there are no points"
+
+
+def test_doubts_of_the_clip_are_in_the_same_list_and_in_a_recovery_s_notes(disc_seen: Observation) -> None:
+    doubts = Doubts.of([Doubt(0.3, "It is pale.", "Convert it."), Doubt(1.5, "It is slow motion.", "Give --fps 240.")])
+    kept = from_arrays(Observation, to_arrays(dataclasses.replace(disc_seen, doubts=doubts)))
+    found = [one for one in judged(kept, GIVEN, None) if one.item == "clip"]
+    assert [(one.severity, one.because, one.do) for one in found] == [
+        (1.5, "It is slow motion.", "Give --fps 240."), (0.3, "It is pale.", "Convert it.")
+    ]  # fmt: skip
+    assert doubted(kept, GIVEN)[0] == "Clip: It is slow motion. Give --fps 240."

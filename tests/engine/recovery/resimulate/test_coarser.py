@@ -7,9 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from seeing_wind.engine.mpm.shell import substeps_for
+from seeing_wind.engine.mpm.shell import substeps_for, surface_of
 from seeing_wind.engine.recovery.resimulate import simulate
-from seeing_wind.engine.recovery.resimulate.coarser import ALIKE, fill_coarser
+from seeing_wind.engine.recovery.resimulate.coarser import fill_coarser, thinned
+from seeing_wind.engine.recovery.resimulate.coarser.solid import ALIKE
 from seeing_wind.engine.settings import BodyEdit
 from tests.engine.recovery.resimulate.edits import FPS, FRAMES, SOFT, run, waves
 
@@ -98,12 +99,41 @@ def test_bodies_that_push_each_other_are_all_as_fine_as_the_finest(folder):
     assert together["box"].particles > 4 * alone["box"].particles and together["thin"].particles == alone["thin"].particles
 
 
-def test_a_sheet_moves_in_longer_substeps(folder):
-    np.save(folder / "pins.npy", np.flatnonzero(np.load(folder / "flag.npz")["vertices"][:, 2] > 0.199))
-    flag = BodyEdit("flag", "flag.npz", material="cotton", pin="pins.npy")
-    full, coarse = (run(folder, flag, field=waves(16), coarseness=value)["flag"] for value in (1.0, 2.0))
+def sheet(folder, name: str, cells: int) -> BodyEdit:
+    """A square of cotton that hangs from its upper edge as a file, level at first."""
+    u, v = (each.ravel() for each in np.meshgrid(np.linspace(0.0, 0.4, cells + 1), np.linspace(-0.2, 0.2, cells + 1)))
+    rows = np.arange(len(u)).reshape(cells + 1, cells + 1)
+    a, b, c, d = (part.ravel() for part in (rows[:-1, :-1], rows[:-1, 1:], rows[1:, 1:], rows[1:, :-1]))
+    triangles = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    np.savez(folder / f"{name}.npz", vertices=np.stack([u, v, 0.0 * u], 1), triangles=triangles)
+    np.save(folder / f"{name}.npy", np.flatnonzero(u == 0.0))
+    return BodyEdit(name, f"{name}.npz", material="cotton", pin=f"{name}.npy")
+
+
+def test_a_sheet_has_a_quarter_of_the_vertices_and_moves_alike(folder):
+    body = sheet(folder, "sheet", 30)
+    full, coarse = (run(folder, body, field=waves(16), coarseness=value)["sheet"] for value in (1.0, 2.0))
     assert full.shell and coarse.shell and substeps_for(FPS, 2.0) == substeps_for(FPS) / 2
+    assert full.particles == 961 and coarse.particles < 300 and coarse.vertices.shape == full.vertices.shape
     assert 0.0 < off(coarse, full) < 0.1
+    held = np.load(folder / "sheet.npy")
+    assert np.abs(coarse.vertices[:, held] - full.vertices[:, held]).max() < 1e-9, "what is held stays where it is"
+    assert np.abs(coarse.vertices[0] - full.vertices[0]).max() < 1e-9
+
+
+def test_a_thinned_sheet_is_still_one(folder):
+    shape = np.load(folder / sheet(folder, "sheet", 24).mesh)
+    for bent in (0.0, 0.05):
+        x, held = shape["vertices"].copy(), np.load(folder / "sheet.npy")
+        x[:, 2] = bent * np.sin(12.0 * x[:, 0])
+        full = surface_of(x, shape["triangles"])
+        ridden = thinned(x, full.faces, np.isin(np.arange(len(x)), held), 2.0)
+        left = surface_of(x[ridden.used], ridden.faces)
+        assert len(left.x) < 0.33 * len(x) and left.area.sum() == pytest.approx(full.area.sum(), rel=0.01)
+        assert {*np.flatnonzero((np.abs(x[:, 1]) > 0.199) & ((x[:, 0] < 1e-9) | (x[:, 0] > 0.399)))} <= {*ridden.used}, "its corners"
+        turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+        np.testing.assert_allclose(ridden.follow(left.x[None] @ turn.T + 3.0)[0], x @ turn.T + 3.0, atol=1e-6)
+    assert thinned(x[:40], shape["triangles"][:1], np.zeros(40, bool), 2.0) is None, "it has few vertices as it is"
 
 
 def test_only_the_frames_that_are_asked_for(folder):

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 from scipy.sparse.linalg import splu
 
+from ....conventions import frame_named
 from ....errors import ObjectError
 from ....masks import Masks
 from ....progress import Journal, NoProgress, Progress
@@ -196,7 +197,7 @@ def follow(
                 acceleration = max(SLOWEST, _acceleration(path, fps))
             path[t] = follower.solved(t, path[t], follower.between(path, t, acceleration))
         if not np.isfinite(path[t]).all():
-            raise ObjectError(f"The sheet is lost in frame {t}.", "Check mask and depth of frame 0, or recover it with --form solid.")
+            raise ObjectError(f"The sheet is lost in {frame_named(t)}.", "Check mask and depth of frame 0, or use --form solid.")
         loop.reached(number, state)
     deviation = [follower.deviation(path, t, acceleration) for t in range(1, frames)]
     return path, np.stack([deviation[0], *deviation]), [view.places for view in views]

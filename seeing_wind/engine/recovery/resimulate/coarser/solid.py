@@ -11,7 +11,7 @@ import dataclasses
 
 import numpy as np
 
-from .fill import Filling, fill
+from ..fill import Filling, fill
 
 STEP = 0.1
 """Between two factors on the spacing that are tried."""

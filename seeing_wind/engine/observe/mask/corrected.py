@@ -1,0 +1,249 @@
+"""The user's corrections of the outline, in any picture, carried to the others: forwards and backwards, halfway to the next one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ...errors import ObjectError, UsageError
+from ...masks import Masks
+from ...progress import Journal, Progress
+from ..clip.shake import through
+from ..clip.stored import Frames
+from .background import Plate
+from .cutting import LEAST_PIXELS, grab_cut, tidy
+from .evidence import RIM, Looks
+from .first_mask import SEED
+from .follow import MaskFollower, followed
+from .from_box import FEW
+from .motion import FlowSolver, cut, middle_of, paste, window_of, within
+
+LOCAL = 0.6
+"""How far from a mark the outline is found again, in units of the root of the object's area: elsewhere it is as it was."""
+
+POINT = 0.05
+"""Radius that a mark stands for, in the same units, at most."""
+
+CLOSE, ALIKE = 0.1, 0.5
+"""How far round a correction outlines are compared, in the same units, and by how much they may differ there, in units of the correction,
+for them to be wrong in the same way."""
+
+LITTLE = 0.003
+"""Part of the object that a correction has to change for it to be taken along."""
+
+POINTS = 400
+"""Pixels of the object near a correction by which its motion is told."""
+
+GRAIN = 8.0
+"""Grey levels that one colour varies by."""
+
+MOST = 0.9
+"""Part of the object that a mark may change by its colour alone: more is a colour that says nothing here."""
+
+FLOOD = 8 | (1 << 8) | cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY
+"""Eight neighbours, ones into the mask, against the colour of the start, the picture itself left alone."""
+
+WHERE = "Count pictures from 0 as --frames does, and give --correct N+X,Y on the object or N-X,Y beside it."
+
+
+@dataclass(frozen=True)
+class Marks:
+    """In one picture."""
+
+    on: np.ndarray
+    """(P, 2) [px], on the object."""
+    beside: np.ndarray
+    """(Q, 2) [px], not on it."""
+
+    def through(self, matrix: np.ndarray) -> Marks:
+        """In the pixels to which a homography (3, 3) leads."""
+        return Marks(through(matrix, self.on), through(matrix, self.beside))
+
+
+def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, int]) -> dict[int, Marks]:
+    """The flat `corrections` N X Y ON ... (see `settings.option.MARKS`) by the pictures of a clip of `shape` (T+1, H, W).
+
+    Args:
+        first: index in the file of picture 0.
+
+    Raises:
+        UsageError: a mark in no picture of the clip, or outside it.
+    """
+    rows = np.array(corrections, dtype=np.float64).reshape(-1, 4)
+    pictures, height, width = shape
+    for number, x, y, _ in rows:
+        if not 0 <= number - first < pictures:
+            raise UsageError(f"The correction in picture {number:g} lies outside the clip's {first} to {first + pictures - 1}.", WHERE)
+        if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+            raise UsageError(f"The correction at {x:g},{y:g} in picture {number:g} lies outside the {width}x{height} picture.", WHERE)
+    numbers = rows[:, 0].astype(int)
+    return {int(one) - first: Marks(*(rows[(numbers == one) & (rows[:, 3] == on), 1:3] for on in (1, 0))) for one in np.unique(numbers)}
+
+
+def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Progress) -> np.ndarray:
+    """The object (H, W) bool in `picture` (H, W, 3) uint8, found again round the `marks`, by GrabCut begun with `mask` (H, W) bool.
+
+    Raises:
+        ObjectError: nothing is left.
+    """
+    size = float(np.sqrt(max(mask.sum(), 1)))
+    radius = max(1, round(min(SEED * min(mask.shape), POINT * size)))
+    discs = [_discs(points, radius, mask.shape) for points in (marks.on, marks.beside)]
+    found = mask
+    if size**2 >= FEW:
+        begun = mask.copy()
+        for points, on in ((marks.on, True), (marks.beside, False)):
+            wrong = (mask != on).astype(np.uint8)
+            column, row = np.round(points).astype(int).T
+            # Nearer the outline it is the rim that is wrong, where a colour is both sides'.
+            far = cv2.distanceTransform(wrong, cv2.DIST_L2, 5)[row, column] > 2.0 * RIM
+            alike = _alike(picture, points[far], radius) & (wrong > 0)
+            if alike.sum() < MOST * mask.sum():
+                begun[alike] = on
+        found = _cut_again(picture, begun, discs, round(max(LOCAL * size, 4 * radius)), progress)
+    found = (found | discs[0]) & ~discs[1]
+    if found.sum() < LEAST_PIXELS:
+        raise ObjectError("The corrections leave nothing of the object.", "Mark points on it, too.")
+    return found
+
+
+def _alike(picture: np.ndarray, points: np.ndarray, radius: int) -> np.ndarray:
+    """(H, W) bool: what is coloured as the places round `points` (P, 2) [px] are, as far as it hangs together with them."""
+    smooth, found = cv2.GaussianBlur(picture, (0, 0), 1.5), np.zeros((picture.shape[0] + 2, picture.shape[1] + 2), np.uint8)
+    for x, y in np.round(points).astype(int):
+        place = smooth[max(y - 2 * radius, 0) : y + 2 * radius + 1, max(x - 2 * radius, 0) : x + 2 * radius + 1].reshape(-1, 3)
+        if place.std(axis=0).max() < GRAIN:  # a place of several colours stands for none of them
+            cv2.floodFill(smooth, found, (int(x), int(y)), 0, 3 * (2.0 * GRAIN,), 3 * (2.0 * GRAIN,), FLOOD)
+    return found[1:-1, 1:-1] > 0
+
+
+def _cut_again(picture: np.ndarray, mask: np.ndarray, discs: list[np.ndarray], reach: int, progress: Progress) -> np.ndarray:
+    """What GrabCut takes for the object within `reach` [px] of `discs` (H, W) bool on it and beside it; elsewhere `mask` as it is."""
+    distance = cv2.distanceTransform(1 - (discs[0] | discs[1]).astype(np.uint8), cv2.DIST_L2, 5)
+    near = distance <= reach
+    window = within(window_of(mask | near, 20), picture)
+    trimap = np.where(mask & ~discs[1], cv2.GC_FGD, cv2.GC_BGD).astype(np.uint8)
+    trimap[near & mask], trimap[near & ~mask] = cv2.GC_PR_FGD, cv2.GC_PR_BGD
+    trimap[discs[0]], trimap[discs[1]] = cv2.GC_FGD, cv2.GC_BGD
+    found = np.zeros_like(mask)
+    paste(found, grab_cut(cut(picture, window), cut(trimap, window), 5, progress), window)
+    return tidy(found, (mask & ~near) | discs[0])
+
+
+def _discs(points: np.ndarray, radius: int, shape: tuple[int, ...]) -> np.ndarray:
+    found = np.zeros(shape, np.uint8)
+    for x, y in np.round(points).astype(int):
+        cv2.circle(found, (int(x), int(y)), radius, 1, -1)
+    return found > 0
+
+
+def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate | None, progress: Progress) -> np.ndarray:
+    """The object (H, W) bool in picture 0, followed back from the earliest picture in which it is `shown` (H, W) bool.
+
+    Raises:
+        ObjectError: it is lost on the way.
+    """
+    start = min(shown)
+    mask = shown[start]
+    follower = MaskFollower(frames[start], mask, plate, progress, trim=True)
+    for t in range(start - 1, -1, -1):
+        progress.check()
+        mask = follower.advance(frames[t])
+    if not mask.any():
+        raise ObjectError(
+            f"The object is marked in picture {start} and cannot be followed back to the first one.",
+            "Begin the clip later with --frames, or mark it in the first picture.",
+        )
+    return mask
+
+
+def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progress: Progress) -> Masks:
+    """The `masks` (T+1, H, W) of `frames` (T+1, H, W, 3), mended in all pictures as in those in which a `better` one (H, W) bool is known.
+
+    What was added and taken away there moves with the object near it, halfway to the next such picture. An outline is wrong alike in one
+    picture after the other: so the correction goes along, and all else stays as it was found in each picture. Where the outline found there
+    differs by more than half of the correction from the one that was corrected, it is wrong in another way, and stays.
+    """
+    pictures, found = sorted(better), {t: better[t] for t in better}
+    ends = [(one + other) // 2 for one, other in zip(pictures, pictures[1:])]
+    for start, low, high in zip(pictures, [0, *(end + 1 for end in ends)], [*ends, len(frames) - 1]):
+        area = int(better[start].sum())
+        changes = [(part, True) for part in _parts(better[start] & ~masks[start], area)]
+        changes += [(part, False) for part in _parts(masks[start] & ~better[start], area)]
+        for way in (range(start + 1, high + 1), range(start - 1, low - 1, -1)) if changes else ():
+            found |= _mended(frames, masks, better[start], changes, way, progress)
+    return Masks.of(found[t] if t in found else masks[t] for t in range(len(frames)))
+
+
+def _parts(mask: np.ndarray, area: int) -> list[np.ndarray]:
+    """What of `mask` (H, W) bool hangs together, specks of an object of `area` [px] left out."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    return [labels == one for one in range(1, count) if stats[one, cv2.CC_STAT_AREA] >= max(LEAST_PIXELS, LITTLE * area)]
+
+
+def _mended(
+    frames: Frames, masks: Masks, shape: np.ndarray, changes: list[tuple[np.ndarray, bool]], way: range, progress: Progress
+) -> dict[int, np.ndarray]:
+    """The masks of the pictures on the `way` with the `changes` (H, W) bool, added or not, that made `shape` (H, W) of one."""
+    size, outline = float(np.sqrt(shape.sum())), masks[way.start - way.step]
+    reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, 2 * (2 * round(max(CLOSE * size, 3.0)) + 1,))
+    around = [cv2.dilate(part.astype(np.uint8), reach) > 0 for part, _ in changes]
+    distance = cv2.distanceTransform(1 - np.any([part for part, _ in changes], axis=0).astype(np.uint8), cv2.DIST_L2, 5)
+    near = shape & (distance <= LOCAL * size)
+    rows, columns = np.nonzero(near if near.any() else shape)
+    some = np.linspace(0, len(rows) - 1, min(POINTS, len(rows))).astype(int)
+    points = np.stack([columns, rows], axis=1)[some].astype(np.float64)
+    before, last = cv2.cvtColor(frames[way.start - way.step], cv2.COLOR_RGB2GRAY), outline
+    solver, total, found = FlowSolver(rough=True), np.eye(3), dict[int, np.ndarray]()
+    for t in way:
+        progress.check()
+        gray, mask = cv2.cvtColor(frames[t], cv2.COLOR_RGB2GRAY), masks[t]
+        if not mask.any() or not last.any():
+            break  # out of sight; what comes back is another view of it
+        here = through(total, points)
+        low, high = np.floor(here.min(axis=0)).astype(int) - 24, np.ceil(here.max(axis=0)).astype(int) + 25
+        window = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+        moved = here + solver.between(before, gray, window, middle_of(mask) - middle_of(last)).at(here)
+        cv2.setRNGSeed(0)
+        fit, _ = cv2.estimateAffinePartial2D(here, moved, ransacReprojThreshold=1.5)
+        if fit is None:
+            break
+        total = np.vstack([fit, [0.0, 0.0, 1.0]]) @ total
+        differs, mended = _moved(outline, total) ^ mask, mask.copy()
+        for (part, added), place in zip(changes, around):
+            part = _moved(part, total)
+            if (differs & _moved(place, total)).sum() < ALIKE * part.sum():
+                mended[part] = added
+        found[t] = mended
+        before, last = gray, mask
+    return found
+
+
+def _moved(mask: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+    """A mask (H, W) bool through an affine map (3, 3)."""
+    return cv2.warpAffine(mask.astype(np.float32), matrix[:2], mask.shape[::-1]) > 0.5
+
+
+def with_corrections(
+    frames: Frames,
+    mask: np.ndarray,
+    shown: dict[int, np.ndarray],
+    marks: dict[int, Marks],
+    plate: Plate | None,
+    looks: Looks | None,
+    progress: Progress,
+    journal: Journal,
+) -> Masks | None:
+    """The masks (T+1, H, W) followed from `mask` (H, W) bool in picture 0, then mended by what the user showed; None without that.
+
+    Args:
+        shown: outlines (H, W) bool by picture; marks: by picture.
+    """
+    if not shown and not marks:
+        return None
+    follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True)
+    found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
+    marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}
+    return corrected(frames, found, shown | marked, progress)

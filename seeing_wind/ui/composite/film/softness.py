@@ -1,0 +1,75 @@
+"""How softly a clip shows what is filmed: its lens, its focus, its sensor and its encoder together."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ....engine.masks import Masks
+from ....engine.record_arrays import from_arrays
+from ....engine.take import Take
+from ..light import LUMINANCE, linear
+from ..mattes import softened, widened
+
+ACROSS, FINE, LEVEL = 5.0, 0.25, 1.5
+"""Pixels: so far from the rim is it looked at on both sides, in such steps, and so much at both ends shows the level of a side."""
+EVEN, FAINT, FEW = 0.1, 0.03, 12
+"""Of a step, by which a side may vary; the least step that counts, of linear values in 0..1; and places of the rim that must tell."""
+INTERPOLATED = 0.14
+"""Squared pixels that sampling between pixels adds to the blur: a sharp step becomes a slope one pixel long."""
+
+
+
+def softness_of(take: Take) -> float:
+    """How softly the clip shows the object's rim in picture 0: standard deviation of the blur [px]; 0 where it does not tell."""
+    arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
+    picture = arrays.get("image")
+    if picture is None or picture.ndim != 3 or "masks.windows" not in arrays:
+        return 0.0
+    mask = from_arrays(Masks, arrays, "masks.")[0]
+    return softness(picture, mask) if mask.shape == picture.shape[:2] else 0.0
+
+
+def softness(picture: np.ndarray, mask: np.ndarray) -> float:
+    """Standard deviation [px] of the blur of a mask's rim (H, W) bool in a picture (H, W, 3) uint8 sRGB; 0 where too little of it tells.
+
+    Along the rim's normal a sharp step turns into the integral of the blur, and between a quarter and three quarters of a Gaussian's lie
+    1.349 deviations. Only places count where both sides are even; of these the sharper ones, for the others may be blurred by motion.
+    """
+    shade = linear(picture) @ LUMINANCE
+    smooth = softened(mask, 4).astype(np.float64)
+    rows, columns = np.nonzero(mask & widened(~mask, 1))
+    away = -np.stack([each[rows, columns] for each in np.gradient(smooth)], axis=1)
+    length = np.linalg.norm(away, axis=1)
+    inside = np.minimum.reduce([rows, columns, mask.shape[0] - 1 - rows, mask.shape[1] - 1 - columns]) > ACROSS
+    told = (length > 0.0) & inside
+    way = away[told] / length[told, None]
+    at = np.arange(-ACROSS, ACROSS + 0.5 * FINE, FINE)
+    seen = _between(shade, np.stack([rows, columns], axis=1)[told][:, None] + at[:, None] * way[:, None])
+    ends = seen[:, at < -ACROSS + LEVEL], seen[:, at > ACROSS - LEVEL]
+    low, high = (end.mean(axis=1) for end in ends)
+    step = np.abs(high - low)
+    even = np.maximum(*(end.std(axis=1) for end in ends)) < EVEN * step
+    rising = (seen - low[:, None]) / np.where(step > 0.0, high - low, 1.0)[:, None]
+    widths = [_width(each, at) for each in rising[even & (step > FAINT)]]
+    if len(widths) < FEW:
+        return 0.0
+    blur = (np.quantile(widths, 0.25) / 1.349) ** 2 - INTERPOLATED
+    return float(math.sqrt(max(blur, 0.0)))
+
+
+def _width(rising: np.ndarray, at: np.ndarray) -> float:
+    """Way between the last place below a quarter and the first one above three quarters of a step from 0 to 1."""
+    begin = int(np.flatnonzero(rising < 0.25)[-1])
+    end = begin + int(np.flatnonzero(rising[begin:] > 0.75)[0])
+    cross = [at[k - 1] + FINE * (level - rising[k - 1]) / (rising[k] - rising[k - 1]) for k, level in ((begin + 1, 0.25), (end, 0.75))]
+    return float(cross[1] - cross[0])
+
+
+def _between(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Values (H, W) at places (..., 2) in rows and columns, linear between the pixels."""
+    low = np.floor(places).astype(int)
+    (y, x), (v, u) = np.moveaxis(low, -1, 0), np.moveaxis(places - low, -1, 0)
+    upper, lower = ((1.0 - u) * values[row, x] + u * values[row, x + 1] for row in (y, y + 1))
+    return (1.0 - v) * upper + v * lower
