@@ -66,3 +66,15 @@ def kernel_of(distance: np.ndarray) -> np.ndarray:
     """Kernel weights (K, J) of distances (K, J): 1 at the point, small at the farthest neighbour."""
     reach = 1.1 * np.maximum(distance.max(axis=1, keepdims=True), 1e-300)
     return (1.0 - (distance / reach) ** 2) ** 2
+
+
+def carry(attachment: Attachment, points: np.ndarray, rest: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Move points (K, 3) by the displacement of what they are attached to, keeping any offset that the attachment does not reproduce.
+
+    Args:
+        rest: (N, 3) carriers at rest [m]; moved: (..., N, 3) the same carriers later [m].
+
+    Returns:
+        (..., K, 3) [m].
+    """
+    return points + attachment.follow(moved) - attachment.follow(rest)
