@@ -90,7 +90,7 @@ def test_a_sudden_change_of_the_force_is_named():
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0 if t < 10 else -3.0, 0.0, 0.0], 20)
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
     assert relative(found.force_density[[3, 4, 15, 16]], RUBBER.density * wind[[3, 4, 15, 16]]) < 0.2
-    assert any(f"At picture {picture} " in note for note in found.notes for picture in (9, 10, 11))
+    assert any(f"frame {frame} " in note for note in found.notes for frame in (9, 10, 11))
     assert found.deviation[9:11].min() > 2.0 * found.deviation[[2, 3, 16, 17]].max()  # and not known there
 
 

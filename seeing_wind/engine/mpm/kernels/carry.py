@@ -117,17 +117,19 @@ def shifted_to_nodes(at, row, node, mass, dx, stride_x, stride_y, record: ti.tem
         (1.0 / dx) * (record[at + FLOAT + 3 + c] * dx_0 + record[at + FLOAT + 6 + c] * dx_1 + record[at + FLOAT + 9 + c] * dx_2)
         for c in ti.static(range(3))
     ]
-    for i, j in ti.static(ti.ndrange(3, 3)):
-        w_x, w_y = record[at + WEIGHTS + 3 * i], record[at + WEIGHTS + 3 * j + 1]
-        aside = (record[at + SLOPES + 3 * i] * w_y) * dx_0 + (w_x * record[at + SLOPES + 3 * j + 1]) * dx_1
-        for k in ti.static(range(3)):
-            w_z, to = record[at + WEIGHTS + 3 * k + 2], node + 4 * (i * stride_x + j * stride_y + k)
-            shift = w_z * aside + (w_x * w_y * record[at + SLOPES + 3 * k + 2]) * dx_2
-            for c in ti.static(range(3)):
-                brought = record[at + FLOAT + c] + i * record[at + FLOAT + 3 + c]
-                brought = brought + j * record[at + FLOAT + 6 + c] + k * record[at + FLOAT + 9 + c]
-                grid[to + c] = grid[to + c] + brought * shift - (w_x * w_y * w_z) * away[c]
-            grid[to + 3] = grid[to + 3] + mass * shift
+    # Loops of the machine: unrolled they would take long to compile.
+    for i in range(3):
+        for j in range(3):
+            w_x, w_y = record[at + WEIGHTS + 3 * i], record[at + WEIGHTS + 3 * j + 1]
+            aside = (record[at + SLOPES + 3 * i] * w_y) * dx_0 + (w_x * record[at + SLOPES + 3 * j + 1]) * dx_1
+            for k in ti.static(range(3)):
+                w_z, to = record[at + WEIGHTS + 3 * k + 2], node + 4 * (i * stride_x + j * stride_y + k)
+                shift = w_z * aside + (w_x * w_y * record[at + SLOPES + 3 * k + 2]) * dx_2
+                for c in ti.static(range(3)):
+                    brought = record[at + FLOAT + c] + i * record[at + FLOAT + 3 + c]
+                    brought = brought + j * record[at + FLOAT + 6 + c] + k * record[at + FLOAT + 9 + c]
+                    grid[to + c] = grid[to + c] + brought * shift - (w_x * w_y * w_z) * away[c]
+                grid[to + 3] = grid[to + 3] + mass * shift
 
 
 @ti.func

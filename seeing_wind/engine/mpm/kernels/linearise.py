@@ -126,23 +126,30 @@ def stress_derivative(plastic: ti.template(), at, own, dx, dt, particle: ti.temp
 
 
 @ti.func
-def advection(at, corner, w, slope, f, dx, v_p, velocity: ti.template(), stride_x, stride_y, record: ti.template()):
-    """Writes how v and C of g2p change as the particle moves among nodes that stay as they are, `velocity` from node `corner` on."""
-    turn, swirl = ti.Matrix.zero(float, 3, 3), [ti.Matrix.zero(float, 3, 3) for _ in ti.static(range(3))]
-    for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
-        node = 3 * (corner + i * stride_x + j * stride_y + k)
-        by = ti.Vector([slope[i][0] * w[j][1] * w[k][2], w[i][0] * slope[j][1] * w[k][2], w[i][0] * w[j][1] * slope[k][2]]) / dx
-        away = ti.Vector([i - f[0], j - f[1], k - f[2]])
-        for c in ti.static(range(3)):
-            v = ti.cast(velocity[node + c], ti.f64)
-            for e in ti.static(range(3)):
-                turn[c, e] += v * by[e]
-            swirl[c] += v * away.outer_product(by)
-    for c, e in ti.static(ti.ndrange(3, 3)):
-        record[at + TURN + 3 * c + e] = ti.cast(turn[c, e], ti.f32)
-        for d in ti.static(range(3)):
-            own = v_p[c] / dx if ti.static(d == e) else 0.0
-            record[at + SWIRL + 9 * c + 3 * d + e] = ti.cast(4.0 / dx * (swirl[c][d, e] - own), ti.f32)
+def advection(at, corner, f, dx, v_p, velocity: ti.template(), stride_x, stride_y, record: ti.template()):
+    """Writes how v and C of g2p change as the particle moves among nodes that stay as they are, `velocity` from node `corner` on.
+
+    Weights and slopes are those in `record`. Its loops are loops of the machine, too: unrolled they would take minutes to compile.
+    """
+    for c in range(3):
+        turn, swirl = ti.Vector.zero(float, 3), ti.Matrix.zero(float, 3, 3)
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    x, y, z = at + 3 * i, at + 3 * j + 1, at + 3 * k + 2
+                    w = ti.Vector([record[WEIGHTS + x], record[WEIGHTS + y], record[WEIGHTS + z]])
+                    by = ti.Vector(
+                        [record[SLOPES + x] * w[1] * w[2], w[0] * record[SLOPES + y] * w[2], w[0] * w[1] * record[SLOPES + z]]
+                    )
+                    away = ti.Vector([i - f[0], j - f[1], k - f[2]])
+                    v = velocity[3 * (corner + i * stride_x + j * stride_y + k) + c]
+                    turn += v * by
+                    swirl += v * away.outer_product(by)
+        for e in ti.static(range(3)):
+            record[at + TURN + 3 * c + e] = ti.cast(turn[e], ti.f32)
+            for d in ti.static(range(3)):
+                own = v_p[c] / dx if ti.static(d == e) else 0.0
+                record[at + SWIRL + 9 * c + 3 * d + e] = ti.cast(4.0 / dx * (swirl[d, e] - own), ti.f32)
 
 
 @ti.func
@@ -197,5 +204,5 @@ def linearise(
                 record[at + FLOAT + a], record[at + FLOAT + 3 + a] = ti.cast(S[a], ti.f32), ti.cast(X[a], ti.f32)
                 record[at + FLOAT + 6 + a], record[at + FLOAT + 9 + a] = ti.cast(Y[a], ti.f32), ti.cast(Z[a], ti.f32)
             v = ti.Vector([state[after + 3][3], state[after + 4][3], state[after + 5][3]])
-            advection(at, s * most + node, w, slope, f, dx, v, velocity, dims[1] * dims[2], dims[2], record)
+            advection(at, s * most + node, f, dx, v, velocity, dims[1] * dims[2], dims[2], record)
             flows[s, p] = flow_derivative((s * count + p) * FLOW, own, dt, particle, F + dt * product(rate, F), flow)
