@@ -8,7 +8,7 @@ Prints:
 - frames per second of the field's arrows and of a baked mesh of 20 000 vertices: `frame_set` and evaluation; with a window (without `-b`)
   also drawn, in a 3D view as large as the window, and by which graphics card or software;
 - the processor time of the slowest panel's `draw` in a scene with a field, 20 bodies, two edits and a job that runs, on a layout that lays
-  nothing out: the panel's own work. `tests/blender/window_check.py` prints what `draw` takes with Blender's layout in a window.
+  nothing out: the panel's own work. `tests/blender/window/drive.py` prints what `draw` takes with Blender's layout in a window.
 
 Bars: 0.3 s, 24 per second, 2 ms.
 """

@@ -30,8 +30,8 @@ PHOTOGRAPH = ("import", "-window", "root")
 BEHAVIOUR = {"running": "hang", "cancelled": "hang", "resumed": "hang", "failed": "error"}
 SETTLED, RENDERED = 2.0, 30.0
 """Seconds until a window that a processor draws shows what was done, and what is rendered."""
-TO_RECOVER, TO_EDIT = 23, 34
-"""Notches of the mouse wheel from the uppermost panel to these, with a preview above them."""
+TOP = 0
+"""Notches of the mouse wheel to the uppermost panel: steps that are done fold, so that the next ones are in sight."""
 PAGES = 8
 """As many screens as all panels fill together, at most."""
 END = 40 * PAGES
@@ -158,17 +158,17 @@ def tour(folder: Path):
     press("recover")
     yield from done("recover")
     look(scene, 0.2)
-    yield from photograph("3_recovered", TO_RECOVER)
+    yield from photograph("3_recovered", TOP)
     runpy.run_path(str(ROOT / "sample_scenes" / "common" / "whole_job.py"), run_name="tour")["insert_beside"](scene, known)
     look(scene, 0.2)
-    yield from photograph("4_edit", TO_EDIT)
+    yield from photograph("4_edit", TOP)
     yield from photograph("4_field", END)
     press("resimulate")
     yield from done("resimulate")
     press("bake")
     yield from done("bake")
     scene.frame_set((scene.frame_start + scene.frame_end) // 2)
-    yield from photograph("5_baked", TO_EDIT)
+    yield from photograph("5_baked", TOP)
     press("set_up_composite", samples=16, shutter=0.0)
     space = window()["area"].spaces.active
     space.region_3d.view_perspective = "CAMERA"
@@ -213,7 +213,7 @@ def main() -> None:
     if Path(SHOT).is_dir():  # the later panels are open, too
         for cls in ui.CLASSES:
             if issubclass(cls, bpy.types.Panel):
-                cls.bl_options = set()
+                cls.bl_options = cls.bl_options - {"DEFAULT_CLOSED"}
     ui.register()
     bpy.context.window_manager.windows[0].screen.show_statusbar = False
     steps = tour(Path(SHOT)) if Path(SHOT).is_dir() else stand_in()

@@ -71,7 +71,9 @@ def property_of(one: Option, **common: Any) -> object:
     if one.choices:
         titles = {name: name.replace("_", " ").title() for name in one.choices} | one.titles
         items = [(name.upper(), titles[name], _capital(text)) for name, text in one.choices.items()]
-        items = [(PRESET, _capital(f"as {one.otherwise}"), f"The same as {one.otherwise}"), *items] if one.optional else items
+        # what follows a colon is too long for a menu in the sidebar
+        preset = (PRESET, _capital(f"as {one.otherwise.partition(':')[0]}"), f"As {one.otherwise}")
+        items = [preset, *items] if one.optional else items
         return EnumProperty(items=items, default=items[0][0] if one.optional else one.default.upper(), **about | common)
     if one.kind is bool:
         return BoolProperty(default=one.default, **about | common)

@@ -92,7 +92,7 @@ def model_for(
     path = None if pin_path is None else checked_pin_path(pin_path, x, pinned, dx)
     notes: list[str] = []
     (mass, volume, mu, lam, yield_stress, viscosity, law), needed = _columns(parts, dx, frame_dt, max_substeps, notes)
-    substeps = max(least_substeps, MIN_SUBSTEPS, _substeps_for(speed, path, dx, frame_dt, max_substeps), needed)
+    substeps = max(least_substeps, MIN_SUBSTEPS, _substeps_for(speed, x, path, dx, frame_dt, max_substeps), needed)
     # Of two walls, the lattice follows the collider's.
     axes = None if colliders else border_axes(x, pinned, spacing)
     if axes is not None:
@@ -182,9 +182,12 @@ def _check_reach(x: np.ndarray, dx: float) -> None:
         )
 
 
-def _substeps_for(speed: float, path: np.ndarray | None, dx: float, frame_dt: float, max_substeps: int) -> int:
-    """Substeps a frame in which neither a body at `speed` [m/s] nor the pins on their path (T+1, M, 3) [m] cross more than a cell."""
-    who = "A body"
+def _substeps_for(speed: float, x: np.ndarray, path: np.ndarray | None, dx: float, frame_dt: float, max_substeps: int) -> int:
+    """Substeps a frame in which neither a body at `speed` [m/s] nor the pins on their path (T+1, M, 3) [m] cross more than a cell.
+
+    `x` (N, 3) [m] are the particles, for the size that the refusal names.
+    """
+    who = f"A body {np.ptp(x, axis=0).max():.2g} m large"
     if path is not None:
         pins = float(np.linalg.norm(np.diff(path, axis=0), axis=2).max()) / frame_dt
         speed, who = (pins, "A pinned particle") if pins > speed else (speed, who)
@@ -192,8 +195,9 @@ def _substeps_for(speed: float, path: np.ndarray | None, dx: float, frame_dt: fl
     if needed > max_substeps:
         raise SimulationError(
             f"{who} at {speed:.3g} m/s crosses {needed} cells of {dx:.2g} m in a frame, more than {max_substeps} substeps.",
-            "Use fewer particles or allow more substeps; if it is not as fast as that, check scale and fps.", quantity="velocity",
-        )  # fmt: skip
+            "If it is not that small or not that fast, correct the distance or scale, or the frame rate; otherwise use fewer particles.",
+            quantity="velocity",
+        )
     return needed
 
 

@@ -37,6 +37,12 @@ def box_in_picture(corners: np.ndarray, start: np.ndarray, end: np.ndarray, widt
     return round(float(left), 1), round(float(top), 1), round(float(right), 1), round(float(bottom), 1)
 
 
+def point_in_picture(corners: np.ndarray, at: tuple[float, float], width: int, height: int) -> tuple[float, float]:
+    """Pixel of the clip, the origin top left, at a place `at` in the region's pixels; beside the picture where that is."""
+    share = (np.array(at) - corners[0]) / (corners[1] - corners[0])
+    return round(float(share[0] * width - 0.5), 1), round(float((1.0 - share[1]) * height - 0.5), 1)
+
+
 def box_on_screen(corners: np.ndarray, box: tuple[float, float, float, float], width: int, height: int) -> np.ndarray:
     """The inverse of `box_in_picture`: lower left and upper right corner (2, 2) in the region's pixels."""
     left, top, right, bottom = box

@@ -55,8 +55,10 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
         except ClipError:
             settings.clip = former
             raise
-        if former and another:  # box and pictures that were chosen for the former one mean nothing here
-            settings.box, settings.use_frames = (0.0, 0.0, 0.0, 0.0), False
+        if former and another:  # boxes, points and pictures that were chosen for the former one mean nothing here
+            settings.box = settings.held_box = (0.0, 0.0, 0.0, 0.0)
+            settings.use_frames = False
+            settings.corrections.clear()
         settings.frame_start = start_of(clip, first_picture(settings), settings.frame_start)
         ask = not settings.follows_decided
         parts, kept = followed(scene), left_alone(scene)  # before the clip makes the scene another one

@@ -52,9 +52,12 @@ def _panorama(path: Path, written: str) -> bpy.types.Image:
         image = bpy.data.images.load(str(path), check_existing=True)
     except RuntimeError as error:
         raise UsageError(f"Blender cannot open {path}: {said_by(error)}.", "Choose a panorama (.hdr or .exr), or clear HDRI.") from error
+    size = tuple(image.size)
     if not image.is_float:
         if image.name not in known:
             bpy.data.images.remove(image)
+        if not all(size):
+            raise UsageError(f"{path} is no picture that Blender reads.", "Choose a panorama (.hdr or .exr), or clear HDRI.")
         raise UsageError(
             f"{path} has no more range than a screen shows: its sun would be as dim as its clouds.", "Choose a panorama in .hdr or .exr."
         )

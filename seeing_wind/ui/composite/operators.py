@@ -5,6 +5,7 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
+from ...engine.errors import SeeingWindError
 from ..direct_operator import DirectOperator
 from ..job import takes
 from ..property_kinds import PATH
@@ -50,10 +51,16 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         """May be repeated after any change."""
         from .composite import set_up  # needs NumPy
 
+        settings = context.scene.seeing_wind
+        former = settings.hdri
         if self.properties.is_property_set("hdri"):
-            context.scene.seeing_wind.hdri = self.hdri
+            settings.hdri = self.hdri
         chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "soft", "show_field")}
-        done = set_up(context.scene, plate=self.behind, **chosen)
+        try:
+            done = set_up(context.scene, plate=self.behind, **chosen)
+        except SeeingWindError:
+            settings.hdri = former
+            raise
         for wrong in done.warnings:
             self.report({"WARNING"}, wrong)
         return str(done)

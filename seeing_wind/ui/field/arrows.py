@@ -136,7 +136,7 @@ def _arrow_group(
     """The modifier: the current frame's points, those worth showing, an arrow on each."""
     group = GroupBuilder(f"{name} Arrows")
     current = points_of_current_frame(group, points, frames, frame_start, delay=0, field=field)
-    scale = group.parameter("Length", "Float", length, "Length of the longest arrows", minimum=0.0)
+    scale = group.parameter("Length", "Float", length, "Length of the longest arrows", minimum=0.0, unit="DISTANCE")
     least = group.parameter("Confidence Shown", "Float", CONFIDENCE_SHOWN, "Arrows that the clip says less about are hidden", minimum=0.0)
     strength = group.attribute("strength")
     shown = group.math(

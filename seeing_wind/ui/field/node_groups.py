@@ -25,14 +25,19 @@ class GroupBuilder:
         self.input = self.tree.nodes.new("NodeGroupInput")
         self.output = self.tree.nodes.new("NodeGroupOutput")
 
-    def parameter(self, name: str, kind: str, default: Any, description: str, minimum: float | None = None) -> Any:
-        """A setting shown in the modifier; returns its socket. `kind` is Float, Int, Bool, Vector or Object; None keeps its own default."""
+    def parameter(self, name: str, kind: str, default: Any, description: str, minimum: float | None = None, unit: str = "NONE") -> Any:
+        """A setting shown in the modifier; returns its socket. `kind` is Float, Int, Bool, Vector or Object; None keeps its own default.
+
+        `unit` is the socket's subtype, such as DISTANCE.
+        """
         socket = self.tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
         socket.description = description
         if default is not None:
             socket.default_value = default
         if minimum is not None:
             socket.min_value = minimum
+        if unit != "NONE":
+            socket.subtype = unit
         return self.input.outputs[name]
 
     def result(self, name: str, kind: str, value: Any, description: str) -> None:

@@ -104,7 +104,7 @@ class FieldTab(Tab):
 
     def _arrows(self, context, layout, arrows):
         column = layout.column(heading="Arrows")
-        column.prop(arrows, "hide_viewport", text="Hide Arrows")
+        column.prop(arrows, "hide_viewport", text="Hide Arrows", icon="HIDE_ON" if arrows.hide_viewport else "HIDE_OFF")
         modifier = next((modifier for modifier in arrows.modifiers if modifier.type == "NODES"), None)
         for name, text in SHOWN.items() if modifier is not None else ():
             place = modifier_input(modifier, name)

@@ -89,11 +89,9 @@ def read_samples(samples: bpy.types.Object) -> SampledField:
 
 
 def samples_of(field: bpy.types.Object) -> bpy.types.Object | None:
-    """The object with the values of a field object, if it is still there."""
-    carried = field.get(CARRIED)
-    if carried is not None:
-        return carried
-    return next((child for child in field.children if SAMPLES_MARK in child), None)
+    """The object with the values of a field object, if they are still there: of one whose library is lost only the name is."""
+    carried = field.get(CARRIED) or next((child for child in field.children if SAMPLES_MARK in child), None)
+    return carried if carried is not None and carried.data is not None else None
 
 
 def sample_wind_group(samples: bpy.types.Object | None = None, density: float = 1000.0) -> bpy.types.NodeTree:

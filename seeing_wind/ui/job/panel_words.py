@@ -12,9 +12,10 @@ STAGES = (ObserveSettings, BuildSettings, RecoverSettings, WindSettings)
 
 LABELS = {
     **{one.flag: one.label for cls in STAGES for one in options_of(cls).values() if one.panel},
+    "--points": "Blender Mask", "--correct": "Correct the Outline", "--depth": "Proxy Mesh", "--take": "Take",
     "--tracks": "Tracks", "--view": "Further Views", "--no-gravity": "Gravity: None",
 }  # fmt: skip
-"""Of the options that the panel has."""
+"""Of the options that the panel has, and what it has in the place of others."""
 
 
 def in_scene_frames(text: str, frame_of: Callable[[int], int]) -> str:

@@ -37,10 +37,14 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> bool:
     if own != clip and (not os.path.isfile(own) or not os.path.samefile(own, clip)) or settings.clip and _is_marked(settings):
         return False
     given: dict[str, Any] = {}
+    points: list[float] = []
     whole = True
     for stage in take.description().get("stages", {}).values():
-        given |= {key: value for key, value in stage.get("settings", {}).items() if key in OPTIONS}
+        asked = stage.get("settings", {})
+        given |= {key: value for key, value in asked.items() if key in OPTIONS}
+        points += asked.get("correct") or []
     settings.clip = clip
+    _give_corrections(settings, points)
     for name, value in given.items():
         one = OPTIONS[name]
         if one.file and not os.path.isfile(str(value)):
@@ -56,6 +60,14 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> bool:
     if "solve" in take.description().get("stages", {}) and "gravity" not in given:
         settings.gravity_mode = "NONE"
     return whole and _is_marked(settings)
+
+
+def _give_corrections(settings: bpy.types.PropertyGroup, points: list[float]) -> None:
+    """The points that correct the outline, from the engine's flat list of picture, x, y and whether it is on the object."""
+    settings.corrections.clear()
+    for picture, x, y, on in zip(*(points[start::4] for start in range(4)), strict=True):
+        point = settings.corrections.add()
+        point.picture, point.place, point.beside = int(picture), (x, y), not on
 
 
 def _is_marked(settings: bpy.types.PropertyGroup) -> bool:

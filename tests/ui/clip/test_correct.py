@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import bpy
 import pytest
 
@@ -38,14 +40,25 @@ def test_points_are_of_the_picture_that_is_shown(boxed, tmp_path) -> None:
 def test_points_that_are_refused(boxed) -> None:
     with pytest.raises(RuntimeError, match="outside the picture"):
         ops.correct_outline(place=(WIDTH + 3.0, 5.0))
-    with pytest.raises(RuntimeError, match="no picture 5000"):
+    with pytest.raises(RuntimeError, match="Picture 5000 is none of those that are used"):
         ops.correct_outline(place=(5.0, 5.0), picture=5000)
+    boxed.use_frames, boxed.frames = True, (2, 4)
+    with pytest.raises(RuntimeError, match="Picture 1 is none of those that are used, 2 to 4"):
+        ops.correct_outline(place=(5.0, 5.0), picture=1)
     with pytest.raises(RuntimeError, match="no corrections"):
         ops.clear_corrections()
     boxed.clip = ""
     with pytest.raises(RuntimeError, match="No clip is chosen"):
         ops.correct_outline(place=(5.0, 5.0))
     assert not len(boxed.corrections)
+
+
+def test_points_of_another_clip_are_forgotten(boxed, tmp_path) -> None:
+    ops.correct_outline(place=(20.5, 12.0), picture=2)
+    other = shutil.copy(boxed.clip, tmp_path / "other.mp4")
+    boxed.held_box = (1.0, 2.0, 9.0, 9.0)
+    assert ops.choose_clip(filepath=str(other)) == {"FINISHED"}
+    assert not len(boxed.corrections) and not any(boxed.held_box)
 
 
 def test_a_blender_mask_of_a_later_picture(boxed, tmp_path) -> None:

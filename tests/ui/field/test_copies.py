@@ -70,6 +70,10 @@ def test_a_library_override_is_felt_as_it_is_turned(scene, stand_in, checks, tmp
         assert angle < 1.0 and size < 0.02
         bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
         bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    (tmp_path / "wind.blend").rename(tmp_path / "moved.blend")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "shot.blend"))
+    with pytest.raises(RuntimeError, match="values under .* are gone. Link it again"):
+        bpy.ops.seeing_wind.turn_override()
     own = checks["swirl_field"](bpy.context.scene)
     with pytest.raises(RuntimeError, match="no library override"):
         bpy.ops.seeing_wind.turn_override(field=own.name)

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from seeing_wind.engine.conventions import frame_named
+from seeing_wind.engine.observe.mask.from_box import NEITHER
 from seeing_wind.ui.clip.inputs.pace import Pace
 from seeing_wind.ui.job import operator, status
-from seeing_wind.ui.job.panel_words import in_scene_frames
+from seeing_wind.ui.job.panel_words import in_panel_words, in_scene_frames
 
 
 def test_the_time_that_is_left_is_said_once_it_can_be() -> None:
@@ -60,3 +61,9 @@ def test_what_the_engine_says_of_a_finished_stage_is_what_the_panel_waits_for() 
     from seeing_wind.engine import take
 
     assert f'"{status.KEPT}"' in Path(take.__file__).read_text()
+
+
+def test_refusals_speak_of_what_the_panel_has() -> None:
+    assert in_panel_words(NEITHER) == "Mark the object in the first picture by Box, Blender Mask, or Mask with a PNG."
+    assert in_panel_words("Leave it out of --correct.") == "Leave it out of Correct the Outline."
+    assert in_panel_words("Leave --device out.") == "Leave --device out.", "what the panel does not have keeps its name"

@@ -28,6 +28,7 @@ def take(stand_in, workplace, tmp_path) -> Path:
     recover(workplace, take=str(folder))
     clip = str(workplace / "clip.mp4")
     observed = {"clip": clip, "box": [20.0, 20.0, 44.0, 44.0], "distance": 2.5, "frames": [2, 9], "fov": 40.0, "seed": 4}
+    observed["correct"] = [5.0, 20.5, 12.0, 1.0, 3.0, 30.0, 11.0, 0.0]
     Take(folder).finish("observe", "o", observed | {"mask": "/gone.png"})
     Take(folder).finish("build", "b", {"material": "paper", "density": 800.0, "law": "corotated", "particles": 500})
     Take(folder).finish("solve", "s", {"gravity": [0.0, 0.0, -3.0], "iterations": 7, "stiffness": "free"})
@@ -44,6 +45,8 @@ def test_reload_into_a_new_file_fills_the_panel(take, workplace) -> None:
     assert settings.use_frames and settings.fov == pytest.approx(40.0) and settings.camera_mode == "FOV"
     assert (settings.material, settings.use_density, settings.density, settings.law) == ("paper", True, 800.0, "COROTATED")
     assert settings.gravity_mode == "CUSTOM" and settings.gravity[2] == pytest.approx(-3.0) and settings.iterations == 7
+    points = [(one.picture, tuple(one.place), one.beside) for one in settings.corrections]
+    assert points == [(5, (20.5, 12.0), False), (3, (30.0, 11.0), True)]
     assert settings.mask == "", "a file that is gone is left out"
     steps = now(bpy.context.scene)
     assert steps["clip"].state == "done" and steps["object"].state == "done"

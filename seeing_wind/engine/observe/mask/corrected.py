@@ -45,7 +45,7 @@ MOST = 0.9
 FLOOD = 8 | (1 << 8) | cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY
 """Eight neighbours, ones into the mask, against the colour of the start, the picture itself left alone."""
 
-WHERE = "Count pictures from 0 as --frames does, and give --correct N+X,Y on the object or N-X,Y beside it."
+WHERE = "Widen --frames, which counts from 0 as well, or leave that one out of --correct."
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,10 @@ def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, 
         if not 0 <= number - first < pictures:
             raise UsageError(f"The correction in picture {number:g} lies outside the clip's {first} to {first + pictures - 1}.", WHERE)
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
-            raise UsageError(f"The correction at {x:g},{y:g} in picture {number:g} lies outside the {width}x{height} picture.", WHERE)
+            raise UsageError(
+                f"The correction at {x:g},{y:g} in picture {number:g} lies outside the {width}x{height} picture.",
+                "Leave it out of --correct.",
+            )
     numbers = rows[:, 0].astype(int)
     return {int(one) - first: Marks(*(rows[(numbers == one) & (rows[:, 3] == on), 1:3] for on in (1, 0))) for one in np.unique(numbers)}
 

@@ -51,7 +51,7 @@ STILL_PART = -1.4
 NEARBY = 16
 """Pixels round a box that are looked at, too."""
 
-NEITHER = "Mark the object in the first picture: --box X0 Y0 X1 Y1, --points X,Y ..., or --mask with a PNG."
+NEITHER = "Mark the object in the first picture by --box, --points, or --mask with a PNG."
 
 
 def mask_in_box(

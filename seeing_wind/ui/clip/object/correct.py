@@ -7,14 +7,17 @@ from bpy.props import BoolProperty, FloatVectorProperty, IntProperty
 
 from ....engine.errors import ClipError, ObjectError, UsageError
 from ...direct_operator import DirectOperator
-from ..draw_box import LOOKING
 from ..inputs.clips import loaded_clip, pace_of
+from ..on_picture import LOOKING, OnPicture, draw_rectangle
 
 NOW = -1
 """For the picture that the scene shows now."""
 
+MARK, COLOURS = 4.0, {False: (0.2, 1.0, 0.3, 1.0), True: (1.0, 0.25, 0.2, 1.0)}
+"""Half the side of a point's mark on the screen [px], and its colour, by whether it is beside the object."""
 
-class SEEING_WIND_OT_correct_outline(DirectOperator, bpy.types.Operator):
+
+class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operator):
     """Click a point on the object that the outline leaves out, in the picture that is shown now; Esc cancels"""
 
     bl_idname = "seeing_wind.correct_outline"
@@ -42,9 +45,12 @@ class SEEING_WIND_OT_correct_outline(DirectOperator, bpy.types.Operator):
         clip = loaded_clip(settings)
         first, pace = pace_of(clip)
         picture = first + pace.shown(scene.frame_current) if self.picture == NOW else self.picture
-        if not 0 <= picture < clip.frame_duration:
-            raise UsageError(f"The clip has no picture {picture}.", f"Go to a frame that shows one of 0 to {clip.frame_duration - 1}.")
-        if not all(0.0 <= at <= side - 1.0 for at, side in zip(self.place, clip.size)):
+        begin, end = settings.frames if settings.use_frames else (0, clip.frame_duration - 1)
+        if not max(begin, 0) <= picture <= min(end, clip.frame_duration - 1):
+            raise UsageError(
+                f"Picture {picture} is none of those that are used, {begin} to {end}.", "Go to a frame that shows one of them."
+            )
+        if not all(-0.5 <= at <= side - 0.5 for at, side in zip(self.place, clip.size)):
             raise UsageError("The point lies outside the picture.", "Click on the picture.")
         point = settings.corrections.add()
         point.picture, point.place, point.beside = picture, self.place, self.beside
@@ -54,41 +60,38 @@ class SEEING_WIND_OT_correct_outline(DirectOperator, bpy.types.Operator):
         """Wait for a click in the area's picture."""
         if self.properties.is_property_set("place"):
             return self.execute(context)
-        if context.area is None or context.area.type not in ("VIEW_3D", "CLIP_EDITOR"):
-            self.report({"ERROR"}, "Click the point in a 3D viewport with a camera, or in the Movie Clip Editor.")
-            return {"CANCELLED"}
-        self.area = context.area
-        self.region = next(region for region in self.area.regions if region.type == "WINDOW")
-        context.window.cursor_modal_set("EYEDROPPER")
         where = "beside" if self.beside else "on"
-        context.workspace.status_text_set(f"Click a point {where} the object   |   Esc, right mouse button: cancel")
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
+        return {"RUNNING_MODAL"} if self.begin(context, f"Click a point {where} the object", "EYEDROPPER") else {"CANCELLED"}
 
     def modal(self, context, event):
         """The view can be moved and zoomed before the click."""
-        if event.type in {"ESC", "RIGHTMOUSE"} or self.area not in context.screen.areas.values():
-            self.cancel(context)
-            return {"CANCELLED"}
+        ended = self.given_up(context, event)
+        if ended is not None:
+            return ended
         if event.type != "LEFTMOUSE" or event.value != "PRESS":
-            looks = event.type.startswith((*LOOKING, "TIMER"))
-            return {"PASS_THROUGH"} if looks else {"RUNNING_MODAL"}
-        self.cancel(context)
-        from ..frame_on_screen import box_in_picture, picture_corners  # needs NumPy
-
-        with context.temp_override(area=self.area, region=self.region, space_data=self.area.spaces.active):
-            corners = picture_corners(bpy.context, self.region)
-        if corners is None or not context.scene.seeing_wind.clip:
-            self.report({"ERROR"}, "The picture is not in view. Press Numpad 0 for the camera's view and try again.")
+            return {"PASS_THROUGH"} if event.type.startswith((*LOOKING, "TIMER")) else {"RUNNING_MODAL"}
+        corners = self.corners(context)
+        self.end(context)
+        if corners is None:
             return {"CANCELLED"}
-        at = (float(event.mouse_x - self.region.x), float(event.mouse_y - self.region.y))
-        self.place = box_in_picture(corners, at, at, *loaded_clip(context.scene.seeing_wind).size)[:2]
+        from ..frame_on_screen import point_in_picture  # needs NumPy
+
+        self.place = point_in_picture(corners, self.at(event), *self.size)
         return self.execute(context)
 
-    def cancel(self, context):
-        """Blender or the user ends the operator."""
-        context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
+    def draw_over(self, context, corners) -> None:
+        """The points that the picture has already."""
+        from ..frame_on_screen import box_on_screen  # needs NumPy
+
+        draw_rectangle(*corners, (1.0, 1.0, 1.0, 0.35))
+        clip = bpy.data.movieclips.get(self.clip)
+        if clip is None:  # a job that has ended meanwhile made it anew
+            return
+        first, pace = pace_of(clip)
+        shown = first + pace.shown(context.scene.frame_current)
+        for point in (each for each in context.scene.seeing_wind.corrections if each.picture == shown):
+            (x, y), colour = box_on_screen(corners, (*point.place, *point.place), *self.size).mean(axis=0), COLOURS[point.beside]
+            draw_rectangle((x - MARK, y - MARK), (x + MARK, y + MARK), colour)
 
 
 class SEEING_WIND_OT_clear_corrections(DirectOperator, bpy.types.Operator):

@@ -1,4 +1,4 @@
-"""Opens Preferences > Add-ons in a Blender with a window: `blender --python preferences_check.py`, the extension installed from its zip.
+"""Opens Preferences > Add-ons in a Blender with a window: `blender --python preferences.py`, the extension installed from its zip.
 
 Blender's list of add-ons walks all modules that are loaded and reads where each comes from, then draws the extension's own preferences.
 Ends Blender with exit code 0, or 9 when something was written to stderr meanwhile or either was not drawn.

@@ -1,8 +1,7 @@
-"""Drives the extension in a Blender with a window, by mouse and keyboard: `blender --enable-event-simulate --python window_check.py`.
+"""Drives the extension in a Blender with a window, by mouse and keyboard: `blender --enable-event-simulate --python drive.py`.
 
-window.sh prepares SEEING_WIND_PYTHON (a stand-in for the engine) and SEEING_WIND_CLIP. Draws a box over the camera's background and in the
-Movie Clip Editor, cancels one with Esc, then recovers with the modal operator: progress, cancel, again, done, undo and redo;
-also while a box is drawn, and when the extension is switched off. With
+run.sh prepares SEEING_WIND_PYTHON (a stand-in for the engine) and SEEING_WIND_CLIP. Marks the object as marking.py does, then recovers with
+the modal operator: progress, cancel, again, done, undo and redo; also while a box is drawn, and when the extension is switched off. With
 SEEING_WIND_REAL (a Python with the engine) and SEEING_WIND_SCENE (a folder that a sample scene's make.py wrote) it cancels and resumes a
 real recovery too. At the end it prints what the panels' `draw` has cost. Ends Blender with exit code 0, or 9 at the first thing that is not
 as it should be.
@@ -21,14 +20,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[3]), str(Path(__file__).resolve().parent)]
+
+from marking import check, correct, draw_box, escape, largest_area, mouse, override  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
-from seeing_wind.ui.clip.frame_on_screen import box_on_screen, picture_corners  # noqa: E402
 from seeing_wind.ui.job import operator as job_operator  # noqa: E402
-from seeing_wind.ui.job import status
+from seeing_wind.ui.job import status  # noqa: E402
 
-BOX = (20.0, 16.0, 52.0, 48.0)
 PATIENCE = 60.0
 """Seconds for any one thing to happen: a software screen on a busy machine is slow."""
 
@@ -53,66 +52,6 @@ for panel in ui.CLASSES:
         panel.draw = watched(panel)
 ui.register()
 window = bpy.context.window_manager.windows[0]
-
-
-def check(condition: bool, what: str) -> None:
-    """An assertion that no optimisation switches off."""
-    if not condition:
-        raise AssertionError(what)
-    print(f"ok  {what}", flush=True)
-
-
-def largest_area() -> bpy.types.Area:
-    """The viewport, or what has taken its place."""
-    areas = [area for area in window.screen.areas if area.type in ("VIEW_3D", "CLIP_EDITOR")]
-    return max(areas, key=lambda area: area.width * area.height)
-
-
-def override(area: bpy.types.Area) -> dict:
-    """The context of an area's main region."""
-    region = next(region for region in area.regions if region.type == "WINDOW")
-    return {"window": window, "area": area, "region": region, "space_data": area.spaces.active}
-
-
-def mouse(kind: str, value: str, at: np.ndarray) -> None:
-    """One event at a place of the window."""
-    window.event_simulate(kind, value, x=int(at[0]), y=int(at[1]))
-
-
-def draw_box(area: bpy.types.Area) -> Iterator[float]:
-    """Drag a box round `BOX` with the mouse."""
-    with bpy.context.temp_override(**override(area)):
-        check(bpy.ops.seeing_wind.draw_box("INVOKE_DEFAULT") == {"RUNNING_MODAL"}, f"Draw Box waits in the {area.type}")
-    yield 1.5  # the view has turned to the camera and has been drawn
-    with bpy.context.temp_override(**override(area)):
-        region = bpy.context.region
-        corners = picture_corners(bpy.context, region)
-        size = bpy.context.scene.active_clip.size
-    (low, high) = box_on_screen(corners, BOX, *size) + [region.x, region.y]
-    start, end = np.array([low[0], high[1]]), np.array([high[0], low[1]])
-    for kind, value, at in (
-        ("MOUSEMOVE", "NOTHING", start),
-        ("LEFTMOUSE", "PRESS", start),
-        ("MOUSEMOVE", "NOTHING", 0.5 * (start + end)),
-        ("MOUSEMOVE", "NOTHING", end),
-        ("LEFTMOUSE", "RELEASE", end),
-    ):
-        mouse(kind, value, at)
-        yield 0.3
-    pixel = size[0] / (corners[1] - corners[0])[0]
-    drawn = np.array(bpy.context.scene.seeing_wind.box)
-    check(np.abs(drawn - BOX).max() <= 1.5 * pixel + 0.1, f"a box in the {area.type}: {np.round(drawn, 1).tolist()} for {list(BOX)}")
-
-
-def escape(area: bpy.types.Area) -> Iterator[float]:
-    """Esc leaves the box as it was."""
-    before = tuple(bpy.context.scene.seeing_wind.box)
-    with bpy.context.temp_override(**override(area)):
-        bpy.ops.seeing_wind.draw_box("INVOKE_DEFAULT")
-    yield 1.0
-    window.event_simulate("ESC", "PRESS", x=area.x + area.width // 2, y=area.y + area.height // 2)
-    yield 1.0
-    check(tuple(bpy.context.scene.seeing_wind.box) == before and not window.modal_operators, "Esc cancels Draw Box")
 
 
 def draw_box_while(area: bpy.types.Area) -> Iterator[float]:
@@ -252,12 +191,14 @@ def story() -> Iterator[float]:
     yield 1.0
     yield from draw_box(area)
     yield from escape(area)
+    yield from correct(area)
     bpy.context.scene.seeing_wind.box = (0.0, 0.0, 0.0, 0.0)
     area.type = "CLIP_EDITOR"
     area.spaces.active.clip = bpy.context.scene.active_clip
     yield 1.0
     yield from draw_box(area)
     yield from escape(area)
+    yield from correct(area)
     area.type = "VIEW_3D"
     yield 1.0
     yield from recover(area)
