@@ -4,7 +4,7 @@
 #        SEEING_WIND_REAL and SEEING_WIND_SCENE let it cancel and resume a real recovery too, see drive.py
 #        PYTHON names the Python that makes the test's clip (default: .venv/bin/python)
 set -euo pipefail
-blender=${1:?usage: window.sh BLENDER_EXECUTABLE [arguments]}
+blender=${1:?usage: run.sh BLENDER_EXECUTABLE [arguments]}
 shift
 root=$(cd "$(dirname "$0")/../../.." && pwd -P)
 python=${PYTHON:-$root/.venv/bin/python}

@@ -76,7 +76,9 @@ class CopiesRun:
             wanted = int(status[full, WANTED].max())
             # A third more than asked, so that a body that turns does not ask again at every substep.
             self.make_room(min(wanted + wanted // 3, MOST_INDEXED // max(len(boxes), copies)))
-            status[full] = 0 if len(boxes) else status[full] * (np.arange(STATUS) == DONE)  # grids that are kept have moved
+            status[full, CODE] = substep.RUNNING
+            if len(boxes):  # grids that are kept have moved: from the start again
+                status[:] = 0
 
     def _fit(self, copies: int, kept: int) -> None:
         """Grids for so many copies, or for so many substeps that are kept."""

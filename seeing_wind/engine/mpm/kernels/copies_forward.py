@@ -23,6 +23,7 @@ from .packed import (
     numbers,
     rows,
     rows_of,
+    spread,
     states,
     table,
 )
@@ -38,14 +39,6 @@ def box_of(low, high, offset, dx):
     """First node (3,) and node counts (3,) of the box that particles between the corners low and high touch."""
     lo = base_of(low, offset, 1.0 / dx)
     return lo, base_of(high, offset, 1.0 / dx) - lo + 3
-
-
-@ti.func
-def spread(low: ti.template(), high: ti.template(), x):
-    """Widens the box of corners low, high (3,) so that it holds x."""
-    for a in ti.static(range(3)):
-        low[a] = ti.select(x[a] < low[a], x[a], low[a])  # one instruction, min is three
-        high[a] = ti.select(x[a] > high[a], x[a], high[a])
 
 
 @ti.func

@@ -114,6 +114,14 @@ def base_of(x, offset, inv_dx):
 
 
 @ti.func
+def spread(low: ti.template(), high: ti.template(), x):
+    """Widens the box of corners low, high (3,) so that it holds x."""
+    for a in ti.static(range(3)):
+        low[a] = ti.select(x[a] < low[a], x[a], low[a])  # one instruction, min is three
+        high[a] = ti.select(x[a] > high[a], x[a], high[a])
+
+
+@ti.func
 def spline(f):
     """Weights of the first, second and third node along every axis, each (4,); f in 0.5..1.5 is the distance to the first."""
     a, b, c = 1.5 - f, f - 1.0, f - 0.5

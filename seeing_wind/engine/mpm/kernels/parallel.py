@@ -18,6 +18,7 @@ from .packed import (
     lattice_of,
     node_count,
     rows_of,
+    spread,
     window_of,
 )
 from .substep import RUNNING, grid_to_particle, node_velocity, particle_to_grid
@@ -95,9 +96,7 @@ def grid_to_task(
         )
         if code != RUNNING:
             status[task, 0], status[task, 1] = code, p
-        for a in ti.static(range(3)):
-            low[a] = ti.select(x[a] < low[a], x[a], low[a])  # one instruction, min is three
-            high[a] = ti.select(x[a] > high[a], x[a], high[a])
+        spread(low, high, x)
     # Rounding keeps order: these are the first and the last of the particles' own.
     low_base, high_base = base_of(low, offset, 1.0 / dx), base_of(high, offset, 1.0 / dx)
     for a in ti.static(range(3)):
