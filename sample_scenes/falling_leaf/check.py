@@ -23,7 +23,8 @@ MOST_PINNED = 0.1
 """Movement of pinned vertices [mm]."""
 MASS_TOLERANCE = 0.02
 """Relative, on the half of the acceleration that twice the mass should have."""
-RIBBONS = ("Ribbon", "Ribbon Pinned", "Ribbon Twice the Mass")
+HELD, FREE = ("Towel", "Napkin"), ("Leaf", "Leaf Twice the Mass")
+"""What the demo inserts."""
 MARK = "check: "
 
 Row = tuple[bool, str, str, str]
@@ -79,7 +80,7 @@ def check_files(folder: Path, blender: str | None) -> list[Row]:
         in_file.update(inside(path, blender))
         return in_file["keys"]
 
-    wanted = f"shape keys of each ribbon, one per picture ({clip})"
+    wanted = f"shape keys of each body, one per picture ({clip})"
     attempt(rows, "demo.blend", folder / "demo.blend", keys_in, lambda count: count == clip, wanted)
     if in_file:
         pinned = in_file["pinned_moved_mm"]
@@ -145,24 +146,25 @@ def inside(path: Path, blender: str | None) -> dict:
 
 
 def report_blend(path: str) -> None:
-    """In Blender: the fewest shape keys of any ribbon, and how far the keys move the vertices of the group that is held."""
+    """In Blender: the fewest shape keys of any body, and how far the keys move the vertices of the groups that are held."""
     import bpy
     import numpy as np
 
     bpy.ops.wm.open_mainfile(filepath=path, load_ui=False)
-    objects = [bpy.data.objects[name] for name in RIBBONS]
     if bpy.data.objects["Recovered Wind"].field.type != "TEXTURE":
         raise ValueError("the field object is no wind")
-    held = objects[1].vertex_groups["Held"].index
-    vertices = [vertex.index for vertex in objects[1].data.vertices if any(group.group == held for group in vertex.groups)]
-    keys = []
-    for block in objects[1].data.shape_keys.key_blocks:
-        places = np.empty(3 * len(block.data), dtype=np.float32)
-        block.data.foreach_get("co", places)
-        keys.append(places.reshape(-1, 3)[vertices])
-    moved = 1000.0 * np.linalg.norm(np.array(keys) - keys[0], axis=-1).max()
-    fewest = min(len(obj.data.shape_keys.key_blocks) for obj in objects)
-    print(MARK + json.dumps({"keys": fewest, "pinned_moved_mm": float(moved)}), flush=True)
+    moved = 0.0
+    for obj in (bpy.data.objects[name] for name in HELD):
+        held = obj.vertex_groups["Held"].index
+        vertices = [vertex.index for vertex in obj.data.vertices if any(group.group == held for group in vertex.groups)]
+        keys = []
+        for block in obj.data.shape_keys.key_blocks:
+            places = np.empty(3 * len(block.data), dtype=np.float32)
+            block.data.foreach_get("co", places)
+            keys.append(places.reshape(-1, 3)[vertices])
+        moved = max(moved, 1000.0 * float(np.linalg.norm(np.array(keys) - keys[0], axis=-1).max()))
+    fewest = min(len(bpy.data.objects[name].data.shape_keys.key_blocks) for name in (*HELD, *FREE))
+    print(MARK + json.dumps({"keys": fewest, "pinned_moved_mm": moved}), flush=True)
 
 
 if __name__ == "__main__":

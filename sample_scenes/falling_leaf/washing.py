@@ -1,0 +1,195 @@
+"""What hangs in the demo's wind: a line across the picture, and washing pegged to it. For demo_scene.py: needs bpy and NumPy only."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+CORD, SAG = 0.0035, 0.03
+"""Thickness of the line, and how far it sags in the middle [m]."""
+PEG = (0.010, 0.062, 0.013)
+"""Width, height and depth of a clothes peg [m]."""
+BITE, INSET = 0.008, 0.016
+"""So far round a peg's middle is the cloth held, and so far from its corners do the pegs bite [m]."""
+CELL = 0.0115
+"""Edge of a face of the cloth [m]."""
+WAVE, SLACK = 0.15, 0.05
+"""Length of the folds in which it is hung [m], and by how much more cloth there is than line between its pegs."""
+HEM, SEAM = 0.011, 0.0015
+"""Width of the turned edge and of its seam [m]."""
+FINE = 0.0007
+"""A pixel of the painted cloth [m]."""
+SEED = 11
+"""Of its folds."""
+
+
+def hang_line(left: np.ndarray, right: np.ndarray) -> bpy.types.Object:
+    """A cord from one place (3,) to another [m], which sags."""
+    along = np.linspace(0.0, 1.0, 33)[:, None]
+    places = left + along * (right - left) - SAG * 4.0 * along * (1.0 - along) * [0.0, 0.0, 1.0]
+    curve = bpy.data.curves.new("Line", "CURVE")
+    curve.dimensions, curve.bevel_depth, curve.bevel_resolution = "3D", 0.5 * CORD, 3
+    spline = curve.splines.new("POLY")
+    spline.points.add(len(places) - 1)
+    spline.points.foreach_set("co", np.concatenate([places, np.ones_like(along)], axis=1).astype(np.float32).ravel())
+    line = bpy.data.objects.new("Line", curve)
+    bpy.context.scene.collection.objects.link(line)
+    curve.materials.append(plain("Cord", (0.30, 0.27, 0.23)))
+    return line
+
+
+def height_at(left: np.ndarray, right: np.ndarray, x: float) -> np.ndarray:
+    """Where the line of `hang_line` is at an x [m]: (3,)."""
+    share = (x - left[0]) / (right[0] - left[0])
+    return left + share * (right - left) - np.array([0.0, 0.0, SAG * 4.0 * share * (1.0 - share)])
+
+
+def hang_cloth(name: str, at: np.ndarray, size: tuple[float, float], pegs: int, picture: np.ndarray) -> bpy.types.Object:
+    """A cloth that hangs in folds from so many pegs, its upper edge's middle at `at` (3,) [m]; what they bite is the vertex group "Held".
+
+    Args:
+        size: width and height [m].
+        picture: as of `woven`.
+    """
+    rng = np.random.default_rng(SEED)
+    count = [round(side / CELL) + 1 for side in size]
+    s, down = np.meshgrid(np.linspace(-0.5, 0.5, count[0]) * size[0], np.linspace(0.0, size[1], count[1]))
+    # as long as it is along the folds, and pegs that far apart
+    slope = 2.0 * np.sqrt(1.0 / (1.0 - SLACK) - 1.0)
+    turn = 2.0 * np.pi / WAVE
+    # folds run a little askew, and change on their way down
+    askew = 0.12 * down * rng.uniform(0.5, 1.0) + 0.01 * np.sin(9.0 * down + rng.uniform(0.0, 6.0))
+    fold = slope / turn * np.sin(turn * (s + askew) + rng.uniform(0.0, 6.0))
+    vertices = np.stack([(1.0 - SLACK) * s, fold, -down], -1)
+    bites = np.linspace(INSET - 0.5 * size[0], 0.5 * size[0] - INSET, pegs)
+    near = np.abs(s[..., None] - bites) < BITE
+    near &= (down < 1.5 * CELL)[..., None]
+    u, v = s / size[0] + 0.5, 1.0 - down / size[1]
+    cloth = mesh_of_rows(name, vertices + at, u, v)
+    cloth.data.materials.append(cotton(name, picture))
+    cloth.vertex_groups.new(name="Held").add(np.flatnonzero(near.any(axis=-1)).tolist(), 1.0, "REPLACE")
+    for held in np.moveaxis(near, -1, 0):
+        peg(f"{name} Peg", vertices[held].mean(axis=0) + at, rng.uniform(-0.08, 0.08))
+    return cloth
+
+
+def mesh_of_rows(name: str, vertices: np.ndarray, u: np.ndarray, v: np.ndarray) -> bpy.types.Object:
+    """A smooth mesh of vertices (R, C, 3) [m] in rows and columns, with u and v (R, C) as its UV map."""
+    index = np.arange(u.size).reshape(u.shape)
+    faces = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:], index[:-1, 1:]], -1).reshape(-1, 4)
+    return new_mesh(name, vertices.reshape(-1, 3), faces, np.stack([u.ravel(), v.ravel()], -1))
+
+
+def new_mesh(name: str, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray) -> bpy.types.Object:
+    """A smooth mesh in the scene: vertices (V, 3) [m], faces (F, K), uv (V, 2)."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices.tolist(), [], faces.tolist())
+    mesh.shade_smooth()
+    mesh.uv_layers.new().data.foreach_set("uv", uv[faces.ravel()].astype(np.float32).ravel())
+    obj = bpy.data.objects.new(name, mesh)
+    bpy.context.scene.collection.objects.link(obj)
+    return obj
+
+
+def peg(name: str, at: np.ndarray, tilt: float) -> None:
+    """A clothes peg of two pieces of wood that clasps the line at `at` (3,) [m]."""
+    width, height, depth = PEG
+    # a piece from the side: thick at the spring, thin at both ends; it sits with its upper third above the line
+    z = np.array([0.35, 0.30, 0.05, -0.15, -0.58, -0.65]) * height
+    y = np.array([0.16, 0.30, 0.42, 0.50, 0.42, 0.30]) * depth
+    for side in (-1.0, 1.0):
+        inner, outer = np.stack([0.08 * depth + 0.0 * y, z], -1), np.stack([y, z], -1)
+        ring = np.concatenate([outer, inner[::-1]]) * [side, 1.0]
+        corners = np.concatenate([np.insert(ring, 0, -0.5 * width, axis=1), np.insert(ring, 0, 0.5 * width, axis=1)])
+        corners[:, [0, 2]] = corners[:, [0, 2]] @ np.array([[np.cos(tilt), np.sin(tilt)], [-np.sin(tilt), np.cos(tilt)]])
+        n = len(ring)
+        sides = [(k, (k + 1) % n, n + (k + 1) % n, n + k) for k in range(n)]
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata((corners + at).tolist(), [], [*sides, tuple(range(n))[::-1], tuple(range(n, 2 * n))])
+        obj = bpy.data.objects.new(name, mesh)
+        bpy.context.scene.collection.objects.link(obj)
+        mesh.materials.append(bpy.data.materials.get("Wood") or plain("Wood", (0.42, 0.27, 0.14)))
+
+
+def woven(size: tuple[float, float], ground: tuple[float, float, float], stripe: tuple[float, float, float], seed: int, checked: bool):
+    """A used cotton cloth (H, W, 4): sRGB 0..1, row 0 at the bottom, and how much light shines through.
+
+    Args:
+        size: width and height [m].
+        ground, stripe: its colours.
+        checked: stripes both ways all over, instead of a few before its lower and upper end.
+    """
+    rng = np.random.default_rng(seed)
+    width, height = (round(side / FINE) for side in size)
+    x, y = np.meshgrid((np.arange(width) + 0.5) * FINE, (np.arange(height) + 0.5) * FINE)
+    if checked:
+        share = sum(0.5 * ((along / 0.017) % 1.0 < 0.5) for along in (x, y))
+    else:
+        end = np.minimum(y, size[1] - y)
+        share = sum(1.0 * (np.abs(end - at) < half) for at, half in ((0.045, 0.007), (0.060, 0.0018), (0.030, 0.0018)))
+    colour = np.asarray(ground) + (np.asarray(stripe) - ground) * (0.9 * share)[..., None]
+    # threads of uneven thickness, washed out in places, ironed into eighths
+    threads = 0.5 * (rng.normal(size=(height, 1)) + rng.normal(size=(1, width))) + 0.5 * rng.normal(size=(height, width))
+    worn = sum(rng.normal() * np.cos(k * x + m * y + p) for k, m, p in rng.uniform(-40.0, 40.0, (12, 3)))
+    ironed = sum(np.exp(-(((along - at * side) / 0.0012) ** 2)) for along, side, at in (
+        (x, size[0], 0.5), (y, size[1], 0.25), (y, size[1], 0.5), (y, size[1], 0.75)))  # fmt: skip
+    colour *= (1.0 + 0.022 * threads + 0.010 * worn - 0.05 * ironed)[..., None]
+    edge = np.minimum.reduce([x, size[0] - x, y, size[1] - y])
+    seam = np.exp(-(((edge - HEM) / SEAM) ** 2)) * (0.75 + 0.25 * np.sin(2.0 * np.pi * (x + y) / 0.004))
+    colour *= (1.0 - 0.05 * (edge < HEM) - 0.13 * seam)[..., None]
+    through = np.where(edge < HEM, 0.35, 1.0) * (1.0 + 0.08 * threads)
+    return np.clip(np.concatenate([colour, through[..., None]], axis=-1), 0.0, 1.0)
+
+
+# -- materials ----------------------------------------------------------------------------------------------------------------------
+
+
+def plain(name: str, colour: tuple[float, float, float]) -> bpy.types.Material:
+    """Matt and of one colour (linear), a little uneven."""
+    material, add = blank(name)
+    uneven = add("TexNoise", {"Scale": 90.0, "Detail": 3.0}).outputs[0]
+    dark, light = ((*(factor * each for each in colour), 1.0) for factor in (0.7, 1.3))
+    mixed = add("Mix", {0: uneven, 6: dark, 7: light}, data_type="RGBA").outputs[2]
+    surface = add("BsdfPrincipled", {"Base Color": mixed, "Roughness": 0.85})
+    material.node_tree.links.new(surface.outputs[0], material.node_tree.nodes["Material Output"].inputs["Surface"])
+    return material
+
+
+def cotton(name: str, picture: np.ndarray) -> bpy.types.Material:
+    """Cloth with the colours of a `woven` picture, fuzzy at grazing angles, bright where the light is behind it."""
+    image = bpy.data.images.new(name, picture.shape[1], picture.shape[0], alpha=True)
+    image.alpha_mode = "CHANNEL_PACKED"
+    image.pixels.foreach_set(picture.astype(np.float32).ravel())
+    image.pack()
+    material, add = blank(name)
+    seen = add("TexImage", {}, image=image)
+    creases = add("TexNoise", {"Vector": add("TexCoord", {}).outputs["UV"], "Scale": 7.0, "Detail": 5.0, "Roughness": 0.55})
+    bump = add("Bump", {"Height": creases.outputs[0], "Strength": 0.35, "Distance": 0.006}).outputs[0]
+    front = add("BsdfPrincipled", {"Base Color": seen.outputs[0], "Roughness": 0.9, "Specular IOR Level": 0.15, "Sheen Weight": 0.25,
+                                   "Normal": bump})  # fmt: skip
+    behind = add("BsdfTranslucent", {0: seen.outputs[0], "Normal": bump})
+    share = add("Math", {0: seen.outputs[1], 1: 0.28}, operation="MULTIPLY").outputs[0]
+    both = add("MixShader", {0: share, 1: front.outputs[0], 2: behind.outputs[0]})
+    material.node_tree.links.new(both.outputs[0], material.node_tree.nodes["Material Output"].inputs["Surface"])
+    return material
+
+
+def blank(name: str):
+    """A new material with nothing but its output, and a function that adds a shader node: its kind, its inputs, its properties."""
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.remove(tree.nodes["Principled BSDF"])
+
+    def add(kind: str, inputs: dict, **properties):
+        node = tree.nodes.new(f"ShaderNode{kind}")
+        for key, value in properties.items():
+            setattr(node, key, value)
+        for key, value in inputs.items():
+            if isinstance(value, bpy.types.NodeSocket):
+                tree.links.new(value, node.inputs[key])
+            else:
+                node.inputs[key].default_value = value
+        return node
+
+    return material, add
