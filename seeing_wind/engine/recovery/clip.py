@@ -214,7 +214,8 @@ class Clip:
         acceleration = np.concatenate([one.acceleration for one in kept])
         if not self.particles.pinned.any():
             self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
-        self.notes[:0] = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
+        held_up = reaction_remarks(self.particles, acceleration, x, self.settings.gravity)
+        self.notes[:0] = held_up
         if lost:
             self.notes.insert(0, f"{lost} {DISTRUST}: check the outline, the tracks and the scale.")
         elif views:
@@ -224,6 +225,8 @@ class Clip:
             if isinstance(one, PointChannels):
                 missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
                 deviation = np.hypot(deviation, missed[:, None])
+        if held_up:  # how much of the force is what holds the body up the clip does not tell
+            deviation = np.hypot(deviation, np.linalg.norm(self.settings.gravity))
         self.notes += remark(self.stiffness, self.model, self.particles)
         return Recovery(
             outcome=Outcome.CONVERGED if all(one.converged for one in kept) else Outcome.MAX_ITERATIONS,

@@ -1,6 +1,5 @@
 """The panel *Recover*."""
 
-from ...engine.conventions import UNHELD
 from ..job import status
 from ..job.panel_pieces import Tab, columns, draw_job, draw_text, panels
 from ..job.status import State
@@ -23,7 +22,7 @@ class RecoverTab(Tab):
         now = status.of(context.scene.session_uid)
         undone = [text for name, text in (("clip", "choose a clip"), ("object", "mark the object")) if now.steps[name].state != State.DONE]
         missing = f"First {' and '.join(undone)}" if undone else ""
-        above = _offer_to_hold if any(one.startswith(UNHELD) for one in now.warnings) else None
+        above = _offer_to_hold if settings.answers_gravity else None
         draw_job(layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing, above=above)
         if settings.field_verdict and now.running != "recover":
             draw_text(layout, context, settings.field_verdict, "FORCE_WIND")

@@ -4,7 +4,7 @@ No postponed annotations here: Blender reads these annotations as property defin
 """
 
 import bpy
-from bpy.props import PointerProperty, StringProperty
+from bpy.props import BoolProperty, PointerProperty, StringProperty
 
 from ...engine.settings import RecoverSettings, WindSettings
 from ..clip.object.properties import ObjectOptions
@@ -51,6 +51,9 @@ class RecoverResults:
     recovered_stamp: StringProperty(options={"HIDDEN"}, description="Of its field: tells when another one has taken its place")
     field_verdict: StringProperty(
         options={"HIDDEN"}, description="What the recovery says of its field: a force or a wind, how strong, and why"
+    )
+    answers_gravity: BoolProperty(
+        options={"HIDDEN"}, description="The field is what holds up an object of which nothing was marked as held, not a wind"
     )
     owner: StringProperty(options={"HIDDEN"}, description="By which edits in takes are known to be this scene's")
     started_take: StringProperty(options={"HIDDEN"}, description="Where the last Recover of this scene went")

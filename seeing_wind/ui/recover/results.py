@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ...engine.conventions import UNHELD
 from ...engine.errors import SeeingWindError, TakeError
 from ...engine.take import Take
 from ..bake.motion import bake_shape_keys
@@ -127,6 +128,7 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
         conform(scene, settings.field_object, True)
     frame_of = pace_of_scene(scene).frame_of
     settings.field_verdict = " ".join(in_panel_words(in_scene_frames(note, frame_of)) for note in told.notes) if told is not None else ""
+    settings.answers_gravity = any(note.startswith(UNHELD) for note in recovery_notes(take))
     filled = seen is not None and fill(scene, take, path)
     _clear_the_view(scene)
     physics_nodes.follow(followers, settings.field_object)

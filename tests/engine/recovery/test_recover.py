@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import ObjectError, UsageError
+from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
 from seeing_wind.engine.recovery.clip import windows
@@ -156,6 +157,7 @@ def test_a_body_that_does_not_move_is_held_up_by_the_force_against_gravity():
     np.testing.assert_allclose(found.force_density.mean(axis=(0, 1)), [0.0, 0.0, 400.0 * 9.81], atol=60.0)
     assert any("hardly moves" in note for note in found.notes)
     assert "Nothing was marked as held" in found.notes[0]
+    assert confidence_map(found, body).value.max() < 0.3, "nobody is told that this is a wind"
 
 
 def test_a_body_in_a_draught_that_carries_it_away_is_not_said_to_be_held_up():

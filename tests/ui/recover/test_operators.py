@@ -75,11 +75,17 @@ def test_the_answer_to_gravity_has_two_ways_out(workplace, scene) -> None:
         return [one for one in layout.operators if one.name in ("seeing_wind.preview", "wm.context_set_enum")]
 
     assert not offered()
-    status.of(scene.session_uid).warnings.insert(0, f"{UNHELD}; the force found is what holds the body up.")
+    report = workplace / "out.take" / "report.json"
+    said = json.loads(report.read_text())
+    report.write_text(json.dumps({**said, "notes": [f"{UNHELD}; the force found is what holds the body up."]}))
+    bpy.ops.seeing_wind.build_scene(take=str(workplace / "out.take"))
+    assert len(offered()) == 2
+    bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "held.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(workplace / "held.blend"))
     look, away = offered()
     assert look.name == "seeing_wind.preview"
     bpy.ops.wm.context_set_enum(data_path=away.data_path, value=away.value)
-    assert scene.seeing_wind.gravity_mode == "NONE"
+    assert bpy.context.scene.seeing_wind.gravity_mode == "NONE"
 
 
 def test_steps_that_the_work_has_gone_past_fold(workplace, scene) -> None:

@@ -181,11 +181,14 @@ def _recovery(
     # The simulation is drawn to what was seen, and lags by some pixels: over a clip the sheet is where it was seen.
     x = seen.x if targets else found.x
     residual = residual_in_pixels(targets, x) if targets else np.sqrt(((x - seen.x) ** 2).sum(axis=-1).mean(axis=1))
-    volume = particles.volume[:, None]
+    volume, weight = particles.volume[:, None], shell.mass * np.linalg.norm(gravity)
+    held_up = reaction_remarks(particles, found.force / shell.mass[:, None], x, gravity)
+    # how much of the force is what holds the sheet up the clip does not tell
+    deviation = np.hypot(found.force_deviation, weight) if held_up else found.force_deviation
     return Recovery(
         outcome=Outcome.CONVERGED if found.converged else Outcome.MAX_ITERATIONS,
         force_density=found.force / volume,
-        deviation=found.force_deviation / particles.volume,
+        deviation=deviation / particles.volume,
         x=x,
         F=np.stack([_deformations(shell, one) for one in x]),
         v0=np.where(shell.pinned[:, None], 0.0, seen.at(0.0)[1]),
@@ -194,7 +197,7 @@ def _recovery(
         iterations=found.iterations,
         seconds=seconds,
         notes=[
-            *reaction_remarks(particles, found.force / shell.mass[:, None], x, gravity),
+            *held_up,
             _stray(follower_of(shell, seen, gravity, found.cause_of(shell)), found, bool(targets)),
         ],
     )
