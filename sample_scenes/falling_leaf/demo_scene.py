@@ -14,21 +14,20 @@ import numpy as np
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1])]  # the source tree
 
-from washing import blank, hang_cloth, hang_line, height_at, new_mesh, woven  # noqa: E402
+from washing import blank, hang_cloth, hang_line, new_mesh, place_on, woven  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
 from seeing_wind.ui.field.solvers.particles import calibrate_particles  # noqa: E402
 
-LINE = (-0.95, 0.20), (1.40, 0.20)
-"""The ends of the washing line, right of and above the leaf's first place [m]: beyond both sides of the picture."""
-BEHIND = 0.06
-"""The line hangs that much farther from the camera than the leaf [m]."""
+LINE = np.array([[-1.60, 1.40, 0.28], [1.40, -0.46, 0.14]])
+"""The ends of the washing line, right of, behind and above the leaf's first place [m]: beyond both sides of the picture, and askew, since
+cloth along the picture would hide how the wind, which blows across it, bellies it out."""
 TOWEL, NAPKIN = (0.27, 0.36), (0.20, 0.20)
 """Width and height of what hangs there [m],"""
 TOWEL_AT, NAPKIN_AT = 0.56, 0.88
 """how far to the right,"""
-TOWEL_MASS, NAPKIN_MASS = 1.5, 1.2
-"""and mass factors: both are of heavier cotton than shirts, which the leaf's wind all but lifts."""
+HEAVIER = 1.15
+"""and their mass factor: both are of heavier cotton than shirts, which the leaf's wind all but lifts."""
 SETTLE = 30
 """Frames for which they hang before the clip begins."""
 DENSITY = 400.0
@@ -94,18 +93,15 @@ def start_of(leaf) -> np.ndarray:
 def insert_washing(scene) -> None:
     """A towel and a napkin on a line, held where their pegs bite."""
     leaf = start_of(scene.seeing_wind.recovered_object)
-    ends = [leaf + [x, BEHIND, z] for x, z in LINE]
-    hang_line(*ends)
+    line = leaf + LINE
+    hang_line(*line)
     towel = woven(TOWEL, (0.93, 0.91, 0.86), (0.22, 0.35, 0.56), 3, checked=False)
     napkin = woven(NAPKIN, (0.92, 0.88, 0.83), (0.70, 0.24, 0.21), 4, checked=True)
-    for name, x, size, pegs, mass, picture in (
-        ("Towel", TOWEL_AT, TOWEL, 3, TOWEL_MASS, towel),
-        ("Napkin", NAPKIN_AT, NAPKIN, 2, NAPKIN_MASS, napkin),
-    ):
-        hang_cloth(name, height_at(*ends, leaf[0] + x), size, pegs, picture)
+    for name, x, size, pegs, picture in (("Towel", TOWEL_AT, TOWEL, 3, towel), ("Napkin", NAPKIN_AT, NAPKIN, 2, napkin)):
+        hang_cloth(name, *place_on(*line, leaf[0] + x), size, pegs, picture)
         done(bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton"))
         done(bpy.ops.seeing_wind.pin_vertices(object=name, vertex_group="Held"))
-        done(bpy.ops.seeing_wind.scale_mass(object=name, factor=mass))
+        done(bpy.ops.seeing_wind.scale_mass(object=name, factor=HEAVIER))
     scene.seeing_wind.edit_preroll = SETTLE
 
 

@@ -38,14 +38,19 @@ def hang_line(left: np.ndarray, right: np.ndarray) -> bpy.types.Object:
     return line
 
 
-def height_at(left: np.ndarray, right: np.ndarray, x: float) -> np.ndarray:
-    """Where the line of `hang_line` is at an x [m]: (3,)."""
-    share = (x - left[0]) / (right[0] - left[0])
-    return left + share * (right - left) - np.array([0.0, 0.0, SAG * 4.0 * share * (1.0 - share)])
+def place_on(left: np.ndarray, right: np.ndarray, x: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where the line of `hang_line` is at an x [m], and its direction there seen from above: (3,) each."""
+    way = right - left
+    share = (x - left[0]) / way[0]
+    level = way * [1.0, 1.0, 0.0]
+    return left + share * way - [0.0, 0.0, SAG * 4.0 * share * (1.0 - share)], level / np.linalg.norm(level)
 
 
-def hang_cloth(name: str, at: np.ndarray, size: tuple[float, float], pegs: int, picture: np.ndarray) -> bpy.types.Object:
-    """A cloth that hangs in folds from so many pegs, its upper edge's middle at `at` (3,) [m]; what they bite is the vertex group "Held".
+def hang_cloth(
+    name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, picture: np.ndarray
+) -> bpy.types.Object:
+    """A cloth that hangs in folds from so many pegs, its upper edge along a line through `at`, see `place_on`; what the pegs bite is the
+    vertex group "Held".
 
     Args:
         size: width and height [m].
@@ -60,16 +65,17 @@ def hang_cloth(name: str, at: np.ndarray, size: tuple[float, float], pegs: int, 
     # folds run a little askew, and change on their way down
     askew = 0.12 * down * rng.uniform(0.5, 1.0) + 0.01 * np.sin(9.0 * down + rng.uniform(0.0, 6.0))
     fold = slope / turn * np.sin(turn * (s + askew) + rng.uniform(0.0, 6.0))
-    vertices = np.stack([(1.0 - SLACK) * s, fold, -down], -1)
+    axes = np.array([along, [-along[1], along[0], 0.0], [0.0, 0.0, 1.0]])
+    vertices = np.stack([(1.0 - SLACK) * s, fold, -down], -1) @ axes + at
     bites = np.linspace(INSET - 0.5 * size[0], 0.5 * size[0] - INSET, pegs)
     near = np.abs(s[..., None] - bites) < BITE
     near &= (down < 1.5 * CELL)[..., None]
     u, v = s / size[0] + 0.5, 1.0 - down / size[1]
-    cloth = mesh_of_rows(name, vertices + at, u, v)
+    cloth = mesh_of_rows(name, vertices, u, v)
     cloth.data.materials.append(cotton(name, picture))
     cloth.vertex_groups.new(name="Held").add(np.flatnonzero(near.any(axis=-1)).tolist(), 1.0, "REPLACE")
     for held in np.moveaxis(near, -1, 0):
-        peg(f"{name} Peg", vertices[held].mean(axis=0) + at, rng.uniform(-0.08, 0.08))
+        peg(f"{name} Peg", vertices[held].mean(axis=0), axes, rng.uniform(-0.08, 0.08))
     return cloth
 
 
@@ -91,8 +97,8 @@ def new_mesh(name: str, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray)
     return obj
 
 
-def peg(name: str, at: np.ndarray, tilt: float) -> None:
-    """A clothes peg of two pieces of wood that clasps the line at `at` (3,) [m]."""
+def peg(name: str, at: np.ndarray, axes: np.ndarray, tilt: float) -> None:
+    """A clothes peg of two pieces of wood that clasps the line at `at` (3,) [m]; axes (3, 3): rows along the line, across it, and up."""
     width, height, depth = PEG
     # a piece from the side: thick at the spring, thin at both ends; it sits with its upper third above the line
     z = np.array([0.35, 0.30, 0.05, -0.15, -0.58, -0.65]) * height
@@ -105,7 +111,7 @@ def peg(name: str, at: np.ndarray, tilt: float) -> None:
         n = len(ring)
         sides = [(k, (k + 1) % n, n + (k + 1) % n, n + k) for k in range(n)]
         mesh = bpy.data.meshes.new(name)
-        mesh.from_pydata((corners + at).tolist(), [], [*sides, tuple(range(n))[::-1], tuple(range(n, 2 * n))])
+        mesh.from_pydata((corners @ axes + at).tolist(), [], [*sides, tuple(range(n))[::-1], tuple(range(n, 2 * n))])
         obj = bpy.data.objects.new(name, mesh)
         bpy.context.scene.collection.objects.link(obj)
         mesh.materials.append(bpy.data.materials.get("Wood") or plain("Wood", (0.42, 0.27, 0.14)))
