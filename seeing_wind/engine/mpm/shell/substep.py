@@ -96,6 +96,17 @@ class _Equations:
         r[s.pinned] = 0.0
         return r, faces
 
+    def balanced(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """The place x (V, 3) of a sheet that nothing touches, moved as a whole so that its momentum is exact: `force` r (V, 3) there sums
+        to nothing then. What Newton's method leaves of the equations would else push a stiff sheet by up to `EXACT` of its weight."""
+        s = self.shell
+        if s.pinned.any() or s.spring.any() or len(self.contact.vertex):
+            return x
+        whole = s.mass.sum() / self.b**2 * np.eye(3)
+        if self.drag is not None:
+            whole = whole + self.drag.sum(axis=0) / self.b
+        return x - np.linalg.solve(whole, r.sum(axis=0))
+
     def matrix(self, x: np.ndarray, faces: Faces, stress: np.ndarray | None = None, convex: bool = True) -> Matrix:
         """Derivative of `force`; without what would make it indefinite if `convex`. stress: (F, 3) the faces' own if not given [N/m]."""
         s = self.shell
@@ -169,13 +180,13 @@ def _solved(equations: _Equations, x: np.ndarray) -> tuple[np.ndarray, Effort]:
         moved = float(np.abs(way).max())
         x, r, known, whole = _along(equations, x, r, way)
         if moved <= EXACT * fall:
-            return x, Effort(iteration, inner)
+            return equations.balanced(x, r), Effort(iteration, inner)
         if moved > FAR * fall or not whole or count > STALE:
             factors = None
         stress = None
     if moved > STRAY * edge:
         raise SimulationError("The shell finds no equilibrium within a substep.", "Take more substeps.", quantity="position")
-    return x, Effort(MOST, inner)
+    return equations.balanced(x, r), Effort(MOST, inner)
 
 
 def _way(matrix: Matrix, right: np.ndarray, old: Factors | None) -> tuple[np.ndarray, int, Factors]:
