@@ -157,13 +157,15 @@ def _in_place(
         if old is not None and not can_renew(old, scene):
             former[name], old = old, None
         kept[name] = renew(old, new) if old is not None else new
-    for obj in former.values():
+    for name, obj in former.items():
         for child in obj.children:
             child.parent = None
-        data = obj.data
+        called, data = obj.name, obj.data
         bpy.data.objects.remove(obj)
         if isinstance(data, bpy.types.Mesh) and data.users == 0:
             bpy.data.meshes.remove(data)
+        if name in kept:  # one that the user had deleted kept its name until now
+            kept[name].name = called
     return kept
 
 

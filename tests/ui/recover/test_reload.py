@@ -119,6 +119,15 @@ def test_a_projects_own_take_goes_before_the_same_take_beside_the_project(recove
     assert takes.recovered(bpy.context.scene.seeing_wind) == inner / "own.take"
 
 
+def test_a_field_that_was_deleted_in_the_viewport_comes_back_with_its_name(recovered) -> None:
+    """Blender keeps what is deleted there as long as the settings point at it."""
+    before, field = {obj.name for obj in bpy.data.objects}, recovered.seeing_wind.field_object
+    with bpy.context.temp_override(selected_objects=[field]):
+        bpy.ops.object.delete()
+    bpy.ops.seeing_wind.build_scene()
+    assert {obj.name for obj in bpy.data.objects} == before
+
+
 def test_nothing_is_left_of_a_field_that_was_deleted(recovered) -> None:
     before = {obj.name for obj in bpy.data.objects}
     bpy.data.objects.remove(recovered.seeing_wind.field_object)
