@@ -50,6 +50,16 @@ def test_a_lift_carries_what_lies_on_it():
     assert path.v[4:, :, 2].mean() == pytest.approx(0.3, abs=0.03)
 
 
+@pytest.mark.parametrize("speed", [0.3, -0.3])
+def test_what_lies_on_a_lift_sinks_no_deeper_than_on_a_floor(speed):
+    frames, body, floor = 40, slab(), table(line((0, 0, 0), 40))
+    stood, model = run(body, [MeshCollider(floor.vertices, floor.faces)], frames)
+    way = line((0, 0, speed), frames)
+    carried, _ = run(body, [table(way)], frames, v=np.broadcast_to([0, 0, speed], body.x.shape))
+    deeper = (stood.x - carried.x + way[:, None])[:, body.x[:, 2] < SPACING, 2].mean(axis=1)
+    assert np.abs(deeper[20:]).max() < 0.03 * model.dx
+
+
 def test_a_hammer_drives_what_it_meets_before_it():
     """Without gravity, from the side: nothing gets into it, and what it has hit is at least as fast."""
     frames, body = 14, slab()

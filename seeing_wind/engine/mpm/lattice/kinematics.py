@@ -27,6 +27,9 @@ _LATTICE_LAG = 0.1
 """Cells that pins may move before the lattice follows."""
 _CLAMP_LAG = 0.25
 """Cells that pins may move against the lattice before the clamped nodes are found again."""
+_LIFT_LAG = 0.02
+"""The same of a collider: contact takes away velocity into it and never pushes out, so what rests on it sinks towards the phase in which
+the held nodes lie deepest."""
 _WALL_LAG = 0.5
 """Cells that a collider may move before it is sampled again, unless it would need more than"""
 _MOST_WALLS = 16
@@ -107,7 +110,7 @@ def conditions_for(model: Model, frame: int, state: State | None = None) -> list
     model = model if region is None else replace(model, movers=within_reach(model.movers, region, frame))
     walls = min(_count(moved, _WALL_LAG * model.dx, model.substeps), _MOST_WALLS)
     if model.pin_path is None or model.pin_rest is None:
-        shifts = _count(moved, _LATTICE_LAG * model.dx * walls, model.substeps // walls)
+        shifts = _count(moved, _LIFT_LAG * model.dx * walls, model.substeps // walls)
         times = [begun + (k + 0.5) / walls * span for k in range(walls)]
         return [piece for time in times for piece in _followed(model, still, time, region, span / walls, shifts)]
     if not 0 <= frame < len(model.pin_path) - 1:

@@ -48,7 +48,13 @@ class Hanging:
     def notes(self) -> list[str]:
         """What the user should know."""
         mass = float(self.shell.mass.sum())
-        return [f"simulated as a shell of {mass / self.shell.surface.area.sum():.3g} kg/m², {mass:.3g} kg in all"]
+        said = [f"simulated as a shell of {mass / self.shell.surface.area.sum():.3g} kg/m², {mass:.3g} kg in all"]
+        if self.ridden is not None:
+            said.append(
+                f"a preview with {len(self.ridden.used)} of its {len(self.ridden.corners)} vertices: where cloth flutters it soon goes its "
+                "own way, by half its way and more within a second, so do not judge single folds by it"
+            )
+        return said
 
     def follow(self, x: np.ndarray) -> np.ndarray:
         """Places (T+1, W, 3) of the mesh's vertices where the shell's are at x (T+1, V, 3) [m]."""
