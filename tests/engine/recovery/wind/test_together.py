@@ -115,7 +115,8 @@ def objects(tmp_path_factory):
         mask = np.zeros((64, 128), np.uint8)
         mask[20:40, left : left + 20] = 255
         cv2.imwrite(str(home / f"{name}.png"), mask)
-        numbers = {"density": 100.0, "youngs_modulus": 1e4, "poisson_ratio": 0.3, "yield_stress": None, "viscosity": None, "thickness": None}
+        numbers = {"density": 100.0, "youngs_modulus": 1e4, "poisson_ratio": 0.3}
+        numbers |= dict.fromkeys(("yield_stress", "viscosity", "thickness"))
         listed.append({"name": name, "object": name, "material": "leaf", "mask": str(home / f"{name}.png"), "law": "neo_hookean"} | numbers)
     (home / "objects.json").write_text(json.dumps({"objects": listed}))
     quick = ("--distance", 1, "--iterations", 1, "--particles", 60, "--no-gravity", "--report", "none", "--representation", "point")
