@@ -7,10 +7,11 @@ ENGINE := .venv-engine
 TESTS := .venv-tests
 # What needs bpy. Every other test runs in the engine's environment.
 BLENDER_TESTS := tests/ui tests/test_whole_job.py
-# A process for each core; the tests of a file stay together, as they share fixtures. ALL=1: those marked `slow`, too. What several threads
+# A process more than there are cores, as many tests wait for a worker that they have started; the tests of a file stay together, as they share
+# fixtures. ALL=1: those marked `slow`, too. What several threads
 # of the solver do together (CREW) is tried first, in one process that has all cores.
 CREW := tests/engine/mpm/test_crew.py tests/engine/mpm/test_launches.py tests/engine/mpm/shell/test_cholesky.py
-PYTEST = -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
+PYTEST = -m pytest -n $(shell echo $$(($$(nproc) + 1))) --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
 DEMO := build/demo
 KERNELS := $(CURDIR)/build/kernels
 

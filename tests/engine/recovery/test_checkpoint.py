@@ -104,7 +104,7 @@ def assert_equal(got: Recovery, want: Recovery) -> None:
             np.testing.assert_array_equal(one, other, err_msg=name)
 
 
-@pytest.mark.parametrize("work", [free, held, flowing, by_descent])
+@pytest.mark.parametrize("work", [held, by_descent, *(pytest.param(work, marks=pytest.mark.slow) for work in (free, flowing))])
 def test_a_solve_that_is_killed_again_and_again_finds_the_same(tmp_path: Path, eager: None, work: Callable[[Journal], Recovery]) -> None:
     got, kills = killed_until_done(Take(tmp_path), work, 0, 4 if work is by_descent else 12)
     assert kills > 2
@@ -152,6 +152,7 @@ def job(folder: Path) -> Recovery:
     return recover_stage(take, body, RUBBER, targets, FPS, stamp_of("seen"), settings, NoProgress())[0]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="Windows has another way")
 def test_kill_9(tmp_path: Path) -> None:
     """At moments of another process that nobody chose, each at least one checkpoint further on than the last."""

@@ -115,6 +115,7 @@ def test_a_sheet_that_was_lost_is_followed_again_finely_and_progress_goes_on(rip
     assert fractions == sorted(fractions) and any("again, finely" in message for _, message in told)
 
 
+@pytest.mark.slow
 def test_a_sheet_that_strays_finely_more_or_breaks_keeps_what_was_found_before(rippling, usual, monkeypatch):
     def breaks(solver, pace, share):
         if pace is window.FINELY:
@@ -197,6 +198,7 @@ def test_where_the_linearisation_breaks_down_what_was_found_before_stands():
         solve(np.zeros(2), np.zeros(2), np.eye(2), residuals, linearise, 20)
 
 
+@pytest.mark.slow
 def test_what_even_the_solution_misses_is_not_put_down_to_forces(monkeypatch):
     """Of a body that is taken for four times as stiff: the force that would explain the rest of its motion is not believed."""
     body, soft, _, wind, seen = in_a_wave((14, 4, 1), 1.0)
