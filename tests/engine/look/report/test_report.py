@@ -115,6 +115,7 @@ def test_a_product_that_cannot_be_made_does_not_cost_the_others(tmp_path, pictur
     assert [path.name for path in (tmp_path / "b.take").iterdir()] == ["report.json"]
 
 
+@pytest.mark.slow
 def test_what_a_killed_report_has_made_is_not_made_again(tmp_path, pictures, monkeypatch):
     found, particles = recovery()
     seen, field = observation(pictures), UniformField(BOX, FPS, FRAMES, FORCE)
