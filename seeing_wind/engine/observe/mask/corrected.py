@@ -16,6 +16,7 @@ from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .evidence import RIM, Looks
 from .first_mask import SEED
+from .flows import Flows
 from .follow import MaskFollower, followed
 from .from_box import FEW
 from .motion import FlowSolver, cut, middle_of, paste, window_of, within
@@ -122,7 +123,7 @@ def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Pr
 
 
 def _asked(mask: np.ndarray, found: np.ndarray, marks: Marks, discs: list[np.ndarray], sure: np.ndarray) -> np.ndarray:
-    """Of what was changed of `mask` (H, W) bool to get `found`, only what the `marks` ask for, `sure` (H, W) bool being so by its colour."""
+    """Of what was changed of `mask` (H, W) bool to get `found`, only what the `marks` ask for, `sure` (H, W) bool so by its colour."""
     asked = mask.copy()
     for points, on, disc in zip((marks.on, marks.beside), (True, False), discs):
         depth = cv2.distanceTransform((mask != on).astype(np.uint8), cv2.DIST_L2, 5)
@@ -175,7 +176,8 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
     follower = MaskFollower(frames[start], mask, plate, progress, trim=True)
     for t in range(start - 1, -1, -1):
         progress.check()
-        mask = follower.advance(frames[t])
+        picture = frames[t]
+        mask = follower.finished(picture, follower.advance(picture))
     if not mask.any():
         raise ObjectError(
             f"The object is marked in picture {start} and cannot be followed back to the first one.",
@@ -273,17 +275,18 @@ def with_corrections(
     marks: dict[int, Marks],
     plate: Plate | None,
     looks: Looks | None,
+    flows: Flows | None,
     progress: Progress,
     journal: Journal,
 ) -> Masks | None:
     """The masks (T+1, H, W) followed from `mask` (H, W) bool in picture 0, then mended by what the user showed; None without that.
 
     Args:
-        shown: outlines (H, W) bool by picture; marks: by picture.
+        shown: outlines (H, W) bool by picture; marks: by picture; flows: how it moves, as far as that is known.
     """
     if not shown and not marks:
         return None
-    follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True)
+    follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True, known=flows)
     found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}
     return corrected(frames, found, shown | marked, progress)
