@@ -74,8 +74,11 @@ def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
     return (count > STAYED * len(masks)) & (median.difference(first) < 4.0 * median.noise)
 
 
-def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress, journal: Journal) -> tuple[Masks, Flows]:
-    """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large, and its motion."""
+def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress, journal: Journal) -> tuple[Masks, Flows | None]:
+    """Masks (T+1, H, W) good enough to show what is behind the object. A large one is followed in smaller pictures, and its motion kept.
+
+    That of a small object costs little, and is sought again where its outline is better known.
+    """
     x0, y0, x1, y1 = window_of(mask, 0)
     # Halving is several times quicker than other factors.
     scale = 0.5 ** max(0, round(0.5 * np.log2((x1 - x0) * (y1 - y0) / ROUGH_PIXELS)))
@@ -90,7 +93,9 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress,
 
     behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
     first = small(mask.astype(np.uint8) * 255) >= 128
-    flows = Flows(lambda t: cv2.cvtColor(small(frames[t]), cv2.COLOR_RGB2GRAY), (full[0] / size[0], full[1] / size[1]))
+    flows = None
+    if scale < 1.0:
+        flows = Flows(lambda t: cv2.cvtColor(small(frames[t]), cv2.COLOR_RGB2GRAY), (full[0] / size[0], full[1] / size[1]))
     follower = MaskFollower(small(frames[0]), first, behind, progress, kept=flows)
     found = followed(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly"))
     return (found if scale == 1.0 else Masks.of(large(found[t]) if t else mask for t in range(len(found)))), flows

@@ -26,6 +26,14 @@ HUBER = 2.0
 EDGE_ON = 0.25
 """A track is dropped while the picture of its neighbourhood is squeezed to less than this share of picture 0."""
 NEIGHBOURS = 10
+WILD, WILD_LEAST, ODD = 4.0, 3.0, 1.5
+"""The first or last pictures of a clip are wild when their tracks, in the median, miss by so many times as much as in the middle picture of
+the rest and by so many deviations, and all up to the clip's end by the third number of times. So look tracks that slide with an outline
+that leaves the picture, or with blur; a force that begins there of a sudden looks the same, and nothing after it tells them apart."""
+ENDS, FEWEST = 0.25, 8
+"""Part of the pictures that may be such an end, and pictures from which it is told what is usual."""
+USUAL = 0.25
+"""Deviations by which tracks usually miss, at least: a sigma that is too large is no family to fall out of."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +52,9 @@ class TrackChannels:
     """Factor on the mismatch's standard deviation."""
     mismatch: tuple[float, float] = MISMATCH_PIXELS
     """White and slow part [px], see `MISMATCH_PIXELS`."""
+    wild: np.ndarray | None = None
+    """(T+1,) bool: pictures at the clip's ends that count little, as their tracks leave the motion of all others; None as long as nothing
+    was solved that would tell."""
 
     @property
     def count(self) -> int:
@@ -83,7 +94,24 @@ class TrackChannels:
         spike = np.linalg.norm(series - _running_median(series), axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2)
         drift = np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * (white**2 + slow**2))
         inflation = np.repeat(np.fmax(1.0, np.fmax(spike, drift) / HUBER), 2, axis=1)
-        return replace(self, inflation=inflation)
+        ends = self._ends(np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2))
+        return replace(self, inflation=np.fmax(inflation, ends[:, None]), wild=ends > 1.0)
+
+    def _ends(self, miss: np.ndarray) -> np.ndarray:
+        """(T+1,) factor on the variance of pictures whose tracks `miss` (T+1, K) by so much [deviations]; NaN is not seen, or not asked."""
+        factor, looked = np.ones(len(miss)), np.flatnonzero(np.isfinite(miss).any(axis=1))
+        if len(looked) < FEWEST:
+            return factor
+        off = np.nanmedian(miss[looked], axis=1)
+        usual = max(float(np.median(off)), USUAL)
+        shown = np.flatnonzero(self.used.any(axis=1))
+        for order, last in ((slice(None), shown[0]), (slice(None, None, -1), shown[-1])):
+            pictures, end = looked[order], off[order][: int(ENDS * len(off))]
+            run = end[: np.argmin(np.append(end > ODD * usual, False))]
+            if pictures[0] == last and run.max(initial=0.0) > max(WILD * usual, WILD_LEAST):
+                # They err together: how many there are does not help.
+                factor[pictures[: len(run)]] = self.variance_factor * (run.max() / usual) ** 2
+        return factor
 
     def mismatched(self, scale: float) -> TrackChannels:
         return replace(self, mismatch_scale=scale)
