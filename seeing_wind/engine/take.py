@@ -41,7 +41,7 @@ VERSION = 16
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
 
 LEVEL = 3
-"""Of the compression of arrays: pictures in 0.4 of the time of zlib's usual 6, and a ninth larger."""
+"""Of the compression of arrays: frames in 0.4 of the time of zlib's usual 6, and a ninth larger."""
 
 RESULTS = re.compile(
     r"take\.(toml|lock)|(observation|view\d+|particles|lifted|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"

@@ -67,7 +67,7 @@ def _film_frames(seen: Observation, progress: Progress) -> Frames:
 def _draw(
     take: Take, seen: Observation, proposed: np.ndarray | None, verdicts: list[Any], reading: Future[Frames], progress: Progress
 ) -> None:
-    """The picture of frame 0 with the verdicts, the film, and the proposed place as a mask."""
+    """The image of frame 0 with the verdicts, the film, and the proposed place as a mask."""
     import cv2
 
     from ..observe.clip.camera import resized

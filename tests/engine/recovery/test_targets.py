@@ -95,7 +95,7 @@ def test_pictures_at_the_ends_whose_tracks_leave_the_others_count_little():
         assert list(np.flatnonzero(one.wild)) == where
         inside = np.setdiff1d(np.arange(4, 17), where)
         assert one.inflation[where].min() > 1000.0 * np.median(one.inflation[inside])
-    for where, size in (([10, 11], 8.0), ([18, 19], 0.2), ([0], 8.0)):  # in the middle, as the others, and picture 0, which shows nothing
+    for where, size in (([10, 11], 8.0), ([18, 19], 0.2), ([0], 8.0)):  # in the middle, as the others, and frame 0, which shows nothing
         assert not judged(where, size).wild.any()
     # The end of a window is not that of the clip.
     assert not judged([8, 9], 8.0, 0, 9).wild.any()

@@ -8,6 +8,6 @@
     follow.py      carried through the clip
     motion.py      how the object moved between two frames
     flows.py       that of a whole clip, found in one pass over it for the next
-    by_turns.py    picture 0 and the background, each found by the other
+    by_turns.py    frame 0 and the background, each found by the other
     background.py  what is behind it, and where that is known
 """

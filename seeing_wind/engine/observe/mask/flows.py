@@ -1,4 +1,4 @@
-"""Motion from each picture of a clip to the next, found in one pass over it and used again in the next."""
+"""Motion from each frame of a clip to the next, found in one pass over it and used again in the next."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .motion import Flow, FlowSolver, Window
 
 
 class Flows:
-    """What a pass over smaller pictures found, for one over the pictures themselves: there it would be sought as coarsely.
+    """What a pass over smaller frames found, for one over the frames themselves: there it would be sought as coarsely.
 
     The motion is kept in a temporary file, so that a clip's length costs no memory. What is not there, because the disk is full or an
     interrupted run found it, is found once more, the same.
     """
 
     def __init__(self, gray: Callable[[int], np.ndarray], larger: tuple[float, float]) -> None:
-        """`gray` gives the smaller pictures (H, W) uint8 by their number; the others are `larger` by these factors along x and y."""
+        """`gray` gives the smaller frames (H, W) uint8 by their number; the others are `larger` by these factors along x and y."""
         self._gray, self._larger, self._solver = gray, larger, FlowSolver(rough=True)
         self._asked: list[np.ndarray] = []
         self._found: dict[int, tuple[int, tuple[int, ...]]] = {}
@@ -28,7 +28,7 @@ class Flows:
         weakref.finalize(self, self._file.close)
 
     def add(self, flow: Flow | None, window: Window, shift: np.ndarray) -> None:
-        """Motion to the next picture, in `window` and round `shift` (2,) [px], of the smaller ones; None where the object is hidden."""
+        """Motion to the next frame, in `window` and round `shift` (2,) [px], of the smaller ones; None where the object is hidden."""
         if flow is not None:
             with contextlib.suppress(OSError):
                 place = self._file.seek(0, 2)
@@ -45,7 +45,7 @@ class Flows:
         self._asked = list(state["flows"])
 
     def covering(self, t: int, window: Window) -> Flow | None:
-        """Motion from picture t to the next one, of the larger pictures; None where it was not sought in all of `window`."""
+        """Motion from frame t to the next one, of the larger frames; None where it was not sought in all of `window`."""
         if np.isnan(self._asked[t]).any():
             return None
         x0, y0, x1, y1 = (int(value) for value in self._asked[t][:4])

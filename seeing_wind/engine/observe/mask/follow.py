@@ -1,4 +1,4 @@
-"""Carrying the object's mask through the clip, one picture at a time."""
+"""Carrying the object's mask through the clip, one frame at a time."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ BESIDE_PLATE = 0.3
 
 
 class Follower(Protocol):
-    """What knows where the object is in one picture after the other. `flow` leads to the newest, None where it is hidden in either."""
+    """What knows where the object is in one frame after the other. `flow` leads to the newest, None where it is hidden in either."""
 
     mask: np.ndarray
     flow: Flow | None
@@ -55,7 +55,7 @@ class Follower(Protocol):
         """The `mask` that `advance` gave for `picture`, as it is handed on. Nothing of what follows depends on it, so it may run beside."""
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the pictures to come depend on, besides the newest picture and its mask."""
+        """All that the frames to come depend on, besides the newest frame and its mask."""
 
     def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """Go on behind `picture` with its `mask`, as what gave `state` would have."""
@@ -68,9 +68,9 @@ class MaskFollower:
     object, of too few pixels for colours, its silhouette.
 
     Attributes:
-        flow: motion from the picture before to the newest one; None after `hidden`.
+        flow: motion from the frame before to the newest one; None after `hidden`.
         velocity: (2,) [px per frame], the whole body's.
-        hidden: the object was not found in the newest picture.
+        hidden: the object was not found in the newest frame.
     """
 
     def __init__(
@@ -84,9 +84,9 @@ class MaskFollower:
         known: Flows | None = None,
         kept: Flows | None = None,
     ) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
-        `looks`: how the object differs from the plate; None learns it from picture 0. `trim`: masks end in the middle of a blurred rim.
+        `looks`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
         `known`: motion that a former pass found, `kept`: takes what this one finds.
         """
         self._trim, self._known, self._kept = trim, known, kept
@@ -246,11 +246,11 @@ def followed(
     loop: Loop,
     points: Generations | None = None,
 ) -> Masks:
-    """The masks (T+1, H, W) of `count` pictures, all False where the object is hidden or gone.
+    """The masks (T+1, H, W) of `count` frames, all False where the object is hidden or gone.
 
     Args:
-        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at picture 0.
-        points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the next picture.
+        frame: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
+        points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the next frame.
     """
     packing = Packing()
     packing.add(follower.mask)

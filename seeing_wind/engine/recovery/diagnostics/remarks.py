@@ -84,7 +84,7 @@ def worst_first(notes: Sequence[str]) -> list[str]:
 
 
 def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, float, str]:
-    """Diameter of the body in the first picture of x (T+1, N, 3), noise of what was seen, and the unit of both."""
+    """Diameter of the body in the first frame of x (T+1, N, 3), noise of what was seen, and the unit of both."""
     if isinstance(first, TrackChannels):
         noise = float(np.median(first.targets.sigma[first.targets.visible]))
         return 2.0 * _radius(first.camera.project(x[0])[0]), noise, "pixels"
@@ -154,22 +154,22 @@ def wild_remarks(channels: Sequence[Channels]) -> list[str]:
     """On points that were left out, as they do not move with the others."""
     astray = [one.wild for one in channels if isinstance(one, PointChannels) and one.wild.any()]
     return [
-        f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some pictures "
+        f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some frames "
         f"({np.count_nonzero(wild.any(axis=1))} of {len(wild)}) and are left out there."
         for wild in astray
     ]
 
 
 def end_remarks(wild: np.ndarray) -> list[str]:
-    """On frames (T,) bool at the ends of a clip whose later picture counts little, as its tracks leave the motion of all others."""
+    """On frames (T,) bool at the ends of a clip whose later frame counts little, as its tracks leave the motion of all others."""
     notes = []
     for which, run in (("first", _leading(wild)), ("last", _leading(wild[::-1]))):
         first, last = (0, run - 1) if which == "first" else (len(wild) - run, len(wild) - 1)
         if run:
             frames = f"from {frame_named(first)} to {frame_named(last)}" if run > 1 else f"in {frame_named(first)}"
             notes.append(
-                f"The tracks of the {which} pictures leave the motion of all others and count little: the force {frames} is not seen, but "
-                "goes on from the others. If the object is blurred there or leaves the picture, choose --frames without them."
+                f"The tracks of the {which} frames leave the motion of all others and count little: the force {frames} is not seen, but "
+                "goes on from the others. If the object is blurred there or leaves the frame, choose --frames without them."
             )
     return notes
 

@@ -49,7 +49,7 @@ class Found:
     joint: Joint | None
     """How the force hangs together with a stiffness that was free."""
     wild: np.ndarray
-    """(T,) bool: frames whose later picture is wild (see `TrackChannels`)."""
+    """(T,) bool: frames whose later frame is wild (see `TrackChannels`)."""
 
 
 @dataclass
@@ -65,7 +65,7 @@ class WindowSolver:
     """All modes that the data can tell apart."""
     expected: Expected
     start: State | None
-    """The body at the window's first picture; None is at rest in its built shape with an unknown velocity."""
+    """The body at the window's first frame; None is at rest in its built shape with an unknown velocity."""
     iterations: int
     progress: Progress
     tell: Callable[[float, str, float | None], None]
