@@ -57,7 +57,7 @@ def slope(inertia: float, state: np.ndarray) -> np.ndarray:
 
 
 def fallen(inertia: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (T+1, N, 3) [m] of a card at every picture, acceleration without gravity (T, N, 3) [m/s²], turn (T+1,) of the card [rad]."""
+    """Points (T+1, N, 3) [m] of a card at every frame, acceleration without gravity (T, N, 3) [m/s²], turn (T+1,) of the card [rad]."""
     length, velocity = HALF_CHORD, np.sqrt(inertia * G * HALF_CHORD)  # the card's own weight sets the scale; its buoyancy in air is nothing
     unit = length / velocity
     times = np.arange(FRAMES * LOOKS + 1) / (FPS * LOOKS * unit)

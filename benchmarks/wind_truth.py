@@ -139,7 +139,7 @@ def tiles() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def moved(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """The plate's points (T+1, N, 3) [m] at every picture, and the wind at them (T, N, 3) [m/s] in the middle of every frame."""
+    """The plate's points (T+1, N, 3) [m] at every frame, and the wind at them (T, N, 3) [m/s] in the middle of every frame."""
     (length, width, height), (places, facing, area) = sides(), tiles()
     mass = scene.areal_density * length * width
     inertia = mass / 12.0 * np.array([width**2 + height**2, length**2 + height**2, length**2 + width**2])

@@ -1,4 +1,4 @@
-"""What the Markdown pages say of this repository is there: links, anchors, pictures, files; and the pages keep to their lengths."""
+"""What the Markdown pages say of this repository is there: links, anchors, frames, files; and the pages keep to their lengths."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ import motion  # noqa: E402
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A clip of four intervals without its pictures."""
+    """A clip of four intervals without its frames."""
     out = tmp_path_factory.mktemp("leaf")
     assert make.main(["--out", str(out), "--frames", "4", "--no-render"]) == 0
     return out

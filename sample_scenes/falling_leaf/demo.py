@@ -38,7 +38,7 @@ from seeing_wind.engine.settings import Edit  # noqa: E402
 from seeing_wind.engine.settings.tables import read_edit  # noqa: E402
 
 FIRST = 5
-"""Pictures over which the first acceleration of a body is taken."""
+"""Frames over which the first acceleration of a body is taken."""
 FIGURES = "demo.json"
 """What was measured, for check.py."""
 
@@ -194,7 +194,7 @@ def errors(figures: dict, whose: str = "") -> tuple[str, str]:
 
 
 def first_acceleration(vertices: np.ndarray, fps: float) -> np.ndarray:
-    """Mean acceleration (3,) [m/s²] of a body from rest over the first pictures, from vertices (T+1, V, 3) [m]."""
+    """Mean acceleration (3,) [m/s²] of a body from rest over the first frames, from vertices (T+1, V, 3) [m]."""
     t = np.arange(1, FIRST + 1) / fps
     moved = vertices[1 : FIRST + 1].mean(1) - vertices[0].mean(0)
     return 2.0 * (moved * t[:, None] ** 2).sum(0) / (t**4).sum()

@@ -32,7 +32,7 @@ BESIDE = 0.27
 SAMPLES = 16
 """Of Cycles, per pixel."""
 LEAVES, LEAF = 60, 0.04
-"""Native particles: few and large enough to be seen as what they are, not as noise of the picture; their length [m]."""
+"""Native particles: few and large enough to be seen as what they are, not as noise of the frame; their length [m]."""
 AUTUMN = ([0.30, 0.07, 0.015], [0.55, 0.17, 0.02], [0.62, 0.36, 0.04], [0.24, 0.22, 0.04], [0.20, 0.09, 0.03])
 """Linear colours of small leaves."""
 
@@ -48,7 +48,7 @@ def main(folder: Path) -> None:
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
     add_leaves(scene)
-    # make.py's camera has no shutter: its pictures are sharp
+    # make.py's camera has no shutter: its frames are sharp
     done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0))
     scene.frame_set(scene.frame_start)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "demo.blend"), compress=True)
@@ -96,7 +96,7 @@ def insert_ribbons(scene) -> None:
 
 
 def start_of(leaf) -> np.ndarray:
-    """Middle of the recovered object in picture 0 [m]."""
+    """Middle of the recovered object in frame 0 [m]."""
     vertices = np.empty(3 * len(leaf.data.vertices), dtype=np.float32)
     leaf.data.vertices.foreach_get("co", vertices)
     return vertices.reshape(-1, 3).mean(0) @ np.array(leaf.matrix_world)[:3, :3].T + np.array(leaf.matrix_world)[:3, 3]
@@ -160,7 +160,7 @@ def cloth(name: str, colour: tuple[float, float, float]):
 
 
 def grow_twig(scene) -> None:
-    """What the held ribbon hangs from: a twig that reaches into the picture from above."""
+    """What the held ribbon hangs from: a twig that reaches into the frame from above."""
     held = start_of(scene.seeing_wind.recovered_object) + [BESIDE, 0.0, 0.02 + 0.5 * RIBBON[1]]
     right = np.array([-0.05, -0.02, 0.03, 0.07, 0.13, 0.2])
     way = np.stack([right, np.array([0.0, 0.0, 0.0, 0.01, 0.02, 0.02]), np.array([-0.006, 0.0, 0.001, 0.016, 0.06, 0.16])], axis=1)
@@ -241,7 +241,7 @@ def add_leaves(scene) -> None:
 
 
 def small_leaf():
-    """A pointed leaf, folded along its rib and curled, out of the picture; each of its instances has its own colour of autumn."""
+    """A pointed leaf, folded along its rib and curled, out of the frame; each of its instances has its own colour of autumn."""
     u, v = np.meshgrid(np.linspace(0.0, 1.0, 7), np.linspace(0.0, 1.0, 13))
     side, along = 2.0 * u - 1.0, LEAF * (v - 0.5)
     across = 0.36 * LEAF * side * np.sin(np.pi * v**0.8) ** 0.8

@@ -6,13 +6,13 @@ volume V feels f V, a body of density rho accelerates by f / rho. Gravity is a s
 World: Blender's, right-handed, Z up. Cameras: OpenCV's axes (x right, y down, z forward) with a 4x4 `camera_to_world`; pixel
 centres are at integers, so the principal point of an image w wide is (w - 1) / 2.
 
-Time: a *frame* is video time, a *substep* solver time, an *iteration* optimiser time. A clip of T + 1 pictures has T frame
-intervals; the force of interval t is held from picture t to picture t + 1.
+Time: a *frame* is video time, a *substep* solver time, an *iteration* optimiser time. A clip of T + 1 frames has T
+intervals; the force of interval t is held from frame t to frame t + 1.
 
 Letters
-    T   frame intervals (pictures: T + 1)       N   particles           K   tracked points
+    T   intervals (frames: T + 1)         N   particles           K   tracked points
     x   particle positions [m]                  v   velocities [m/s]    C   affine velocity [1/s]     F   deformation gradient
-    X   positions at rest (picture 0) [m]       E   Young's modulus [Pa], nu Poisson's ratio, mu, lam Lamé's parameters [Pa]
+    X   positions at rest (frame 0) [m]       E   Young's modulus [Pa], nu Poisson's ratio, mu, lam Lamé's parameters [Pa]
     dx  grid spacing [m]                        dt  substep [s]         f   force density [N/m³]      a   acceleration [m/s²]
 
 The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature says F, and so does this code.
@@ -104,14 +104,14 @@ def pictures_of(path: str) -> list[Path]:
         files = [file for file in place.parent.glob("*") if re.fullmatch(name, file.name)] if place.parent.is_dir() else []
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
 
-FRAME = re.compile(r"\bframe (\d+)\b")
+FRAME = re.compile(r"\bframe (\d+)\b(?! of the file)")
 """A frame as `frame_named` writes it."""
 
 
 def frame_named(t: int) -> str:
-    """What a message calls the picture t of a clip, counted from the first that is used: in the panel it becomes the scene's frame.
+    """What a message calls the frame t of a clip, counted from the first that is used: in the panel it becomes the scene's frame.
 
-    Pictures counted from the beginning of a file, as --frames counts them, are called pictures.
+    Frames counted from the beginning of a file, as --frames counts them, are called frames of the file.
     """
     return f"frame {t}"
 

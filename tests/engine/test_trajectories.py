@@ -157,12 +157,12 @@ def test_the_errors_of_points_may_have_a_direction(tmp_path: Path) -> None:
 def test_what_visible_must_not_say(tmp_path: Path) -> None:
     visible = np.ones((6, 27), dtype=bool)
     visible[0, [4, 9]] = False
-    with pytest.raises(ObjectError, match="2 of 27 points are not visible in picture 0, the first of them point 4") as caught:
+    with pytest.raises(ObjectError, match="2 of 27 points are not visible in frame 0, the first of them point 4") as caught:
         read_trajectories(write(tmp_path / "t.npz", visible=visible))
-    assert "picture 0" in caught.value.hint
+    assert "frame 0" in caught.value.hint
     lost = FALL.copy()
     lost[3, 8, 1] = np.nan
-    with pytest.raises(ObjectError, match="particle 8 in picture 3 is not finite"):
+    with pytest.raises(ObjectError, match="particle 8 in frame 3 is not finite"):
         read_trajectories(write(tmp_path / "t.npz", x=lost, visible=np.ones((6, 27), bool)))
 
 

@@ -154,5 +154,5 @@ def test_a_long_clip_goes_on_where_it_was_killed(worker: Worker, seeds: Path, tm
         again.append((cut.work + resumed.work - reference.work, moment))
         shutil.rmtree(folder)
     worst, moment = max(again)
-    print(f"\n{verb} of a clip of {PICTURES} pictures, {reference.work:.0f} s of the processor: at most {worst:.1f} s of it were worked "
+    print(f"\n{verb} of a clip of {PICTURES} frames, {reference.work:.0f} s of the processor: at most {worst:.1f} s of it were worked "
           f"again, killed after {moment:.1f} s")  # fmt: skip

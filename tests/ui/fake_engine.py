@@ -90,7 +90,7 @@ def recover(options: list[str]) -> None:
 
 
 def observe(options: list[str]) -> dict[str, object]:
-    """A picture of one pixel, a place that seems to be held, and two verdicts; the result."""
+    """A frame of one pixel, a place that seems to be held, and two verdicts; the result."""
     from seeing_wind.engine.take import Take
 
     take = Take(options[options.index("--take") + 1])

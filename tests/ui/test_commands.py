@@ -78,7 +78,7 @@ def test_wrong_usage(argv, code, says, capsys) -> None:
     assert says in said.out + said.err
 
 
-@pytest.mark.parametrize(("behaviour", "code", "says"), [("error", 1, "outside the picture"), ("die", 1, "SIGKILL"), ("mute", 1, "code 1")])
+@pytest.mark.parametrize(("behaviour", "code", "says"), [("error", 1, "outside the frame"), ("die", 1, "SIGKILL"), ("mute", 1, "code 1")])
 def test_exit_codes_are_kept_and_nothing_is_saved(workplace, monkeypatch, capsys, behaviour, code, says) -> None:
     monkeypatch.setenv("SEEING_WIND_FAKE", behaviour)
     assert commands.main(["recover", "clip.mp4", "--take", "out.take", "--save", "out.blend"]) == code

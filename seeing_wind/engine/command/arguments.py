@@ -19,7 +19,7 @@ from ..settings.recover import SOLVE
 
 DESCRIPTIONS = {NETWORKS: "each a folder, or a name in the hub's cache; see `doctor`"}
 """Of the groups that need more than their title."""
-CLIP = "a video, a folder of pictures, or a pattern such as shot_%%04d.png"
+CLIP = "a video, a folder of images, or a pattern such as shot_%%04d.png"
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
@@ -108,7 +108,7 @@ def parser() -> Parser:
     export.add_argument("--out", type=path, required=True, metavar="PATH", help="file that is written, or the start of several names")
     joined = verbs.add_parser("join", help="one wind for the objects of several takes of a clip", allow_abbrev=False)
     joined.add_argument("takes", type=path, nargs="+", metavar="DIR", help="takes of two objects or more; each gets the wind of all")
-    _identify(verbs.add_parser("identify", help="ask a vision-language model what is in the first picture", allow_abbrev=False))
+    _identify(verbs.add_parser("identify", help="ask a vision-language model what is in the first frame", allow_abbrev=False))
     _batch(verbs.add_parser("batch", help="many clips and edits, here or on a farm", allow_abbrev=False))
     verbs.add_parser("doctor", help="what is installed, what works, what to do about the rest", allow_abbrev=False)
     return root
@@ -137,7 +137,7 @@ def _recover_trajectories(p: Parser) -> None:
         "truth",
         metavar="TRUTH.npz",
         help="x (T+1,N,3) m, fps, E Pa or a material's name; optional rho kg/m³, nu, fixed (N,) bool, gravity (3,) m/s², yield_stress Pa, "
-        "visible (T+1,N) bool, all true in picture 0, and the errors of x, else measured: sigma m, or covariance (3,3) or (N,3,3) m²; "
+        "visible (T+1,N) bool, all true in frame 0, and the errors of x, else measured: sigma m, or covariance (3,3) or (N,3,3) m²; "
         "with faces (F,3), areal_density kg/m², thickness m and optional damping, the loss factor, the points are the vertices of a shell",
     )
     p.add_argument("--take", type=path, required=True, metavar="DIR", help="folder of the results; made if need be")

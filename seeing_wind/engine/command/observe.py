@@ -48,7 +48,7 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
 
 
 def _draw(take: Take, seen: Any, proposed: np.ndarray | None, verdicts: list[Any], progress: Progress) -> None:
-    """The picture of frame 0 with the verdicts, the film, and the proposed place as a mask."""
+    """The image of frame 0 with the verdicts, the film, and the proposed place as a mask."""
     import cv2
 
     from ..observe.clip.camera import resized

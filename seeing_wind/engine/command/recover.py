@@ -31,7 +31,7 @@ Result = dict[str, Any]
 KEPT = ("observation.npz", "particles.npz", "trajectory.npz", "field.safetensors")
 """Files that every finished recovery of a clip has."""
 PAINTED_DEPTH = 0.5
-"""Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a picture takes in some material that gives way."""
+"""Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a frame takes in some material that gives way."""
 
 
 def recover(arguments: argparse.Namespace, progress: Progress) -> Result:

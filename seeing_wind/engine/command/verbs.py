@@ -56,7 +56,7 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
 
 
 def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
-    """`identify CLIP --take DIR`: the objects of the first picture with materials and masks, ready for one `recover` each."""
+    """`identify CLIP --take DIR`: the objects of the first frame with materials and masks, ready for one `recover` each."""
     from ..observe.clip.frames import read_clip
     from ..observe.models.objects import find_objects, write_objects
 

@@ -55,7 +55,7 @@ def model_for(
         least_substeps: per frame, whatever the material.
         device: auto or cpu.
         colliders: planes, rooms and closed meshes that stand still, see `colliders`.
-        pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every picture; None leaves them where they are.
+        pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every frame; None leaves them where they are.
         clamp_depth: cells below the border of the pinned material at which it begins to be held; 0.5 for pins that were only seen to
             hardly move.
 

@@ -36,8 +36,8 @@ def check_networks(settings: ObserveSettings) -> None:
         raise UsageError("The prompt is empty.", "Say in a word or two what the object is.")
     if settings.prompt is not None and (settings.mask or settings.box or settings.points):
         raise UsageError("The object is marked by words and by a mask, box or points.", "Give one of them.")
-    if settings.outline_picture and settings.outline is None:
-        raise UsageError("--outline-picture says which picture --outline shows, and there is none.", "Give both, or neither.")
+    if settings.outline_frame and settings.outline is None:
+        raise UsageError("--outline-frame says which frame --outline shows, and there is none.", "Give both, or neither.")
     if settings.mask_model and (settings.correct or settings.outline):
         raise UsageError("--mask-model follows the outline by itself, and cannot be corrected.", "Leave it or the corrections out.")
     if settings.depth and settings.depth_model:
@@ -47,7 +47,7 @@ def check_networks(settings: ObserveSettings) -> None:
 
 
 def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tuple[np.ndarray | None, str]:
-    """The depth (H, W) float32 [m] of picture 0 as filmed, from a file or a network, None without; and what to call it.
+    """The depth (H, W) float32 [m] of frame 0 as filmed, from a file or a network, None without; and what to call it.
 
     Raises:
         UsageError: a depth file that cannot be used. ModelError, MissingPackage: a network that cannot.
@@ -95,12 +95,12 @@ def first_outline(
     if box is not None and settings.mask is None:
         return mask_in_box(picture, box, plate, progress, moving)
     mask = first_mask(settings, frames, plate, progress)
-    # A mask or a depth map of the user's is over the filmed picture; what moves was found in the straightened one.
+    # A mask or a depth map of the user's is over the filmed frame; what moves was found in the straightened one.
     return lens.straight_map(mask) if settings.mask is not None or settings.depth is not None else mask
 
 
 def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> Masks:
-    """The masks (T+1, H, W) of `frames` (T+1, H, W, 3) by the network `name`, `mask` (H, W) bool being that of picture 0."""
+    """The masks (T+1, H, W) of `frames` (T+1, H, W, 3) by the network `name`, `mask` (H, W) bool being that of frame 0."""
     from .models.masks import MaskModel
 
     packing = Packing()

@@ -36,11 +36,11 @@ HUGE = 50.0
 """Metres: an object longer than this is more often one whose distance is in millimetres."""
 MOVES_DO = "Film from a tripod, or give the camera's path with --camera."
 ROUND_POINT = 0.25
-"""About how far the object may reach from a point on it, in units of the picture's shorter side."""
+"""About how far the object may reach from a point on it, in units of the frame's shorter side."""
 
 
 def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal | None = None) -> Observation:
-    """What is seen in `clip` (a video, a folder of pictures, or a pattern), with pixels those of the file.
+    """What is seen in `clip` (a video, a folder of images, or a pattern), with pixels those of the file.
 
     Args:
         journal: keeps what was followed so far, for one clip and its settings without the pin.
@@ -96,7 +96,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     moving = None if plate is None else moving_in(clip.frames, plate.noise)
     shown, marks = _corrections(settings, clip, lens, turns)
     if shown and not marked(settings):
-        # Nothing else says where it is: it is sought in picture 0 where it is followed back to.
+        # Nothing else says where it is: it is sought in frame 0 where it is followed back to.
         settings = replace(settings, box=box_round(carried_to_first(clip.frames, shown, plate, progress)))
         around = _marked_area(settings, height, width)
     mask = first_outline(settings, clip.frames, plate, moving, lens, progress)
@@ -152,7 +152,7 @@ def _tell_huge(mask: np.ndarray, depth: np.ndarray, camera: Camera, progress: Pr
 
 
 def _depth_map(depth: np.ndarray | None, mask: np.ndarray, distance: float, lens: Lens, settings: ObserveSettings) -> np.ndarray | None:
-    """The known depth (H, W) over the straightened picture; a network's is scaled to the distance that the user gave."""
+    """The known depth (H, W) over the straightened frame; a network's is scaled to the distance that the user gave."""
     if depth is None:
         return None
     straight = lens.straight_map(depth, np.inf)
@@ -177,9 +177,9 @@ def _straight(settings: ObserveSettings, lens: Lens) -> ObserveSettings:
 def _corrections(
     settings: ObserveSettings, clip: Clip, lens: Lens, turns: np.ndarray | None
 ) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:
-    """The outline (H, W) bool that the user gave, and marks that correct one, by the pictures of the clip that they are in.
+    """The outline (H, W) bool that the user gave, and marks that correct one, by the frames of the clip that they are in.
 
-    `turns` (T+1, 3, 3): those taken out of its pictures, None where none were.
+    `turns` (T+1, 3, 3): those taken out of its frames, None where none were.
 
     Raises:
         UsageError: one that lies outside the clip.
@@ -192,10 +192,10 @@ def _corrections(
     }
     if settings.outline is None:
         return {}, marks
-    place = settings.outline_picture - clip.first_frame
+    place = settings.outline_frame - clip.first_frame
     if not 0 <= place < count:
         raise UsageError(
-            f"--outline-picture {settings.outline_picture} lies outside the clip's {clip.first_frame} to {clip.first_frame + count - 1}.",
+            f"--outline-frame {settings.outline_frame} lies outside the clip's {clip.first_frame} to {clip.first_frame + count - 1}.",
             "Count from 0, as --frames does.",
         )
     outline = lens.straight_map(read_mask(settings.outline, height, width, "outline"))
@@ -205,7 +205,7 @@ def _corrections(
 
 
 def marked(settings: ObserveSettings) -> bool:
-    """Whether the object is marked in picture 0."""
+    """Whether the object is marked in frame 0."""
     return any(one is not None for one in (settings.mask, settings.box, settings.points, settings.prompt))
 
 
@@ -228,7 +228,7 @@ def pinned(seen: Observation, pin: str | None) -> Observation:
     """The same observation with what the PNG `pin` holds, in the file's own pixels; nothing without one.
 
     Raises:
-        UsageError: no such picture, or of another size. ObjectError: it does not touch the object.
+        UsageError: no such frame, or of another size. ObjectError: it does not touch the object.
     """
     return replace(seen, pin=_pin(pin, np.asarray(seen.masks[0]), Lens(seen.camera)))
 
@@ -240,6 +240,6 @@ def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
     pin = lens.straight_map(read_mask(path, mask.shape[0], mask.shape[1], "pin mask")) & mask
     if not pin.any():
         raise ObjectError(
-            "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first picture."
+            "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first frame."
         )
     return pin

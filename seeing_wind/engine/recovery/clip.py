@@ -43,7 +43,7 @@ from .targets.tracks import TrackChannels
 
 
 def windows(frames: int) -> list[tuple[int, int]]:
-    """First and last picture of each window; they are equally long, and neighbours share OVERLAP frames."""
+    """First and last frame of each window; they are equally long, and neighbours share OVERLAP frames."""
     count = 1 if frames <= PACE.window else math.ceil((frames - PACE.overlap) / (PACE.window - PACE.overlap))
     hop = (frames - PACE.overlap) / count if count > 1 else frames
     return [(round(hop * k), min(frames, round(hop * (k + 1)) + (PACE.overlap if count > 1 else 0))) for k in range(count)]
@@ -65,7 +65,7 @@ def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
     still = np.zeros(frames, dtype=bool)
     if settings.still is not None:
         first, last = settings.still
-        inside = 0 <= first < frames and last <= frames  # the last picture's number is taken for the frame before it
+        inside = 0 <= first < frames and last <= frames  # the last frame's number is taken for the frame before it
         still[max(first, 0) : last + 1] = True
         if not inside or still.all():
             wrong = "is all frames of the clip" if inside else "names frames that the clip does not have"
@@ -83,7 +83,7 @@ class Kept:
     acceleration: np.ndarray
     deviation: np.ndarray
     trajectory: Trajectory
-    """Up to the next window's first picture."""
+    """Up to the next window's first frame."""
     iterations: int
     converged: bool
     knot_spacing: float
@@ -177,7 +177,7 @@ class Clip:
         """(3, 3) covariance of the force's components before anything is learnt: round, but flat along what the data cannot show.
 
         That is a held body's axis, and the view of one camera that sees a body as a mere point: no change of size tells its depth. The
-        camera's axis, not the ray to the body, which turns as the body crosses the picture: the scale is that of a plane of the picture.
+        camera's axis, not the ray to the body, which turns as the body crosses the frame: the scale is that of a plane of the frame.
         """
         pinned, channels = self.particles.pinned, self.objective.channels
         axis, shrink = held_axis(self.particles.x, pinned) if pinned.any() else None, PRIOR.axial_shrink

@@ -61,7 +61,7 @@ class BodyEdit:
         panel="main", start=(0.0, 0.0, 0.0), typical=(-20.0, 20.0),
     )  # fmt: skip
     start_frame: int = option(
-        0, label="Start Picture", help="the body stands still before this picture of the clip", minimum=0, panel="main"
+        0, label="Start Frame", help="the body stands still before this frame of the clip", minimum=0, panel="main"
     )
     shell: bool | None = option(
         None, help="whether the body is a thin shell", otherwise="a shell if its mesh is open and its material comes as a sheet", panel=""

@@ -66,7 +66,8 @@ class RecoverSettings:
     objective: str = option(
         "tracking", help="what the force must explain", group=COMPARED, panel="",
         choices={
-            "tracking": "tracks", "image": "pictures, with --schedule paper", "flow_depth": "optical flow and depth, with --schedule paper",
+            "tracking": "tracks", "image": "the frames' pixels, with --schedule paper",
+            "flow_depth": "optical flow and depth, with --schedule paper",
         },
     )  # fmt: skip
     frame_iterations: int = option(

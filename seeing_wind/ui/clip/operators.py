@@ -23,7 +23,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
     bl_idname = "seeing_wind.choose_clip"
     bl_label = "Choose Clip"
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options=PATH, description="A video, or one picture of a sequence")
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options=PATH, description="A video, or one image of a sequence")
     filter_glob: StringProperty(
         default="*" + VIDEOS.replace(";", ";*") + ";*.png;*.jpg;*.jpeg;*.tif;*.tiff;*.bmp;*.webp", options={"HIDDEN"}
     )
@@ -55,7 +55,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
         except ClipError:
             settings.clip = former
             raise
-        if former and another:  # boxes, points and pictures that were chosen for the former one mean nothing here
+        if former and another:  # boxes, points and frames that were chosen for the former one mean nothing here
             settings.box = settings.held_box = (0.0, 0.0, 0.0, 0.0)
             settings.use_frames = False
             settings.corrections.clear()
@@ -71,7 +71,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
         hidden = hide_default_cube(scene) if "CAMERA" in parts else ""
         if ask and kept and not bpy.app.background:
             bpy.ops.seeing_wind.match_scene("INVOKE_DEFAULT")
-        said = [f"{clip.name}: {clip.frame_duration} pictures of {clip.size[0]} x {clip.size[1]}", kept, hidden]
+        said = [f"{clip.name}: {clip.frame_duration} frames of {clip.size[0]} x {clip.size[1]}", kept, hidden]
         return "; ".join(each for each in said if each)
 
 

@@ -38,7 +38,7 @@ class SEEING_WIND_PG_view(bpy.types.PropertyGroup):
 
     clip: file_path("Clip", "The other camera's video, in step with the first")
     camera: file_path("Camera File", "JSON of that camera: width height fx fy cx cy camera_to_world")
-    mask: file_path("Mask", "PNG of that view's first picture, non-zero where the object is")
+    mask: file_path("Mask", "PNG of that view's first frame, non-zero where the object is")
 
 
 def _focal_length(settings) -> float:
@@ -60,7 +60,7 @@ class ClipSettings:
     active_view: IntProperty(name="Active View", default=0, min=0)
     frame_start: IntProperty(
         name="First Frame", default=1,
-        description="Scene frame of the first picture used; takes effect at the next Recover or Reload. A clip that was in the file before "
+        description="Scene frame of the first clip frame; takes effect at the next Recover or Reload. A clip that was in the file before "
         "stays where it is in time",
     )  # fmt: skip
     follows: EnumProperty(

@@ -52,7 +52,7 @@ class FieldSettings:
         ("CONTINUE", "Continue", "Weaker with distance, and never nothing"),
     ])  # fmt: skip
     real_time: BoolProperty(
-        options={"HIDDEN"}, description="The clip's motion goes by at its own speed, whatever the frame rate; else a picture a frame"
+        options={"HIDDEN"}, description="The clip's motion goes by at its own speed, whatever the frame rate; else one clip frame per frame"
     )
     calibrations: CollectionProperty(type=SEEING_WIND_PG_calibration, options={"HIDDEN"})
 

@@ -1,4 +1,4 @@
-"""Corrections of the outline in any picture, carried to the others."""
+"""Corrections of the outline in any frame, carried to the others."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def overlaps(masks: Masks, true: np.ndarray) -> np.ndarray:
 def test_an_outline_of_one_picture_mends_those_before_and_behind(patched: Scene, settings: ObserveSettings, tmp_path: Path) -> None:
     found = overlaps(observe(patched.path, settings, NoProgress()).masks, patched.masks)
     assert cv2.imwrite(str(tmp_path / "true.png"), patched.masks[6].astype(np.uint8) * 255)
-    told = replace(settings, outline=str(tmp_path / "true.png"), outline_picture=6)
+    told = replace(settings, outline=str(tmp_path / "true.png"), outline_frame=6)
     mended = overlaps(observe(patched.path, told, NoProgress()).masks, patched.masks)
     assert mended[6] == 1.0
     assert np.delete(mended, 6).min() > found.max() + 0.03, "before it and behind it"
@@ -55,9 +55,9 @@ def test_an_outline_of_one_picture_mends_those_before_and_behind(patched: Scene,
 
 def test_an_outline_of_a_later_picture_alone_marks_the_object(disc: Scene, tmp_path: Path) -> None:
     assert cv2.imwrite(str(tmp_path / "true.png"), disc.masks[8].astype(np.uint8) * 255)
-    alone = ObserveSettings(outline=str(tmp_path / "true.png"), outline_picture=8, distance=1.0)
+    alone = ObserveSettings(outline=str(tmp_path / "true.png"), outline_frame=8, distance=1.0)
     assert overlaps(observe(disc.path, alone, NoProgress()).masks, disc.masks).min() > 0.93
-    # Pictures are counted in the file, whatever part of it is chosen.
+    # Frames are counted in the file, whatever part of it is chosen.
     part = observe(disc.path, replace(alone, frames=(4, 10)), NoProgress())
     assert overlaps(part.masks, disc.masks[4:11]).min() > 0.93
 
@@ -129,11 +129,11 @@ def test_outlines_refused(disc: Scene, tmp_path: Path, picture: int, pixels: int
     outline[40 : 40 + pixels // 10, 40:50] = 255
     assert cv2.imwrite(str(tmp_path / "a.png"), outline)
     with pytest.raises(error, match="outline"):
-        observe(disc.path, ObserveSettings(outline=str(tmp_path / "a.png"), outline_picture=picture, distance=1.0), NoProgress())
+        observe(disc.path, ObserveSettings(outline=str(tmp_path / "a.png"), outline_frame=picture, distance=1.0), NoProgress())
 
 
 def test_a_picture_without_an_outline_is_refused(disc: Scene) -> None:
-    with pytest.raises(UsageError, match="--outline-picture"):
-        observe(disc.path, ObserveSettings(box=disc.box, outline_picture=3, distance=1.0), NoProgress())
+    with pytest.raises(UsageError, match="--outline-frame"):
+        observe(disc.path, ObserveSettings(box=disc.box, outline_frame=3, distance=1.0), NoProgress())
     with pytest.raises(UsageError, match="--mask-model"):
         observe(disc.path, ObserveSettings(box=disc.box, mask_model="sam", correct=(0.0, 1.0, 1.0, 1.0), distance=1.0), NoProgress())

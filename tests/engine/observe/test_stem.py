@@ -1,4 +1,4 @@
-"""A thing on a stem, its foot below the picture, before a still wall of strong grain: the outline, the held place and the parts."""
+"""A thing on a stem, its foot below the frame, before a still wall of strong grain: the outline, the held place and the parts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ HEIGHT, WIDTH, FRAMES = 200, 150, 16
 GRAIN = 10.0
 """Standard deviation of a pixel's grain [grey levels]."""
 CUT = 30.0
-"""Pixels from the picture's lower edge down to the clamp."""
+"""Pixels from the frame's lower edge down to the clamp."""
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +111,7 @@ def test_a_foot_that_later_pictures_show_is_found_where_picture_0_looks_the_same
     first = median.color.copy()
     first[other] = 60
     found = stays(first, Masks.of([np.zeros_like(foot)] + 9 * [foot | other]), median)
-    assert found[12:18, 6:9].all() and not found[~foot].any(), "what picture 0 shows otherwise was elsewhere then"
+    assert found[12:18, 6:9].all() and not found[~foot].any(), "what frame 0 shows otherwise was elsewhere then"
     assert not stays(first, Masks.of(5 * [np.zeros_like(foot)] + 5 * [foot | other]), median).any()
 
 

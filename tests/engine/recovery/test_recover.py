@@ -122,7 +122,7 @@ def test_a_body_that_stays_off_what_was_seen_is_not_to_be_trusted():
 
 def test_small_slow_bodies_need_no_substeps_for_speeds_they_do_not_have():
     body = plate((4, 4, 2), spacing=6e-4)
-    x = np.stack([body.x + [0.5 * 0.01 * (t / 10.0) ** 2, 0.0, 0.0] for t in range(9)])  # 1 cm/s², 10 pictures a second
+    x = np.stack([body.x + [0.5 * 0.01 * (t / 10.0) ** 2, 0.0, 0.0] for t in range(9)])  # 1 cm/s², 10 frames a second
     found = recover(body, replace(RUBBER, youngs_modulus=20.0), points(body, x), 10.0, WEIGHTLESS, NoProgress())
     assert relative(found.force_density, np.zeros_like(found.force_density) + [RUBBER.density * 0.01, 0.0, 0.0]) < 0.01
 
@@ -183,7 +183,7 @@ def test_three_pictures_are_enough_and_two_are_not():
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 2)
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
     assert found.force_density.shape == (2, 48, 3) and np.isfinite(found.force_density).all()
-    with pytest.raises(ObjectError, match="2 pictures"):
+    with pytest.raises(ObjectError, match="2 frames"):
         recover(body, RUBBER, points(body, x[:2]), FPS, WEIGHTLESS, NoProgress())
 
 
@@ -237,7 +237,7 @@ def test_points_seen_in_the_first_picture_only_and_a_body_of_one_particle():
     fall = np.stack([body.x - [0.0, 0.0, 0.5 * 9.81 * (t / FPS) ** 2] for t in range(6)])
     hidden = points(body, fall)
     hidden.visible[1:] = False
-    with pytest.raises(ObjectError, match="after the first picture"):
+    with pytest.raises(ObjectError, match="after the first frame"):
         recover(body, RUBBER, hidden, FPS, WEIGHTLESS, NoProgress())
     grain = plate((1, 1, 1))
     found = recover(grain, RUBBER, points(grain, fall[:, :1] - fall[0, 0] + grain.x), FPS, WEIGHTLESS, NoProgress())

@@ -27,7 +27,7 @@ PLATE = np.array([20, 120, 40])
 
 @pytest.fixture
 def recovered(scene, stand_in, workplace):
-    """A recovery of the clip in which a square goes two pixels a picture to the right, and the object 0.02 m."""
+    """A recovery of the clip in which a square goes two pixels a frame to the right, and the object 0.02 m."""
     assert recover(workplace) == {"FINISHED"}
     return scene
 
@@ -38,13 +38,13 @@ def conform(scene, fps: int, **options) -> None:
 
 
 def numbers(scene, fps: int) -> dict[int, int]:
-    """The picture that is nearest to each scene frame, a later one before an earlier one, without the code under test."""
+    """The clip frame that is nearest to each scene frame, a later one before an earlier one, without the code under test."""
     frames = range(scene.seeing_wind.frame_start, scene.frame_end + 1)
     return {frame: min(PICTURES - 1, int(np.floor((frame - frames[0]) * 24.0 / fps + 0.5 + 1e-9))) for frame in frames}
 
 
 def of_object(scene, frame: int) -> float:
-    """Which picture the recovered object stands at."""
+    """Which frame the recovered object stands at."""
     scene.frame_set(frame)
     evaluated = scene.seeing_wind.recovered_object.evaluated_get(bpy.context.evaluated_depsgraph_get())
     places = [(evaluated.matrix_world @ vertex.co).x for vertex in evaluated.data.vertices]

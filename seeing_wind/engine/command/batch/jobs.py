@@ -205,5 +205,5 @@ def _words(options: dict[str, Any]) -> list[str]:
 
 
 def _is_sequence(clip: Path) -> bool:
-    """Whether it is a folder or a pattern of pictures; what is in it is the engine's to say."""
+    """Whether it is a folder or a pattern of images; what is in it is the engine's to say."""
     return clip.is_dir() or (clip.parent.is_dir() and ("*" in clip.name or "%" in clip.name))

@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from .colours import force_colours
 
 OUTLINE = (18, 20, 24)
-"""Dark, so that light arrows stand out on light pictures."""
+"""Dark, so that light arrows stand out on light frames."""
 GROUND = (16, 18, 22, 158)
 """RGBA of the panels behind the instruments."""
 
@@ -25,7 +25,7 @@ def _three_digits(value: float) -> str:
 
 
 class Dials:
-    """Instruments for pictures of `size` (width, height) px.
+    """Instruments for frames of `size` (width, height) px.
 
     Args:
         top: force density [N/m³] at the colour bar's upper end.
@@ -48,7 +48,7 @@ class Dials:
 
         Args:
             seen: (3,) mean force density in the camera's axes [N/m³]; mean: the same in world axes.
-            picture, seconds: what the clock shows.
+            frame, seconds: what the clock shows.
         """
         canvas[:] = (canvas * (1 - self._alpha) + self._panel + 0.5).astype(np.uint8)
         strength = float(np.linalg.norm(mean))

@@ -31,12 +31,12 @@ def draw_report(
     confidence: np.ndarray,
     observation: Observation | None = None,
 ) -> None:
-    """Draw four panels (net force, residual, confidence on the body, the first picture) to a PNG.
+    """Draw four panels (net force, residual, confidence on the body, the first frame) to a PNG.
 
     Args:
         figures: the report's numbers, as written to report.json.
         confidence: (T, N) of the field at the particles.
-        observation: None for a recovery from 3D trajectories; the fourth panel then shows the path instead of a picture.
+        observation: None for a recovery from 3D trajectories; the fourth panel then shows the path instead of a frame.
     """
     # A figure of its own canvas: pyplot would keep global state and choose a back end by the display.
     figure = Figure(figsize=(12.4, 8.2), dpi=120, facecolor=PAPER, layout=ConstrainedLayoutEngine(w_pad=0.14, h_pad=0.14))
@@ -140,7 +140,7 @@ def _path(axes: Axes, figure: Figure, recovery: Recovery, particles: Particles) 
 
 
 def _first_picture(axes: Axes, observation: Observation) -> None:
-    axes.set_title("First picture: object, tracked points and their paths", **STYLE)
+    axes.set_title("First frame: object, tracked points and their paths", **STYLE)
     axes.imshow(observation.image)
     mask = observation.masks[0]
     veil = np.zeros((*mask.shape, 4))

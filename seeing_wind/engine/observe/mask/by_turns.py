@@ -1,4 +1,4 @@
-"""The outline of picture 0 and the background, found by turns: the one says where the other is."""
+"""The outline of frame 0 and the background, found by turns: the one says where the other is."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from .from_box import NEARBY, Moving, refined
 from .motion import window_of, within
 
 ROUGH_PIXELS = 40_000
-"""Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
+"""Pixels of the object's bounding box beyond which it is followed in smaller frames first, to see what is behind it."""
 
 STAYED = 0.8
-"""Part of the pictures in which a pixel is the object's for it to be thought so in picture 0, too."""
+"""Part of the frames in which a pixel is the object's for it to be thought so in frame 0, too."""
 
 LEARNT = 9
-"""Pictures over the clip from which it is learnt how the object differs from the background."""
+"""Frames over the clip from which it is learnt how the object differs from the background."""
 
 
 def with_background(
@@ -35,12 +35,12 @@ def with_background(
     progress: Progress,
     journal: Journal,
 ) -> tuple[np.ndarray, Plate, Looks | None]:
-    """The outline of picture 0, the background, and how the object differs from it, each found again by the others.
+    """The outline of frame 0, the background, and how the object differs from it, each found again by the others.
 
     The object, followed roughly, shows what is behind it.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0; plate: the background; moving: see `moving_in`.
+        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_in`.
         around: (H, W) bool, where a mask, box or points say that the object is.
     """
     boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
@@ -66,7 +66,7 @@ def with_background(
 
 
 def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
-    """(H, W) bool: the object in most pictures, and `first` shows the same there: a foot that hardly moves."""
+    """(H, W) bool: the object in most frames, and `first` shows the same there: a foot that hardly moves."""
     count = np.zeros(first.shape[:2], np.int32)
     for mask in masks:
         count += mask
@@ -74,7 +74,7 @@ def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
 
 
 def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress, journal: Journal) -> Masks:
-    """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large."""
+    """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller frames where it is large."""
     x0, y0, x1, y1 = window_of(mask, 0)
     # Halving is several times quicker than other factors.
     scale = 0.5 ** max(0, round(0.5 * np.log2((x1 - x0) * (y1 - y0) / ROUGH_PIXELS)))

@@ -1,4 +1,4 @@
-"""The user's corrections of the outline, in any picture, carried to the others: forwards and backwards, halfway to the next one."""
+"""The user's corrections of the outline, in any frame, carried to the others: forwards and backwards, halfway to the next one."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ MOST = 0.9
 """Part of the object that a mark may change by its colour alone: more is a colour that says nothing here."""
 
 FLOOD = 8 | (1 << 8) | cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY
-"""Eight neighbours, ones into the mask, against the colour of the start, the picture itself left alone."""
+"""Eight neighbours, ones into the mask, against the colour of the start, the frame itself left alone."""
 
 WHERE = "Widen --frames, which counts from 0 as well, or leave that one out of --correct."
 
 
 @dataclass(frozen=True)
 class Marks:
-    """In one picture."""
+    """In one frame."""
 
     on: np.ndarray
     """(P, 2) [px], on the object."""
@@ -63,22 +63,23 @@ class Marks:
 
 
 def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, int]) -> dict[int, Marks]:
-    """The flat `corrections` N X Y ON ... (see `settings.option.MARKS`) by the pictures of a clip of `shape` (T+1, H, W).
+    """The flat `corrections` N X Y ON ... (see `settings.option.MARKS`) by the frames of a clip of `shape` (T+1, H, W).
 
     Args:
-        first: index in the file of picture 0.
+        first: index in the file of frame 0.
 
     Raises:
-        UsageError: a mark in no picture of the clip, or outside it.
+        UsageError: a mark in no frame of the clip, or outside it.
     """
     rows = np.array(corrections, dtype=np.float64).reshape(-1, 4)
     pictures, height, width = shape
     for number, x, y, _ in rows:
         if not 0 <= number - first < pictures:
-            raise UsageError(f"The correction in picture {number:g} lies outside the clip's {first} to {first + pictures - 1}.", WHERE)
+            last = first + pictures - 1
+            raise UsageError(f"The correction in frame {number:g} of the file lies outside the clip's {first} to {last}.", WHERE)
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
             raise UsageError(
-                f"The correction at {x:g},{y:g} in picture {number:g} lies outside the {width}x{height} picture.",
+                f"The correction at {x:g},{y:g} in frame {number:g} of the file lies outside the {width}x{height} frame.",
                 "Leave it out of --correct.",
             )
     numbers = rows[:, 0].astype(int)
@@ -143,7 +144,7 @@ def _discs(points: np.ndarray, radius: int, shape: tuple[int, ...]) -> np.ndarra
 
 
 def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate | None, progress: Progress) -> np.ndarray:
-    """The object (H, W) bool in picture 0, followed back from the earliest picture in which it is `shown` (H, W) bool.
+    """The object (H, W) bool in frame 0, followed back from the earliest frame in which it is `shown` (H, W) bool.
 
     Raises:
         ObjectError: it is lost on the way.
@@ -156,17 +157,17 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
         mask = follower.advance(frames[t])
     if not mask.any():
         raise ObjectError(
-            f"The object is marked in picture {start} and cannot be followed back to the first one.",
-            "Begin the clip later with --frames, or mark it in the first picture.",
+            f"The object is marked in frame {start} and cannot be followed back to the first one.",
+            "Begin the clip later with --frames, or mark it in the first frame.",
         )
     return mask
 
 
 def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progress: Progress) -> Masks:
-    """The `masks` (T+1, H, W) of `frames` (T+1, H, W, 3), mended in all pictures as in those in which a `better` one (H, W) bool is known.
+    """The `masks` (T+1, H, W) of `frames` (T+1, H, W, 3), mended in all frames as in those in which a `better` one (H, W) bool is known.
 
-    What was added and taken away there moves with the object near it, halfway to the next such picture. An outline is wrong alike in one
-    picture after the other: so the correction goes along, and all else stays as it was found in each picture. Where the outline found there
+    What was added and taken away there moves with the object near it, halfway to the next such frame. An outline is wrong alike in one
+    frame after the other: so the correction goes along, and all else stays as it was found in each frame. Where the outline found there
     differs by more than half of the correction from the one that was corrected, it is wrong in another way, and stays.
     """
     pictures, found = sorted(better), {t: better[t] for t in better}
@@ -189,7 +190,7 @@ def _parts(mask: np.ndarray, area: int) -> list[np.ndarray]:
 def _mended(
     frames: Frames, masks: Masks, shape: np.ndarray, changes: list[tuple[np.ndarray, bool]], way: range, progress: Progress
 ) -> dict[int, np.ndarray]:
-    """The masks of the pictures on the `way` with the `changes` (H, W) bool, added or not, that made `shape` (H, W) of one."""
+    """The masks of the frames on the `way` with the `changes` (H, W) bool, added or not, that made `shape` (H, W) of one."""
     size, outline = float(np.sqrt(shape.sum())), masks[way.start - way.step]
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, 2 * (2 * round(max(CLOSE * size, 3.0)) + 1,))
     around = [cv2.dilate(part.astype(np.uint8), reach) > 0 for part, _ in changes]
@@ -239,10 +240,10 @@ def with_corrections(
     progress: Progress,
     journal: Journal,
 ) -> Masks | None:
-    """The masks (T+1, H, W) followed from `mask` (H, W) bool in picture 0, then mended by what the user showed; None without that.
+    """The masks (T+1, H, W) followed from `mask` (H, W) bool in frame 0, then mended by what the user showed; None without that.
 
     Args:
-        shown: outlines (H, W) bool by picture; marks: by picture.
+        shown: outlines (H, W) bool by frame; marks: by frame.
     """
     if not shown and not marks:
         return None

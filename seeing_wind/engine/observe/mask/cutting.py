@@ -1,4 +1,4 @@
-"""Cutting a region out of a picture by its colours, and tidying it."""
+"""Cutting a region out of a frame by its colours, and tidying it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """What speaks for each pixel being the object, in log odds that add up: the background behind it, its colours, the silhouette before.
 
-A sum of such evidence is smoothed along the picture's edges (guided filter, He 2013) and cut at zero: a labelling as a graph cut gives it
+A sum of such evidence is smoothed along the frame's edges (guided filter, He 2013) and cut at zero: a labelling as a graph cut gives it
 (Rhemann 2011) at a fixed, small cost, and with any evidence.
 """
 
@@ -80,14 +80,14 @@ class Colors:
 
 
 class Looks:
-    """How an object and its surroundings differ from the background, learnt from one picture.
+    """How an object and its surroundings differ from the background, learnt from one frame.
 
     The surroundings differ, too: by shadows, gleams, and what a codec leaves round all that moves. How much of each there is belongs to
     the clip, so shares of classes are counted: eleven bounds of difference, each with and without a change of light.
     """
 
     def __init__(self, plate: Plate | None = None, seen: Iterable[tuple[np.ndarray, np.ndarray]] = ()) -> None:
-        """`seen`: pictures (H, W, 3) uint8 before `plate`, each with the object (H, W) bool in it; without them, what is usual."""
+        """`seen`: frames (H, W, 3) uint8 before `plate`, each with the object (H, W) bool in it; without them, what is usual."""
         inside, beside = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
         for picture, mask in seen:
             assert plate is not None  # without one, nothing can be seen before it
@@ -199,7 +199,7 @@ def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
 
 
 def band_of(area: float) -> float:
-    """Pixels by which a silhouette of `area` [px] may be off when it was carried from one picture to the next."""
+    """Pixels by which a silhouette of `area` [px] may be off when it was carried from one frame to the next."""
     return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
 
 

@@ -1,4 +1,4 @@
-"""Carrying the object's mask through the clip, one picture at a time."""
+"""Carrying the object's mask through the clip, one frame at a time."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ BESIDE_PLATE = 0.3
 
 
 class Follower(Protocol):
-    """What knows where the object is in one picture after the other. `flow` leads to the newest, None where it is hidden in either."""
+    """What knows where the object is in one frame after the other. `flow` leads to the newest, None where it is hidden in either."""
 
     mask: np.ndarray
     flow: Flow | None
@@ -51,7 +51,7 @@ class Follower(Protocol):
         """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the pictures to come depend on, besides the newest picture and its mask."""
+        """All that the frames to come depend on, besides the newest frame and its mask."""
 
     def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """Go on behind `picture` with its `mask`, as what gave `state` would have."""
@@ -64,9 +64,9 @@ class MaskFollower:
     object, of too few pixels for colours, its silhouette.
 
     Attributes:
-        flow: motion from the picture before to the newest one; None after `hidden`.
+        flow: motion from the frame before to the newest one; None after `hidden`.
         velocity: (2,) [px per frame], the whole body's.
-        hidden: the object was not found in the newest picture.
+        hidden: the object was not found in the newest frame.
     """
 
     def __init__(
@@ -78,9 +78,9 @@ class MaskFollower:
         looks: Looks | None = None,
         trim: bool = False,
     ) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
-        `looks`: how the object differs from the plate; None learns it from picture 0. `trim`: masks end in the middle of a blurred rim.
+        `looks`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
         """
         self._trim = trim
         self._progress = progress
@@ -231,11 +231,11 @@ def followed(
     loop: Loop,
     points: Generations | None = None,
 ) -> Masks:
-    """The masks (T+1, H, W) of `count` pictures, all False where the object is hidden or gone.
+    """The masks (T+1, H, W) of `count` frames, all False where the object is hidden or gone.
 
     Args:
-        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at picture 0.
-        points: advanced beside the follower, so that a large clip is read once; on another core, while it looks at the next picture.
+        frame: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
+        points: advanced beside the follower, so that a large clip is read once; on another core, while it looks at the next frame.
     """
     packing = Packing()
     packing.add(follower.mask)

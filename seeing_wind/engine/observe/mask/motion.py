@@ -1,4 +1,4 @@
-"""How the object moved between two pictures: first one shift for the whole of it, then dense optical flow round that shift."""
+"""How the object moved between two frames: first one shift for the whole of it, then dense optical flow round that shift."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 Window = tuple[int, int, int, int]
-"""x0, y0, x1, y1 [px], the end exclusive; may reach outside the picture."""
+"""x0, y0, x1, y1 [px], the end exclusive; may reach outside the frame."""
 
 TEMPLATE = 40
 """Pixels along the longer side of the template that the whole-body search uses."""
@@ -22,7 +22,7 @@ ROUGH_PIXELS = 30_000
 
 @dataclass(frozen=True)
 class Flow:
-    """Motion from one picture to the next inside a window."""
+    """Motion from one frame to the next inside a window."""
 
     x0: int
     y0: int
@@ -59,7 +59,7 @@ def middle_of(mask: np.ndarray) -> np.ndarray:
 
 
 def cut(picture: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
-    """The part of `picture` (H, W, ...) in `window`; outside the picture its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
+    """The part of `picture` (H, W, ...) in `window`; outside the frame its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
     height, width = picture.shape[:2]
     x0, y0, x1, y1 = window
     # Far outside, the rim's last pixel stands for all: clip so that the slice is never empty.
@@ -92,16 +92,16 @@ def body_shift(
     expected: np.ndarray,
     reach: float,
 ) -> np.ndarray:
-    """The shift (2,) [px] that carries the whole object into the next picture.
+    """The shift (2,) [px] that carries the whole object into the next frame.
 
     Masked template search: mean squared colour difference, plus how little of the object's place differs from the background,
     plus a mild pull towards the expected shift.
 
     Args:
-        template: (h, w, 3) uint8, the object's bounding box in the picture before.
+        template: (h, w, 3) uint8, the object's bounding box in the frame before.
         weight: (h, w) bool, the object in it.
         origin: x, y of the template's corner.
-        picture: (H, W, 3) uint8, the next picture.
+        frame: (H, W, 3) uint8, the next frame.
         changed: (H, W) float32 in 0..1, evidence against background; None when there is no plate.
         expected: (2,) [px], the shift so far.
         reach: [px] searched on each side of the expected shift.
@@ -146,7 +146,7 @@ class FlowSolver:
             self._solver.setVariationalRefinementIterations(2)
 
     def between(self, before: np.ndarray, after: np.ndarray, window: Window, shift: np.ndarray) -> Flow:
-        """Flow in `window` of the gray picture `before` (H, W) uint8 to `after`, the object moving by about `shift` (2,) [px]."""
+        """Flow in `window` of the gray frame `before` (H, W) uint8 to `after`, the object moving by about `shift` (2,) [px]."""
         dx, dy = (int(value) for value in np.round(shift))
         x0, y0, x1, y1 = window
         first, second = cut(before, window), cut(after, (x0 + dx, y0 + dy, x1 + dx, y1 + dy))

@@ -84,7 +84,7 @@ def worst_first(notes: Sequence[str]) -> list[str]:
 
 
 def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, float, str]:
-    """Diameter of the body in the first picture of x (T+1, N, 3), noise of what was seen, and the unit of both."""
+    """Diameter of the body in the first frame of x (T+1, N, 3), noise of what was seen, and the unit of both."""
     if isinstance(first, TrackChannels):
         noise = float(np.median(first.targets.sigma[first.targets.visible]))
         return 2.0 * _radius(first.camera.project(x[0])[0]), noise, "pixels"
@@ -154,7 +154,7 @@ def wild_remarks(channels: Sequence[Channels]) -> list[str]:
     """On points that were left out, as they do not move with the others."""
     astray = [one.wild for one in channels if isinstance(one, PointChannels) and one.wild.any()]
     return [
-        f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some pictures "
+        f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some frames "
         f"({np.count_nonzero(wild.any(axis=1))} of {len(wild)}) and are left out there."
         for wild in astray
     ]

@@ -1,4 +1,4 @@
-"""The first field of a window: one that keeps the simulation near the targets from its first picture to its last.
+"""The first field of a window: one that keeps the simulation near the targets from its first frame to its last.
 
 The part of the window that is followed grows a segment at a time: in each, the receding horizon (`warm_start`) leads on from the
 simulation so far; then the knots of the segment and those shortly before it are solved. A pace says how finely. Few modes, sparse knots

@@ -1,7 +1,7 @@
 """How a held body's stiffness is spread over its section: two shapes, of which a clip finds the sizes.
 
 A post bends by the second moments of its section, a tensor of three numbers. Young's modulus scales all of them alike, but a section that
-was guessed from pictures, or that few particles stand for, is stiffer one way than the other, and not along its own axes: then what
+was guessed from frames, or that few particles stand for, is stiffer one way than the other, and not along its own axes: then what
 pushes it one way makes it swing across, too. A post of another simulator answered to a force so, as if 5 % of its stiffness were off the
 diagonal; without it the same force missed its tip by 2.1 mm, with it by 0.2 mm, of a way of 83 mm.
 

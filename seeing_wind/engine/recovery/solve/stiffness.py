@@ -1,7 +1,7 @@
 """How stiff a held body is, and where it is held, as two more unknowns of the solve.
 
 How far a force bends a held body is a matter of its stiffness, and nobody knows that well: it grows with the cube of a thickness that
-was guessed from pictures, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
+was guessed from frames, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
 its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself tells, so its stiffness is found with
 the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up makes it stiffer, but not in the same
 way to every swing: so that is found, too, and how the stiffness is spread over the section (`section`). With r the whitened residuals,

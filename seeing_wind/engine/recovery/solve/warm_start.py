@@ -33,9 +33,9 @@ class WarmStart:
     coefficients: np.ndarray
     """(frames, modes, 3) accelerations per frame [m/s²]."""
     velocity: np.ndarray
-    """(V,) initial velocities [m/s]; empty when the part does not begin with picture 0."""
+    """(V,) initial velocities [m/s]; empty when the part does not begin with frame 0."""
     path: Trajectory
-    """The body on the way, from the part's first picture on."""
+    """The body on the way, from the part's first frame on."""
 
 
 def warm_start(
@@ -55,7 +55,7 @@ def warm_start(
         objective: what to follow.
         size: (3,) expected root mean square of each component of the field [m/s²].
         speed: (V,) standard deviations of the initial velocities [m/s].
-        state: at picture `begin`; None starts at rest in picture 0 and finds the initial velocity too.
+        state: at frame `begin`; None starts at rest in frame 0 and finds the initial velocity too.
         end: None is the clip's end.
         last: (modes, 3) coefficients shortly before `begin` [m/s²], if they are known.
     """
@@ -89,7 +89,7 @@ def warm_start(
 def _fit(
     forward: Forward, objective: Objective, state: State | None, frame: int, window: int, mean: np.ndarray, spread: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Damped Gauss-Newton over pictures frame + 1 ... frame + window, from the prior's mean.
+    """Damped Gauss-Newton over frames frame + 1 ... frame + window, from the prior's mean.
 
     The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
     """
@@ -140,7 +140,7 @@ def bearable(
 
 
 def _whiten(objective: Objective, x: np.ndarray, frame: int) -> np.ndarray:
-    """Trajectories from picture `frame` (B, S, N, 3) -> residuals of the pictures after it, each over its own deviation.
+    """Trajectories from frame `frame` (B, S, N, 3) -> residuals of the frames after it, each over its own deviation.
 
     Within a few frames the slow part of the mismatch is a plain offset. A simulation that broke down misses everything by far.
     """
@@ -158,7 +158,7 @@ def _prior_cost(offset: np.ndarray, precision: np.ndarray) -> np.ndarray:
 def _strain_precision(forward: Forward, state: State | None, spread: np.ndarray) -> np.ndarray:
     """Precision (n, n) that keeps the force's stretch to STRAIN of what `spread` implies, however the body has turned.
 
-    A few pictures show how a body turns, hardly how it is stretched: within the noise, any stretch would do.
+    A few frames show how a body turns, hardly how it is stretched: within the noise, any stretch would do.
     """
     basis, count = forward.basis, 3 * forward.basis.phi.shape[1]
     F = np.broadcast_to(np.eye(3), (*forward.x.shape, 3)) if state is None else state.F

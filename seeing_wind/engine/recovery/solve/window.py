@@ -63,7 +63,7 @@ class WindowSolver:
     """All modes that the data can tell apart."""
     expected: Expected
     start: State | None
-    """The body at the window's first picture; None is at rest in its built shape with an unknown velocity."""
+    """The body at the window's first frame; None is at rest in its built shape with an unknown velocity."""
     iterations: int
     progress: Progress
     tell: Callable[[float, str, float | None], None]

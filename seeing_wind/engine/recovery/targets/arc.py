@@ -23,7 +23,7 @@ def along_the_curve(x: np.ndarray, axis: np.ndarray, spacing: float, inverse: np
         inverse: (M, K), amplitudes of M modes from values at the points.
 
     Returns:
-        (T+1, M, K, 3): the modes' amplitudes in picture t are the sum of [t] times the points; None for a body of too few slices.
+        (T+1, M, K, 3): the modes' amplitudes in frame t are the sum of [t] times the points; None for a body of too few slices.
     """
     height = x[0] @ axis
     low, high = float(height.min()), float(height.max())

@@ -27,14 +27,14 @@ STEP = 0.25
 
 @dataclass(frozen=True)
 class ClampMotion:
-    """The rigid motion of what is held, from picture 0 on."""
+    """The rigid motion of what is held, from frame 0 on."""
 
     centre: np.ndarray
     """(3,) c [m]."""
     shift: BSpline
-    """s [m] of time [pictures]."""
+    """s [m] of time [frames]."""
     turn: BSpline
-    """Rotation vector of R [rad] of time [pictures]."""
+    """Rotation vector of R [rad] of time [frames]."""
     pictures: int
     """T + 1."""
     fps: float
@@ -94,7 +94,7 @@ class ClampMotion:
 
     @property
     def _middle(self) -> np.ndarray:
-        """(T,) the middle of each frame [pictures]."""
+        """(T,) the middle of each interval [frames]."""
         return np.arange(self.pictures - 1) + 0.5
 
     def _at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -113,7 +113,7 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
     Args:
         particles: the body at rest.
         targets: points in 3D; those on held particles show the clamp.
-        fps: pictures per second.
+        fps: frames per second.
 
     Raises:
         UsageError, ObjectError: targets that cannot be right.
@@ -131,7 +131,7 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
         return None  # in a row, they do not show how it turns about that row
     turn = np.stack([Rotation.align_vectors(now, start)[0].as_rotvec() for now in turned])
     rigid = np.einsum("tij,kj->tki", Rotation.from_rotvec(turn).as_matrix(), start)
-    # Both pictures that are compared have noise.
+    # Both frames that are compared have noise.
     apart = ((turned - rigid) ** 2).mean() - 2.0 * noise_of(held) ** 2
     if apart > NOISE.clamp_rigid**2 * ((shift[:, None] + rigid - start) ** 2).mean():
         return None
@@ -143,7 +143,7 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
 
 
 def _smooth(series: np.ndarray) -> BSpline | None:
-    """Smoothing spline through a series (T+1, 3) of how far something has come since picture 0, None if it stays within its noise.
+    """Smoothing spline through a series (T+1, 3) of how far something has come since frame 0, None if it stays within its noise.
 
     How smooth it is, is found by generalized cross-validation (Woltring 1986, "A Fortran package for generalized, cross-validatory spline
     smoothing and differentiation", written for the motion of limbs).

@@ -17,7 +17,7 @@ def mismatch_covariance(frames: int, white: float, slow: float, tau: float, vari
     """(frames, frames) of a white part and a slow one that is forgotten in `tau` frames.
 
     Args:
-        from_rest: the slow part is zero in picture 0, where the body is in the place in which it was built, and grows from there.
+        from_rest: the slow part is zero in frame 0, where the body is in the place in which it was built, and grows from there.
     """
     time = np.arange(frames)
     slowly = np.exp(-np.abs(np.subtract.outer(time, time)) / tau)
@@ -30,7 +30,7 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, along
     """(modes, 3, T+1, T+1) covariance of the mismatch of points in 3D [m²].
 
     Args:
-        moved: (T+1, modes, 3) amplitudes observed, since picture 0 [m].
+        moved: (T+1, modes, 3) amplitudes observed, since frame 0 [m].
         along: component 0 is that along a held body's curve, of which mode 0 is what all that is free has in common.
     """
     white, slow = (np.full(moved.shape[1:], share * particles.spacing) for share in (NOISE.white, NOISE.slow))

@@ -35,11 +35,11 @@ class PointChannels:
     """Smooth displacement modes of points in 3D; channel 3 m + i is component i of mode m, in `frame`."""
 
     operator: np.ndarray
-    """(T+1, modes, N): particles -> mode amplitudes, least squares over the points seen at that picture."""
+    """(T+1, modes, N): particles -> mode amplitudes, least squares over the points seen at that frame."""
     points: np.ndarray
     """(K, N): particles -> points."""
     observed: np.ndarray
-    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes; where too few were seen, between those of the pictures
+    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes; where too few were seen, between those of the frames
     before and after."""
     targets: PointTargets
     """What was observed, wild points marked as not visible."""
@@ -49,11 +49,11 @@ class PointChannels:
     sigma: np.ndarray
     """(channels,) noise of one amplitude [m]."""
     mismatch: np.ndarray
-    """(modes, 3, T+1, T+1) covariance of the solver's mismatch over the pictures [m²], components as in `frame`."""
+    """(modes, 3, T+1, T+1) covariance of the solver's mismatch over the frames [m²], components as in `frame`."""
     inflation: np.ndarray
     """(T+1, channels) factor >= 1 on the noise variance."""
     turned: np.ndarray
-    """(T+1, 3, 3) how the body has turned since picture 0, as the points show it; in `frame`."""
+    """(T+1, 3, 3) how the body has turned since frame 0, as the points show it; in `frame`."""
     frame: np.ndarray
     """(3, 3) axes of the channels in its columns: those in which the points' errors are independent."""
     curve: Curve | None = None
@@ -73,17 +73,17 @@ class PointChannels:
         return difference.reshape(len(x), -1) * self.used[frame]
 
     def covariance(self, channel: int) -> np.ndarray:
-        """(T+1, T+1) [m²] of a channel's errors over the pictures: noise, that of picture 0 included, and the solver's mismatch."""
+        """(T+1, T+1) [m²] of a channel's errors over the frames: noise, that of frame 0 included, and the solver's mismatch."""
         mode, component = divmod(channel, 3)
         marginal = np.sqrt(self.inflation[:, channel])
-        # Picture 0 is where the body was built from: its noise is in every displacement, turned with the body.
+        # Frame 0 is where the body was built from: its noise is in every displacement, turned with the body.
         first = self.turned[:, component] * self.sigma[3 * mode : 3 * mode + 3]
         mismatch = self.mismatch_scale**2 * self.mismatch[mode, component]
         noise = self.sigma[channel] ** 2 * np.eye(len(marginal))
         return (noise + mismatch) * np.outer(marginal, marginal) + first @ first.T
 
     def variances(self) -> tuple[float, float]:
-        """Of one amplitude in one picture [m²]: noise, of the middle mode, and mismatch."""
+        """Of one amplitude in one frame [m²]: noise, of the middle mode, and mismatch."""
         mismatch = self.mismatch_scale**2 * np.median(self.mismatch[:, :, 0, 0])
         return float(np.median(self.sigma) ** 2), float(mismatch + np.finfo(float).tiny)
 
@@ -110,7 +110,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
 
     Raises:
         UsageError: wrong shapes, or values that are not finite where visible.
-        ObjectError: fewer than three pictures, or nothing to follow.
+        ObjectError: fewer than three frames, or nothing to follow.
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
     pictures, count = targets.visible.shape
@@ -156,7 +156,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
 
 
 def _curve(particles: Particles, targets: PointTargets, points: np.ndarray, weight: np.ndarray, modes: int) -> Curve | None:
-    """Along the bent body, in modes of what is free, by the points that are seen in every picture.
+    """Along the bent body, in modes of what is free, by the points that are seen in every frame.
 
     None where these are fewer than half, and of a body that is not held at one side, or whose points have errors with a direction.
     """
@@ -185,7 +185,7 @@ def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _longest_run(whole: np.ndarray) -> slice:
-    """The most pictures (T,) bool in a row: differences in time across a gap would be taken for noise."""
+    """The most frames (T,) bool in a row: differences in time across a gap would be taken for noise."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], whole.astype(int), [0]])))
     begins, ends = edges[::2], edges[1::2]
     if not len(begins):
@@ -232,9 +232,9 @@ def _propagated(covariance: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray
 
 
 def rotations(x: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(T+1, 3, 3) rotations that bring points x (T+1, K, 3) of picture 0 nearest to each picture (Kabsch 1976), by those seen in both.
+    """(T+1, 3, 3) rotations that bring points x (T+1, K, 3) of frame 0 nearest to each frame (Kabsch 1976), by those seen in both.
 
-    Of fewer than three points, which show no turn, those of the picture before.
+    Of fewer than three points, which show no turn, those of the frame before.
     """
     turned = np.tile(np.eye(3), (len(x), 1, 1))
     for t in range(1, len(x)):

@@ -47,7 +47,7 @@ class TrackChannels:
         return np.where((depth > 1e-6)[..., None] | ~used, difference, 1e4).reshape(len(x), -1)
 
     def covariance(self, channel: int) -> np.ndarray:
-        """(T+1, T+1) [px²] of a channel's errors over the pictures: noise, the solver's mismatch, where a late track sits."""
+        """(T+1, T+1) [px²] of a channel's errors over the frames: noise, the solver's mismatch, where a late track sits."""
         frames, track = len(self.used), channel // 2
         sigma = np.where(self.targets.visible[:, track], self.targets.sigma[:, track], 1.0)
         total = np.diag(sigma**2) + mismatch_covariance(
@@ -64,7 +64,7 @@ class TrackChannels:
         used = self.used.reshape(len(self.used), -1, 2)
         series = np.where(used, residual.reshape(used.shape), np.nan)
         sigma = np.where(self.targets.visible, self.targets.sigma, 1.0)
-        # A spike stands out from its own track a few pictures before and after; a lost track from what the mismatch allows.
+        # A spike stands out from its own track a few frames before and after; a lost track from what the mismatch allows.
         spike = np.linalg.norm(series - _running_median(series), axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2)
         drift = np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * (white**2 + slow**2))
         inflation = np.repeat(np.fmax(1.0, np.fmax(spike, drift) / NOISE.huber), 2, axis=1)
@@ -105,7 +105,7 @@ class TrackChannels:
 
 
 def _running_median(series: np.ndarray) -> np.ndarray:
-    """Median over five pictures round each, of series (T+1, ...) with NaN where nothing was seen."""
+    """Median over five frames round each, of series (T+1, ...) with NaN where nothing was seen."""
     padded = np.concatenate([np.full((2, *series.shape[1:]), np.nan), series, np.full((2, *series.shape[1:]), np.nan)])
     windows = np.stack([padded[shift : shift + len(series)] for shift in range(5)])
     seen = np.isfinite(windows).any(axis=0)
@@ -120,7 +120,7 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
     """
     check(targets.xy, targets.visible, 2, targets.attachment, len(particles.x))
     if targets.sigma.shape != targets.visible.shape or not np.isfinite(targets.sigma[targets.visible]).all():
-        raise UsageError("The tracks' sigma is not a finite number of pixels for every track and picture.", "Give (T+1, K).")
+        raise UsageError("The tracks' sigma is not a finite number of pixels for every track and frame.", "Give (T+1, K).")
     if not (targets.sigma[targets.visible] > 0.0).all():
         raise UsageError("A track has no positive standard deviation.", "Give sigma (T+1,K) in pixels, about 0.2 for a good tracker.")
     visible = targets.visible & ~edge_on(targets.xy, targets.visible)
@@ -134,7 +134,7 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
 def edge_on(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:
     """(T+1, K) bool: the neighbourhood of the track is seen edge-on, its pixels say little and a tracker slips.
 
-    The local affine map from picture 0 to each picture is fitted to the nearest tracks; its smaller singular value tells.
+    The local affine map from frame 0 to each frame is fitted to the nearest tracks; its smaller singular value tells.
     """
     flagged = np.zeros(visible.shape, bool)
     known = np.flatnonzero(visible[0])

@@ -29,7 +29,7 @@ WIDTH, HEIGHT = 0.4, 0.3
 
 
 def rolled(flat: np.ndarray, t: float) -> np.ndarray:
-    """Points (K, 2) of the sheet laid flat -> (K, 3) [m] in picture t: a cylinder, flat in picture 0."""
+    """Points (K, 2) of the sheet laid flat -> (K, 3) [m] in frame t: a cylinder, flat in frame 0."""
     curvature = 5.0 * np.sin(2.0 * np.pi * t / 20.0) + 1e-9
     s = flat[:, 0]
     return np.stack([np.sin(curvature * s) / curvature, (1.0 - np.cos(curvature * s)) / curvature, flat[:, 1]], axis=1)
@@ -129,7 +129,7 @@ def test_one_camera_tells_where_a_sheet_is():
 
 @pytest.mark.slow
 def test_tracks_that_end_and_tracks_that_begin():
-    """Half of them are gone after picture 12, the other half begin in picture 9: these are tied where the sheet is then."""
+    """Half of them are gone after frame 12, the other half begin in frame 9: these are tied where the sheet is then."""
     seen = sight(count=240)
     visible = seen.visible.copy()
     visible[13:, ::2] = visible[:9, 1::2] = False

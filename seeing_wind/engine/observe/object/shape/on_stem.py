@@ -51,7 +51,7 @@ def widening(relief: Relief, parts: Parts, material: Material, frame_dt: float) 
 
 
 def fill_parts(relief: Relief, parts: Parts, held: np.ndarray, wider: float = 1.0) -> Particles:
-    """Fill a body on a stem. held: (H, W) bool, where it is held in picture 0; wider: as `widening`."""
+    """Fill a body on a stem. held: (H, W) bool, where it is held in frame 0; wider: as `widening`."""
     pixel, spacing = _pixel(relief), wider * _spacing(relief, parts)
     sheets = [parts.sheets == number for number in range(1, parts.sheets.max() + 1)]
     filled = [_stem(relief, parts, held, pixel, wider), _columns(relief, parts.head, COARSE * spacing, held, 1.0)]
