@@ -71,8 +71,8 @@ def _draw(
     import cv2
 
     from ..observe.clip.camera import resized
+    from ..observe.clip.images import write_png
     from ..observe.clip.lens import Lens
-    from ..observe.clip.pictures import write_png
     from ..observe.clip.video import video_writer
     from ..observe.preview.drawing import Canvas, with_verdicts
 
