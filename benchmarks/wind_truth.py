@@ -235,13 +235,16 @@ def row(name: str, work: Path) -> str:
 def main() -> None:
     """The table, row by row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", default=list(SCENES), choices=list(SCENES), metavar="SCENE")
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
     parser.add_argument("--work", type=Path, help="folder that keeps the takes; an interrupted run goes on from them")
     arguments = parser.parse_args()
+    unknown = set(arguments.scenes) - set(SCENES)
+    if unknown:
+        parser.error(f"there is no {', '.join(sorted(unknown))}; there are {', '.join(SCENES)}")
     print("| scene | wind: size % / degrees | best uniform wind | auto (log odds) | twice the mass, by the wind % | by the force % |")
     print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as aside:
-        for name in arguments.scenes:
+        for name in arguments.scenes or SCENES:
             print(row(name, arguments.work or Path(aside)), flush=True)
 
 

@@ -316,6 +316,9 @@ class Recovery:
     """(4, 4) of log E, clamp depth [grid cells], a and b, by the fit itself."""
     substeps: int | None = None
     """Per frame. A solver's damping hangs on them: the same force swings a body differently with others."""
+    wild: np.ndarray | None = None
+    """(T,) bool: frames at the clip's ends in which the force is not seen, as the tracks there leave the motion of all others; None where
+    there are none."""
     clamp_moves: bool = False
     """Whether what is held goes the way that its particles have in `x`, rather than stands still."""
 

@@ -11,7 +11,7 @@ import pytest
 
 from seeing_wind.engine import systems
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.observe.clip.pictures import read_picture, write_png
+from seeing_wind.engine.observe.clip.images import read_picture, write_png
 from seeing_wind.engine.take import Take
 
 

@@ -85,7 +85,7 @@ def _on(mask: str, pin: str) -> bool:
     """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
     import cv2
 
-    from ..observe.clip.pictures import read_picture
+    from ..observe.clip.images import read_picture
 
     try:
         pictures = [read_picture(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]

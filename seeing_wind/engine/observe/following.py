@@ -16,6 +16,7 @@ from .clip.lens import Lens
 from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.evidence import Looks
+from .mask.flows import Flows
 from .mask.follow import Follower, MaskFollower, followed
 from .networks import Outlined, network_masks, network_tracks
 from .tracks.centroid import centroid_track
@@ -46,6 +47,7 @@ def follow(
     outlines: Masks | None,
     plate: Plate | None,
     looks: Looks | None,
+    flows: Flows | None,
     lens: Lens,
     settings: ObserveSettings,
     progress: Progress,
@@ -53,7 +55,8 @@ def follow(
 ) -> tuple[Masks, Tracks]:
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track.
 
-    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of frame 0 in any case.
+    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of frame 0 in any case. `flows`: how
+    the object moves, as far as that is known.
     """
     frames = clip.frames
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -70,9 +73,9 @@ def follow(
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
     follower: Follower
     if outlines is None:
-        follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True)
+        follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True, known=flows)
     else:
-        follower = Outlined(frames[0], outlines)
+        follower = Outlined(frames[0], outlines, flows)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     seen = areas(masks) > 0
     _tell_lost(seen, progress)

@@ -20,6 +20,7 @@ from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import first_mask, point_list
+from .mask.flows import Flows
 from .mask.from_box import Moving, mask_in_box
 from .mask.motion import Flow, FlowSolver, middle_of, window_of
 from .tracks.tracker import find_corners
@@ -114,9 +115,9 @@ def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progres
 class Outlined:
     """Follows an object whose `masks` (T+1, H, W) are known already (see `mask.follow.Follower`): seeks the flow between them."""
 
-    def __init__(self, picture: np.ndarray, masks: Masks) -> None:
-        """`picture` (H, W, 3) uint8 RGB: number 0."""
-        self._solver, self._masks, self._count = FlowSolver(rough=True), masks, 0
+    def __init__(self, picture: np.ndarray, masks: Masks, known: Flows | None) -> None:
+        """`picture` (H, W, 3) uint8 RGB: number 0; `known`: motion that was found before."""
+        self._solver, self._masks, self._known, self._count = FlowSolver(rough=True), masks, known, 0
         self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         self.mask = masks[0]
         self.flow: Flow | None = None
@@ -127,10 +128,16 @@ class Outlined:
         self._count += 1
         self.mask, self.flow = self._masks[self._count], None
         if before.any() and self.mask.any():
-            shift = middle_of(self.mask) - middle_of(before)
-            self.flow = self._solver.between(self._gray, gray, window_of(before, 24), shift)
+            self.flow = None if self._known is None else self._known.covering(self._count - 1, window_of(before, 0))
+            if self.flow is None:
+                shift = middle_of(self.mask) - middle_of(before)
+                self.flow = self._solver.between(self._gray, gray, window_of(before, 24), shift)
         self._gray = gray
         return self.mask
+
+    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """See `Follower.finished`."""
+        return mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `Follower.state`."""

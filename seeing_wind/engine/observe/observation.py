@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -49,11 +50,11 @@ def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, jou
         ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
         Cancelled: at a safe point, at least twice a second.
     """
-    with one_thread():
-        return _observe(clip, settings, progress, journal or Journal())
+    with one_thread(), ThreadPoolExecutor(1) as beside:
+        return _observe(clip, settings, progress, journal or Journal(), beside)
 
 
-def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal) -> Observation:
+def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:
     check_networks(settings)
     progress.update(0.0, "reading the clip")
 
@@ -63,15 +64,15 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, jo
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized)
     check_pictures(clip.frames, clip.first_frame, progress)
     if clip.frames.shape[1:3] == clip.size:
-        return _seen(clip, settings, progress, journal)
+        return _seen(clip, settings, progress, journal, beside)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
     with systems.scratch() as folder:
-        seen = _seen(clip, size.settings(settings, clip, folder), progress, journal)
+        seen = _seen(clip, size.settings(settings, clip, folder), progress, journal, beside)
     return pinned(size.observation(seen, clip), settings.pin)
 
 
-def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal) -> Observation:
-    """The observation of a clip at the size at which it is."""
+def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:
+    """The observation of a clip at the size at which it is; what nothing else waits for is looked at `beside` it, on another core."""
     pictures, height, width = clip.frames.shape[:3]
     around = _marked_area(settings, height, width)
     known_depth, depth_name = first_depth(settings, clip, progress)
@@ -82,7 +83,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     around = lens.straight_map(around)
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
-    doubts = [*clip.doubts, *(() if settings.camera is not None else camera_doubts(clip.frames, around, progress))]
+    doubts, asked = [*clip.doubts], None if settings.camera is not None else beside.submit(camera_doubts, clip.frames, around, progress)
     turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress, journal)
     if turns is not None:
         progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
@@ -101,22 +102,24 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         around = _marked_area(settings, height, width)
     mask = first_outline(settings, clip.frames, plate, moving, lens, progress)
     progress.update(0.1, "following the object")
-    looks = None
+    looks, flows = None, None
     if plate is not None and moving is not None:
-        mask, plate, looks = with_background(clip.frames, mask, plate, moving, settings, around, progress, journal)
-    outlines = with_corrections(clip.frames, mask, shown, marks, plate, looks, progress, journal)
+        mask, plate, looks, flows = with_background(clip.frames, mask, plate, moving, settings, around, progress, journal)
+    outlines = with_corrections(clip.frames, mask, shown, marks, plate, looks, flows, progress, journal)
     mask = mask if outlines is None else outlines[0]
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     _tell_huge(mask, depth, camera, progress)
-    masks, tracks = follow(clip, mask, outlines, plate, looks, lens, settings, progress, journal)
+    masks, tracks = follow(clip, mask, outlines, plate, looks, flows, lens, settings, progress, journal)
+    bare = beside.submit(clean_plate, clip.frames, masks, median, progress)
     tell_defects(clip.frames, masks, progress)
+    doubts += [] if asked is None else asked.result()
     if plate is not None:
         doubts += [one for one in (touching(clip.frames, masks, plate),) if one is not None]
     for one in doubts:
         progress.warn(str(one))
     progress.update(0.95, "background")
-    background = clean_plate(clip.frames, masks, median, progress)
+    background = bare.result()
     xy = tracks.xy
     if turns is not None:
         steady_xy, masks = as_filmed(xy, masks, turns, camera)

@@ -19,8 +19,8 @@ from ..settings import ObserveSettings
 from .clip.camera import read_camera, resized
 from .clip.depth import read_depth
 from .clip.frames import Clip
+from .clip.images import write_png
 from .clip.lens import Lens
-from .clip.pictures import write_png
 from .clip.transforms import LENS
 from .mask.first_mask import point_list, read_mask
 from .tracks.file import load_tracks

@@ -22,6 +22,7 @@ from .diagnostics.posterior import missed_acceleration, posterior_deviation, uns
 from .diagnostics.remarks import (
     DISTRUST,
     astray,
+    end_remarks,
     far_off,
     force_remarks,
     held_remarks,
@@ -89,6 +90,8 @@ class Kept:
     knot_spacing: float
     """Frames."""
     stiffness: Stiffness
+    wild: np.ndarray
+    """(T,) bool, see `solve.window.Found`."""
 
 
 @dataclass
@@ -197,6 +200,8 @@ class Clip:
         self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views)
         self.notes += held_remarks(self.particles, self.objective.channels)
         self.notes += wild_remarks(self.objective.channels)
+        wild = np.concatenate([one.wild for one in kept])
+        self.notes += end_remarks(wild)
         acceleration = np.concatenate([one.acceleration for one in kept])
         if not self.particles.pinned.any():
             self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
@@ -235,6 +240,7 @@ class Clip:
             section_axes=section_axes(self.particles) if self.stiffness.known else None,
             held_covariance=self.stiffness.covariance if self.stiffness.known else None,
             substeps=scaled(self.model, self.stiffness.s).substeps,
+            wild=wild if wild.any() else None,
         )
 
 
@@ -258,4 +264,5 @@ def _keep(found: Found, frames: int) -> Kept:
         found.last.converged,
         found.forward.knots.spacing,
         found.stiffness,
+        found.wild[:frames],
     )

@@ -70,6 +70,23 @@ def test_a_wind_is_seen_in_pixels_against_gravity():
     assert any("view" in note for note in found.notes)
 
 
+def test_tracks_that_slide_in_the_last_pictures_do_not_pull_the_force_along():
+    body, weight = plate((8, 2, 6)), (0.0, 0.0, -9.81)
+    x, wind = blow(body, lambda X, t: np.zeros_like(X) + [2.0, 0.0, 9.81 + 3 * np.sin(0.2 * t)], 16, gravity=weight)
+    xy = np.stack([camera().project(x[t], t)[0] for t in range(17)])
+    xy[1:] += 0.1 * np.random.default_rng(2).standard_normal(xy[1:].shape)
+    xy[-2:, :, 0] += np.array([[14.0], [28.0]])  # as with the outline of a thing that leaves the frame
+    tracks = TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.1), camera(), every(body))
+    found = recover(body, RUBBER, [tracks], FPS, RecoverSettings(gravity=weight), NoProgress())
+    assert found.wild[-2:].all() and not found.wild[:12].any()
+    across = [0, 2]
+    off = np.abs(found.force_density - 400.0 * wind)[..., across].mean(axis=(1, 2))
+    assert off.max() < 0.1 * 400.0 * 9.81, "14 px are 20 times that"
+    assert found.deviation[-1].mean() > 2.0 * found.deviation[6:10].mean()
+    note = next(one for one in found.notes if "last frames" in one)
+    assert "to frame 15 is not seen" in note
+
+
 def test_one_centroid_of_a_small_ball_gives_a_uniform_force():
     body = plate((4, 4, 4), 0.01)
     gravity = (0.0, 0.0, -9.81)

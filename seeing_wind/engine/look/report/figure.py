@@ -15,7 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from ...records import Observation, Particles, Recovery
 from .colours import force_colours
 
-INK, FAINT, PAPER = "#23272e", "#8a919c", "#ffffff"
+INK, FAINT, GREY, PAPER = "#23272e", "#8a919c", "#c3c8d0", "#ffffff"
 AXES = (("x", "#e5484d"), ("y", "#46a758"), ("z", "#3e63dd"))
 """Blender's axis colours."""
 
@@ -43,7 +43,7 @@ def draw_report(
     FigureCanvasAgg(figure)
     (force, picture), (residual, cover) = figure.subplots(2, 2, width_ratios=(1.15, 1))
     figure.suptitle(_headline(figures), x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
-    _net_force(force, np.array(figures["net_force"]), fps)
+    _net_force(force, np.array(figures["net_force"]), fps, recovery.wild)
     _residual(residual, recovery, fps)
     _confidence(cover, figure, recovery, confidence)
     if observation is None:
@@ -81,8 +81,8 @@ def _dress(axes: Axes, title: str, xlabel: str = "", ylabel: str = "") -> None:
         spine.set_color("#c9ced6")
 
 
-def _net_force(axes: Axes, force: np.ndarray, fps: float) -> None:
-    """Each value is held over its frame, so it is drawn as steps."""
+def _net_force(axes: Axes, force: np.ndarray, fps: float, wild: np.ndarray | None) -> None:
+    """Each value is held over its frame, so it is drawn as steps; grey in frames (T,) bool that are `wild`, where it is not seen."""
     unit, factor = ("mN", 1e3) if np.abs(force).max() < 0.1 else ("N", 1.0)
     edges, values = np.arange(len(force) + 1) / fps, factor * force
     _dress(axes, "Net force on the object", "seconds", unit)
@@ -90,10 +90,15 @@ def _net_force(axes: Axes, force: np.ndarray, fps: float) -> None:
     axes.stairs(size, edges, fill=True, color="#e9ecf1", label="strength")
     axes.stairs(size, edges, baseline=None, color=FAINT, linewidth=1.0)
     axes.axhline(0, color="#c9ced6", linewidth=0.8)
+    unseen = np.zeros(len(force), bool) if wild is None else wild
     for column, (name, colour) in enumerate(AXES):
-        axes.stairs(values[:, column], edges, baseline=None, color=colour, linewidth=1.8, label=name)
+        axes.stairs(np.where(unseen, np.nan, values[:, column]), edges, baseline=None, color=colour, linewidth=1.8, label=name)
+        axes.stairs(np.where(unseen, values[:, column], np.nan), edges, baseline=None, color=GREY, linewidth=1.8)
+    if unseen.any():
+        axes.stairs([], [0.0], baseline=None, color=GREY, linewidth=1.8, label="not seen")
     axes.set_xlim(edges[0], edges[-1])
-    axes.legend(frameon=False, ncols=4, fontsize=8.5, labelcolor=INK, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+    axes.legend(frameon=False, ncols=5, fontsize=8.5, labelcolor=INK, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2,
+                handlelength=1.2, handletextpad=0.5, columnspacing=1.2)  # fmt: skip
 
 
 def _residual(axes: Axes, recovery: Recovery, fps: float) -> None:

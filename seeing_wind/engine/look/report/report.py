@@ -169,6 +169,7 @@ def _figures(
         "material": {name: value for name, value in vars(as_found(material, recovery)).items() if value != ""},
         "net_force": net.tolist(),
         "mean_net_force": net.mean(axis=0).tolist(),
+        "wild_frames": [] if recovery.wild is None else np.flatnonzero(recovery.wild).tolist(),
         "force_density": {"mean": float(strength.mean()), "p98": float(np.percentile(strength, 98)), "max": float(strength.max())},
         "confidence": {"mean": float(confidence.mean()), "p10": float(np.percentile(confidence, 10))},
         "representation": field.representation,

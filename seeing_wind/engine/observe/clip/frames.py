@@ -16,7 +16,7 @@ from ...progress import NoProgress, Progress
 from ...records import Doubt
 from .filmed.combing import Combing
 from .filmed.container import said_by
-from .pictures import check_size, read_picture
+from .images import check_size, read_picture
 from .stored import Frames, StoredFrames
 
 UNEVEN = 0.1

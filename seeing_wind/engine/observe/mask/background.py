@@ -75,20 +75,20 @@ class Plate:
             (h, w) float32: the largest difference of a channel [grey levels]; (h, w) int8: 1 where the plate is brighter by one factor in
             all channels, a shadow that went, -1 where it is darker, one that came, else 0.
         """
-        now = cv2.GaussianBlur(cut(picture, window), (0, 0), 1.0).astype(np.float32)
-        behind = cut(self._smooth, window).astype(np.float32)
-        away = largest(cv2.absdiff(now, behind))
-        behind += 4.0
-        ratios = cv2.split((now + 4.0) / behind)
+        now, behind = cv2.GaussianBlur(cut(picture, window), (0, 0), 1.0), cut(self._smooth, window)
+        away = largest(cv2.absdiff(now, behind)).astype(np.float32)
+        # Channel by channel: planes stay in the processor's cache.
+        light, shade = ([one + np.float32(4.0) for one in cv2.split(picture)] for picture in (now, behind))
+        ratios = [above / below for above, below in zip(light, shade)]
         middle = (ratios[0] + ratios[1] + ratios[2]) * np.float32(1.0 / 3.0)
         # In the dark, a codec's rounding tints as much as a colour does.
-        grain = 0.6 * self.noise / _smallest(behind)
+        grain = np.float32(0.6 * self.noise) / cv2.min(cv2.min(shade[0], shade[1]), shade[2])
         apart = [cv2.absdiff(one, middle) for one in ratios]
-        alike = cv2.max(cv2.max(apart[0], apart[1]), apart[2]) < 0.5 * SHADOW_TINT * middle + grain
+        alike = cv2.max(cv2.max(apart[0], apart[1]), apart[2]) < np.float32(0.5 * SHADOW_TINT) * middle + grain
         # A shadow is soft and lets through what is behind it; a gray thing's own pattern and edges are neither.
-        alike &= np.abs(middle - cv2.GaussianBlur(middle, (0, 0), 3.0)) < SHADOW_SOFT + grain
+        alike &= cv2.absdiff(middle, cv2.GaussianBlur(middle, (0, 0), 3.0)) < np.float32(SHADOW_SOFT) + grain
         alike &= cut(self.reliable, window, cv2.BORDER_CONSTANT) & (middle > SHADOW[0]) & (middle < SHADOW[1])
-        return away, np.where(alike, np.where(middle < 1.0, np.int8(-1), np.int8(1)), np.int8(0))
+        return away, alike.view(np.int8) - np.int8(2) * (alike & (middle < 1.0)).view(np.int8)
 
     def relit(self, picture: np.ndarray, window: Window) -> np.ndarray:
         """(h, w) bool in `window`: a shadow came or went there."""
@@ -99,12 +99,6 @@ def largest(picture: np.ndarray) -> np.ndarray:
     """The largest of three channels (H, W, 3) -> (H, W); NumPy is twenty times slower over so short an axis."""
     first, second, third = cv2.split(picture)
     return cv2.max(cv2.max(first, second), third)
-
-
-def _smallest(picture: np.ndarray) -> np.ndarray:
-    """The smallest of three channels (H, W, 3) -> (H, W)."""
-    first, second, third = cv2.split(picture)
-    return cv2.min(cv2.min(first, second), third)
 
 
 def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:

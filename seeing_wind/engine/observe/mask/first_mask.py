@@ -11,7 +11,7 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ...settings import ObserveSettings
 from ..clip.depth import read_depth
-from ..clip.pictures import read_picture
+from ..clip.images import read_picture
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy

@@ -160,6 +160,25 @@ def wild_remarks(channels: Sequence[Channels]) -> list[str]:
     ]
 
 
+def end_remarks(wild: np.ndarray) -> list[str]:
+    """On frames (T,) bool at the ends of a clip whose later frame counts little, as its tracks leave the motion of all others."""
+    notes = []
+    for which, run in (("first", _leading(wild)), ("last", _leading(wild[::-1]))):
+        first, last = (0, run - 1) if which == "first" else (len(wild) - run, len(wild) - 1)
+        if run:
+            frames = f"from {frame_named(first)} to {frame_named(last)}" if run > 1 else f"in {frame_named(first)}"
+            notes.append(
+                f"The tracks of the {which} frames leave the motion of all others and count little: the force {frames} is not seen, but "
+                "goes on from the others. If the object is blurred there or leaves the frame, choose --frames without them."
+            )
+    return notes
+
+
+def _leading(flags: np.ndarray) -> int:
+    """How many of `flags` (T,) bool are true before the first that is not."""
+    return int(np.argmin(np.append(flags, False)))
+
+
 def moving_clamp_remark(motion: ClampMotion) -> str:
     """On a clamp that was seen to move."""
     turn = f" and turns by up to {motion.widest:.2g} degrees" if motion.widest >= TURNS else ""

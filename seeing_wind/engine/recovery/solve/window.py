@@ -48,6 +48,8 @@ class Found:
     stiffness: Stiffness
     joint: Joint | None
     """How the force hangs together with a stiffness that was free."""
+    wild: np.ndarray
+    """(T,) bool: frames whose later frame is wild (see `TrackChannels`)."""
 
 
 @dataclass
@@ -97,7 +99,15 @@ class WindowSolver:
             point=point, tolerance=PACE.last_tolerance, per_unknown=PACE.last_per_unknown,
         )  # fmt: skip
         last = replace(last, converged=last.converged and not draft)
-        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint)
+        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint, self._wild())
+
+    def _wild(self) -> np.ndarray:
+        """(T,) bool, see `Found`."""
+        wild = np.zeros(self.objective.frames, bool)
+        for one in self.objective.channels:
+            if isinstance(one, TrackChannels) and one.wild is not None:
+                wild |= one.wild[self.objective.first + 1 :][: len(wild)]
+        return wild
 
     def _followed(self) -> tuple[Pace, Forward, Prior, Solution, int]:
         """A coarse solution of the whole window, found at the usual pace, or finely where that one strays and finely it does less.

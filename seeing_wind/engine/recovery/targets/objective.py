@@ -36,7 +36,8 @@ class Channels(Protocol):
         """(T+1, T+1) covariance of one channel over the frames."""
 
     def reweighted(self, residual: np.ndarray) -> Channels:
-        """The same channels, outliers of `residual` (T+1, count) given the variance that makes them Huber."""
+        """The same channels, outliers of `residual` (T+1, count), NaN in frames that were not solved, given the variance that makes
+        them Huber."""
 
     def mismatched(self, scale: float) -> Channels:
         """The same channels with `scale` times the mismatch's standard deviation that they are given at first."""
@@ -136,7 +137,7 @@ class Objective:
     def reweighted(self, residual: np.ndarray) -> Objective:
         """The objective with outliers of the raw residual (T+1, channels) weighted down (Huber)."""
         ends = np.cumsum([one.count for one in self.channels])
-        whole = np.zeros((len(self.channels[0].used), residual.shape[1]))
+        whole = np.full((len(self.channels[0].used), residual.shape[1]), np.nan)
         whole[self.first : self.first + len(residual)] = residual
         parts = np.split(whole, ends[:-1], axis=1)
         channels = [one.reweighted(part) for one, part in zip(self.channels, parts, strict=True)]

@@ -29,6 +29,9 @@ class TrackChannels:
     """Factor on the mismatch's standard deviation."""
     mismatch: tuple[float, float] = (NOISE.track_white, NOISE.track_slow)
     """White and slow part of the mismatch [px]."""
+    wild: np.ndarray | None = None
+    """(T+1,) bool: frames at the clip's ends that count little, as their tracks leave the motion of all others; None as long as nothing
+    was solved that would tell."""
 
     @property
     def count(self) -> int:
@@ -68,7 +71,24 @@ class TrackChannels:
         spike = np.linalg.norm(series - _running_median(series), axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2)
         drift = np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * (white**2 + slow**2))
         inflation = np.repeat(np.fmax(1.0, np.fmax(spike, drift) / NOISE.huber), 2, axis=1)
-        return replace(self, inflation=inflation)
+        ends = self._ends(np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2))
+        return replace(self, inflation=np.fmax(inflation, ends[:, None]), wild=ends > 1.0)
+
+    def _ends(self, miss: np.ndarray) -> np.ndarray:
+        """(T+1,) factor on the variance of frames whose tracks `miss` (T+1, K) by so much [deviations]; NaN is not seen, or not asked."""
+        factor, looked = np.ones(len(miss)), np.flatnonzero(np.isfinite(miss).any(axis=1))
+        if len(looked) < NOISE.end_fewest:
+            return factor
+        off = np.nanmedian(miss[looked], axis=1)
+        usual = max(float(np.median(off)), NOISE.end_usual)
+        shown = np.flatnonzero(self.used.any(axis=1))
+        for order, last in ((slice(None), shown[0]), (slice(None, None, -1), shown[-1])):
+            pictures, end = looked[order], off[order][: int(NOISE.end_part * len(off))]
+            run = end[: np.argmin(np.append(end > NOISE.end_odd * usual, False))]
+            if pictures[0] == last and run.max(initial=0.0) > max(NOISE.end_wild * usual, NOISE.end_least):
+                # They err together: how many there are does not help.
+                factor[pictures[: len(run)]] = self.variance_factor * (run.max() / usual) ** 2
+        return factor
 
     def mismatched(self, scale: float) -> TrackChannels:
         return replace(self, mismatch_scale=scale)
