@@ -54,7 +54,7 @@ def hang_cloth(
 
     Args:
         size: width and height [m].
-        frame: as of `woven`.
+        picture: as of `woven`.
     """
     rng = np.random.default_rng(SEED)
     count = [round(side / CELL) + 1 for side in size]

@@ -92,7 +92,7 @@ def create_recovered_object(
         vertices: (V, 3) in frame 0 [m, world].
         triangles: (M, 3).
         uv: (V, 2) in 0..1, origin bottom left.
-        frame: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first frame).
+        picture: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first frame).
         collection: where to link it, by default the scene's own collection.
         outline: (H, W) bool of the object in the frame: where it is known, Solid view shows no pixel from beside the object.
     """

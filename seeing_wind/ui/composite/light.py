@@ -93,7 +93,7 @@ def set_light(scene: bpy.types.Scene, picture: np.ndarray | None, seen: tuple[Ve
     """Make the sun, and a sky in place of a new file's own, which is nearly black: shadows would be, too.
 
     Args:
-        frame: what is around the object (H, W, 3) uint8 sRGB; None: it is not known.
+        picture: what is around the object (H, W, 3) uint8 sRGB; None: it is not known.
         seen: as `sun_of` gives it.
     """
     if picture is None:

@@ -48,7 +48,7 @@ class Dials:
 
         Args:
             seen: (3,) mean force density in the camera's axes [N/m³]; mean: the same in world axes.
-            frame, seconds: what the clock shows.
+            picture, seconds: what the clock shows.
         """
         canvas[:] = (canvas * (1 - self._alpha) + self._panel + 0.5).astype(np.uint8)
         strength = float(np.linalg.norm(mean))

@@ -249,7 +249,7 @@ def followed(
     """The masks (T+1, H, W) of `count` frames, all False where the object is hidden or gone.
 
     Args:
-        frame: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
+        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
         points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the next frame.
     """
     packing = Packing()

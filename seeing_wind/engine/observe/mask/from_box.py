@@ -62,7 +62,7 @@ def mask_in_box(
     GrabCut (Rother 2004), begun with what changes over the clip as the object and what does not as background.
 
     Args:
-        frame: (H, W, 3) uint8 RGB, frame 0.
+        picture: (H, W, 3) uint8 RGB, frame 0.
         plate: the background; None where the camera moves, and then only colours count.
         moving: see `moving_in`; None where there is but one frame.
 

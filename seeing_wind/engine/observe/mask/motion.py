@@ -121,7 +121,7 @@ def body_shift(
         template: (h, w, 3) uint8, the object's bounding box in the frame before.
         weight: (h, w) bool, the object in it.
         origin: x, y of the template's corner.
-        frame: (H, W, 3) uint8, the next frame.
+        picture: (H, W, 3) uint8, the next frame.
         changed: (H, W) float32 in 0..1, evidence against background; None when there is no plate.
         expected: (2,) [px], the shift so far.
         reach: [px] searched on each side of the expected shift.

@@ -24,7 +24,7 @@ def read_tracks(
 
     Args:
         path: NPZ; one row per frame of the chosen range, or of the whole file.
-        frames: T + 1, the frames of the range, which begins at `first_frame`.
+        pictures: T + 1, the frames of the range, which begins at `first_frame`.
         mask: (H, W) bool, the object in frame 0.
 
     Raises:
