@@ -50,7 +50,7 @@ class RecoverResults:
     recovered_take: StringProperty(options={"HIDDEN"}, description="The take that the scene shows")
     recovered_stamp: StringProperty(options={"HIDDEN"}, description="Of its field: tells when another one has taken its place")
     field_verdict: StringProperty(
-        options={"HIDDEN"}, description="What the recovery says of its field: a force or a wind, how strong, and why"
+        options={"HIDDEN"}, description="What the recovery says about its field: a force or a wind, how strong, and why"
     )
     owner: StringProperty(options={"HIDDEN"}, description="By which edits in takes are known to be this scene's")
     started_take: StringProperty(options={"HIDDEN"}, description="Where the last Recover of this scene went")

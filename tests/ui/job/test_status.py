@@ -49,7 +49,7 @@ def test_flags_are_called_as_the_panel_calls_them() -> None:
 def test_frames_are_those_of_the_scene() -> None:
     frame_of = Pace(1001, 1.25).frame_of
     sight = f"The object is out of sight in 5 of 40 frames, first in {frame_named(8)}."
-    assert in_scene_frames(sight, frame_of) == "The object is out of sight in 5 of 40 clip frames, first in frame 1011."
+    assert in_scene_frames(sight, frame_of) == "The object is out of sight in 5 of 40 frames, first in frame 1011."
     going = {"type": "progress", "message": "Following the object, frame 13 to 26 of 26"}
     assert operator._in_scene_frames(going, frame_of) == going, "that is how far it is in the clip"
     assert operator._in_scene_frames({"type": "warning", "message": "In frame 4"}, frame_of)["message"] == "In frame 1006"
