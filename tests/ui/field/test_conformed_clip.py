@@ -51,7 +51,7 @@ def of_object(scene, frame: int) -> float:
     return float(np.mean(places)) / 0.02
 
 
-@pytest.mark.parametrize("fps", [30, 20, 60])
+@pytest.mark.parametrize("fps", [20, *(pytest.param(fps, marks=pytest.mark.slow) for fps in (30, 60))])
 def test_the_composite_shows_the_picture_at_which_object_and_bake_are(recovered, tmp_path, fps) -> None:
     scene = recovered
     box = cube("Box", location=(0.0, 0.0, 8.0))
@@ -74,7 +74,7 @@ def test_the_composite_shows_the_picture_at_which_object_and_bake_are(recovered,
     assert scene.active_clip.frame_start == 1 and not scene.active_clip.animation_data.drivers
 
 
-@pytest.mark.parametrize("first", ["composite", "conform"])
+@pytest.mark.parametrize("first", ["composite", pytest.param("conform", marks=pytest.mark.slow)])
 def test_the_plate_covers_the_object_of_the_picture_that_is_shown(recovered, tmp_path, first) -> None:
     scene, fps = recovered, 36
     bpy.ops.seeing_wind.insert_mesh(recovered=True)
