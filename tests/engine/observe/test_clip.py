@@ -102,7 +102,7 @@ def test_one_picture(disc: Scene, tmp_path: Path) -> None:
 
 
 def test_empty_folder_and_mixed_sizes(disc: Scene, tmp_path: Path) -> None:
-    with pytest.raises(ClipError, match="No frames"):
+    with pytest.raises(ClipError, match="No images"):
         read_clip(tmp_path, fps=25.0)
     cv2.imwrite(str(tmp_path / "0.png"), disc.frames[0])
     cv2.imwrite(str(tmp_path / "1.png"), disc.frames[0][:50])
