@@ -40,7 +40,7 @@ def page() -> str:
     parts = [HEAD]
     for name, verb in verbs.choices.items():
         parts.append(f"## `{name}`\n\n{_sentence(helps[name])}\n\n```\n{_usage(name, verb)}\n```\n")
-        parts += [AS_RECOVER + "\n"] if name == "preview" else _groups(verb)
+        parts += [AS_RECOVER + "\n"] if name == "observe" else _groups(verb)
     parts.append(EDIT)
     for title, cls in (("At the top", Edit), ("`[[body]]`", BodyEdit), ("`[[collider]]`", ColliderEdit)):
         parts.append(f"### {title}\n\n" + _table("key", [(f"`{one.name}`", one.summary(one.default)) for one in options_of(cls).values()]))

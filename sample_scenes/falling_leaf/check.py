@@ -125,12 +125,12 @@ def pictures_in(path: Path) -> int:
 
 
 def pixels_in(path: Path) -> int:
-    """How many pixels a frame has. Raises ValueError for a file that is no frame, or an empty one."""
+    """How many pixels an image has. Raises ValueError for a file that is no image, or an empty one."""
     import cv2
 
     picture = cv2.imread(str(path))
     if picture is None or picture.std() < 1.0:
-        raise ValueError("not a frame" if picture is None else "nothing is to be seen in it")
+        raise ValueError("not an image" if picture is None else "nothing is to be seen in it")
     return picture.shape[0] * picture.shape[1]
 
 

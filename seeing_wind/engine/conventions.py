@@ -10,9 +10,9 @@ Time: a *frame* is video time, a *substep* solver time, an *iteration* optimiser
 intervals; the force of interval t is held from frame t to frame t + 1.
 
 Letters
-    T   intervals (frames: T + 1)         N   particles           K   tracked points
+    T   intervals (frames: T + 1)               N   particles           K   tracked points
     x   particle positions [m]                  v   velocities [m/s]    C   affine velocity [1/s]     F   deformation gradient
-    X   positions at rest (frame 0) [m]       E   Young's modulus [Pa], nu Poisson's ratio, mu, lam Lamé's parameters [Pa]
+    X   positions at rest (frame 0) [m]         E   Young's modulus [Pa], nu Poisson's ratio, mu, lam Lamé's parameters [Pa]
     dx  grid spacing [m]                        dt  substep [s]         f   force density [N/m³]      a   acceleration [m/s²]
 
 The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature says F, and so does this code.

@@ -251,7 +251,7 @@ def test_sigint_cancels_at_a_safe_point_and_leaves_no_half_written_file(square: 
 def test_a_farm_is_asked_in_a_way_that_makes_sense(engine, tmp_path: Path) -> None:
     (tmp_path / "jobs.toml").write_text('[[job]]\ntake = "t"\nclip = "jobs.toml"\n')
     messages = engine("batch", tmp_path / "jobs.toml", "--ray", "nohost", expect=2)
-    assert messages[-1]["message"] == "--ray is nohost, no address. Give HOST:PORT of the cluster's head, or auto."
+    assert messages[-1]["message"] == "--ray nohost is not an address. Give HOST:PORT of the cluster's head, or auto."
     with pytest.raises(UsageError) as caught:
         parser().parse_args(["batch", "jobs.toml", "--ray", "auto", "--attempts", "0"])
     assert "at least 1 and at most 100; this is 0." in caught.value.message and not caught.value.hint

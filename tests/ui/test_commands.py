@@ -8,6 +8,7 @@ import bpy
 import extension
 import pytest
 
+from seeing_wind.engine.command.arguments import parser
 from seeing_wind.ui import commands
 from seeing_wind.ui.job import status
 
@@ -59,6 +60,11 @@ def test_a_preview_is_saved_as_one(workplace) -> None:
 
 def test_an_option_is_found_in_both_spellings() -> None:
     assert commands.value_of(["a", "--take", "b"], "--take") == commands.value_of(["--take=b"], "--take") == "b"
+
+
+def test_every_verb_of_the_engine_is_one_of_blenders_command() -> None:
+    (verbs,) = [action.choices for action in parser()._actions if action.dest == "verb"]
+    assert set(verbs) <= {*commands.VERBS, *commands.FILED}
 
 
 @pytest.mark.parametrize(

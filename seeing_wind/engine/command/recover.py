@@ -213,7 +213,7 @@ def _from_first(still: tuple[int, int], first: int, frames: int) -> tuple[int, i
     """The still frames, counted from the first of the `frames` that are read, which is the clip's number `first`."""
     if still[0] < first or still[1] > first + frames:
         raise UsageError(
-            f"--still {still[0]}:{still[1]} names frames that are not read: they are {first} to {first + frames - 1}.",
+            f"--still {still[0]}:{still[1]} names frames that are not used: those are {first} to {first + frames - 1}.",
             "Name the frames in which the air is still; in the others a force is looked for.",
         )
     return still[0] - first, still[1] - first

@@ -38,7 +38,7 @@ def check_networks(settings: ObserveSettings) -> None:
     if settings.prompt is not None and (settings.mask or settings.box or settings.points):
         raise UsageError("The object is marked by words and by a mask, box or points.", "Give one of them.")
     if settings.outline_frame and settings.outline is None:
-        raise UsageError("--outline-frame says which frame --outline shows, and there is none.", "Give both, or neither.")
+        raise UsageError("--outline-frame says which frame --outline shows, but --outline is missing.", "Give both, or neither.")
     if settings.mask_model and (settings.correct or settings.outline):
         raise UsageError("--mask-model follows the outline by itself, and cannot be corrected.", "Leave it or the corrections out.")
     if settings.depth and settings.depth_model:

@@ -198,7 +198,8 @@ def _corrections(
     place = settings.outline_frame - clip.first_frame
     if not 0 <= place < count:
         raise UsageError(
-            f"--outline-frame {settings.outline_frame} lies outside the clip's {clip.first_frame} to {clip.first_frame + count - 1}.",
+            f"--outline-frame: frame {settings.outline_frame} of the file lies outside the clip's frames {clip.first_frame} to "
+            f"{clip.first_frame + count - 1}.",
             "Count from 0, as --frames does.",
         )
     outline = lens.straight_map(read_mask(settings.outline, height, width, "outline"))

@@ -43,16 +43,17 @@ class ObserveSettings:
         None, help="points on the object in the first frame", unit="px", metavar="X,Y", form=PIXELS, group=SEEN, one_of="object", panel=""
     )
     outline: str | None = option(
-        None, help="PNG of a later frame, non-zero where the object is: what is found there is mended by it, and in the other frames "
-        "as far as it is wrong alike; alone it marks the object", metavar="PNG", group=SEEN, file=True, panel="main",
+        None, help="PNG of a later frame, non-zero where the object is: it corrects the outline found in that frame, and in other frames "
+        "where the outline is wrong in the same way; given alone, it marks the object", metavar="PNG", group=SEEN, file=True, panel="main",
     )  # fmt: skip
     outline_frame: int = option(
-        0, label="Frame", help="the frame that --outline shows, counted from 0 in the file", minimum=0, metavar="N", group=SEEN,
+        0, label="Clip Frame", help="the frame that --outline shows, counted from 0 in the file", minimum=0, metavar="N", group=SEEN,
         panel="main",
     )  # fmt: skip
     correct: tuple[float, ...] | None = option(
         None, help="points in any frame N, counted from 0 in the file: N+X,Y on the object, N-X,Y beside it; the "
-        "outline is found again there and carried to the other frames", unit="px", metavar="N+X,Y", form=MARKS, group=SEEN, panel="",
+        "outline of that frame is found again with them and carried to the other frames", unit="px", metavar="N+X,Y",
+        form=MARKS, group=SEEN, panel="",
     )  # fmt: skip
     tracks: str | None = option(
         None, help="NPZ with xy (T+1,K,2) px and visible (T+1,K), instead of tracking", metavar="NPZ", group=SEEN, file=True, panel=""
@@ -71,7 +72,7 @@ class ObserveSettings:
     )  # fmt: skip
     camera: str | None = option(
         None, label="Camera File", metavar="JSON", group=SEEN, one_of="camera", file=True, panel="main",
-        help="JSON with width height fx fy cx cy camera_to_world (OpenCV axes, one 4x4 or one per frame), if need be k1 k2 p1 p2 k3; "
+        help="JSON with width height fx fy cx cy camera_to_world (OpenCV axes, one 4x4 or one per frame), optionally k1 k2 p1 p2 k3; "
         "or a nerfstudio transforms.json",
     )  # fmt: skip
     fov: float = option(

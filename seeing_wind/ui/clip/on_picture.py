@@ -68,7 +68,7 @@ class OnPicture:
         with context.temp_override(area=self.area, region=self.region, space_data=self.area.spaces.active):
             found = picture_corners(bpy.context, self.region)
         if found is None:
-            self.report({"ERROR"}, "The frame is not in view. Press Numpad 0 for the camera's view and try again.")
+            self.report({"ERROR"}, "The clip is not in view. Press Numpad 0 for the camera's view and try again.")
         return found
 
     def end(self, context) -> None:

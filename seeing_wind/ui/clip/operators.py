@@ -76,19 +76,19 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
-    """Choose what of the scene is to be as the clip's, now and whenever results are loaded"""
+    """Choose which settings of the scene follow the clip, now and whenever results are loaded"""
 
     bl_idname = "seeing_wind.match_scene"
     bl_label = "Match Scene"
 
     parts: EnumProperty(
-        name="As the Clip's", items=PARTS, options={"ENUM_FLAG", "SKIP_SAVE"}, description="The rest stays as the scene has it"
+        name="Follows the Clip", items=PARTS, options={"ENUM_FLAG", "SKIP_SAVE"}, description="The other settings stay as they are"
     )
 
     def invoke(self, context, event):
         """Ask; what follows already is ticked."""
         self.parts = set(followed(context.scene))
-        return context.window_manager.invoke_props_dialog(self, title="What is to be as the clip's?", confirm_text="Match")
+        return context.window_manager.invoke_props_dialog(self, title="Which settings follow the clip?", confirm_text="Match")
 
     def draw(self, context):
         """One below the other: side by side their names are cut off."""
@@ -109,7 +109,7 @@ class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
             scene, self.parts, fps=fps, first=settings.frame_start, last=settings.frame_start + frames, size=tuple(clip.size), aspect=None,
             camera=camera,
         )  # fmt: skip
-        return left_alone(scene).capitalize() or "The scene is as the clip"
+        return left_alone(scene).capitalize() or "The scene follows the clip"
 
 
 def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip, parts: frozenset[str]) -> None:

@@ -54,7 +54,7 @@ class ClipSettings:
 
     focal_length: FloatProperty(
         name="35 mm Equivalent (mm)", get=_focal_length, set=_set_focal_length, default=38.6, min=0.5, max=2000.0, precision=1, step=100,
-        description="The field of view as a focal length: of a lens that shows as much on a sensor 36 mm wide",
+        description="The field of view as the focal length of a lens that shows as much on a sensor 36 mm wide",
     )  # fmt: skip
     views: CollectionProperty(type=SEEING_WIND_PG_view)
     active_view: IntProperty(name="Active View", default=0, min=0)
@@ -64,7 +64,7 @@ class ClipSettings:
         "stays where it is in time",
     )  # fmt: skip
     follows: EnumProperty(
-        name="Follows the Clip", items=PARTS, options={"ENUM_FLAG", "HIDDEN"}, description="What of the scene is as the clip's"
+        name="Follows the Clip", items=PARTS, options={"ENUM_FLAG", "HIDDEN"}, description="Which settings of the scene follow the clip"
     )
     follows_decided: BoolProperty(options={"HIDDEN"})
 

@@ -80,8 +80,8 @@ def said_of_pace(stride: float) -> str:
     if abs(stride - 1.0) < 1e-3:
         return ""
     if stride > 1.0:
-        return f"every frame shows the clip's nearest frame: in {100.0 * (1.0 - 1.0 / stride):.2g} of 100 that of the frame before again"
-    return f"every frame shows the clip's nearest frame: {100.0 * (1.0 - stride):.2g} of 100 frames are left out"
+        return f"every scene frame shows the nearest clip frame: {100.0 * (1.0 - 1.0 / stride):.2g} in 100 repeat the one before"
+    return f"every scene frame shows the nearest clip frame: {100.0 * (1.0 - stride):.2g} in 100 clip frames are left out"
 
 
 def said_of_mirror(field: Any) -> str:

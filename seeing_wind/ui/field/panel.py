@@ -64,7 +64,7 @@ class FieldTab(Tab):
         if said_of_override(field):
             layout.operator("seeing_wind.turn_override", icon="ORIENTATION_LOCAL")
         if stride_of(field) != 1.0:
-            layout.operator("seeing_wind.conform", text="One Clip Frame per Frame", icon="RENDER_ANIMATION").real_time = False
+            layout.operator("seeing_wind.conform", text="One Clip Frame per Scene Frame", icon="RENDER_ANIMATION").real_time = False
         if LOOP in field:
             layout.prop(field, f'["{LOOP}"]', text="Loop")
         self._felt(context, layout, settings, field)

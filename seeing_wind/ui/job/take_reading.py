@@ -128,7 +128,7 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
     arrays = take.read_arrays("observation.npz")
     camera, picture = from_arrays(Camera, arrays, "camera."), arrays.get("image")
     if picture is None or picture.ndim != 3 or not np.isfinite(camera.camera_to_world).all():
-        raise TakeError(f"{take.file('observation.npz')} lacks its frame or a camera.", "Run Recover again.")
+        raise TakeError(f"{take.file('observation.npz')} lacks its first frame or a camera.", "Run Recover again.")
     outline = next(iter(from_arrays(Masks, arrays, "masks.")), None) if "masks.windows" in arrays else None
     if not take.file("particles.npz").is_file():
         return Seen(camera, picture, outline, None, np.empty((0, 0, 3)))

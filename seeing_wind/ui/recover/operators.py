@@ -160,7 +160,7 @@ class SEEING_WIND_OT_join(JobOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_open_report(bpy.types.Operator):
-    """Open what the recovery says of itself"""
+    """Open the recovery's report, its video or its folder"""
 
     bl_idname = "seeing_wind.open_report"
     bl_label = "Open Report"

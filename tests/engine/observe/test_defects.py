@@ -59,7 +59,7 @@ def test_an_object_over_the_edge_is_told(disc: Scene) -> None:
     assert told(disc.frames, disc.masks) == []
     shifted = np.roll(disc.masks, 100, axis=2)
     shifted[:, :, :100] = False
-    leaving = [one for one in told(disc.frames, shifted) if "leaves the frame from frame" in one]
+    leaving = [one for one in told(disc.frames, shifted) if "partly out of view" in one]
     assert len(leaving) == 1
     masks = disc.masks.copy()
     masks[:, :, :70] |= masks.any(axis=2, keepdims=True)

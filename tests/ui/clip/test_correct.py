@@ -38,12 +38,12 @@ def test_points_are_of_the_picture_that_is_shown(boxed, tmp_path) -> None:
 
 
 def test_points_that_are_refused(boxed) -> None:
-    with pytest.raises(RuntimeError, match="outside the frame"):
+    with pytest.raises(RuntimeError, match="outside the clip.s image"):
         ops.correct_outline(place=(WIDTH + 3.0, 5.0))
-    with pytest.raises(RuntimeError, match="Frame 5000 is none of those that are used"):
+    with pytest.raises(RuntimeError, match="Frame 5000 of the file is not among those used"):
         ops.correct_outline(place=(5.0, 5.0), picture=5000)
     boxed.use_frames, boxed.frames = True, (2, 4)
-    with pytest.raises(RuntimeError, match="Frame 1 is none of those that are used, 2 to 4"):
+    with pytest.raises(RuntimeError, match="Frame 1 of the file is not among those used, 2 to 4"):
         ops.correct_outline(place=(5.0, 5.0), picture=1)
     with pytest.raises(RuntimeError, match="no corrections"):
         ops.clear_corrections()

@@ -59,7 +59,7 @@ def film(observation: Observation, recovery: Recovery, small: Observation, keep:
 def check_length(pictures: int, recovery: Recovery) -> None:
     """Raises ClipError where the clip has fewer frames than the recovery."""
     if pictures < len(recovery.x):
-        raise ClipError(f"The clip ends at frame {pictures}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
+        raise ClipError(f"The clip has {pictures} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
 
 
 def reduced(observation: Observation) -> Observation:

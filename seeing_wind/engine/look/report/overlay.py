@@ -55,7 +55,7 @@ def write_overlay(
         for picture in range(recovery.x.shape[0]):
             image = next(pictures, None)
             if image is None:
-                raise ClipError(f"The clip ends at frame {picture}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
+                raise ClipError(f"The clip has {picture} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
             writer.write(cv2.cvtColor(drawing.draw(image, picture), cv2.COLOR_RGB2BGR))
             progress.update((picture + 1) / len(recovery.x), "overlay.mp4")
 

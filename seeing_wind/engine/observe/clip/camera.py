@@ -126,10 +126,10 @@ def _check_pinhole(path: str, width: int, height: int, fx: float, fy: float, cx:
     for name, focal in (("fx", fx), ("fy", fy)):
         if not SHORTEST * width <= focal <= LONGEST * width:
             raise UsageError(
-                f"The camera {path} has {name} = {focal:g}, a frame of {width} pixels across.", "Give the focal length in pixels."
+                f"The camera {path} has {name} = {focal:g} for a frame {width} pixels wide.", "Give the focal length in pixels."
             )
     if not 1.0 / STRETCHED <= fx / fy <= STRETCHED:
-        raise UsageError(f"The camera {path} has fx = {fx:g} and fy = {fy:g}: pixels are not so oblong.", "Give both in pixels.")
+        raise UsageError(f"The camera {path} has fx = {fx:g} and fy = {fy:g}: no camera has pixels that oblong.", "Give both in pixels.")
     for name, centre, size in (("cx", cx, width), ("cy", cy, height)):
         if not -OFF_CENTRE * size <= centre <= (1.0 + OFF_CENTRE) * size:
             raise UsageError(

@@ -86,7 +86,7 @@ def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
     if rim[0]:
         progress.warn("The object reaches over the edge of the first frame: what lies outside has no mass in the result.")
     elif rim.any():
-        progress.warn(f"The object leaves the frame from {frame_named(int(np.flatnonzero(rim)[0]))} on; there its tracks are fewer.")
+        progress.warn(f"From {frame_named(int(np.flatnonzero(rim)[0]))} on the object is partly out of view, and fewer points are tracked.")
     blurred = _blurred(frames, masks, progress)
     if len(blurred):
         progress.warn(

@@ -110,7 +110,7 @@ def mask_from_points(picture: np.ndarray, points: np.ndarray, plate: Plate | Non
     # Hardly more than the discs round the points: their colours are everywhere, and nothing was added to them.
     if not max(LEAST_PIXELS, 1.5 * seeds.sum()) <= found.sum() <= LARGEST_OF_POINTS * found.size:
         raise ObjectError(
-            f"What the points lie on covers {int(found.sum())} pixels and is told from its surroundings by neither colour nor motion.",
+            f"The region at the points covers {int(found.sum())} pixels and differs from its surroundings in neither colour nor motion.",
             "Set more points, on all of its colours, or draw a --box round it.",
         )
     return found

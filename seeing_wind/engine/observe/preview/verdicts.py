@@ -121,7 +121,7 @@ def _tracks(seen: Observation) -> Verdict:
             "tracks",
             0.6,
             "Only the middle of the outline is followed, so turning and bending stay unknown.",
-            "Film closer, or with more pattern.",
+            "Film closer, or an object with more pattern.",
         )
     least = int(seen.visible[:, ~seen.on_centroid].sum(axis=1).min())
     if least < FEW_TRACKS:
@@ -160,7 +160,7 @@ def _motion(seen: Observation) -> Verdict:
             "motion",
             1.5,
             f"It moves by {most:.1f} px, no more than the tracks' errors.",
-            "Take a part in which it moves more, or film closer.",
+            "Choose a part of the clip in which it moves more, or film closer.",
         )
     return Verdict("motion", 0.0, f"It moves by {most:.0f} px.")
 

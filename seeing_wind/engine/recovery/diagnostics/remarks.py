@@ -112,8 +112,8 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
         )
     if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
         notes.append(
-            f"In {frame_named(peak)} the simulated body is {1000 * residual[peak]:.2g} mm off, else {1000 * far:.2g} mm: where the force "
-            "changes suddenly, it is smoothed over about four frames."
+            f"In {frame_named(peak)} the simulated body is {1000 * residual[peak]:.2g} mm off, otherwise {1000 * far:.2g} mm: where the "
+            "force changes suddenly, it is smoothed over about four frames."
         )
     if views == 1:
         notes.append(
@@ -129,7 +129,7 @@ def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: 
     if not 0.5 * size * duration**2 < COASTING * way:
         return []
     alone = "only the given gravity" if np.any(gravity) else "no force"
-    return [f"The body moves as if {alone} acted on it: the force found is {density * size:.2g} N/m³, and so little is not known well."]
+    return [f"The body moves as if {alone} acted on it: the force found, {density * size:.2g} N/m³, is too small to be known well."]
 
 
 def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarray, gravity: Sequence[float]) -> list[str]:
@@ -214,6 +214,6 @@ def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str
     if farthest < LOOSE:
         return []
     return [
-        f"What is held moves by {farthest:.2g} pixels in the clip: the force is that on a body which does not move there. Check --pin, and "
-        "that the camera stands still or its motion is given."
+        f"What is held moves by {farthest:.2g} pixels in the clip, but the force was found as if it stood still. Check --pin, and that the "
+        "camera stands still or its motion is given."
     ]

@@ -48,10 +48,10 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
         begin, end = settings.frames if settings.use_frames else (0, clip.frame_duration - 1)
         if not max(begin, 0) <= picture <= min(end, clip.frame_duration - 1):
             raise UsageError(
-                f"Frame {picture} is none of those that are used, {begin} to {end}.", "Go to a frame that shows one of them."
+                f"Frame {picture} of the file is not among those used, {begin} to {end}.", "Go to a scene frame that shows one of them."
             )
         if not all(-0.5 <= at <= side - 0.5 for at, side in zip(self.place, clip.size)):
-            raise UsageError("The point lies outside the frame.", "Click on the frame.")
+            raise UsageError("The point lies outside the clip's image.", "Click on the image.")
         point = settings.corrections.add()
         point.picture, point.place, point.beside = picture, self.place, self.beside
         return f"The outline is corrected in frame {picture} of the file; Preview shows it"

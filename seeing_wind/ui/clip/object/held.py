@@ -13,7 +13,7 @@ from ...job import takes
 
 
 class SEEING_WIND_OT_use_held(DirectOperator, bpy.types.Operator):
-    """Take the proposed place as the one at which the object is held; nothing is looked at again for it"""
+    """Hold the object at the proposed place, without another look at the clip"""
 
     bl_idname = "seeing_wind.use_held"
     bl_label = "Use as Held Place"

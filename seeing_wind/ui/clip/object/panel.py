@@ -92,7 +92,7 @@ def _draw_corrections(column, settings) -> None:
     row.operator("seeing_wind.correct_outline", text="Point Beside", icon="REMOVE").beside = True
     for point in settings.corrections[-3:]:
         where = f"{'beside' if point.beside else 'on it'} at {point.place[0]:.0f}, {point.place[1]:.0f} px"
-        body.label(text=f"Frame {point.picture}: {where}", icon="REMOVE" if point.beside else "ADD")
+        body.label(text=f"Clip frame {point.picture}: {where}", icon="REMOVE" if point.beside else "ADD")
     if count:
         body.operator("seeing_wind.clear_corrections", icon="X")
     body.prop(settings, "outline_data", text="Blender Mask")

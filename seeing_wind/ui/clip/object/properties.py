@@ -68,7 +68,7 @@ class SEEING_WIND_PG_verdict(bpy.types.PropertyGroup):
 class SEEING_WIND_PG_correction(bpy.types.PropertyGroup):
     """A point by which the outline is corrected in one frame."""
 
-    picture: IntProperty(name="Frame", min=0, description="Counted from 0 in the file")
+    picture: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
     place: FloatVectorProperty(name="Place (px)", size=2, description="From the left and from the top")
     beside: BoolProperty(name="Beside", description="The point is not on the object")
 

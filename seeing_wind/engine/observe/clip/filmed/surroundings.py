@@ -126,7 +126,7 @@ def _row_by_row(motion: Motion, height: int) -> Doubt | None:
         return None
     return Doubt(
         0.6,
-        f"The camera shakes while its sensor is read row by row ({100 * share:.0f} % of the time between frames), so the frame wobbles "
+        f"The camera shakes while its sensor is read row by row ({100 * share:.0f} % of the time between frames), so the image wobbles "
         f"by up to {np.abs(lean - np.median(lean)).max():.1f} px.",
         "Hold the camera still, or put it on a tripod.",
     )
