@@ -77,7 +77,7 @@ def _alternatives(verb: Parser, actions: list[argparse.Action]) -> str:
 def _call(action: argparse.Action) -> str:
     """An option as it is typed."""
     if not action.option_strings:
-        return str(action.metavar)
+        return f"{action.metavar} ..." if action.nargs == "+" else str(action.metavar)
     value = action.metavar if isinstance(action.metavar, tuple) else (action.metavar,) if action.metavar else tuple(action.choices or ())
     between = "|" if action.metavar is None else " "
     return " ".join(filter(None, [action.option_strings[-1], between.join(value), "..." if action.nargs == "+" else ""]))

@@ -16,14 +16,26 @@ Letters
     dx  grid spacing [m]                        dt  substep [s]         f   force density [N/m³]      a   acceleration [m/s²]
 
 The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature says F, and so does this code.
+
+A number that physics or statistics hang on is a field of a frozen record, a `constant` with its unit, reason and source:
+
+    materials.py                    SolverLimits     LIMITS   grid, substeps, damping
+    recovery/prior/constants.py     PriorConstants   PRIOR    what is believed of the force and the body beforehand
+    recovery/targets/constants.py   NoiseConstants   NOISE    errors of what was observed, and of the solver's body
+    recovery/solve/constants.py     PaceConstants    PACE     how far and how finely the solve goes
+
+docs/reference/constants.md is written from them, and `make sensitivity` halves and doubles each. What only rounding, memory or the number
+of cores ask for is no such number; it stands where it is used.
 """
 
 from __future__ import annotations
 
 import re
 from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -106,3 +118,25 @@ def frame_named(t: int) -> str:
 
 UNHELD = "Nothing was marked as held"
 """How the note begins on a force that only answers gravity: the panel offers what mends it."""
+
+
+def constant(value: Any, unit: str, reason: str, source: str) -> Any:
+    """A field of a record of constants: a number or a tuple of them, its unit ("1" for none), what it is for, and where it is from."""
+    return field(default=value, metadata={"unit": unit, "reason": reason, "source": source})
+
+
+@dataclass(frozen=True)
+class Constant:
+    """One number of a record, as the docs and the sensitivity table show it."""
+
+    name: str
+    value: float | tuple[float, ...]
+    unit: str
+    reason: str
+    source: str
+
+
+def constants_of(record: Any) -> Iterator[Constant]:
+    """All fields of a record, in the order in which they stand there."""
+    for one in fields(record):
+        yield Constant(one.name, getattr(record, one.name), one.metadata["unit"], one.metadata["reason"], one.metadata["source"])

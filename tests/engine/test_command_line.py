@@ -291,6 +291,7 @@ def test_a_finished_stage_whose_file_is_damaged_is_done_again(square: Path, tmp_
     assert from_arrays(Observation, take.read_arrays("observation.npz")).fps == first.fps
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to another process on Windows")
 def test_a_solve_survives_a_cancel_while_the_field_is_fitted(square: Path, tmp_path: Path) -> None:
     """One iteration is enough to finish, and the same command then goes on behind the solve. The field is fitted in haste."""

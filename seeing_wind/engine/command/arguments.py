@@ -106,6 +106,8 @@ def parser() -> Parser:
     export.add_argument("take", type=path, metavar="DIR", help="take of the recovered field")
     export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"), help="vdb only inside Blender")
     export.add_argument("--out", type=path, required=True, metavar="PATH", help="file that is written, or the start of several names")
+    joined = verbs.add_parser("join", help="one wind for the objects of several takes of a clip", allow_abbrev=False)
+    joined.add_argument("takes", type=path, nargs="+", metavar="DIR", help="takes of two objects or more; each gets the wind of all")
     _identify(verbs.add_parser("identify", help="ask a vision-language model what is in the first picture", allow_abbrev=False))
     _batch(verbs.add_parser("batch", help="many clips and edits, here or on a farm", allow_abbrev=False))
     verbs.add_parser("doctor", help="what is installed, what works, what to do about the rest", allow_abbrev=False)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UsageError
+from ..errors import ObjectError, UsageError
 from ..materials import adjusted, find
 from ..progress import Journal, Progress
 from ..records import Body, Outcome, Recovery, TrackTargets
@@ -17,6 +17,7 @@ from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSett
 from ..stages import build_stage, check_sheet, check_solve, lift_stage, observe_stage, picture_loss, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import properties_of, settings_of
+from .join import join
 from .lock import held
 from .reporting import diverged, reported
 
@@ -63,9 +64,21 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
         own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
         results.append({"name": one["name"], **recover_one(own, progress)})
     Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
+    shared = _joined(arguments, results, progress)
     worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
     outcome, warnings = worst[0] if worst else Outcome.CONVERGED, [f"{r['name']}: {one}" for r in results for one in r.get("warnings", [])]
-    return {"outcome": outcome.value, "take": str(home), "objects": results, "warnings": warnings}
+    return {"outcome": outcome.value, "take": str(home), "objects": results, "warnings": warnings + shared}
+
+
+def _joined(arguments: argparse.Namespace, results: list[Result], progress: Progress) -> list[str]:
+    """One wind for all objects that a wind was found for, if it was asked for; what is in the way is told, and each keeps its own."""
+    if arguments.field != "wind" or any(one["outcome"] == Outcome.DIVERGED for one in results) or len(results) < 2:
+        return []
+    try:
+        join(argparse.Namespace(verb="join", takes=[one["take"] for one in results]), progress)
+    except (ObjectError, UsageError) as error:
+        return [f"Each object keeps a wind of its own. {error.message} {error.hint}"]
+    return []
 
 
 def _on(mask: str, pin: str) -> bool:

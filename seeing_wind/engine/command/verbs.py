@@ -11,6 +11,7 @@ from ..errors import SeeingWindError, UsageError
 from ..progress import Progress
 from ..take import Take, require_take
 from .batch.verb import batch
+from .join import join
 from .observe import observe
 from .recover import asked_model, recover, recover_trajectories
 from .resimulate import resimulate
@@ -89,6 +90,7 @@ VERBS: dict[str, Callable[[argparse.Namespace, Progress], Result]] = {
     "sample": sample,
     "resimulate": resimulate,
     "export": export,
+    "join": join,
     "identify": identify,
     "batch": batch,
     "doctor": doctor,

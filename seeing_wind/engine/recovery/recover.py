@@ -11,14 +11,16 @@ from scipy.spatial import cKDTree
 
 from ..errors import ObjectError, UsageError
 from ..field.torch_threads import one_torch_thread
+from ..materials import LIMITS
 from ..mpm.laws.constitutive import LAWS
 from ..mpm.model import Model
-from ..mpm.model_for import DEFAULT_SPEED, model_for
+from ..mpm.model_for import model_for
 from ..progress import Journal, Progress
 from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .clip import Clip, still_frames
 from .diagnostics.remarks import moving_clamp_remark
+from .solve.constants import PACE
 from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free
 from .targets.clamp_motion import clamp_motion
@@ -26,8 +28,7 @@ from .targets.objective import Channels, Objective
 from .targets.points import PointChannels, point_channels
 from .targets.tracks import track_channels
 
-HASTE = 3.0
-"""How much faster than the points were seen to move the simulated body may have to be followed."""
+
 @one_torch_thread()
 def recover(
     particles: Particles,
@@ -86,7 +87,7 @@ def recover(
         material = replace(material, law="corotated")
     model, model_notes = model_for(
         particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth,
-        speed=min([DEFAULT_SPEED, *(HASTE * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
+        speed=min([LIMITS.default_speed, *(PACE.haste * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
     )  # fmt: skip
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))

@@ -11,7 +11,7 @@ import pytest
 from scenes import noise, write_video
 
 from seeing_wind.engine.masks import Masks
-from seeing_wind.engine.materials import MAX_SUBSTEPS, find
+from seeing_wind.engine.materials import LIMITS, find
 from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate, median_plate
@@ -182,6 +182,6 @@ def test_a_wider_softer_rod_sways_as_the_thin_stiff_stem_does(seen: Observation)
         moved = rollout(model, State.at_rest(body.x), push).x[:, free, 0]
         ways.append(np.average(moved[-1] - moved[0], weights=body.volume[free]))
         substeps.append(model.substeps)
-    assert substeps[1] <= MAX_SUBSTEPS < 0.3 * substeps[0]
+    assert substeps[1] <= LIMITS.max_substeps < 0.3 * substeps[0]
     assert ways[1] == pytest.approx(ways[0], rel=0.15)
     assert ways[0] < 0.9 * 0.5 * 0.05 * 1.5**2, "the stem holds it back"

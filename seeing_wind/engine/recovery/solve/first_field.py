@@ -15,7 +15,8 @@ from functools import partial
 import numpy as np
 
 from ...mpm.state import Trajectory
-from ..prior.kernel import DURATION, LENGTH, Kernel, Prior
+from ..prior.constants import PRIOR
+from ..prior.kernel import Kernel, Prior
 from ..prior.learning import prior_along
 from .forward import Forward
 from .solver import Solver
@@ -45,9 +46,9 @@ class Pace:
     """Jacobians of the solve with as many as the field is worth."""
     last_iterations: int = 1
     """Jacobians of the solve with the sizes learnt."""
-    length: float = LENGTH
+    length: float = PRIOR.length
     """Correlation length of the field before its sizes are learnt [body radii]."""
-    duration: float = DURATION
+    duration: float = PRIOR.duration
     """The same in time [frames]."""
 
 

@@ -14,28 +14,16 @@ import numpy as np
 
 from ...errors import SimulationError
 from ...mpm.state import State, Trajectory
+from ..prior.constants import PRIOR
 from ..prior.stretch import stretch_rows, stretch_weights
 from ..targets.objective import Objective
+from .constants import PACE
 from .forward import Forward
 
-WINDOW = 4
-"""Frames looked ahead."""
-HOP = 2
-"""Frames that the body is moved on before it is looked ahead again."""
-FIRST_WINDOW = 6
-"""Frames of the first window, which finds the initial velocity too."""
-STEPS = 1
-FIRST_STEPS = 5
-JUMP = 0.5
-"""Standard deviation of the change of the field from frame to frame, relative to its expected size."""
 BROKEN = 1e6
 """Residual [m or px] of a simulation that broke down."""
 DAMPING = ((0.0, 1.0), (10.0, 100.0))
 """Tried at once, one pair after the other until one of them is better: two cores simulate a pair in the time of one."""
-SHARES = (1.0, 0.5, 0.0)
-"""Of the force so far, tried in turn where the body breaks down under it."""
-STRAIN = 0.2
-"""Size of the force's symmetric gradient while following, relative to that of its rotation."""
 
 
 @dataclass(frozen=True)
@@ -77,20 +65,21 @@ def warm_start(
     coefficients = np.zeros(count)
     if state is None:
         spread = np.concatenate([deviation.ravel(), speed])
-        unknown = _fit(forward, objective, None, 0, min(FIRST_WINDOW, objective.frames), np.zeros(len(spread)), spread, FIRST_STEPS)
+        window = min(PACE.first_horizon, objective.frames)
+        unknown = _fit(forward, objective, None, 0, window, np.zeros(len(spread)), spread, PACE.first_horizon_steps)
         coefficients, velocity = unknown[:count], unknown[count:]
         state = forward.start(velocity)
     elif last is not None:
         coefficients = last.ravel()
     else:  # nothing is known of the field yet: let the first window find it
-        window = min(WINDOW, objective.frames - begin)
-        coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), FIRST_STEPS)
+        window = min(PACE.horizon, objective.frames - begin)
+        coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), PACE.first_horizon_steps)
 
     found, states = [], [state]
     for t in range(begin, end):
-        if (t - begin) % HOP == 0:
-            window = min(WINDOW, objective.frames - t)
-            coefficients = _fit(forward, objective, state, t, window, coefficients, JUMP * deviation.ravel(), STEPS)
+        if (t - begin) % PACE.hop == 0:
+            window = min(PACE.horizon, objective.frames - t)
+            coefficients = _fit(forward, objective, state, t, window, coefficients, PRIOR.jump * deviation.ravel(), PACE.horizon_steps)
         state = forward.advance(state, coefficients.reshape(-1, 3), t)
         found.append(coefficients.reshape(-1, 3))
         states.append(state)
@@ -141,11 +130,11 @@ def bearable(
 
     What moved a soft body so far may tear it when it goes on for a whole window.
     """
-    for share in SHARES:
+    for share in PACE.horizon_shares:
         try:
             return share * unknown, *forward.window_changes(state, share * unknown, offset, frame, window)
         except SimulationError:
-            if share == SHARES[-1] or not unknown.any():
+            if share == PACE.horizon_shares[-1] or not unknown.any():
                 raise
     raise AssertionError
 
@@ -175,7 +164,7 @@ def _strain_precision(forward: Forward, state: State | None, spread: np.ndarray)
     F = np.broadcast_to(np.eye(3), (*forward.x.shape, 3)) if state is None else state.F
     rows = stretch_rows(basis, forward.x, np.stack([F, F]), np.zeros(1))[0].reshape(-1, count)
     implied = ((rows * spread[:count]) ** 2).sum(axis=1)
-    weight = stretch_weights(implied, STRAIN)
+    weight = stretch_weights(implied, PRIOR.strain)
     full = np.zeros((len(spread), len(spread)))
     full[:count, :count] = rows.T @ (weight[:, None] * rows)
     return full

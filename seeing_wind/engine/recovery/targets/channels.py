@@ -12,9 +12,7 @@ import numpy as np
 
 from ...errors import ObjectError, UsageError
 from ...records import Attachment
-
-ABOUT = 1.2
-"""Bounds on the noise that differ by less than this factor are the same within their own uncertainty."""
+from .constants import NOISE
 
 
 def attachment_matrix(attachment: Attachment, particles: int) -> np.ndarray:
@@ -35,7 +33,7 @@ def noise_of(series: np.ndarray) -> float:
         return 0.0
     orders = range(3, min(7, len(series) - 3) + 1)
     bounds = [float(np.sqrt(np.mean(np.diff(series, order, axis=0) ** 2) / comb(2 * order, order))) for order in orders]
-    return next(bound for bound in bounds if bound <= ABOUT * min(bounds))
+    return next(bound for bound in bounds if bound <= NOISE.same_noise * min(bounds))
 
 
 def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:

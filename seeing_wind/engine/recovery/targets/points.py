@@ -11,15 +11,11 @@ from ...records import Particles, PointTargets
 from ..prior.basis import held_axis, spatial_basis
 from .arc import along_the_curve
 from .channels import attachment_matrix, check, first_speed, noise_of, second_derivative
+from .constants import NOISE
 from .mismatch import point_mismatch
 
-MODES = 20
-"""Most displacement modes that points in 3D are reduced to."""
-WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
-"""A point in 3D is wild when it misses the smooth motion of the others by more than so many medians and so many particle spacings."""
-
-LEAST_WEIGHT = 0.02
-"""Weight of the least certain point, relative to that of the most certain, at least."""
+WILD_ROUNDS = 8
+"""Fits of the smooth motion without what is wild, at most."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +117,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     points = attachment_matrix(targets.attachment, len(particles.x))
     start = points @ particles.x
     spread = np.linalg.norm(start - start.mean(axis=0), axis=1).max() if count > 1 else 0.0
-    modes = np.ones((count, 1)) if spread < 0.1 * particles.spacing else spatial_basis(start, np.ones(count), MODES).phi
+    modes = np.ones((count, 1)) if spread < 0.1 * particles.spacing else spatial_basis(start, np.ones(count), NOISE.point_modes).phi
     modes = modes[:, : max(1, int(targets.visible.sum(axis=1).max()) // 2)]
 
     astray = wild(targets, start, modes, particles.spacing)
@@ -216,7 +212,7 @@ def _weights(targets: PointTargets, count: int) -> np.ndarray:
         raise UsageError("A point's covariance is not symmetric and positive definite.", "Give every direction some uncertainty.")
     weight = 1.0 / np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     # Of points that hardly count, the least-squares fit would leave modes to chance.
-    return np.maximum(weight, LEAST_WEIGHT * weight.max())
+    return np.maximum(weight, NOISE.least_weight * weight.max())
 
 
 def _inverse(modes: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -267,7 +263,7 @@ def wild(targets: PointTargets, start: np.ndarray, modes: np.ndarray, spacing: f
             continue
         smooth, moved = modes[seen, : max(1, int(seen.sum()) // 3)], (targets.x[t] - start)[seen]
         miss = np.linalg.norm(moved - smooth @ _least_absolute(smooth, moved, 1e-3 * spacing), axis=1)
-        out[t, seen] = miss > max(WILD * float(np.median(miss)), WILD_SPACINGS * spacing)
+        out[t, seen] = miss > max(NOISE.wild * float(np.median(miss)), NOISE.wild_spacings * spacing)
     return out
 
 

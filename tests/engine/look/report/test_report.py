@@ -130,6 +130,7 @@ def test_a_force_that_is_not_seen_is_grey(tmp_path):
     assert none == [] and frames == [3, 4] and many > few + 200
 
 
+@pytest.mark.slow
 def test_what_a_killed_report_has_made_is_not_made_again(tmp_path, pictures, monkeypatch):
     found, particles = recovery()
     seen, field = observation(pictures), UniformField(BOX, FPS, FRAMES, FORCE)
