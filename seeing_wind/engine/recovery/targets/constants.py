@@ -73,23 +73,22 @@ class NoiseConstants:
     )  # fmt: skip
     late_offset: float = constant(0.5, "px", "Standard deviation of the attachment of a track that was not there in frame 0.", "Chosen.")
     huber: float = constant(2.0, "deviations", "Residuals of tracks beyond it pull with constant force.", "Usual: 1.3 to 3.")
+    end_wild: float = constant(
+        4.0, "1", "The first or last frames of a clip are wild, and count little, when their tracks miss by so many times as much as in "
+        "the middle frame. So look tracks that slide with an outline that leaves the view, or with blur; a force that begins there of a "
+        "sudden looks the same, and nothing after it tells them apart.", "Small made-up bodies whose last tracks were displaced.",
+    )  # fmt: skip
+    end_least: float = constant(3.0, "deviations", "And by so much, in the median of the tracks.", "Chosen.")
+    end_odd: float = constant(1.5, "1", "And, in all frames up to the clip's end, by so many times as much.", "As `end_wild`.")
+    end_part: float = constant(0.25, "1", "Part of the frames that such an end may be.", "Chosen.")
+    end_fewest: int = constant(8, "frames", "From which it is told what is usual.", "Chosen.")
+    end_usual: float = constant(
+        0.25, "deviations", "By which tracks usually miss, at least: by less, where their sigma is too large.", "Chosen."
+    )
     edge_on: float = constant(
         0.25, "1", "A track is dropped while its neighbourhood's image is squeezed to less than this share of frame 0.", "Chosen."
     )
     neighbours: int = constant(10, "tracks", "That make the neighbourhood.", "Chosen.")
-
-    end_wild: float = constant(
-        4.0, "1", "The first or last frames of a clip are wild when their tracks, in the median, miss by so many times as much as in the "
-        "middle frame of the rest. So look tracks that slide with an outline that leaves the frame, or with blur; a force that begins "
-        "there of a sudden looks the same, and nothing after it tells them apart.", "Chosen on real clips, docs/notebook/clips.md.",
-    )  # fmt: skip
-    end_least: float = constant(3.0, "deviations", "And by so much at least.", "Chosen.")
-    end_odd: float = constant(1.5, "1", "And all of them up to the clip's end by so many times as much as usual.", "Chosen.")
-    end_part: float = constant(0.25, "1", "Part of the frames that may be such an end.", "Chosen.")
-    end_fewest: int = constant(8, "frames", "From which it is told what is usual.", "Statistics.")
-    end_usual: float = constant(
-        0.25, "deviations", "By which tracks usually miss, at least: a sigma that is too large is no family to fall out of.", "Chosen."
-    )
 
     wild: float = constant(8.0, "medians", "Miss of the others' smooth motion from which a 3D point is wild,", "Chosen.")
     wild_spacings: float = constant(0.2, "particle spacings", "if it is more than this, too.", "Chosen.")
