@@ -7,10 +7,11 @@ ENGINE := .venv-engine
 TESTS := .venv-tests
 # What needs bpy. Every other test runs in the engine's environment.
 BLENDER_TESTS := tests/ui tests/test_whole_job.py
-# A process for each core; the tests of a file stay together, as they share fixtures. ALL=1: those marked `slow`, too. What several threads
+# A process more than there are cores, as many tests wait for a worker that they have started; the tests of a file stay together, as they share
+# fixtures. ALL=1: those marked `slow`, too. What several threads
 # of the solver do together (CREW) is tried first, in one process that has all cores.
 CREW := tests/engine/mpm/test_crew.py tests/engine/mpm/test_launches.py tests/engine/mpm/shell/test_cholesky.py
-PYTEST = -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
+PYTEST = -m pytest -n $(shell echo $$(($$(nproc) + 1))) --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
 DEMO := build/demo
 KERNELS := $(CURDIR)/build/kernels
 
@@ -33,7 +34,7 @@ help:
 	@echo "make benchmark-compilers  Quadrants beside Taichi"
 	@echo "make sensitivity  what each number of the recovery is worth: halved and doubled, one at a time; an hour"
 	@echo "make docs       the documentation as a site in build/docs; a broken link, anchor or picture is an error"
-	@echo "make references docs/reference/cli.md and materials.md from the options and the material library"
+	@echo "make references docs/reference/cli.md, materials.md and constants.md from the options, the material library and the constants"
 	@echo "make benchmark-report  what a large clip costs: shares of stages and report, memory; RUN='--size 3840 2160 --frames 100 300'"
 	@echo "make screenshots BLENDER=PROGRAM  the pictures of docs/screenshots/ anew, see make.sh there"
 	@echo "make solvers BLENDER=PROGRAM  how far Blender's solvers are off a curved field, and how fast particles play in it"
@@ -163,6 +164,7 @@ benchmark-compilers: setup
 # The pages that are generated. `cli-reference` alone writes the first.
 references: cli-reference
 	$(PY) scripts/materials_reference.py
+	$(PY) scripts/constants_reference.py
 
 cli-reference: setup
 	$(PY) scripts/cli_reference.py

@@ -37,7 +37,7 @@ class Clip:
 CLIPS = {
     "toss": Clip("ball_toss_osp/BallTossOut.mov", 30.19, 398.7, (12, 27), (175, 150, 200, 175)),
     "sideways": Clip("ball_bounce_sideways/clip.mp4", 100.0, 357.0, (64, 120), (462, 340, 499, 376)),
-    # The puck's scale is that of its tape rule, about; both clips have the same. The free one is pulled, too, up to picture 18.
+    # The puck's scale is that of its tape rule, about; both clips have the same. The free one is pulled, too, up to frame 18.
     "puck pulled": Clip("puck_constant_force/clip.avi", 25.0, 400.0, (12, 22), (102, 66, 184, 150), thickness=0.03),
     "puck free": Clip("puck_no_force/clip.avi", 25.0, 400.0, (18, 25), (192, 70, 276, 152), thickness=0.03),
     "pendulum": Clip("pendulum_bauble_chain/clip.mp4", 29.921, 750.0, (26, 105), (78, 466, 134, 526)),
@@ -73,7 +73,7 @@ def toss(shared: Path, takes: Path) -> tuple[str, bool]:
 
 
 def sideways(shared: Path, takes: Path) -> tuple[str, bool]:
-    """Free flight in a picture that lies on its side: about 9 m/s² to the right."""
+    """Free flight in a frame that lies on its side: about 9 m/s² to the right."""
     a = accelerations(shared, takes, "sideways").mean(axis=0)
     size, off = float(np.linalg.norm(a)), angle(a, np.array([1.0, 0.0, 0.0]))
     return f"{size:.2f} m/s2, {off:.1f} deg off the right (about 9, 10 deg)", abs(size / 9.0 - 1.0) < 0.1 and off < 10.0

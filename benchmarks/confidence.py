@@ -4,7 +4,7 @@ For takes that `truth.py SHARED --takes TAKES sheet banner pole clay` left in TA
 
     by confidence   mean relative error of the force at the true particles, in fifths from the least to the most confident query
     outside         the largest confidence farther from where the body passed than it is known for, anywhere in twice the field's box
-    free run        the body simulated anew from the recovered start in the stored field: how far its particles are off in the last picture,
+    free run        the body simulated anew from the recovered start in the stored field: how far its particles are off in the last frame,
                     over how far they travelled
 """
 

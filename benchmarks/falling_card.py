@@ -57,7 +57,7 @@ def slope(inertia: float, state: np.ndarray) -> np.ndarray:
 
 
 def fallen(inertia: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (T+1, N, 3) [m] of a card at every picture, acceleration without gravity (T, N, 3) [m/s²], turn (T+1,) of the card [rad]."""
+    """Points (T+1, N, 3) [m] of a card at every frame, acceleration without gravity (T, N, 3) [m/s²], turn (T+1,) of the card [rad]."""
     length, velocity = HALF_CHORD, np.sqrt(inertia * G * HALF_CHORD)  # the card's own weight sets the scale; its buoyancy in air is nothing
     unit = length / velocity
     times = np.arange(FRAMES * LOOKS + 1) / (FPS * LOOKS * unit)
@@ -111,13 +111,16 @@ def row(name: str, work: Path) -> str:
 def main() -> None:
     """The table, row by row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cards", nargs="*", default=list(CARDS), choices=list(CARDS), metavar="CARD")
+    parser.add_argument("cards", nargs="*", metavar="CARD", help=", ".join(CARDS))
     parser.add_argument("--work", type=Path, help="folder that keeps the takes; an interrupted run goes on from them")
     arguments = parser.parse_args()
+    unknown = set(arguments.cards) - set(CARDS)
+    if unknown:
+        parser.error(f"there is no {', '.join(sorted(unknown))}; there are {', '.join(CARDS)}")
     print("| card | turns [degrees] | force: size % / degrees | uniform | net force | card's speed [m/s] | wind found [m/s] |")
     print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as aside:
-        for name in arguments.cards:
+        for name in arguments.cards or CARDS:
             print(row(name, arguments.work or Path(aside)), flush=True)
 
 

@@ -22,7 +22,7 @@ EDGES = np.array([0.0, 0.3, 0.6, 0.85, 1.15, 1.6, 2.5, 4.0])
 
 
 def main() -> None:
-    """A table and a picture."""
+    """A table and a frame."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("takes", type=Path, metavar="TAKES")

@@ -3,8 +3,8 @@
     python benchmarks/materials.py [FOLDER] --endpoint URL --model NAME [--out ANSWERS.json]     ask a vision-language model
     python benchmarks/materials.py [FOLDER] --answers ANSWERS.json                               score answers made elsewhere
 
-FOLDER (default: benchmarks/everyday_objects) holds truth.toml, a list of [[object]] tables with picture, type, density [kg/m³] and
-youngs_modulus [Pa]. ANSWERS.json maps a picture's name to {"type", "density", "youngs_modulus"}; a missing one counts as a wrong type and
+FOLDER (default: benchmarks/everyday_objects) holds truth.toml, a list of [[object]] tables with frame, type, density [kg/m³] and
+youngs_modulus [Pa]. ANSWERS.json maps a frame's name to {"type", "density", "youngs_modulus"}; a missing one counts as a wrong type and
 is left out of the two errors, whose lines then say how many they rest on.
 
 rho MAPE: mean of |rho - truth| / truth. E log-MAPE: mean of |log10 E - log10 truth| / log10 truth, E in Pa. The paper defines neither.
@@ -49,12 +49,12 @@ def read_truth(folder: Path) -> list[Answer]:
         if one.get("type") not in TYPES or not all(one.get(key, 0) > 0 for key in ("density", "youngs_modulus")):
             raise UsageError(f"An object of {folder}/truth.toml lacks type, density or youngs_modulus.", f"Types: {', '.join(TYPES)}.")
         if not (folder / one.get("picture", "")).is_file():
-            raise UsageError(f"There is no picture {one.get('picture')} in {folder}.", "Render it, or mend truth.toml.")
+            raise UsageError(f"There is no frame {one.get('picture')} in {folder}.", "Render it, or mend truth.toml.")
     return objects
 
 
 def ask_all(folder: Path, objects: list[Answer], url: str, model: str) -> dict[str, Answer]:
-    """Every picture's answer by the endpoint; pictures that it fails on are told and left out."""
+    """Every frame's answer by the endpoint; frames that it fails on are told and left out."""
     endpoint, answers = endpoint_of(url, model), {}
     for one in objects:
         picture = cv2.cvtColor(cv2.imread(str(folder / one["picture"])), cv2.COLOR_BGR2RGB)
@@ -105,7 +105,7 @@ def read_answers(path: str) -> dict[str, Answer]:
             if not (float(found["density"]) > 0 and float(found["youngs_modulus"]) > 0 and isinstance(found["type"], str)):
                 raise ValueError(f"{found} is not physical")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise UsageError(f"The answers {path} cannot be used ({error}).", "Map pictures to type, density, youngs_modulus.") from error
+        raise UsageError(f"The answers {path} cannot be used ({error}).", "Map frames to type, density, youngs_modulus.") from error
     return answers
 
 

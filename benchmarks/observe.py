@@ -29,8 +29,8 @@ from seeing_wind.engine.stages import build_body
 
 SCENES = ("sheet_v0", "pole_v0", "clay_v0", "banner_v0", "sheet_v1", "pole_v1", "clay_v1")
 BARS = {"first IoU": 0.95, "IoU": 0.9, "track median": 0.15, "track p90": 0.8, "alive": 0.75, "seconds": 0.5}
-"""Least overlap in picture 0 and on average over the clip, most pixels of error, least part of the visible points that is followed to the
-end, most seconds per picture. The bars of the tracks hold for the views that are named in `TRACKED`."""
+"""Least overlap in frame 0 and on average over the clip, most pixels of error, least part of the visible points that is followed to the
+end, most seconds per frame. The bars of the tracks hold for the views that are named in `TRACKED`."""
 TRACKED = ("sheet_v0", "pole_v0", "clay_v0", "banner_v0")
 LIFTED = {"sheet_v0": (0.3, 1.0), "pole_v0": (0.3, 3.0)}
 """Millimetres of median displacement error across and along the view, with the true first depth."""
@@ -48,13 +48,13 @@ class Truth:
 
     masks: np.ndarray
     xy: np.ndarray
-    """(T+1, K, 2) [px] distinct points seen in picture 0."""
+    """(T+1, K, 2) [px] distinct points seen in frame 0."""
     xyz: np.ndarray
     """(T+1, K, 3) [m]."""
     visible: np.ndarray
 
     def at(self, values: np.ndarray, points: np.ndarray, t: int) -> np.ndarray:
-        """Values (T+1, K, n) interpolated in picture t for points (P, 2) [px] of picture 0."""
+        """Values (T+1, K, n) interpolated in frame t for points (P, 2) [px] of frame 0."""
         return RBFInterpolator(self.xy[0], values[t], neighbors=30)(points)
 
 
@@ -68,7 +68,7 @@ def read_truth(scene: Path) -> Truth:
 
 
 def seen_in(scene: Path, truth: Truth) -> tuple[Observation, float]:
-    """The observation of a clip from a loose box, and its seconds per picture."""
+    """The observation of a clip from a loose box, and its seconds per frame."""
     rows, columns = np.nonzero(truth.masks[0])
     box = (columns.min() - 4.0, rows.min() - 4.0, columns.max() + 4.0, rows.max() + 4.0)
     pin = str(scene / "pin_0000.png") if (scene / "pin_0000.png").exists() else None
@@ -85,7 +85,7 @@ def mask_figures(seen: Observation, truth: Truth) -> dict[str, float]:
 
 
 def track_figures(seen: Observation, truth: Truth) -> dict[str, float]:
-    """Errors of the tracks of picture 0 while the truth says that they are in sight, and how many of those are followed to the end."""
+    """Errors of the tracks of frame 0 while the truth says that they are in sight, and how many of those are followed to the end."""
     early = np.flatnonzero(seen.visible[0] & ~seen.on_centroid)
     near = cKDTree(truth.xy[0]).query(seen.xy[0, early])
     in_sight = truth.visible[:, near[1]] & (near[0] < SPAN * 4)
@@ -108,7 +108,7 @@ def track_figures(seen: Observation, truth: Truth) -> dict[str, float]:
 
 
 def lifted_figures(seen: Observation, truth: Truth, arap: Arap, name: str) -> dict[str, float]:
-    """Median errors of the displacements of the lifted tracks of picture 0: across and along the view [mm], and across in percent."""
+    """Median errors of the displacements of the lifted tracks of frame 0: across and along the view [mm], and across in percent."""
     early = np.flatnonzero(seen.visible[0] & ~seen.on_centroid)
     short = dataclasses.replace(
         seen, xy=seen.xy[:, early], visible=seen.visible[:, early], sigma=seen.sigma[:, early], on_centroid=seen.on_centroid[early]
@@ -184,7 +184,7 @@ def missed(scene: str, figures: dict[str, float]) -> list[str]:
     least = ("first IoU", "IoU", "alive")
     bars = {name: bar for name, bar in BARS.items() if scene in TRACKED or not (name.startswith("track") or name == "alive")}
     if not np.isfinite(figures["alive"]) or figures["in sight"] < 0.05:
-        bars.pop("alive", None)  # nothing of picture 0 is left to be followed
+        bars.pop("alive", None)  # nothing of frame 0 is left to be followed
     if scene in LIFTED:
         bars |= {"depth across mm": LIFTED[scene][0], "depth along mm": LIFTED[scene][1], "distance across %": BY_DISTANCE}
     if "together along mm" in figures:

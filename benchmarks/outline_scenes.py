@@ -1,6 +1,6 @@
 """Clips made on the spot whose outline is known in every frame, each with what misleads an outline drawn from colours.
 
-A painted thing is bent or swung before a still picture, at twice the resolution and over three moments of an open shutter, then grain is
+A painted thing is bent or swung before a still frame, at twice the resolution and over three moments of an open shutter, then grain is
 added: a flower on a stem before a curtain of its own tint, a toy that hangs from a balloon of another colour, a ball with its shadow.
 """
 
@@ -31,7 +31,7 @@ class Painted:
 
 
 Warp = Callable[[float, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Moment, x and y of the picture's pixels -> where they lie on the painting, all [px]."""
+"""Moment, x and y of the frame's pixels -> where they lie on the painting, all [px]."""
 
 
 def cloth(shape: tuple[int, int], dark: tuple[int, int, int], light: tuple[int, int, int], fold: float, seed: int) -> np.ndarray:
@@ -79,7 +79,7 @@ def _speckled(colors: np.ndarray, seed: int, size: float = 3.0, strength: float 
 def flower(
     petals: tuple[int, int, int], curtain: tuple[tuple[int, int, int], tuple[int, int, int]], sway: float = 0.16, seed: int = 0
 ) -> Painted:
-    """A flower of `petals`' colour on a green stem with two leaves, 400x460, its foot below the picture, swaying for 31 frames.
+    """A flower of `petals`' colour on a green stem with two leaves, 400x460, its foot below the frame, swaying for 31 frames.
 
     `sway` is the turn of its head [rad]; it bends as a beam that is clamped at the foot.
     """

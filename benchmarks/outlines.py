@@ -1,10 +1,10 @@
-"""The outline from a box alone against known outlines: benchmarks/outlines.py SHARED [CASE ...] [--pictures DIR] [--corrected]
+"""The outline from a box alone against known outlines: benchmarks/outlines.py SHARED [CASE ...] [--frames DIR] [--corrected]
 
 Three kinds of clips: real ones of SHARED/clips in frames outlined by hand (outlines.toml), rendered ones of SHARED/truth/rendered with
 their masks, and painted ones (outline_scenes.py). The box is drawn round the object's true bounds in the first frame with a margin of
 5 % or 4 px. Prints a row per clip: intersection over union in the first frame, the median and the worst over all outlined frames, seconds
 of one processor. The last rows sum up the clips that settings were chosen on and the others; exit code 1 says that a bar is missed. With
---pictures, found (green) and true (red) outlines are drawn into DIR. With --corrected, the worst frame is corrected as a person might,
+--frames, found (green) and true (red) outlines are drawn into DIR. With --corrected, the worst frame is corrected as a person might,
 once by one point in the middle of the largest mistake and once by its true outline, and a row for each gives all other frames after it.
 """
 
@@ -28,7 +28,7 @@ from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
 CHOSEN_ON = ("carnation", "hanging_toy", "pendulum", "puck_pulled", "sheet_v0", "pole_v0")
-"""Clips on which settings were to be chosen. Faults seen in pictures of most of the others were mended, too: they are no clean test."""
+"""Clips on which settings were to be chosen. Faults seen in frames of most of the others were mended, too: they are no clean test."""
 RENDERED = ("sheet_v0", "pole_v0", "clay_v0", "banner_v0", "sheet_v1", "pole_v1", "clay_v1")
 MEDIAN, WORST = 0.9, 0.75
 """The bars over all outlined frames of a kind of clips."""
@@ -86,7 +86,7 @@ def case_of(name: str, shared: Path, folder: Path) -> Case:
 
 
 def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:
-    """The box that a person draws round `mask` (H, W), inside the picture."""
+    """The box that a person draws round `mask` (H, W), inside the frame."""
     rows, columns = np.nonzero(mask)
     margin = max(4.0, 0.05 * max(np.ptp(rows), np.ptp(columns)))
     high = np.array([mask.shape[1] - 1.0, mask.shape[0] - 1.0])
@@ -142,7 +142,7 @@ def after_correction(case: Case, masks: dict[int, np.ndarray], folder: Path) -> 
     cv2.imwrite(str(folder / "truth.png"), case.truth[worst].astype(np.uint8) * 255)
     box = box_round(case.truth[0])
     pointed, _ = seen_in(case, box=box, correct=(float(worst + first), *mistake(masks[worst], case.truth[worst])))
-    outlined, _ = seen_in(case, box=box, outline=str(folder / "truth.png"), outline_picture=worst + first)
+    outlined, _ = seen_in(case, box=box, outline=str(folder / "truth.png"), outline_frame=worst + first)
     kinds = {"as found": masks, "one point": pointed, "an outline": outlined}
     return {kind: [overlap(found[t], case.truth[t]) for t in others] for kind, found in kinds.items()}
 

@@ -21,12 +21,12 @@ import numpy as np
 
 FPS = 30.0
 PERIOD = 30
-"""Frames of the swing: the clip repeats its pictures, which are linked and not made again."""
+"""Frames of the swing: the clip repeats its frames, which are linked and not made again."""
 FIFTH, GROWTH = 0.2, 1.25
 
 
 def clip(folder: Path, width: int, height: int, frames: int) -> tuple[int, int, int, int]:
-    """Write the clip's pictures into `folder`; returns the box round the square in the first one [px]."""
+    """Write the clip's frames into `folder`; returns the box round the square in the first one [px]."""
     rng = np.random.default_rng(0)
 
     def mottled(rows: int, columns: int, cell: int) -> np.ndarray:

@@ -37,7 +37,7 @@ def density(factor: float) -> Variant:
 
 
 def wild_points(source: Trajectories) -> Trajectories:
-    """A tenth of the points is lost in every picture after the first: 5 cm off, and not by noise alone."""
+    """A tenth of the points is lost in every frame after the first: 5 cm off, and not by noise alone."""
     rng, x = np.random.default_rng(0), source.targets.x.copy()
     lost = rng.random(x.shape[:2]) < 0.1
     lost[0] = False

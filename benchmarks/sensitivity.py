@@ -1,89 +1,41 @@
 """What each tuned number of the recovery is worth: benchmarks/sensitivity.py TRUTH.npz ... [--out DIR] [--only WORD] [--jobs N]
 
-Every number that stands by itself in the modules of `ROOMS` is halved and doubled, one at a time, and the files are recovered with it
-(`truth.py` says what is in them). Files should be such that nothing was chosen on. The table, DIR/sensitivity.md, has a row per number:
-how much it changes the errors, and by how much the force itself. It is sorted by that. What is done already is kept in
+Every number of the records of constants (docs/reference/constants.md) is halved and doubled, one at a time, and the files are recovered
+with it (`truth.py` says what is in them). Files should be such that nothing was chosen on. The table, DIR/sensitivity.md, has a row per
+number: how much it changes the errors, and by how much the force itself. It is sorted by that. What is done already is kept in
 DIR/sensitivity.json, so a run that was stopped goes on.
 
-A number is changed in the module's source before it is run, so all that is made from it when modules load changes, too.
+A number is changed before any other module of the engine is loaded, so all that is made from it when they load changes, too.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
-import importlib.util
 import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from importlib.abc import MetaPathFinder
-from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-ENGINE = "seeing_wind.engine"
-ROOMS = (
-    "recovery/prior", "recovery/targets", "recovery/solve", "recovery/clip.py", "recovery/recover.py", "mpm/model_for.py", "mpm/damping.py",
-)  # fmt: skip
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from scripts.constants_reference import RECORDS  # noqa: E402
+from seeing_wind.engine.conventions import constants_of  # noqa: E402
+
 FACTORS = (0.5, 2.0)
 SWINGS = 0.1
 """Change of an error, relative to it, that docs/accuracy.md has to speak of."""
 
 
-@dataclass(frozen=True)
-class Constant:
-    """A number, or a tuple of them, that a module gives a name."""
-
-    module: str
-    """Dotted."""
-    name: str
-    value: float | tuple[float, ...]
-
-    @property
-    def key(self) -> str:
-        """Of the results."""
-        return f"{self.module.removeprefix(f'{ENGINE}.')}.{self.name}"
-
-
-def constants(rooms: Sequence[str] = ROOMS) -> Iterator[Constant]:
-    """Those of the rooms, in the order of their files."""
-    for room in rooms:
-        path = ROOT / "seeing_wind" / "engine" / room
-        for file in [path] if path.is_file() else sorted(path.glob("*.py")):
-            module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
-            for name, node in _assigned(ast.parse(file.read_text(encoding="utf-8"))):
-                value = _number(node)
-                if value is not None:
-                    yield Constant(module, name, value)
-
-
-def _assigned(tree: ast.Module) -> Iterator[tuple[str, ast.expr]]:
-    """Names in capitals at the top of a module, and what they are given; A, B = 1, 2 counts as two."""
-    for statement in tree.body:
-        if isinstance(statement, ast.Assign) and len(statement.targets) == 1:
-            target, value = statement.targets[0], statement.value
-            pairs = [(target, value)]
-            if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
-                pairs = list(zip(target.elts, value.elts, strict=True))
-            yield from ((name.id, each) for name, each in pairs if isinstance(name, ast.Name) and name.id.isupper())
-
-
-def _number(node: ast.expr) -> float | tuple[float, ...] | None:
-    """The number or the tuple of numbers that an expression writes out; None for anything else, truth values included."""
-    try:
-        value = ast.literal_eval(node)
-    except (ValueError, TypeError):
-        return None
-    several = value if isinstance(value, tuple) else (value,)
-    return value if several and all(type(one) in (int, float) for one in several) else None
+def numbers() -> Iterator[tuple[str, float | tuple[float, ...]]]:
+    """Key, as "prior.length", and value of each."""
+    for name, record in RECORDS.items():
+        yield from ((f"{name}.{one.name}", one.value) for one in constants_of(record))
 
 
 def changed(value: Any, factor: float) -> Any:
@@ -93,41 +45,10 @@ def changed(value: Any, factor: float) -> Any:
     return max(1, round(factor * value)) if isinstance(value, int) else factor * value
 
 
-class Changing(MetaPathFinder):
-    """Loads one module with one of its numbers changed."""
-
-    def __init__(self, constant: Constant, factor: float) -> None:
-        self.constant, self.value = constant, changed(constant.value, factor)
-
-    def find_spec(self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        """See `importlib.abc.MetaPathFinder`."""
-        found = PathFinder.find_spec(fullname, path, target) if fullname == self.constant.module else None
-        if found is None or found.origin is None:
-            return None
-        return importlib.util.spec_from_loader(fullname, _Loader(fullname, found.origin, self.constant.name, self.value))
-
-
-class _Loader(SourceFileLoader):
-    def __init__(self, fullname: str, path: str, name: str, value: Any) -> None:
-        super().__init__(fullname, path)
-        self._name, self._value = name, value
-
-    def get_code(self, fullname: str) -> Any:
-        """Of the changed source: what is cached is that of the other."""
-        tree = ast.parse(self.get_data(self.path))
-        nodes = [node for name, node in _assigned(tree) if name == self._name]
-        assert len(nodes) == 1, f"{fullname} gives {self._name} {len(nodes)} values"
-        new = ast.copy_location(ast.Constant(self._value), nodes[0])
-        return compile(ast.fix_missing_locations(_Swap(nodes[0], new).visit(tree)), self.path, "exec")
-
-
-class _Swap(ast.NodeTransformer):
-    def __init__(self, old: ast.expr, new: ast.expr) -> None:
-        self.old, self.new = old, new
-
-    def visit(self, node: ast.AST) -> Any:
-        """The new one in place of the old one."""
-        return self.new if node is self.old else super().visit(node)
+def change(key: str, factor: float) -> None:
+    """Change a number for the rest of this process."""
+    record, _, name = key.partition(".")
+    object.__setattr__(RECORDS[record], name, changed(getattr(RECORDS[record], name), factor))
 
 
 def recovered(file: Path) -> dict[str, Any]:
@@ -163,7 +84,7 @@ def measured(files: list[Path], out: Path, only: str, jobs: int) -> dict[str, An
     """All results by "key factor file", as far as they are there already, and the rest."""
     kept = out / "sensitivity.json"
     results: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
-    chosen = [one.key for one in constants() if only in one.key]
+    chosen = [key for key, _ in numbers() if only in key]
     wanted = [("", 1.0, file) for file in files] + [(key, factor, file) for key in chosen for factor in FACTORS for file in files]
     todo = [one for one in wanted if _name(*one) not in results]
     with ThreadPoolExecutor(jobs) as pool:
@@ -188,17 +109,17 @@ def table(results: dict[str, Any], files: list[Path]) -> str:
     """The page: a row per number that is done on all files, what swings most first."""
     base = {file: results[_name("", 1.0, file)] for file in files}
     rows = []
-    for one in constants():
+    for key, value in numbers():
         cells, swing, moved = [], 0.0, 0.0
         for factor in FACTORS:
             for file in files:
-                found = results.get(_name(one.key, factor, file))
+                found = results.get(_name(key, factor, file))
                 if found is None:
                     break
                 cells.append("fails" if "failed" in found else f"{found['size']:.1f} / {found['direction']:.1f}")
                 swing, moved = max(swing, _swing(found, base[file])), max(moved, _moved(found, base[file]))
         if len(cells) == len(FACTORS) * len(files):
-            rows.append((swing, f"| `{one.key}` | {_shown(one.value)} | {' | '.join(cells)} | {100 * swing:.0f} % | {100 * moved:.1f} % |"))
+            rows.append((swing, f"| `{key}` | {_shown(value)} | {' | '.join(cells)} | {100 * swing:.0f} % | {100 * moved:.1f} % |"))
     columns = [f"{file.stem} x {factor:g}" for factor in FACTORS for file in files]
     lines = [
         "# What each number is worth", "",
@@ -234,8 +155,7 @@ def main() -> None:
     if sys.argv[1:2] == ["--one"]:
         key, factor, file = sys.argv[2:5]
         if key:
-            (constant,) = (one for one in constants() if one.key == key)
-            sys.meta_path.insert(0, Changing(constant, float(factor)))
+            change(key, float(factor))
         print(json.dumps(recovered(Path(file))))
         return
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)

@@ -1,4 +1,4 @@
-"""Sheets of cloth that another engine moves in known winds: benchmarks/shell_scenes.py FOLDER [SCENE ...] [--picture]
+"""Sheets of cloth that another engine moves in known winds: benchmarks/shell_scenes.py FOLDER [SCENE ...] [--frame]
 
 Needs Newton 1.8 and SciPy (`pip install newton scipy`, in an environment of their own) and nothing of this project. Newton's cloth feels
 gravity and the drag of the air, which benchmarks/shell_cloth.py computes for each face, 64 times a frame, and adds as a force.

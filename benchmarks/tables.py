@@ -106,7 +106,7 @@ def run(row: Row, out: Path, left: list[Row], frames: int | None) -> bool:
 
 
 def published(out: Path) -> dict[str, dict]:
-    """Figures of the rows in benchmarks/results/tables.json, by key; its picture of the scenes goes to `out`."""
+    """Figures of the rows in benchmarks/results/tables.json, by key; its frame of the scenes goes to `out`."""
     if not RESULTS.is_file():
         return {}
     scenes = DOCS / "tables" / "scenes.png"

@@ -57,7 +57,7 @@ def main() -> int:
 
 
 def covariance(tracks: TrackTargets, body: Body) -> np.ndarray:
-    """(K, 3, 3) [m²] of the lifted points: the tracks' noise at their depth, ALONG times as much along the view of the first picture."""
+    """(K, 3, 3) [m²] of the lifted points: the tracks' noise at their depth, ALONG times as much along the view of the first frame."""
     ray = np.nanmean(body.lifted, axis=0) - tracks.camera.pose(0)[:3, 3]
     distance = np.linalg.norm(ray, axis=1)
     ray, across = ray / distance[:, None], np.nanmedian(tracks.sigma, axis=0) * distance / tracks.camera.fx

@@ -80,7 +80,7 @@ def noisy(millimetres: float) -> Callable[[Path, Path, str], str]:
 
 
 def smooth_noise(x: np.ndarray, size: float, seed: int, points: int = 12, reach: float = 0.08) -> np.ndarray:
-    """Displacements (T+1,N,3) [m]: those of a dozen key points, of standard deviation `size` and drawn anew in every picture, interpolated
+    """Displacements (T+1,N,3) [m]: those of a dozen key points, of standard deviation `size` and drawn anew in every frame, interpolated
     over the body x (T+1,N,3) with Gaussian weights of `reach` [m] that add up to one."""
     some, distance = [0], np.linalg.norm(x[0] - x[0][0], axis=1)
     for _ in range(points - 1):
@@ -123,7 +123,7 @@ def pixels(*views: int, by_distance: bool = False) -> Callable[[Path, Path, str]
 
 
 LOOKS = {"first_psnr": 30.0, "psnr": 28.0, "ssim": 0.93}
-"""Least likeness of the splatted first picture inside the mask [dB], and of the re-simulated clip over the object's box [dB]."""
+"""Least likeness of the splatted first frame inside the mask [dB], and of the re-simulated clip over the object's box [dB]."""
 
 
 def looks(take: Path) -> str:

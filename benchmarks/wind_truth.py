@@ -139,7 +139,7 @@ def tiles() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def moved(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-    """The plate's points (T+1, N, 3) [m] at every picture, and the wind at them (T, N, 3) [m/s] in the middle of every frame."""
+    """The plate's points (T+1, N, 3) [m] at every frame, and the wind at them (T, N, 3) [m/s] in the middle of every frame."""
     (length, width, height), (places, facing, area) = sides(), tiles()
     mass = scene.areal_density * length * width
     inertia = mass / 12.0 * np.array([width**2 + height**2, length**2 + height**2, length**2 + width**2])
@@ -235,13 +235,16 @@ def row(name: str, work: Path) -> str:
 def main() -> None:
     """The table, row by row."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", default=list(SCENES), choices=list(SCENES), metavar="SCENE")
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
     parser.add_argument("--work", type=Path, help="folder that keeps the takes; an interrupted run goes on from them")
     arguments = parser.parse_args()
+    unknown = set(arguments.scenes) - set(SCENES)
+    if unknown:
+        parser.error(f"there is no {', '.join(sorted(unknown))}; there are {', '.join(SCENES)}")
     print("| scene | wind: size % / degrees | best uniform wind | auto (log odds) | twice the mass, by the wind % | by the force % |")
     print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as aside:
-        for name in arguments.scenes:
+        for name in arguments.scenes or SCENES:
             print(row(name, arguments.work or Path(aside)), flush=True)
 
 

@@ -40,7 +40,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=", ".join(SCENES))
     parser.add_argument("--out", required=True, metavar="DIR", type=Path)
     parser.add_argument("--blender", metavar="PATH", help="instead of BLENDER=, the one on the PATH, or the bpy wheel")
-    parser.add_argument("--quick", action="store_true", help="few small pictures, one iteration: whether it works, not how well")
+    parser.add_argument("--quick", action="store_true", help="few small frames, one iteration: whether it works, not how well")
     parser.add_argument("--video", action="store_true", help="render job.mp4 too")
     options = parser.parse_args(argv)
     unknown = set(options.scenes) - set(SCENES)
@@ -98,7 +98,7 @@ def summary(name: str, figures: dict) -> str:
     """Some lines for people."""
     differs, moved = max(figures["differs_m"].values()), figures["moved_m"]["Ribbon"]
     return (
-        f"{name}, {figures['pictures']} pictures, Blender {figures['blender']}, {figures['seconds']:.0f} s\n"
+        f"{name}, {figures['pictures']} frames, Blender {figures['blender']}, {figures['seconds']:.0f} s\n"
         f"  wind off by {figures['magnitude_percent']:.1f} % and {figures['direction_degrees']:.1f} degrees "
         f"(a uniform one with the right net force: {figures['uniform_magnitude_percent']:.1f} %, "
         f"{figures['uniform_direction_degrees']:.1f} degrees)\n"

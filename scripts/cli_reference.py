@@ -40,7 +40,7 @@ def page() -> str:
     parts = [HEAD]
     for name, verb in verbs.choices.items():
         parts.append(f"## `{name}`\n\n{_sentence(helps[name])}\n\n```\n{_usage(name, verb)}\n```\n")
-        parts += [AS_RECOVER + "\n"] if name == "preview" else _groups(verb)
+        parts += [AS_RECOVER + "\n"] if name == "observe" else _groups(verb)
     parts.append(EDIT)
     for title, cls in (("At the top", Edit), ("`[[body]]`", BodyEdit), ("`[[collider]]`", ColliderEdit)):
         parts.append(f"### {title}\n\n" + _table("key", [(f"`{one.name}`", one.summary(one.default)) for one in options_of(cls).values()]))
@@ -77,7 +77,7 @@ def _alternatives(verb: Parser, actions: list[argparse.Action]) -> str:
 def _call(action: argparse.Action) -> str:
     """An option as it is typed."""
     if not action.option_strings:
-        return str(action.metavar)
+        return f"{action.metavar} ..." if action.nargs == "+" else str(action.metavar)
     value = action.metavar if isinstance(action.metavar, tuple) else (action.metavar,) if action.metavar else tuple(action.choices or ())
     between = "|" if action.metavar is None else " "
     return " ".join(filter(None, [action.option_strings[-1], between.join(value), "..." if action.nargs == "+" else ""]))

@@ -27,7 +27,7 @@ differ from these numbers by a factor of two and more, so a number that you have
 ## Solids
 
 The law `neo_hookean` springs back from large strains, `corotated` from small ones; `von_mises` keeps dents, and `viscoplastic` flows
-slowly under load. The loss factor is the energy lost in one radian of an oscillation over the energy stored, at {LOSS_FREQUENCY:g} Hz;
+slowly under load. The loss factor is the energy lost per radian of oscillation over the energy stored, at {LOSS_FREQUENCY:g} Hz;
 a dash means that no value is known.
 """
 SHEET_HEAD = """## Sheets

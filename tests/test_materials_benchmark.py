@@ -1,4 +1,4 @@
-"""The benchmark of materials: its scores against hand-made answers, its own pictures and truth, and a run against a server."""
+"""The benchmark of materials: its scores against hand-made answers, its own frames and truth, and a run against a server."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_seventeen_objects_with_sources_and_pictures() -> None:
     for one in objects:
         assert one["source"]
         picture = cv2.imread(str(benchmark.HERE / one["picture"]))
-        assert picture.shape == (256, 256, 3) and picture.std() > 10, "an object on a table, no flat or black picture"
+        assert picture.shape == (256, 256, 3) and picture.std() > 10, "an object on a table, no flat or black frame"
     pictures = np.stack([cv2.imread(str(benchmark.HERE / one["picture"])).astype(float) for one in objects])
     apart = [np.abs(a - b).mean() for i, a in enumerate(pictures) for b in pictures[:i]]
     assert min(apart) > 2.0, "no two of them are the same"

@@ -1,4 +1,4 @@
-"""What the Markdown pages say of this repository is there: links, anchors, pictures, files; and the pages keep to their lengths."""
+"""What the Markdown pages say of this repository is there: links, anchors, frames, files; and the pages keep to their lengths."""
 
 from __future__ import annotations
 
@@ -67,6 +67,11 @@ def test_every_path_of_the_architecture_is_there() -> None:
         ("def network_tracks", "engine/observe/networks.py"), ("class Generations", "engine/observe/tracks/reseed.py"),
         ("class Kernel", "engine/recovery/prior/kernel.py"), ("class Prior", "engine/recovery/prior/kernel.py"),
         ("def over_time", "engine/recovery/prior/kernel.py"), ("def correlation", "engine/recovery/prior/kernel.py"),
+        ("def filmed", "engine/records.py"), ("LENS", "engine/observe/clip/transforms.py"),
+        ("PINHOLES", "engine/observe/clip/transforms.py"),
+        ("WAYS", "ui/property_kinds.py"), ("SAYS", "ui/bake/operators.py"), ("EXPORTS", "ui/bake/cache.py"),
+        ("def bake_motion", "ui/bake/motion.py"), ("def way_for", "ui/bake/motion.py"),
+        ("def material_options", "engine/settings/build.py"), ("VERBS", "engine/command/verbs.py"), ("VERBS", "ui/commands.py"),
     ],
 )  # fmt: skip
 def test_what_the_architecture_names_is_in_its_file(name, path) -> None:

@@ -18,7 +18,7 @@ SCENES = Path(__file__).resolve().parents[1] / "sample_scenes"
 
 @pytest.fixture(scope="module", params=["flag", "potted_plant"])
 def built(request, tmp_path_factory) -> tuple[dict, Path]:
-    """The script's names, and a folder with a clip of three intervals without its pictures."""
+    """The script's names, and a folder with a clip of three intervals without its frames."""
     script = runpy.run_path(str(SCENES / request.param / "make.py"), run_name="make")
     out = tmp_path_factory.mktemp(request.param)
     assert script["main"](["--out", str(out), "--frames", "3", "--no-render", "--spacing", "0.016"]) == 0

@@ -25,7 +25,7 @@ import motion  # noqa: E402
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A clip of four intervals without its pictures."""
+    """A clip of four intervals without its frames."""
     out = tmp_path_factory.mktemp("leaf")
     assert make.main(["--out", str(out), "--frames", "4", "--no-render"]) == 0
     return out
@@ -82,7 +82,7 @@ def test_the_wind_is_carried_with_the_leaf_and_known_everywhere():
     assert np.abs(np.trace(gradient, axis1=1, axis2=2)).max() < 1e-9 * np.abs(gradient).max()
 
 
-@pytest.mark.parametrize("seed", [0, 7])
+@pytest.mark.parametrize("seed", [0, pytest.param(7, marks=pytest.mark.slow)])
 def test_a_whole_clip_stays_in_the_picture_and_is_no_uniform_wind(seed):
     flight = make.simulate(seed, 45, 30.0, (640, 360), spacing=0.012)
     pixels, depth = flight.camera.project(flight.surface)

@@ -1,4 +1,4 @@
-"""The parts of benchmarks/tables.py that can be checked without running a row: rows, objects, pictures, and that no bad row is hidden."""
+"""The parts of benchmarks/tables.py that can be checked without running a row: rows, objects, frames, and that no bad row is hidden."""
 
 import json
 import sys

@@ -17,7 +17,7 @@ sys.path[:0] = [str(SCENES), str(SCENES / "common")]
 import whole_jobs  # noqa: E402
 
 pytestmark = [
-    pytest.mark.slow,  # half a minute; .ci/run does the same with all three scenes
+    pytest.mark.slow,  # half a minute; .ci/run does the same, .ci/nightly with all three scenes
     pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason="needs the bpy wheel"),
 ]
 

@@ -2,7 +2,7 @@
 
 python render.py DIR        with the `bpy` wheel
 
-400x460, 31 frames at 30 a second, half of each exposed, and the grain of few samples left in. The foot of the stem is below the picture.
+400x460, 31 frames at 30 a second, half of each exposed, and the grain of few samples left in. The foot of the stem is below the frame.
 The flower bends as a beam that is clamped at its foot. The masks (true where it covers more than half) are those of every tenth frame.
 """
 
@@ -138,7 +138,7 @@ def scene():
         track.target, track.track_axis, track.up_axis = curtain, "TRACK_NEGATIVE_Z", "UP_Y"
         bpy.context.collection.objects.link(light)
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    # The picture's lower edge cuts the stem 3 cm above the clamp.
+    # The frame's lower edge cuts the stem 3 cm above the clamp.
     metres = HEIGHT / pixels_per_metre()
     camera.location, camera.rotation_euler = (0.0, -DISTANCE, 0.03 + 0.5 * metres), (0.5 * math.pi, 0.0, 0.0)
     camera.data.lens, camera.data.sensor_width, camera.data.sensor_fit = LENS, 36.0, "HORIZONTAL"

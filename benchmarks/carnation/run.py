@@ -3,7 +3,7 @@ in DIR and options for `recover`.
 
 As docs/guide/real-footage.md says: `observe` with a box, then `recover` without gravity and with the place that `observe` proposes as held.
 Prints the outline's overlap with the masks, how much of it is curtain, where it is held, and seconds of the processor; exit code 1 says
-that a bar is missed. The take stays in DIR/carnation.take, with its pictures. With --iterations 1 it is the draft that the guide speaks of.
+that a bar is missed. The take stays in DIR/carnation.take, with its frames. With --iterations 1 it is the draft that the guide speaks of.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def main() -> int:
     off = [np.linalg.norm(seen.camera.project(x, t)[0] - seen.xy[t], axis=1)[on_body[t]] for t, x in enumerate(places)]
     median = float(np.median(np.concatenate(off[1:])))
     by_picture = [float(np.median(one)) for one in off[1:]]
-    print(f"simulation: {median:.2f} px off the tracks in the median; by picture {min(by_picture):.1f} to {max(by_picture):.1f} px")
+    print(f"simulation: {median:.2f} px off the tracks in the median; by frame {min(by_picture):.1f} to {max(by_picture):.1f} px")
     bars = {
         "outline": min(overlaps) >= OUTLINE,
         "curtain": max(curtain) <= CURTAIN,

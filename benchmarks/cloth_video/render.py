@@ -1,7 +1,7 @@
 """Films a sheet of benchmarks/shell_scenes.py with Cycles: render.py SCENE.npz DIR [--frames N] [--side X Y Z]
 
-With the `bpy` wheel. Printed cloth before a plain wall, 30 pictures a second, a quarter of each exposed, and the grain of few samples
-left in. DIR gets frame_0000.png and on, those that are not there yet, and of picture 0 camera.json, mask.png, depth.npy [m] and
+With the `bpy` wheel. Printed cloth before a plain wall, 30 frames a second, a quarter of each exposed, and the grain of few samples
+left in. DIR gets frame_0000.png and on, those that are not there yet, and of frame 0 camera.json, mask.png, depth.npy [m] and
 held.png (what is fixed, painted by its vertices), with a copy of the scene as truth.npz.
 """
 
@@ -18,15 +18,15 @@ from mathutils import Matrix
 WIDTH, HEIGHT, FPS = 800, 450, 30
 SAMPLES = 6
 FOCAL = 1.25
-"""In picture widths."""
+"""In frame widths."""
 MARGIN = 1.1
-"""Of the picture round all that the sheet does."""
+"""Of the frame round all that the sheet does."""
 PRINT = 1024
 """Pixels of the print's longer side."""
 
 
 def camera_for(x, side):
-    """camera_to_world (4, 4) with OpenCV axes: from the side (3,), as near as all of x (T, V, 3) fits into the picture."""
+    """camera_to_world (4, 4) with OpenCV axes: from the side (3,), as near as all of x (T, V, 3) fits into the frame."""
     back = np.asarray(side, float) / np.linalg.norm(side)
     forward, up = -back, np.array([0.0, 0.0, 1.0])
     right = np.cross(forward, up)
@@ -88,7 +88,7 @@ def shaded(thing, image=None, color=(0.5, 0.5, 0.5), scale=0.0):
 
 
 def scene(x, faces, pose):
-    """The sheet, which has a shape key a picture, a wall, lights and the camera; the sheet and the wall."""
+    """The sheet, which has a shape key a frame, a wall, lights and the camera; the sheet and the wall."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     mesh = bpy.data.meshes.new("sheet")
     mesh.from_pydata(x[0].tolist(), [], faces.tolist())
@@ -148,7 +148,7 @@ def curves_of(data):
 
 
 def picture_of(x, faces, pose, fixed):
-    """Depth (H, W) [m] of picture 0, infinite off the sheet, and (H, W) bool, what is held: by rays through the pixels' centres."""
+    """Depth (H, W) [m] of frame 0, infinite off the sheet, and (H, W) bool, what is held: by rays through the pixels' centres."""
     focal = FOCAL * WIDTH
     local = (x[0] - pose[:3, 3]) @ pose[:3, :3]
     xy = focal * local[:, :2] / local[:, 2:] + [(WIDTH - 1) / 2, (HEIGHT - 1) / 2]
@@ -179,7 +179,7 @@ def picture_of(x, faces, pose, fixed):
 
 
 def main():
-    """All frames, then what is known of picture 0."""
+    """All frames, then what is known of frame 0."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("truth", type=Path, metavar="SCENE.npz")
     parser.add_argument("folder", type=Path, metavar="DIR")

@@ -1,9 +1,9 @@
 """The wind on filmed cloth: benchmarks/cloth_video/run.py DIR [OPTION ...], with what render.py left in DIR and options for `recover`.
 
-`recover` gets the clip, and of picture 0 camera, mask, depth and held places; of the sheet the weight per area, thickness and stiffness.
+`recover` gets the clip, and of frame 0 camera, mask, depth and held places; of the sheet the weight per area, thickness and stiffness.
 Printed: how far the sheet that is followed is from the true one, in the median and the mean [mm]; the error of the wind at the true
 vertices, in size [%] and direction [degrees]; the same of two answers that know the true wind but not its shape: its mean over the sheet
-in every frame, and over the clip. The take stays in DIR/cloth.take, with its pictures.
+in every frame, and over the clip. The take stays in DIR/cloth.take, with its frames.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from seeing_wind.engine.take import Take  # noqa: E402
 
 
 def followed(take: Path, truth: dict[str, np.ndarray]) -> np.ndarray:
-    """(T+1, V) distances [m] of the true vertices from the sheet that was followed, at the points that are nearest in picture 0."""
+    """(T+1, V) distances [m] of the true vertices from the sheet that was followed, at the points that are nearest in frame 0."""
     body = read_body(Take(take))
     assert body.path is not None
     true, found = truth["x"][: len(body.path)].astype(float), body.surface.vertices

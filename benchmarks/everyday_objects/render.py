@@ -1,4 +1,4 @@
-"""Renders a picture of each everyday object with Cycles: DIR/NAME.jpg. Runs inside Blender or any Python with the `bpy` wheel.
+"""Renders a frame of each everyday object with Cycles: DIR/NAME.jpg. Runs inside Blender or any Python with the `bpy` wheel.
 
 blender -b --factory-startup --python render.py -- DIR [NAME ...]         or         python render.py DIR [NAME ...]
 """

@@ -11,18 +11,18 @@ from skimage.metrics import structural_similarity
 
 
 def psnr(want: np.ndarray, got: np.ndarray) -> float:
-    """Mean over pictures (T+1, H, W, 3) uint8 of the peak signal to noise ratio [dB], at most 100."""
+    """Mean over frames (T+1, H, W, 3) uint8 of the peak signal to noise ratio [dB], at most 100."""
     error = ((want.astype(np.float64) - got) ** 2).mean(axis=(1, 2, 3)) / 255.0**2
     return float((-10.0 * np.log10(np.maximum(error, 1e-10))).mean())
 
 
 def ssim(want: np.ndarray, got: np.ndarray) -> float:
-    """Mean structural similarity (Wang et al. 2004) over pictures."""
+    """Mean structural similarity (Wang et al. 2004) over frames."""
     return float(np.mean([structural_similarity(a, b, channel_axis=2) for a, b in zip(want, got, strict=True)]))
 
 
 def lpips(want: np.ndarray, got: np.ndarray) -> float | None:
-    """Mean LPIPS (Zhang et al. 2018, AlexNet) over pictures; None without the package or AlexNet's weights; nothing is fetched."""
+    """Mean LPIPS (Zhang et al. 2018, AlexNet) over frames; None without the package or AlexNet's weights; nothing is fetched."""
     if importlib.util.find_spec("lpips") is None or not _alexnet().is_file():
         return None
     import lpips as package

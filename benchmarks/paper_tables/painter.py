@@ -1,4 +1,4 @@
-"""Pictures of a triangle mesh: the painter's algorithm with OpenCV, supersampled, lit by a sun and a sky. No Blender is needed.
+"""Frames of a triangle mesh: the painter's algorithm with OpenCV, supersampled, lit by a sun and a sky. No Blender is needed.
 
 There are no cast shadows. Depth comes from the same triangles.
 """

@@ -32,7 +32,7 @@ NOTES = {
     "Here all of them do, so under the paper's schedule they are within some percent of each other and in no order that holds: the causal "
     "tri-plane is ahead of K-Planes from the true particles and behind them from pixels, and point forces are as good as either from exact "
     "trajectories. With the engine's own solve it is ahead of both for every material.",
-    3: "All but *default* go through `--schedule paper` on the same tracks, pictures and depth of picture 0. For flow_depth, depth is "
+    3: "All but *default* go through `--schedule paper` on the same tracks, frames and depth of frame 0. For flow_depth, depth is "
     "spread from lifted tracks: no depth network is used.",
 }
 HEAD = """# The paper's tables
@@ -40,8 +40,8 @@ HEAD = """# The paper's tables
 Written by `benchmarks/tables.py` (`make tables`). The paper's scenes are not published: these are scenes of the same kinds, so the two
 columns are comparable in kind, not number by number. Objects are solids made by scripts; fields differ from object to object; there is
 no gravity. The truth is simulated by this engine's solver with particles 1.4 to 1.7 times finer than the recovery's, on a shifted
-lattice (unless a row says *true particles*); a truth from another simulator is scored by `benchmarks/truth.py`. Pictures are painted
-(no cast shadows), 480 x 400, 30 fps, 20 frame intervals. From pixels the engine knows the camera, the silhouette and depth of picture 0,
+lattice (unless a row says *true particles*); a truth from another simulator is scored by `benchmarks/truth.py`. Frames are painted
+(no cast shadows), 480 x 400, 30 fps, 20 frame intervals. From pixels the engine knows the camera, the silhouette and depth of frame 0,
 what is held, and the material.
 
 *Magnitude* and *direction* are the paper's two errors, of the stored field at the true particle positions, held particles left out.
@@ -126,7 +126,7 @@ def bars(path: Path, rows: list[dict], title: str) -> None:
 
 
 def sheet(path: Path, pictures: Path, rows: list[dict]) -> None:
-    """One line per object: input, again, forces. Nothing is drawn when no row left pictures of one of the objects."""
+    """One line per object: input, again, forces. Nothing is drawn when no row left frames of one of the objects."""
     shown: dict[str, Path] = {}
     for row in rows:
         file = pictures / f"{Row(**row['row']).key}.npz"
@@ -141,7 +141,7 @@ def sheet(path: Path, pictures: Path, rows: list[dict]) -> None:
         for axis, image in zip(line, (want[1], seen[1], want[0])):
             axis.imshow(image)
             axis.set_axis_off()
-        line[0].set_title(f"{thing}: input, last picture", fontsize=9, loc="left")
+        line[0].set_title(f"{thing}: input, last frame", fontsize=9, loc="left")
         line[1].set_title("simulated with the recovered force", fontsize=9, loc="left")
         line[2].set_title("force in the middle of the clip", fontsize=9, loc="left")
         for tip, colour, width in ((true_tip, "black", 0.006), (got_tip, "#d62f1f", 0.0035)):

@@ -42,7 +42,7 @@ class Row:
     options: tuple[str, ...]
     """For the recovery."""
     views: int
-    """Cameras; 0 gives trajectories instead of pictures."""
+    """Cameras; 0 gives trajectories instead of frames."""
     paper: tuple[float, float, float, float, float] | None
     """PSNR, SSIM, LPIPS, magnitude [%], direction [degrees] of the paper."""
     seconds: float
@@ -132,7 +132,7 @@ def engine(arguments: list[str | Path], say: Callable[[str], None]) -> dict:
 
 
 def run_row(row: Row, folder: Path, say: Callable[[str], None], frames: int = FRAMES) -> dict:
-    """Make the scene (once per object), recover, measure; returns the row's figures and leaves pictures in `folder`.
+    """Make the scene (once per object), recover, measure; returns the row's figures and leaves frames in `folder`.
 
     Raises:
         RuntimeError: with the engine's message.
@@ -172,7 +172,7 @@ def run_row(row: Row, folder: Path, say: Callable[[str], None], frames: int = FR
 
 
 def _clip_options(filmed: Path, row: Row, scene: Scene) -> list[str | Path]:
-    """What a user of the clip knows: camera, silhouette and depth of the first picture, what is held, what it is made of."""
+    """What a user of the clip knows: camera, silhouette and depth of the first frame, what is held, what it is made of."""
     one, two = filmed / "view0", filmed / "view1"
     options: list[str | Path] = [one / "clip", "--fps", str(FPS), "--camera", one / "camera.json", "--mask", one / "mask.png"]
     options += ["--depth", one / "depth.npy", "--no-gravity", *material_options(scene.thing), *row.options]
@@ -195,7 +195,7 @@ def _seen_again(scene: Scene, row: Row, take: Path) -> np.ndarray:
 
 
 def _keep(path: Path, scene: Scene, want: np.ndarray, seen: np.ndarray, got: np.ndarray) -> None:
-    """What the report's figures need: the last picture and a middle one, true and again, and some arrows."""
+    """What the report's figures need: the last frame and a middle one, true and again, and some arrows."""
     path.parent.mkdir(parents=True, exist_ok=True)
     middle = len(want) // 2
     some = np.linspace(0, len(scene.x[0]) - 1, 60).astype(int)

@@ -89,7 +89,7 @@ def pictures(scene: Scene, view: int, vertices: np.ndarray | None = None) -> np.
 
 
 def film(scene: Scene, folder: Path) -> None:
-    """Write `view0`, `view1` (pictures, camera.json, mask.png, depth.npy, pin.png) as a user would have them, and nothing of the truth."""
+    """Write `view0`, `view1` (frames, camera.json, mask.png, depth.npy, pin.png) as a user would have them, and nothing of the truth."""
     for view, camera in enumerate(scene.cameras):
         into = folder / f"view{view}"
         (into / "clip").mkdir(parents=True, exist_ok=True)

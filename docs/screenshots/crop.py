@@ -1,4 +1,4 @@
-"""Cut what the guide shows out of pictures of the window: crop.py FOLDER OUT"""
+"""Cut what the guide shows out of frames of the window: crop.py FOLDER OUT"""
 
 import sys
 from pathlib import Path
@@ -14,7 +14,7 @@ SHOWN = {
     "failed": ("failed", PANEL), "object": ("falling_leaf_2_object", WIDE), "done": ("falling_leaf_3_recovered", WIDE),
     "field": ("falling_leaf_4_field", WIDE), "baked": ("falling_leaf_5_baked", WIDE), "composite": ("falling_leaf_6_composite", WIDE),
 }  # fmt: skip
-"""By the name in the guide: which picture, and where it begins."""
+"""By the name in the guide: which frame, and where it begins."""
 
 folder, out = Path(sys.argv[1]), Path(sys.argv[2])
 for name, (picture, left) in SHOWN.items():

@@ -2,7 +2,7 @@
 
 SEEING_WIND_SHOT is a state that a stand-in for the engine shows at once (`running`, `cancelled`, `resumed`, `failed`), or a folder that
 `make scenes` wrote: then the whole job is done on it, step by step. What Recover and Re-simulate have found in that folder is used again.
-Pictures of the window go to SEEING_WIND_PICTURES as NAME_STEP.png, the rendered composite beside them.
+Frames of the window go to SEEING_WIND_PICTURES as NAME_STEP.png, the rendered composite beside them.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 
 def make_backdrop(seed: int, width: int = 1280, height: int = 720) -> np.ndarray:
-    """The picture (height, width, 3) uint8 sRGB: evening sky, a far row of trees and a meadow, all out of focus."""
+    """The frame (height, width, 3) uint8 sRGB: evening sky, a far row of trees and a meadow, all out of focus."""
     rng = np.random.default_rng(seed + 2)
     y = np.linspace(0.0, 1.0, height)[:, None]
     sky = np.array([0.60, 0.73, 0.86]) + (np.array([0.93, 0.91, 0.84]) - np.array([0.60, 0.73, 0.86])) * (y / 0.62)[..., None] ** 1.3

@@ -1,4 +1,4 @@
-"""What building any sample clip shares: the options, a level camera, the mask of picture 0, and the files of the folder."""
+"""What building any sample clip shares: the options, a level camera, the mask of frame 0, and the files of the folder."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Filmed:
     """(S, S, 3) uint8 sRGB, row 0 at the top."""
     camera: Camera
     distance: float
-    """From the camera in picture 0 [m]."""
+    """From the camera in frame 0 [m]."""
     thickness: float
     """[m]."""
     held: np.ndarray | None = None
@@ -60,7 +60,7 @@ def options(about: str, argv: list[str] | None, *, seed: int, frames: int, fps: 
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", required=True, metavar="DIR")
     parser.add_argument("--seed", type=int, default=seed)
-    parser.add_argument("--frames", type=int, default=frames, metavar="T", help="frame intervals: the clip has one picture more")
+    parser.add_argument("--frames", type=int, default=frames, metavar="T", help="frame intervals: the clip has one frame more")
     parser.add_argument("--fps", type=float, default=fps)
     parser.add_argument("--size", default=size, metavar="WxH")
     parser.add_argument("--spacing", type=float, default=spacing, metavar="M", help="of the particles [m]")
@@ -97,7 +97,7 @@ def build(chosen: argparse.Namespace, film: Callable[[], Filmed], summary: Calla
         return 1
     camera = filmed.camera
     print(
-        f"{len(filmed.x)} pictures at {camera.width}x{camera.height}, {len(filmed.particles.x)} particles.\n{summary(filmed)}\n"
+        f"{len(filmed.x)} frames at {camera.width}x{camera.height}, {len(filmed.particles.x)} particles.\n{summary(filmed)}\n"
         f"Simulated in {simulated - started:.0f} s, rendered in {time.perf_counter() - simulated:.0f} s: {out}"
     )
     return 0
@@ -114,7 +114,7 @@ def level_camera(size: tuple[int, int], distance: float, view_height: float, cen
 
 
 def first_mask(filmed: Filmed, chosen: np.ndarray | slice = slice(None)) -> np.ndarray:
-    """(H, W) uint8, 255 where the `chosen` triangles are seen in picture 0."""
+    """(H, W) uint8, 255 where the `chosen` triangles are seen in frame 0."""
     pixels, _ = filmed.camera.project(filmed.surface[0])
     mask = np.zeros((filmed.camera.height, filmed.camera.width), np.uint8)
     for triangle in np.round(pixels[filmed.triangles[chosen]] * 16).astype(np.int32):  # fixed point with four bits behind the point
@@ -126,14 +126,14 @@ def write(out: Path, filmed: Filmed, seed: int, samples: int) -> None:
     """All files but the clip.
 
     Raises:
-        SeeingWindError: what is held is not in the picture, or a file cannot be written.
+        SeeingWindError: what is held is not in the frame, or a file cannot be written.
     """
     camera, material, mask = filmed.camera, filmed.material, first_mask(filmed)
     pictures = {"mask_0000": mask, "texture": filmed.picture[:, :, ::-1], "backdrop": make_backdrop(seed)[:, :, ::-1]}
     if filmed.held is not None:
         pictures["held_0000"] = first_mask(filmed, filmed.held)
         if not pictures["held_0000"].any():
-            raise SeeingWindError("What is held is not in the picture.", "Choose a larger --size.")
+            raise SeeingWindError("What is held is not in the frame.", "Choose a larger --size.")
     rows, columns = np.nonzero(mask)
     box = [int(columns.min()) - 2, int(rows.min()) - 2, int(columns.max()) + 2, int(rows.max()) + 2]
     values = {key: getattr(camera, key) for key in ("width", "height", "fx", "fy", "cx", "cy")}

@@ -13,9 +13,9 @@ import bpy
 WIDTH, HEIGHT, SLOT = 1920, 540, 640
 """Of the film, and of the column for each of the three [px]."""
 FPS = 12
-"""Pictures a second: the clips have 24 to 30, so the film is in slow motion."""
+"""Frames a second: the clips have 24 to 30, so the film is in slow motion."""
 TWICE, TITLE = 2, 30
-"""How often a scene is shown, and how many pictures the title lasts."""
+"""How often a scene is shown, and how many frames the title lasts."""
 COLUMNS = ("the clip", "the recovered forces", "an edit over the clip")
 GROUND, INK = (0.02, 0.022, 0.028), (0.92, 0.92, 0.9, 1.0)
 
@@ -58,7 +58,7 @@ def shown(strips, title: str, films: list[str], frame: int) -> int:
 
 
 def text(strips, words: str, frame: int, length: int, up: float, size: int, across: float = 0.5) -> None:
-    """Words in the middle of a place, in shares of the picture."""
+    """Words in the middle of a place, in shares of the frame."""
     channel = next(k for k in range(4, 32) if not any(each.channel == k and each.frame_final_end > frame for each in strips))
     span = {"length": length} if bpy.app.version >= (5, 0, 0) else {"frame_end": frame + length}
     strip = strips.new_effect(words, "TEXT", channel, frame, **span)

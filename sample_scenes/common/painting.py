@@ -1,4 +1,4 @@
-"""Painting into pictures (H, W, 3) of colours in 0..1."""
+"""Painting into frames (H, W, 3) of colours in 0..1."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Building a sample clip of something flat and held that a known wind moves: what `flag` and `potted_plant` share.
 
-A scene gives a `Plate` (outlines, picture, what it is made of, where it is held) and a wind; this file lays particles and simulates with
+A scene gives a `Plate` (outlines, frame, what it is made of, where it is held) and a wind; this file lays particles and simulates with
 the engine's own solver; `clip_files` writes the files and has Blender render the clip.
 """
 
@@ -30,7 +30,7 @@ SPACING = 0.012
 
 @dataclass(frozen=True)
 class Plate:
-    """Something flat in the picture's plane. Plate coordinates: u right, v up [m]; (0, 0) is at `place` in the world."""
+    """Something flat in the frame's plane. Plate coordinates: u right, v up [m]; (0, 0) is at `place` in the world."""
 
     name: str
     outlines: list[np.ndarray]
@@ -48,7 +48,7 @@ class Plate:
     distance: float = 2.0
     """From the camera [m]."""
     view_height: float = 0.9
-    """What the picture shows at that distance, top to bottom [m]."""
+    """What the frame shows at that distance, top to bottom [m]."""
     view_centre: tuple[float, float] = (0.0, 0.0)
     """Where the camera looks, in plate coordinates."""
     stand: tuple[np.ndarray, np.ndarray, tuple[float, float, float]] | None = None

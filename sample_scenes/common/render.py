@@ -57,7 +57,7 @@ def place_camera(scene, camera: dict):
 
 
 def animated_mesh(name: str, vertices: np.ndarray, triangles: np.ndarray, uv: np.ndarray | None = None):
-    """A mesh that passes through vertices (T+1, V, 3), picture t at frame t + 1, by absolute shape keys."""
+    """A mesh that passes through vertices (T+1, V, 3), frame t at frame t + 1, by absolute shape keys."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(vertices[0].tolist(), [], triangles.tolist())
     mesh.shade_smooth()
@@ -123,7 +123,7 @@ def plain_material(name: str, colour):
 
 
 def image_material(name: str, image):
-    """A picture that shines by itself, so that its colours come through unchanged."""
+    """A frame that shines by itself, so that its colours come through unchanged."""
     material, nodes, links, out = _blank(name)
     texture, shine = nodes.new("ShaderNodeTexImage"), nodes.new("ShaderNodeEmission")
     texture.image, texture.extension = image, "EXTEND"

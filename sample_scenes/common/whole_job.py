@@ -49,7 +49,7 @@ def main(words: list[str]) -> None:
     done(bpy.ops.seeing_wind.resimulate())
     scene.seeing_wind.bake_smooth = 0  # replay.py compares with what the engine simulated
     done(bpy.ops.seeing_wind.bake())
-    # the camera of the sample clips has no shutter: their pictures are sharp
+    # the camera of the sample clips has no shutter: their frames are sharp
     done(bpy.ops.seeing_wind.set_up_composite(samples=16, shutter=0.0))
     if "--no-render" not in words:
         scene.frame_set((scene.frame_start + scene.frame_end) // 2)

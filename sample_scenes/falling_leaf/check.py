@@ -72,7 +72,7 @@ def check_files(folder: Path, blender: str | None) -> list[Row]:
     rows: list[Row] = []
     clip = attempt(rows, "clip.mp4", folder / "clip" / "clip.mp4", pictures_in, lambda count: count > 1, "pictures")
     for path in (folder / "wind.take" / "overlay.mp4", folder / "edited.mp4"):
-        attempt(rows, path.name, path, pictures_in, lambda count: count == clip, f"pictures, as many as the clip ({clip})")
+        attempt(rows, path.name, path, pictures_in, lambda count: count == clip, f"frames, as many as the clip ({clip})")
     attempt(rows, "report.png", folder / "wind.take" / "report.png", pixels_in, lambda count: count > 0, "pixels")
     in_file: dict = {}
 
@@ -80,7 +80,7 @@ def check_files(folder: Path, blender: str | None) -> list[Row]:
         in_file.update(inside(path, blender))
         return in_file["keys"]
 
-    wanted = f"shape keys of each body, one per picture ({clip})"
+    wanted = f"shape keys of each body, one per frame ({clip})"
     attempt(rows, "demo.blend", folder / "demo.blend", keys_in, lambda count: count == clip, wanted)
     if in_file:
         pinned = in_file["pinned_moved_mm"]
@@ -105,10 +105,10 @@ def attempt(rows: list[Row], name: str, path: Path, read: Callable[[Path], int],
 
 
 def pictures_in(path: Path) -> int:
-    """How many pictures of a video can be decoded.
+    """How many frames of a video can be decoded.
 
     Raises:
-        ValueError: for a file that is no video, or whose pictures are all of one colour.
+        ValueError: for a file that is no video, or whose frames are all of one colour.
     """
     import cv2
 
@@ -125,12 +125,12 @@ def pictures_in(path: Path) -> int:
 
 
 def pixels_in(path: Path) -> int:
-    """How many pixels a picture has. Raises ValueError for a file that is no picture, or an empty one."""
+    """How many pixels an image has. Raises ValueError for a file that is no image, or an empty one."""
     import cv2
 
     picture = cv2.imread(str(path))
     if picture is None or picture.std() < 1.0:
-        raise ValueError("not a picture" if picture is None else "nothing is to be seen in it")
+        raise ValueError("not an image" if picture is None else "nothing is to be seen in it")
     return picture.shape[0] * picture.shape[1]
 
 

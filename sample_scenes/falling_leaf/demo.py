@@ -41,11 +41,11 @@ from seeing_wind.engine.settings import Edit  # noqa: E402
 from seeing_wind.engine.settings.tables import read_edit  # noqa: E402
 
 FIRST = 3
-"""Pictures over which the first acceleration of a body is taken: after more, the lighter one is where the wind is another."""
+"""Frames over which the first acceleration of a body is taken: after more, the lighter one is where the wind is another."""
 FIGURES = "demo.json"
 """What was measured, for check.py."""
 LEAVES, PICTURE = 3, 256
-"""Leaves beside the filmed one, each of its own shape, and the side of their pictures [px]."""
+"""Leaves beside the filmed one, each of its own shape, and the side of their frames [px]."""
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -218,7 +218,7 @@ def errors(figures: dict, whose: str = "") -> tuple[str, str]:
 
 
 def first_acceleration(vertices: np.ndarray, fps: float) -> np.ndarray:
-    """Mean acceleration (3,) [m/s²] of a body from rest over the first pictures, from vertices (T+1, V, 3) [m]."""
+    """Mean acceleration (3,) [m/s²] of a body from rest over the first frames, from vertices (T+1, V, 3) [m]."""
     t = np.arange(1, FIRST + 1) / fps
     moved = vertices[1 : FIRST + 1].mean(1) - vertices[0].mean(0)
     return 2.0 * (moved * t[:, None] ** 2).sum(0) / (t**4).sum()

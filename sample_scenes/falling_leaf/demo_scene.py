@@ -20,8 +20,8 @@ import seeing_wind.ui as ui  # noqa: E402
 from seeing_wind.ui.field.solvers.particles import calibrate_particles  # noqa: E402
 
 LINE = np.array([[-1.60, 1.40, 0.28], [1.40, -0.46, 0.14]])
-"""The ends of the washing line, right of, behind and above the leaf's first place [m]: beyond both sides of the picture, and askew, since
-cloth along the picture would hide how the wind, which blows across it, bellies it out."""
+"""The ends of the washing line, right of, behind and above the leaf's first place [m]: beyond both sides of the frame, and askew, since
+cloth along the frame would hide how the wind, which blows across it, bellies it out."""
 TOWEL, NAPKIN = (0.27, 0.36), (0.20, 0.20)
 """Width and height of what hangs there [m],"""
 TOWEL_AT, NAPKIN_AT = 0.56, 0.88
@@ -53,7 +53,7 @@ def main(folder: Path) -> None:
     done(bpy.ops.seeing_wind.resimulate())
     done(bpy.ops.seeing_wind.bake())
     add_leaves(scene, folder)
-    # make.py's camera has no shutter: its pictures are sharp
+    # make.py's camera has no shutter: its frames are sharp
     done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0))
     scene.frame_set(scene.frame_start)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "demo.blend"), compress=True)
@@ -81,7 +81,7 @@ def start(folder: Path) -> None:
 
 
 def start_of(leaf) -> np.ndarray:
-    """Middle of the recovered object in picture 0 [m]."""
+    """Middle of the recovered object in frame 0 [m]."""
     vertices = np.empty(3 * len(leaf.data.vertices), dtype=np.float32)
     leaf.data.vertices.foreach_get("co", vertices)
     return vertices.reshape(-1, 3).mean(0) @ np.array(leaf.matrix_world)[:3, :3].T + np.array(leaf.matrix_world)[:3, 3]
@@ -148,7 +148,7 @@ def add_leaves(scene, folder: Path) -> None:
 
 
 def pressed(folder: Path, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, Path]:
-    """A leaf as demo.py drew it: vertices (V, 2) [m], faces (M, 3), uv (V, 2), and its picture."""
+    """A leaf as demo.py drew it: vertices (V, 2) [m], faces (M, 3), uv (V, 2), and its frame."""
     with np.load(folder / f"leaf_{number}.npz", allow_pickle=False) as leaf:
         return leaf["vertices"].astype(float), leaf["triangles"], leaf["uv"], folder / f"leaf_{number}.png"
 
@@ -159,7 +159,7 @@ def curled(flat: np.ndarray) -> np.ndarray:
 
 
 def small_leaves(scene, folder: Path) -> bpy.types.Collection:
-    """What particles are instances of: leaves out of the picture."""
+    """What particles are instances of: leaves out of the frame."""
     several = bpy.data.collections.new("Small Leaves")
     for number in range(3):
         flat, faces, uv, picture = pressed(folder, number)

@@ -1,7 +1,7 @@
-"""The leaf: an outline with teeth and a stalk, a triangle mesh of it, and its picture, all from a seed with NumPy alone.
+"""The leaf: an outline with teeth and a stalk, a triangle mesh of it, and its frame, all from a seed with NumPy alone.
 
 Leaf coordinates: u across, v from the stalk's end towards the tip [m], the blade's middle at the origin; the mesh lies flat in that
-plane. One square picture covers `PICTURE` metres, so a texture coordinate is (u, v) / PICTURE + 1/2 (origin bottom left, as in Blender).
+plane. One square frame covers `PICTURE` metres, so a texture coordinate is (u, v) / PICTURE + 1/2 (origin bottom left, as in Blender).
 """
 
 from __future__ import annotations
@@ -110,11 +110,11 @@ def _outline(rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([right, left[::-1], stalk])
 
 
-# -- picture ----------------------------------------------------------------------------------------------------------------------
+# -- frame ----------------------------------------------------------------------------------------------------------------------
 
 
 def _noise(rng: np.random.Generator, size: int, cell: float) -> np.ndarray:
-    """Smooth noise of unit deviation with features about `cell` pixels of a 1024 picture wide."""
+    """Smooth noise of unit deviation with features about `cell` pixels of a 1024 frame wide."""
     count = max(int(1024 / cell), 3)
     lattice = rng.standard_normal((count + 3, count + 3))
     at = (np.arange(size) + 0.5) / size * count + 1.0

@@ -26,9 +26,9 @@ from seeing_wind.engine.errors import SeeingWindError  # noqa: E402
 from seeing_wind.engine.look.report.accuracy import uniform_errors  # noqa: E402
 
 DISTANCE = 2.0
-"""From the camera to the leaf in picture 0 [m]."""
+"""From the camera to the leaf in frame 0 [m]."""
 VIEW_HEIGHT = 0.98
-"""What the picture shows at that distance, top to bottom [m]."""
+"""What the frame shows at that distance, top to bottom [m]."""
 VIEW_CENTRE = (0.24, -0.25)
 """Where the camera looks, right of and above the leaf's first place [m]."""
 MOST_TILT = 60.0
@@ -58,7 +58,7 @@ def simulate(seed: int, frames: int, fps: float, size: tuple[int, int], spacing:
     """The leaf's flight in the wind of `seed`, as the camera sees it.
 
     Raises:
-        SeeingWindError: when the flight leaves the picture or turns edge-on; another seed helps.
+        SeeingWindError: when the flight leaves the frame or turns edge-on; another seed helps.
     """
     leaf = make_leaf(seed)
     flight = fly(leaf, seed, fps, frames, spacing)
@@ -66,7 +66,7 @@ def simulate(seed: int, frames: int, fps: float, size: tuple[int, int], spacing:
     camera = clip_files.level_camera(size, DISTANCE, VIEW_HEIGHT, centre, START[1] - THICKNESS / 2)
     pixels, _ = camera.project(flight.surface)
     if pixels.min() < 2 or (pixels.max((0, 1)) > np.array(size) - 3).any():
-        raise SeeingWindError("The leaf leaves the picture.", "Choose another --seed or fewer --frames.")
+        raise SeeingWindError("The leaf leaves the frame.", "Choose another --seed or fewer --frames.")
     if tilt(flight.x).max() > MOST_TILT:
         raise SeeingWindError("The leaf turns its edge to the camera.", "Choose another --seed or fewer --frames.")
     return Filmed(

@@ -26,9 +26,9 @@ THICKNESS = 0.012
 YOUNGS_MODULUS = 2.0e4
 """Pa. A plate's stiffness against bending per mass goes as E h² / rho: at forty times the thickness 2e4 Pa do what 3e7 Pa do in a leaf."""
 START = (0.0, 0.0, 1.6)
-"""Where the blade's middle is in picture 0 [m]."""
+"""Where the blade's middle is in frame 0 [m]."""
 ROLL = 0.5
-"""How far the tip leans to the left in picture 0 [rad]; the leaf faces the camera."""
+"""How far the tip leans to the left in frame 0 [rad]; the leaf faces the camera."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def leaf_material() -> Material:
 
 
 def leaf_particles(leaf: Leaf, spacing: float) -> Particles:
-    """Particles on a square lattice inside the leaf's outline, in as many layers as the thickness holds, placed as in picture 0."""
+    """Particles on a square lattice inside the leaf's outline, in as many layers as the thickness holds, placed as in frame 0."""
     low, high = leaf.outline.min(0), leaf.outline.max(0)
     axes = [(np.arange(np.floor(low[c] / spacing), np.ceil(high[c] / spacing)) + 0.5) * spacing for c in range(2)]
     flat = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
@@ -67,7 +67,7 @@ def leaf_particles(leaf: Leaf, spacing: float) -> Particles:
 
 
 def place(flat: np.ndarray, depth: float) -> np.ndarray:
-    """Leaf coordinates (M, 2) at `depth` behind the middle plane -> world (M, 3) in picture 0."""
+    """Leaf coordinates (M, 2) at `depth` behind the middle plane -> world (M, 3) in frame 0."""
     c, s = np.cos(ROLL), np.sin(ROLL)
     return np.stack([c * flat[:, 0] - s * flat[:, 1], np.full(len(flat), depth), s * flat[:, 0] + c * flat[:, 1]], 1) + START
 

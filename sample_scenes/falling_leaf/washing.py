@@ -1,4 +1,4 @@
-"""What hangs in the demo's wind: a line across the picture, and washing pegged to it. For demo_scene.py: needs bpy and NumPy only."""
+"""What hangs in the demo's wind: a line across the frame, and washing pegged to it. For demo_scene.py: needs bpy and NumPy only."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def plain(name: str, colour: tuple[float, float, float]) -> bpy.types.Material:
 
 
 def cotton(name: str, picture: np.ndarray) -> bpy.types.Material:
-    """Cloth with the colours of a `woven` picture, fuzzy at grazing angles, bright where the light is behind it."""
+    """Cloth with the colours of a `woven` frame, fuzzy at grazing angles, bright where the light is behind it."""
     image = bpy.data.images.new(name, picture.shape[1], picture.shape[0], alpha=True)
     image.alpha_mode = "CHANNEL_PACKED"
     image.pixels.foreach_set(picture.astype(np.float32).ravel())

@@ -1,8 +1,8 @@
 """The wind that moves the leaf: known in closed form, changing in space and time, seeded.
 
 Four parts, as accelerations a = f / rho of a body of density rho [m/s²]:
-an updraft that leaves little of gravity; gusts to the side that come and go; an eddy that turns the leaf to and fro in the picture's
-plane; ripples at right angles to the picture, shorter than the leaf, that bend and tilt it. Eddy and ripples travel with the leaf, as
+an updraft that leaves little of gravity; gusts to the side that come and go; an eddy that turns the leaf to and fro in the frame's
+plane; ripples at right angles to the frame, shorter than the leaf, that bend and tilt it. Eddy and ripples travel with the leaf, as
 those do that a falling leaf sheds, and are transverse waves, so that they are free of divergence, as air is.
 """
 

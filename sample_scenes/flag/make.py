@@ -36,7 +36,7 @@ POLE = 0.012
 
 
 def flag(seed: int) -> Plate:
-    """The sheet, its picture, and the pole behind its held edge."""
+    """The sheet, its frame, and the pole behind its held edge."""
     width, height = SIZE
     outline = np.array([[0.0, -height / 2], [width, -height / 2], [width, height / 2], [0.0, height / 2]])
     return Plate(
@@ -62,7 +62,7 @@ def picture(seed: int, size: int = 1024) -> np.ndarray:
 
 
 def pole(height: float) -> tuple[np.ndarray, np.ndarray, tuple[float, float, float]]:
-    """A square bar behind the held edge, from below the picture to above the sheet."""
+    """A square bar behind the held edge, from below the frame to above the sheet."""
     low, high = np.array([-0.2 - POLE, 0.01, 0.2]), np.array([-0.2 + POLE, 0.01 + 2 * POLE, 1.24 + height / 2])
     corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

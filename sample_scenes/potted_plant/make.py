@@ -48,7 +48,7 @@ def leaf(height: float, angle: float, length: float) -> np.ndarray:
 
 
 def plant(seed: int) -> Plate:
-    """Stalk and leaves, their picture, and the pot in front of what is held."""
+    """Stalk and leaves, their frame, and the pot in front of what is held."""
     stalk = np.array([[-STALK, -SUNK], [STALK, -SUNK], [0.6 * STALK, HEIGHT], [-0.6 * STALK, HEIGHT]])
     outlines = [stalk, *(leaf(*each) for each in LEAVES)]
     return Plate(

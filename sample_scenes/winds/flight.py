@@ -13,7 +13,7 @@ TILES = 8
 
 
 def flown(flight: Flight, wind: Wind) -> np.ndarray:
-    """Where the plate's particles are in every picture: (FRAMES + 1, N, 3) [m]."""
+    """Where the plate's particles are in every frame: (FRAMES + 1, N, 3) [m]."""
     size = flight.spacing * np.array(flight.counts)
     places, facing, area = _tiles(size)
     mass = flight.areal_density * size[0] * size[1]

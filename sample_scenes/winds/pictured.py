@@ -8,7 +8,7 @@ from seeing_wind.ui.field.arrows import ramp_colours
 from seeing_wind.ui.field.lattice import SampledField
 
 SIZE = 192
-"""Of the picture [px]."""
+"""Of the frame [px]."""
 ARROWS = 7
 """Along each side."""
 STRONG = 9.0
@@ -56,7 +56,7 @@ def _curve(picture: np.ndarray, speeds: np.ndarray) -> None:
 
 
 def _line(picture: np.ndarray, begin: np.ndarray, end: np.ndarray, colour: np.ndarray) -> None:
-    """Blend a line with soft edges into the picture."""
+    """Blend a line with soft edges into the frame."""
     low = np.clip(np.floor(np.minimum(begin, end) - 3.0).astype(int), 0, SIZE)
     high = np.clip(np.ceil(np.maximum(begin, end) + 4.0).astype(int), 0, SIZE)
     rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]]

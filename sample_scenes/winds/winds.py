@@ -14,7 +14,7 @@ import numpy as np
 Wind = Callable[[np.ndarray, float], np.ndarray]
 
 FPS, FRAMES, OVERLAP = 24.0, 50, 10
-"""Pictures a second, pictures that are recovered, and how many of them are mixed with the last ones so that a wind goes round."""
+"""Frames a second, frames that are recovered, and how many of them are mixed with the last ones so that a wind goes round."""
 LOOP = (FRAMES - OVERLAP) / FPS
 """Of a wind that goes round [s]: gusts whose period divides it go on without a seam by themselves."""
 

@@ -2,7 +2,7 @@
 
 JSON lines on stdout and nothing else: progress, warning, error, and one result at the end. Logs go to stderr. Ctrl-C in a terminal
 (SIGINT) stops at the next safe point, and so does the pipe of a parent (`command.cancelling`). Exit code 0 done, 1 failed with a message,
-2 wrong usage, 3 done but for what the result's `warnings` name (a picture or a video; the field is there), 130 cancelled.
+2 wrong usage, 3 done but for what the result's `warnings` name (an image or a video; the field is there), 130 cancelled.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 
 from .conventions import LARGEST_PICTURE  # noqa: E402
 
-# Pictures that are larger are refused by their header, before anything is allocated. Read when OpenCV loads.
+# Images that are larger are refused by their header, before anything is allocated. Read when OpenCV loads.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_PICTURE))
 # FFmpeg talks on stderr of every encoder that this machine has not; what went wrong is told in sentences.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")

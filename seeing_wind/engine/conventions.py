@@ -6,24 +6,36 @@ volume V feels f V, a body of density rho accelerates by f / rho. Gravity is a s
 World: Blender's, right-handed, Z up. Cameras: OpenCV's axes (x right, y down, z forward) with a 4x4 `camera_to_world`; pixel
 centres are at integers, so the principal point of an image w wide is (w - 1) / 2.
 
-Time: a *frame* is video time, a *substep* solver time, an *iteration* optimiser time. A clip of T + 1 pictures has T frame
-intervals; the force of interval t is held from picture t to picture t + 1.
+Time: a *frame* is video time, a *substep* solver time, an *iteration* optimiser time. A clip of T + 1 frames has T
+intervals; the force of interval t is held from frame t to frame t + 1.
 
 Letters
-    T   frame intervals (pictures: T + 1)       N   particles           K   tracked points
+    T   intervals (frames: T + 1)               N   particles           K   tracked points
     x   particle positions [m]                  v   velocities [m/s]    C   affine velocity [1/s]     F   deformation gradient
-    X   positions at rest (picture 0) [m]       E   Young's modulus [Pa], nu Poisson's ratio, mu, lam Lamé's parameters [Pa]
+    X   positions at rest (frame 0) [m]         E   Young's modulus [Pa], nu Poisson's ratio, mu, lam Lamé's parameters [Pa]
     dx  grid spacing [m]                        dt  substep [s]         f   force density [N/m³]      a   acceleration [m/s²]
 
 The paper (arXiv 2512.00762) calls the deformation gradient D; MPM literature says F, and so does this code.
+
+A number that physics or statistics hang on is a field of a frozen record, a `constant` with its unit, reason and source:
+
+    materials.py                    SolverLimits     LIMITS   grid, substeps, damping
+    recovery/prior/constants.py     PriorConstants   PRIOR    what is believed of the force and the body beforehand
+    recovery/targets/constants.py   NoiseConstants   NOISE    errors of what was observed, and of the solver's body
+    recovery/solve/constants.py     PaceConstants    PACE     how far and how finely the solve goes
+
+docs/reference/constants.md is written from them, and `make sensitivity` halves and doubles each. What only rounding, memory or the number
+of cores ask for is no such number; it stands where it is used.
 """
 
 from __future__ import annotations
 
 import re
 from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import numpy as np
@@ -92,17 +104,39 @@ def pictures_of(path: str) -> list[Path]:
         files = [file for file in place.parent.glob("*") if re.fullmatch(name, file.name)] if place.parent.is_dir() else []
     return sorted(files, key=lambda file: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)])
 
-FRAME = re.compile(r"\bframe (\d+)\b")
+FRAME = re.compile(r"\bframe (\d+)\b(?! of the file)")
 """A frame as `frame_named` writes it."""
 
 
 def frame_named(t: int) -> str:
-    """What a message calls the picture t of a clip, counted from the first that is used: in the panel it becomes the scene's frame.
+    """What a message calls the frame t of a clip, counted from the first that is used: in the panel it becomes the scene's frame.
 
-    Pictures counted from the beginning of a file, as --frames counts them, are called pictures.
+    Frames counted from the beginning of a file, as --frames counts them, are called frames of the file.
     """
     return f"frame {t}"
 
 
 UNHELD = "Nothing was marked as held"
 """How the note begins on a force that only answers gravity: the panel offers what mends it."""
+
+
+def constant(value: Any, unit: str, reason: str, source: str) -> Any:
+    """A field of a record of constants: a number or a tuple of them, its unit ("1" for none), what it is for, and where it is from."""
+    return field(default=value, metadata={"unit": unit, "reason": reason, "source": source})
+
+
+@dataclass(frozen=True)
+class Constant:
+    """One number of a record, as the docs and the sensitivity table show it."""
+
+    name: str
+    value: float | tuple[float, ...]
+    unit: str
+    reason: str
+    source: str
+
+
+def constants_of(record: Any) -> Iterator[Constant]:
+    """All fields of a record, in the order in which they stand there."""
+    for one in fields(record):
+        yield Constant(one.name, getattr(record, one.name), one.metadata["unit"], one.metadata["reason"], one.metadata["source"])

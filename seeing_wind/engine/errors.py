@@ -6,7 +6,7 @@ Misuse and failure are exceptions; a recovery that merely stops early is not (se
 from __future__ import annotations
 
 DONE_WITH_WARNINGS = 3
-"""Exit code of a job whose result is there, but not every picture or video of it."""
+"""Exit code of a job whose result is there, but not every image or video of it."""
 CANCELLED = 130
 """Exit code after a cancel, as a shell reports SIGINT."""
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .conventions import lame
+from .conventions import constant, lame
 from .errors import MaterialError
 
 LAWS = ("neo_hookean", "corotated", "von_mises", "viscoplastic")
@@ -35,21 +35,49 @@ what sways about twice a second, as stems, branches and flags in a clip do."""
 MOST_LOSS = 2.0
 """Largest loss factor: a body that does not swing any more at its critical damping."""
 
-COURANT = 0.3
-"""Grid cells that an elastic wave may cross in one of the solver's substeps."""
 
-CELL_SPACINGS = 1.6
-"""A grid cell over the particles' spacing. Two, the usual choice, bends plates of two particles three times less accurately: against
-another simulator 6.0 mm off at 2.0, 1.8 mm at 1.6, 3.8 mm at 1.3, after 333 mm of travel."""
 
-MAX_SUBSTEPS = 200
-"""Substeps a frame of free bodies, at most. More is slower than a recovery can afford; a stiffer free body hardly moves differently."""
 
-MAX_SUBSTEPS_HELD = 500
-"""The same of bodies that are held somewhere: how far a force bends them is given by their stiffness, so softer means less force."""
 
 DEFAULT = "leaf"
 """The material of an object of which nothing is said."""
+
+
+@dataclass(frozen=True)
+class SolverLimits:
+    """Of the material point method."""
+
+    cell_spacings: float = constant(
+        1.6, "particle spacings", "Width of a grid cell.",
+        "Against another simulator a plate of two particles ends 6.0 mm off at 2.0, the usual choice, 1.8 mm at 1.6 and 3.8 mm at 1.3, "
+        "after 333 mm of travel.",
+    )  # fmt: skip
+    courant: float = constant(0.3, "cells", "What an elastic wave may cross in a substep.", "Stable up to about 1; a margin of three.")
+    plastic_courant: float = constant(
+        0.05, "cells", "The same for bodies that flow, as far as the substeps allowed go: the return mapping wants small strains.",
+        "Squeezed clay driven by the known force of another simulator ends 14 % of its way off with 0.3, 1.3 % with 0.05.",
+    )  # fmt: skip
+    viscous_courant: float = constant(
+        0.48, "cells", "Largest crossed sqrt(1 + 2 tau / dt) of a damped body.",
+        "Shaken and bent bars break down from 1.05 on (Poisson's ratio 0.3) or 0.95 on (0.45). A recovery's rough model, with half the "
+        "substeps, is at twice this; carried changes (`tangent`) of a free leaf were lost at 0.9.",
+    )  # fmt: skip
+    min_substeps: int = constant(8, "per frame", "Whatever the material.", "Cost: they are cheap.")
+    max_substeps: int = constant(
+        200, "per frame", "Of free bodies; a stiffer one is softened, and hardly moves differently.", "Cost of a recovery."
+    )
+    max_substeps_held: int = constant(
+        500, "per frame", "Of held bodies: how far a force bends them is given by their stiffness, so softer means less force.",
+        "Cost of a recovery.",
+    )  # fmt: skip
+    worth: float = constant(
+        0.1, "1", "Least share of a held body's stiffness that the most substeps have to carry. With less, the force answers its weight "
+        "and its inertia alone, as that of a free body does, and it gets no more substeps than one.", "Chosen.",
+    )  # fmt: skip
+    default_speed: float = constant(5.0, "m/s", "Fastest motion expected when nothing better is known.", "Chosen.")
+
+
+LIMITS = SolverLimits()
 
 
 @dataclass(frozen=True)
@@ -149,7 +177,7 @@ SHEET_UNITS = {"areal_density": "kg/m²", "thickness": "m", "tensile_stiffness":
 """What a sheet needs numbers above zero for."""
 
 
-def substeps_needed(material: Material, dx: float, frame_dt: float, density: float = 1.0, courant: float = COURANT) -> int:
+def substeps_needed(material: Material, dx: float, frame_dt: float, density: float = 1.0, courant: float = LIMITS.courant) -> int:
     """Substeps a frame [s] that the waves of a material need on a grid of dx [m]: dt <= courant dx / c, c² = (lam + 2 mu) / rho.
 
     Args:

@@ -54,12 +54,12 @@ class Camera:
         return np.stack([self.fx * bent_x + self.cx, self.fy * bent_y + self.cy], axis=-1)
 
     def pose(self, frame: int) -> np.ndarray:
-        """camera_to_world (4, 4) at picture `frame`."""
+        """camera_to_world (4, 4) at frame `frame`."""
         poses = np.asarray(self.camera_to_world, dtype=np.float64)
         return poses if poses.ndim == 2 else poses[frame]
 
     def project(self, points: np.ndarray, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
-        """World points (..., 3) [m] at picture `frame` -> pixels (..., 2) and depth along the view axis (...,) [m]."""
+        """World points (..., 3) [m] at frame `frame` -> pixels (..., 2) and depth along the view axis (...,) [m]."""
         pose = self.pose(frame)
         local = (np.asarray(points, dtype=np.float64) - pose[:3, 3]) @ pose[:3, :3]
         depth = local[..., 2]
@@ -69,7 +69,7 @@ class Camera:
         return np.stack([x, y], axis=-1), depth
 
     def projection_jacobian(self, points: np.ndarray, frame: int = 0) -> np.ndarray:
-        """d(pixel)/d(world point): (..., 2, 3) [px/m] for world points (..., 3) at picture `frame`."""
+        """d(pixel)/d(world point): (..., 2, 3) [px/m] for world points (..., 3) at frame `frame`."""
         pose = self.pose(frame)
         local = (np.asarray(points, dtype=np.float64) - pose[:3, 3]) @ pose[:3, :3]
         x, y, z = np.moveaxis(local, -1, 0)
@@ -127,18 +127,18 @@ class Observation:
     """The clip's path as the user gave it."""
     fps: float
     first_frame: int
-    """Index in the file of picture 0."""
+    """Index in the file of frame 0."""
     camera: Camera
     image: np.ndarray
-    """(H, W, 3) uint8 RGB, picture 0."""
+    """(H, W, 3) uint8 RGB, frame 0."""
     background: np.ndarray
     """(H, W, 3) uint8 RGB, the clip without the object as far as it was seen (temporal median)."""
     masks: Masks
     """(T+1, H, W) bool, the object; an array is packed."""
     depth: np.ndarray
-    """(H, W) float32, metres along the view axis in picture 0, infinite off the object."""
+    """(H, W) float32, metres along the view axis in frame 0, infinite off the object."""
     pin: np.ndarray
-    """(H, W) bool, where the object is held in picture 0; all False for a free body."""
+    """(H, W) bool, where the object is held in frame 0; all False for a free body."""
     xy: np.ndarray
     """(T+1, K, 2) tracked points [px]."""
     visible: np.ndarray
@@ -178,7 +178,7 @@ class Particles:
 
 @dataclass(frozen=True)
 class Attachment:
-    """Points that ride on particles: point k = sum_j weight[k, j] x[index[k, j]], weights fixed in picture 0, rows summing to one."""
+    """Points that ride on particles: point k = sum_j weight[k, j] x[index[k, j]], weights fixed in frame 0, rows summing to one."""
 
     index: np.ndarray
     """(K, J) int32."""
@@ -192,7 +192,7 @@ class Attachment:
 
 @dataclass(frozen=True)
 class Gaussians:
-    """3D Gaussians G^0 of the object in picture 0 (paper, section 3.1)."""
+    """3D Gaussians G^0 of the object in frame 0 (paper, section 3.1)."""
 
     x: np.ndarray
     """(G, 3) centres [m]."""
@@ -213,11 +213,11 @@ class Surface:
     """The object's surface as a triangle mesh, for display and for baking in Blender."""
 
     vertices: np.ndarray
-    """(V, 3) in picture 0 [m]."""
+    """(V, 3) in frame 0 [m]."""
     triangles: np.ndarray
     """(M, 3) int32."""
     uv: np.ndarray
-    """(V, 2) in 0..1, Blender's convention (origin bottom left), into picture 0."""
+    """(V, 2) in 0..1, Blender's convention (origin bottom left), into frame 0."""
     attachment: Attachment
 
 
@@ -235,7 +235,7 @@ class Body:
     lifted: np.ndarray
     """(T+1, K, 3) key points P^t lifted to 3D [m], NaN where never seen or not placed: a display and a start, not the target of the fit."""
     tie_sigma: tuple[float, ...] = ()
-    """Per key point, how uncertain [px] its place is beyond what tracks placed in picture 0 have; () where all are certain."""
+    """Per key point, how uncertain [px] its place is beyond what tracks placed in frame 0 have; () where all are certain."""
     sheet: Sheet | None = None
     """Of a thin sheet, whose particles are the vertices of `surface`; None for a solid."""
     path: np.ndarray | None = None
@@ -256,13 +256,13 @@ class PointTargets:
     sigma: float | None = None
     """Standard deviation [m] per coordinate, or None to estimate it from the data."""
     covariance: np.ndarray | None = None
-    """(K, 3, 3) [m²] of every point's errors, the same in all pictures, in the place of `sigma`: depth is seen less well than place.
-    Where neighbouring pictures differ by more, which is noise that points share or a motion too fast to tell from it, that counts."""
+    """(K, 3, 3) [m²] of every point's errors, the same in all frames, in the place of `sigma`: depth is seen less well than place.
+    Where neighbouring frames differ by more, which is noise that points share or a motion too fast to tell from it, that counts."""
 
 
 @dataclass(frozen=True)
 class TrackTargets:
-    """Where surface points appeared in one camera's picture."""
+    """Where surface points appeared in one camera's frame."""
 
     xy: np.ndarray
     """(T+1, K, 2) [px]."""
@@ -273,7 +273,7 @@ class TrackTargets:
     camera: Camera
     attachment: Attachment
     offset: np.ndarray | None = None
-    """(K,) standard deviation [px] of a constant error of each attachment, for tracks that begin after picture 0; None leaves it small."""
+    """(K,) standard deviation [px] of a constant error of each attachment, for tracks that begin after frame 0; None leaves it small."""
 
 
 @dataclass(frozen=True)
@@ -316,6 +316,9 @@ class Recovery:
     """(4, 4) of log E, clamp depth [grid cells], a and b, by the fit itself."""
     substeps: int | None = None
     """Per frame. A solver's damping hangs on them: the same force swings a body differently with others."""
+    wild: np.ndarray | None = None
+    """(T,) bool: frames at the clip's ends in which the force is not seen, as the tracks there leave the motion of all others; None where
+    there are none."""
     clamp_moves: bool = False
     """Whether what is held goes the way that its particles have in `x`, rather than stands still."""
 

@@ -31,7 +31,7 @@ LIFTED = "lifted.npz"
 """Key points of the first view, (T+1, K, 3) [m], lifted by all views."""
 
 LATE_OFFSET = 0.5
-"""Standard deviation [px] of the place of a track that was not there in picture 0, at best."""
+"""Standard deviation [px] of the place of a track that was not there in frame 0, at best."""
 
 
 def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Progress, view: int = 0) -> tuple[Observation, str]:
@@ -46,7 +46,7 @@ def observe_stage(take: Take, clip: str, settings: ObserveSettings, progress: Pr
     from .recovery.journal import TakeJournal
 
     if Path(clip).resolve() == take.path.resolve():
-        raise UsageError(f"{clip} is the clip's folder and the take's.", "Give --take a folder of its own: a report is a picture, too.")
+        raise UsageError(f"{clip} is the clip's folder and the take's.", "Give --take a folder of its own: a report is an image, too.")
     stage, file = (f"view{view}", f"view{view}.npz") if view else ("observe", "observation.npz")
     stamp, seen = observation_stamp(clip, settings), observation_stamp(clip, dataclasses.replace(settings, pin=None))
     kept = take.kept(stage, seen, lambda: from_arrays(Observation, take.read_arrays(file)), progress, "observe")
@@ -152,7 +152,7 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
     """Refuse a schedule and an objective that do not go together, before any work is done.
 
     Args:
-        clip: there are pictures, not only trajectories; views: further views besides the first.
+        clip: there are frames, not only trajectories; views: further views besides the first.
 
     Raises:
         UsageError: with the reason.
@@ -170,7 +170,7 @@ def check_solve(settings: RecoverSettings, clip: bool, views: int = 0) -> None:
     if settings.objective == "tracking":
         return
     if not clip:
-        raise UsageError(f"--objective {settings.objective} compares pictures, and trajectories have none.", "Use --objective tracking.")
+        raise UsageError(f"--objective {settings.objective} compares frames, and trajectories have none.", "Use --objective tracking.")
     if settings.schedule != "paper":
         raise UsageError(
             f"--objective {settings.objective} has no Gauss-Newton form: the default schedule solves for tracks only.",

@@ -16,6 +16,7 @@ import json
 import os
 import re
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -36,8 +37,11 @@ BLOCK = 2**24
 FORMAT = 1
 """Version of the take's layout."""
 
-VERSION = 15
+VERSION = 16
 """Part of every stamp: raise it when a stage's results change, so that old takes are redone."""
+
+LEVEL = 3
+"""Of the compression of arrays: frames in 0.4 of the time of zlib's usual 6, and a ninth larger."""
 
 RESULTS = re.compile(
     r"take\.(toml|lock)|(observation|view\d+|particles|lifted|trajectory|solve)\.npz|(field|fitted|wind|checkpoint\..*)\.safetensors"
@@ -247,7 +251,10 @@ def npz(name: str, arrays: dict[str, np.ndarray]) -> bytes:
         if np.asarray(array).dtype == object:
             raise TypeError(f"{name}: {key} is an object array")
     content = io.BytesIO()
-    np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=LEVEL) as archive:
+        for key, array in arrays.items():
+            with archive.open(f"{key}.npy", "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, np.asarray(array), allow_pickle=False)
     return content.getvalue()
 
 

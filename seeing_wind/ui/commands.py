@@ -20,7 +20,7 @@ from .job.install.environment import engine_python
 from .job.worker_command import command, environment
 
 NAME = "seeing_wind"
-VERBS = ("observe", "recover", "recover-trajectories", "sample", "resimulate", "export", "identify", "doctor")
+VERBS = ("observe", "recover", "recover-trajectories", "sample", "resimulate", "export", "join", "identify", "doctor")
 FILED = ("batch", "bake")
 """Verbs that this side has of its own; functions of `batch`."""
 SAVES = ("recover", "recover-trajectories", "resimulate")

@@ -38,7 +38,7 @@ MATERIAL_ITEMS = _material_items()
 
 WAYS = [
     ("AUTO", "Automatic", "Location and rotation for bodies that stay rigid, a point cache for very large ones, else shape keys"),
-    ("SHAPE_KEYS", "Shape Keys", "One absolute shape key per picture, and keys of the evaluation time"),
+    ("SHAPE_KEYS", "Shape Keys", "One absolute shape key per frame, and keys of the evaluation time"),
     ("TRANSFORM", "Location and Rotation", "Keys of the object's place; only for bodies that stay rigid"),
     ("POINT_CACHE", "Point Cache (PC2)", "A file beside the take that the Mesh Cache modifier plays; for large meshes"),
     ("ALEMBIC", "Alembic", "A file that other programs read too, where this Blender has Alembic"),

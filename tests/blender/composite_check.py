@@ -1,4 +1,4 @@
-"""Recover (with the stand-in for the engine), calibrate, export VDB, set up the composite and render a picture, in a real Blender.
+"""Recover (with the stand-in for the engine), calibrate, export VDB, set up the composite and render a frame, in a real Blender.
 
     SEEING_WIND_PYTHON=.../fake_python SEEING_WIND_CLIP=.../clip.mp4 \\
         blender -b --factory-startup --python-exit-code 9 --python tests/blender/composite_check.py
@@ -91,15 +91,15 @@ def check_composite(scene: bpy.types.Scene, folder: Path) -> None:
 
 
 def check_conformed(scene: bpy.types.Scene, folder: Path) -> None:
-    """At 30 frames a second the clip of 24 shows the picture at which the recovered object is, still and in a video."""
+    """At 30 frames a second the clip of 24 shows the clip frame at which the recovered object is, still and in a video."""
     scene.render.fps, scene.render.fps_base = 30, 1.0
     check("conform", bpy.ops.seeing_wind.conform() == {"FINISHED"})
     for frame, picture in ((2, 1), (6, 4), (11, 8)):
         scene.frame_set(frame)
         bpy.ops.seeing_wind.render_composite(filepath=str(folder / "paced.png"), still=True)
         left = np.flatnonzero(read(folder / "paced.png")[30].mean(axis=1) > 145)[0]
-        check(f"picture {picture} at frame {frame}", abs(left - 20 - 2 * picture) <= 1, str(left))
-    check("a picture a frame", bpy.ops.seeing_wind.conform(real_time=False) == {"FINISHED"} and scene.active_clip.frame_start == 1)
+        check(f"frame {picture} at frame {frame}", abs(left - 20 - 2 * picture) <= 1, str(left))
+    check("a clip frame a frame", bpy.ops.seeing_wind.conform(real_time=False) == {"FINISHED"} and scene.active_clip.frame_start == 1)
 
 
 def check_lens(scene: bpy.types.Scene, folder: Path) -> None:

@@ -31,7 +31,7 @@ def world_vertices(obj: bpy.types.Object, frame: int) -> np.ndarray:
 
 
 def motion_by_point_cache(cube: bpy.types.Object) -> np.ndarray:
-    """The last picture (V, 3) after a bake to PC2; the object is left with its shape keys."""
+    """The last frame (V, 3) after a bake to PC2; the object is left with its shape keys."""
     bpy.ops.seeing_wind.bake(object=cube.name, way="POINT_CACHE")
     check(cube.data.shape_keys is None and cube.modifiers[0].type == "MESH_CACHE", "bake to a point cache")
     last = world_vertices(cube, 13)
@@ -48,7 +48,7 @@ def main() -> None:
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     options = {"clip": os.environ["SEEING_WIND_CLIP"], "box": (20, 20, 44, 44), "distance": 2.0, "take": str(folder / "out.take")}
-    for behaviour, says in (("error", "outside the picture"), ("die", "SIGKILL")):
+    for behaviour, says in (("error", "outside the frame"), ("die", "SIGKILL")):
         os.environ["SEEING_WIND_FAKE"] = behaviour
         try:
             bpy.ops.seeing_wind.recover(**options)

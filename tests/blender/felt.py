@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 Flow = Callable[[np.ndarray, float], np.ndarray]
-"""Force densities (P, 3) [N/m³] at places (P, 3) [m] of the box, where the field object was made, in a picture."""
+"""Force densities (P, 3) [N/m³] at places (P, 3) [m] of the box, where the field object was made, in a frame."""
 
 
 @dataclass(frozen=True)

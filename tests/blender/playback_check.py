@@ -32,7 +32,7 @@ BOX, CENTRE, DENSITY, FPS, FRAME_START = (solvers[name] for name in ("BOX", "CEN
 FRAMES, COUNT = 48, 1000
 LENGTHS = (6.0, 4.0, 2.0, 1.2)
 INTERVALS = (0, 3)
-"""Pictures in which errors are measured."""
+"""Frames in which errors are measured."""
 BAR = (1.0, 0.02)
 """Mean angle [degrees] and mean relative error of the size."""
 STEADY, SPEED = 60.0, 6.0
@@ -43,7 +43,7 @@ def waves(length: float) -> Callable[[np.ndarray, float], np.ndarray]:
     """A steady wind and waves across it, which wander."""
 
     def flow(points: np.ndarray, picture: float) -> np.ndarray:
-        """(P, 3) [N/m³] in a picture."""
+        """(P, 3) [N/m³] in a frame."""
         x, y, z = (points - CENTRE).T / 0.5 * (2.0 * np.pi / length)
         phase = 0.15 * picture
         turning = np.stack([np.sin(y + 0.5 + phase), np.sin(z + 0.3 * x - phase), np.cos(x - 0.4 * y + phase)], axis=-1)

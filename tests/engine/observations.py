@@ -18,7 +18,7 @@ def camera(distance: float = 1.0) -> Camera:
 
 
 def observed(mask: np.ndarray, depth: np.ndarray | float, xy: np.ndarray | None = None, **changes) -> Observation:
-    """A still clip of three pictures of an object with the given mask (H, W) and depth [m], coloured smoothly."""
+    """A still clip of three frames of an object with the given mask (H, W) and depth [m], coloured smoothly."""
     height, width = mask.shape
     rows, columns = np.mgrid[:height, :width]
     image = np.stack([127 + 90 * np.sin(columns / 9), 127 + 90 * np.cos(rows / 7), 127 + 60 * np.sin((rows + columns) / 11)], axis=-1)

@@ -78,7 +78,7 @@ def square(tmp_path: Path) -> Path:
         (["--distance", "-2"], "`--distance` must be at least 0.01 m; this is -2."),
         (["--distance", "near"], "`--distance` must be a finite number; this is 'near'."),
         (["--pixels-per-metre", "nan"], "`--pixels-per-metre` must be above 0 px/m; this is nan."),
-        (["--frames", "9:3"], "must be two pictures in order"),
+        (["--frames", "9:3"], "must be two frames in order"),
         (["--fov", "180"], "must be above 0 and below 180 °; this is 180."),
         (["--iterations", "1.5"], "`--iterations` must be a whole number; this is '1.5'."),
         (["--representation", "magic"], "must be causal_triplane or kplanes or point; this is 'magic'."),
@@ -251,7 +251,7 @@ def test_sigint_cancels_at_a_safe_point_and_leaves_no_half_written_file(square: 
 def test_a_farm_is_asked_in_a_way_that_makes_sense(engine, tmp_path: Path) -> None:
     (tmp_path / "jobs.toml").write_text('[[job]]\ntake = "t"\nclip = "jobs.toml"\n')
     messages = engine("batch", tmp_path / "jobs.toml", "--ray", "nohost", expect=2)
-    assert messages[-1]["message"] == "--ray is nohost, no address. Give HOST:PORT of the cluster's head, or auto."
+    assert messages[-1]["message"] == "--ray nohost is not an address. Give HOST:PORT of the cluster's head, or auto."
     with pytest.raises(UsageError) as caught:
         parser().parse_args(["batch", "jobs.toml", "--ray", "auto", "--attempts", "0"])
     assert "at least 1 and at most 100; this is 0." in caught.value.message and not caught.value.hint
@@ -291,6 +291,7 @@ def test_a_finished_stage_whose_file_is_damaged_is_done_again(square: Path, tmp_
     assert from_arrays(Observation, take.read_arrays("observation.npz")).fps == first.fps
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="SIGINT cannot be sent to another process on Windows")
 def test_a_solve_survives_a_cancel_while_the_field_is_fitted(square: Path, tmp_path: Path) -> None:
     """One iteration is enough to finish, and the same command then goes on behind the solve. The field is fitted in haste."""

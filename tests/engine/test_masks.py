@@ -14,7 +14,7 @@ from seeing_wind.engine.take import Take
 
 
 def some() -> np.ndarray:
-    """A blob that moves, vanishes, fills the picture, and is a single pixel in the corner."""
+    """A blob that moves, vanishes, fills the frame, and is a single pixel in the corner."""
     masks = np.zeros((5, 37, 53), bool)
     masks[0, 5:20, 7:31] = np.random.default_rng(0).random((15, 24)) > 0.4
     masks[1, 9:24, 20:44] = masks[0, 5:20, 7:31]

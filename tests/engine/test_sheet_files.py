@@ -71,7 +71,7 @@ def test_a_missing_key_is_named(tmp_path: Path, missing: str) -> None:
         ({"E": 0.0}, "tensile stiffness"),
         ({"nu": 0.7}, "Poisson"),
         ({"damping": -1.0}, "loss factor"),
-        ({"x": FALL[:2]}, "pictures"),
+        ({"x": FALL[:2]}, "frames"),
         ({"x": np.where(np.arange(6)[:, None, None] == 3, np.nan, FALL)}, "not finite"),
         ({"fixed": np.ones(5, bool)}, "fixed"),
         ({"visible": np.arange(30).reshape(6, 5) != 17}, "not visible"),

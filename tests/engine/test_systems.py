@@ -1,4 +1,4 @@
-"""Windows' rules in place of ours: a file that somebody holds, a path that is too long, a picture whose path is not ASCII."""
+"""Windows' rules in place of ours: a file that somebody holds, a path that is too long, a frame whose path is not ASCII."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from seeing_wind.engine import systems
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.observe.clip.pictures import read_picture, write_png
+from seeing_wind.engine.observe.clip.images import read_picture, write_png
 from seeing_wind.engine.take import Take
 
 
@@ -106,7 +106,7 @@ def test_pictures_are_opened_by_python_and_not_by_opencv(monkeypatch: pytest.Mon
     write_png(tmp_path / "Blätter 风.png", picture)
     assert np.array_equal(read_picture(tmp_path / "Blätter 风.png", cv2.IMREAD_COLOR), picture)
     (tmp_path / "empty.png").touch()
-    (tmp_path / "text.png").write_text("no picture")
+    (tmp_path / "text.png").write_text("no frame")
     for name, error in (("empty.png", ValueError), ("text.png", ValueError), ("none.png", OSError)):
         with pytest.raises(error):
             read_picture(tmp_path / name, cv2.IMREAD_COLOR)
@@ -115,4 +115,4 @@ def test_pictures_are_opened_by_python_and_not_by_opencv(monkeypatch: pytest.Mon
 def test_nothing_in_the_engine_lets_opencv_open_a_picture() -> None:
     engine = Path(systems.__file__).parent
     users = [path.name for path in engine.rglob("*.py") if "cv2.imread(" in path.read_text(encoding="utf-8")]
-    assert not users, "use observe.clip.pictures"
+    assert not users, "use observe.clip.frames"

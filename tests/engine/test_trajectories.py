@@ -106,7 +106,7 @@ def test_a_body_of_few_points_is_told_first(tmp_path: Path) -> None:
 def test_what_is_assumed_or_contradicts_itself_is_told(tmp_path: Path) -> None:
     assert read_trajectories(write(tmp_path / "t.npz", rho=500.0, E=1e4, nu=0.2, gravity=np.zeros(3))).notes == ()
     lacking, weightless = read_trajectories(write(tmp_path / "t.npz", E=1e4)).notes
-    assert "rho (300 kg/m³), nu (0.3)" in lacking and "in proportion to the density" in lacking and "no gravity" in weightless
+    assert "rho (300 kg/m³), nu (0.3)" in lacking and "proportional to the density" in lacking and "no gravity" in weightless
     fixed = np.arange(27) < 5
     assert any("held move by up to 2.1e+02 mm" in note for note in read_trajectories(write(tmp_path / "t.npz", fixed=fixed)).notes)
     seen = np.arange(6)[:, None] < np.where(fixed, 3, 6)  # what held particles did unseen is not known
@@ -157,12 +157,12 @@ def test_the_errors_of_points_may_have_a_direction(tmp_path: Path) -> None:
 def test_what_visible_must_not_say(tmp_path: Path) -> None:
     visible = np.ones((6, 27), dtype=bool)
     visible[0, [4, 9]] = False
-    with pytest.raises(ObjectError, match="2 of 27 points are not visible in picture 0, the first of them point 4") as caught:
+    with pytest.raises(ObjectError, match="2 of 27 points are not visible in frame 0, the first of them point 4") as caught:
         read_trajectories(write(tmp_path / "t.npz", visible=visible))
-    assert "picture 0" in caught.value.hint
+    assert "frame 0" in caught.value.hint
     lost = FALL.copy()
     lost[3, 8, 1] = np.nan
-    with pytest.raises(ObjectError, match="particle 8 in picture 3 is not finite"):
+    with pytest.raises(ObjectError, match="particle 8 in frame 3 is not finite"):
         read_trajectories(write(tmp_path / "t.npz", x=lost, visible=np.ones((6, 27), bool)))
 
 

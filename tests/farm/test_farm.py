@@ -100,7 +100,7 @@ def untimed(values: dict) -> dict:
 
 
 def differences(reference: Path, take: Path) -> list[str]:
-    """Names of files and arrays that two takes do not share, but for times and pictures of them."""
+    """Names of files and arrays that two takes do not share, but for times and frames of them."""
     names = [{path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} for folder in (reference, take)]
     wrong = sorted((names[0] ^ names[1]) - {"take.lock"})
     for name in sorted(names[0] & names[1]):

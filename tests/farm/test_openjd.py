@@ -50,10 +50,10 @@ if words[:3] == ["--command", "seeing_wind", "bake"]:
 elif words[0] == "--background":
     assert Path(words[1]).read_text() == "a file" and words[2] == "--render-output", words
     assert words[4:8] == ["--render-format", "PNG", "--use-extension", "1"], words
-    pictures = Path(words[3])
-    pictures.parent.mkdir(exist_ok=True)
-    assert words[8] == "--render-frame" and pictures.name == "####", words
-    (pictures.parent / f"{{int(words[9]):04d}}.png").write_text("a picture")
+    frames = Path(words[3])
+    frames.parent.mkdir(exist_ok=True)
+    assert words[8] == "--render-frame" and frames.name == "####", words
+    (frames.parent / f"{{int(words[9]):04d}}.png").write_text("a frame")
 else:
     assert words == ["--command", "seeing_wind", "--help"], words
 '''
@@ -105,7 +105,7 @@ def test_frames_and_folders(workplace, tmp_path_factory) -> None:
     assert {each["name"] for each in template["parameterDefinitions"]} == {"Folder", "Folder1", "Python", "Engine", "Edition", "Blender"}
     (workplace / "square.avi").write_bytes(b"no clip")
     (workplace / "jobs.toml").write_text(table.format("broken", "square.avi"))
-    with pytest.raises(ClipError, match="holds no picture"):
+    with pytest.raises(ClipError, match="holds no frame"):
         bundle_of(workplace)
 
 

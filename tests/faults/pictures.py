@@ -1,4 +1,4 @@
-"""Hostile pictures, clips and options: families of `inputs`."""
+"""Hostile frames, clips and options: families of `inputs`."""
 
 from __future__ import annotations
 

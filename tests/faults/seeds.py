@@ -55,7 +55,7 @@ def sow(folder: Path) -> Path:
 
 
 def _clip(folder: Path) -> None:
-    """A bright square that drifts over a plain background: a video, its frames as pictures, and its mask."""
+    """A bright square that drifts over a plain background: a video, its frames as frames, and its mask."""
     writer = cv2.VideoWriter(str(folder / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (WIDTH, HEIGHT))
     (folder / "frames").mkdir(exist_ok=True)
     for t in range(FRAMES):

@@ -91,7 +91,7 @@ def test_hostile_inputs_end_with_a_sentence(worker: Worker, seeds: Path) -> None
 
     @hypothesis.seed(24)
     @hypothesis.settings(
-        max_examples=draws(60, 1040), database=None, deadline=None, phases=[hypothesis.Phase.generate],
+        max_examples=draws(30, 1040), database=None, deadline=None, phases=[hypothesis.Phase.generate],
         suppress_health_check=list(hypothesis.HealthCheck),
     )  # fmt: skip
     @hypothesis.given(st.sampled_from(FAMILIES), st.integers(0, 2**32), VALUES)

@@ -83,7 +83,7 @@ def references(worker: Worker, seeds: Path, tmp_path_factory: pytest.TempPathFac
 
 def test_a_killed_job_resumes_to_the_same_result(worker: Worker, seeds: Path, references: References, tmp_path: Path) -> None:
     chance = random.Random(24)
-    wanted_kills = draws(6, 204)
+    wanted_kills = draws(3, 204)
     wrong, again, number = [], [], 0
     while COUNTS["kills"] < wanted_kills:  # a job that ends before its moment comes does not count
         number += 1
@@ -131,6 +131,7 @@ def write_long_clip(folder: Path) -> None:
     writer.release()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", ["observe", pytest.param("recover", marks=pytest.mark.skipif(not WHOLE, reason="minutes"))])
 def test_a_long_clip_goes_on_where_it_was_killed(worker: Worker, seeds: Path, tmp_path: Path, verb: str) -> None:
     write_long_clip(seeds)
@@ -153,5 +154,5 @@ def test_a_long_clip_goes_on_where_it_was_killed(worker: Worker, seeds: Path, tm
         again.append((cut.work + resumed.work - reference.work, moment))
         shutil.rmtree(folder)
     worst, moment = max(again)
-    print(f"\n{verb} of a clip of {PICTURES} pictures, {reference.work:.0f} s of the processor: at most {worst:.1f} s of it were worked "
+    print(f"\n{verb} of a clip of {PICTURES} frames, {reference.work:.0f} s of the processor: at most {worst:.1f} s of it were worked "
           f"again, killed after {moment:.1f} s")  # fmt: skip

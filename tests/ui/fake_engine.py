@@ -90,7 +90,7 @@ def recover(options: list[str]) -> None:
 
 
 def observe(options: list[str]) -> dict[str, object]:
-    """A picture of one pixel, a place that seems to be held, and two verdicts; the result."""
+    """A frame of one pixel, a place that seems to be held, and two verdicts; the result."""
     from seeing_wind.engine.take import Take
 
     take = Take(options[options.index("--take") + 1])
@@ -127,6 +127,16 @@ def sample(options: list[str]) -> None:
     Take(out.parent).write_arrays(out.name, arrays)
 
 
+def join(options: list[str]) -> None:
+    """The breeze in every take, which names all."""
+    from seeing_wind.engine.take import Take
+
+    for name in options:
+        read_as_wind(Take(name), "wind")
+        told = Take(name).read_json("wind.json")
+        Take(name).write_json("wind.json", {**told, "joined": [Path(each).name for each in options]})
+
+
 def resimulate(options: list[str]) -> None:
     """Every vertex falls with half the edit's gravity per mass factor; pinned ones stay."""
     from seeing_wind.engine.take import Take
@@ -155,7 +165,7 @@ def main() -> None:
     assert not any(key.startswith("PYTHON") and key not in KNOWN for key in os.environ), "Blender's Python settings leaked"
     behaviour = os.environ.get("SEEING_WIND_FAKE", "done") if verb in ("observe", "recover", "resimulate") else "done"
     if behaviour == "done":
-        {"recover": recover, "sample": sample, "resimulate": resimulate}.get(verb, lambda options: None)(options)
+        {"recover": recover, "sample": sample, "resimulate": resimulate, "join": join}.get(verb, lambda options: None)(options)
     if verb == "observe" and behaviour == "done":
         print(json.dumps({"type": "progress", "stage": "observe", "fraction": 0.5, "message": "following the object"}))
         print(json.dumps({"type": "result", **observe(options)}))

@@ -66,11 +66,11 @@ def main() -> int:
         send(type="progress", stage="observe", fraction=0.1, message="reading")
         send(
             type="error",
-            message="The box lies outside the picture of 480 x 270 pixels.",
-            hint="Draw it round the object in the first picture.",
+            message="The box lies outside the frame of 480 x 270 pixels.",
+            hint="Draw it round the object in the first frame.",
             mend="",
         )
-        send(type="result", outcome="failed", message="The box lies outside the picture.")
+        send(type="result", outcome="failed", message="The box lies outside the frame.")
         return 1
     elif behaviour == "crash":
         raise RuntimeError("the grid is empty")

@@ -43,7 +43,7 @@ def test_what_is_no_clip_is_refused_and_the_former_one_stays(scene, workplace, t
     (tmp_path / "text.mp4").write_text("no video")
     (tmp_path / "empty.mp4").write_bytes(b"")
     for path in (tmp_path / "text.mp4", tmp_path / "empty.mp4", tmp_path):
-        refused(lambda path=path: ops.choose_clip(filepath=str(path)), "no pictures")
+        refused(lambda path=path: ops.choose_clip(filepath=str(path)), "no frames")
     assert scene.seeing_wind.clip == str(workplace / "clip.mp4")
     refused(lambda: ops.draw_box(box=(40, 40, 20, 20)), "too small")
 

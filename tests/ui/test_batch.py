@@ -72,7 +72,7 @@ def test_a_failed_job_says_what_the_engine_said(workplace, monkeypatch):
     (workplace / "jobs.toml").write_text('[[job]]\nname = "a"\nclip = "clip.mp4"\ntake = "a.take"\n')
     monkeypatch.setenv("SEEING_WIND_FAKE", "error")
     assert commands.main(["batch", str(workplace / "jobs.toml")]) == 1
-    assert rows(workplace)[0]["message"].startswith("The box lies outside the picture of 480 x 270 pixels. Draw it")
+    assert rows(workplace)[0]["message"].startswith("The box lies outside the frame of 480 x 270 pixels. Draw it")
 
 
 def test_a_take_of_another_edit_is_neither_taken_for_done_nor_written_over(workplace):

@@ -8,6 +8,7 @@ import bpy
 import extension
 import pytest
 
+from seeing_wind.engine.command.arguments import parser
 from seeing_wind.ui import commands
 from seeing_wind.ui.job import status
 
@@ -61,6 +62,11 @@ def test_an_option_is_found_in_both_spellings() -> None:
     assert commands.value_of(["a", "--take", "b"], "--take") == commands.value_of(["--take=b"], "--take") == "b"
 
 
+def test_every_verb_of_the_engine_is_one_of_blenders_command() -> None:
+    (verbs,) = [action.choices for action in parser()._actions if action.dest == "verb"]
+    assert set(verbs) <= {*commands.VERBS, *commands.FILED}
+
+
 @pytest.mark.parametrize(
     ("argv", "code", "says"),
     [
@@ -78,7 +84,7 @@ def test_wrong_usage(argv, code, says, capsys) -> None:
     assert says in said.out + said.err
 
 
-@pytest.mark.parametrize(("behaviour", "code", "says"), [("error", 1, "outside the picture"), ("die", 1, "SIGKILL"), ("mute", 1, "code 1")])
+@pytest.mark.parametrize(("behaviour", "code", "says"), [("error", 1, "outside the frame"), ("die", 1, "SIGKILL"), ("mute", 1, "code 1")])
 def test_exit_codes_are_kept_and_nothing_is_saved(workplace, monkeypatch, capsys, behaviour, code, says) -> None:
     monkeypatch.setenv("SEEING_WIND_FAKE", behaviour)
     assert commands.main(["recover", "clip.mp4", "--take", "out.take", "--save", "out.blend"]) == code

@@ -2,7 +2,7 @@
 
     arguments.py     verbs and options              verbs.py       what each verb does; the short ones
     recover.py       from a clip or trajectories    resimulate.py  an edit in the recovered field
-    observe.py       what is seen, before the solve
+    observe.py       what is seen, before the solve   join.py      one wind for several takes
     reporting.py     how a recovery ends: its report, its result
     lock.py          one writer per take            cancelling.py  how a parent or a person stops a job
     doctor.py        what is installed, and what to do about the rest

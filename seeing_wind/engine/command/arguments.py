@@ -19,7 +19,7 @@ from ..settings.recover import SOLVE
 
 DESCRIPTIONS = {NETWORKS: "each a folder, or a name in the hub's cache; see `doctor`"}
 """Of the groups that need more than their title."""
-CLIP = "a video, a folder of pictures, or a pattern such as shot_%%04d.png"
+CLIP = "a video, a folder of images, or a pattern such as shot_%%04d.png"
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
 
@@ -89,7 +89,7 @@ def parser() -> Parser:
     """The whole command line."""
     root = Parser(prog="seeing_wind.engine", description="Recover the force field that moved something in a clip.", allow_abbrev=False)
     verbs = root.add_subparsers(dest="verb", required=True, parser_class=Parser, metavar="VERB")
-    _recover(verbs.add_parser("observe", help="what is seen in a clip, drawn and judged; `recover` goes on from it", allow_abbrev=False))
+    _recover(verbs.add_parser("observe", help="draw and judge what is seen in a clip; `recover` goes on from it", allow_abbrev=False))
     _recover(verbs.add_parser("recover", help="a clip becomes a force field", allow_abbrev=False))
     _recover_trajectories(verbs.add_parser("recover-trajectories", help="3D trajectories become a force field", allow_abbrev=False))
     sample = verbs.add_parser("sample", help="the force density at given points", allow_abbrev=False)
@@ -105,8 +105,10 @@ def parser() -> Parser:
     export = verbs.add_parser("export", help="the field on a lattice, for other programs", allow_abbrev=False)
     export.add_argument("take", type=path, metavar="DIR", help="take of the recovered field")
     export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"), help="vdb only inside Blender")
-    export.add_argument("--out", type=path, required=True, metavar="PATH", help="file that is written, or the start of several names")
-    _identify(verbs.add_parser("identify", help="ask a vision-language model what is in the first picture", allow_abbrev=False))
+    export.add_argument("--out", type=path, required=True, metavar="PATH", help="the file (npz) or the folder (ply, fga) to write")
+    joined = verbs.add_parser("join", help="one wind for the objects of several takes of a clip", allow_abbrev=False)
+    joined.add_argument("takes", type=path, nargs="+", metavar="DIR", help="takes of two objects or more; each gets the wind of all")
+    _identify(verbs.add_parser("identify", help="ask a vision-language model what is in the first frame", allow_abbrev=False))
     _batch(verbs.add_parser("batch", help="many clips and edits, here or on a farm", allow_abbrev=False))
     verbs.add_parser("doctor", help="what is installed, what works, what to do about the rest", allow_abbrev=False)
     return root
@@ -124,7 +126,7 @@ def _recover(p: Parser) -> None:
         "--view", nargs=3, action="append", default=[], metavar=("CLIP2", "CAMERA2.json", "MASK2.png"), help=f"{VIEW}; may be repeated"
     )
     p.add_settings(BuildSettings, but={"seed"})
-    asked = p.titled("who is asked what it is made of", "a vision-language model; --material is what stays if it fails")
+    asked = p.titled("asking what it is made of", "a vision-language model; --material is used if it fails")
     asked.add_argument("--material-endpoint", metavar="URL", help="OpenAI-compatible address, such as http://localhost:11434/v1")
     asked.add_argument("--material-model", metavar="NAME", help="the endpoint's name of the model")
     _solve(p)
@@ -135,8 +137,9 @@ def _recover_trajectories(p: Parser) -> None:
         "truth",
         metavar="TRUTH.npz",
         help="x (T+1,N,3) m, fps, E Pa or a material's name; optional rho kg/m³, nu, fixed (N,) bool, gravity (3,) m/s², yield_stress Pa, "
-        "visible (T+1,N) bool, all true in picture 0, and the errors of x, else measured: sigma m, or covariance (3,3) or (N,3,3) m²; "
-        "with faces (F,3), areal_density kg/m², thickness m and optional damping, the loss factor, the points are the vertices of a shell",
+        "visible (T+1,N) bool, all true in frame 0, and the errors of x, measured if not given: sigma m, or covariance (3,3) or (N,3,3) "
+        "m²; with faces (F,3), areal_density kg/m², thickness m and optional damping, the loss factor, the points are the vertices of a "
+        "shell",
     )
     p.add_argument("--take", type=path, required=True, metavar="DIR", help="folder of the results; made if need be")
     made = [one.name for one in options_of(BuildSettings).values() if one.group == MADE]
@@ -169,7 +172,7 @@ def _batch(p: Parser) -> None:
     where.add_argument("--ray", metavar="ADDRESS", help="run on this Ray cluster, HOST:PORT of its head, or auto; needs the extra `farm`")
     where.add_argument("--openjd", type=path, metavar="FOLDER", help="run nothing; write an Open Job Description bundle for a farm")
     p.add_argument("--shared", action="store_true", help="with --ray: every node sees the files under the same paths; nothing is shipped")
-    attempts = "with --ray: starts of one job at most, if its node dies (default: 3)"
+    attempts = "with --ray: how often a job is started at most, if its node dies (default: 3)"
     p.add_argument("--attempts", type=whole(1, 100, "--attempts"), metavar="N", help=attempts)
 
 

@@ -5,16 +5,21 @@ from __future__ import annotations
 import argparse
 import contextlib
 import time
-from typing import Any
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..progress import Progress
+from ..records import Observation
 from ..settings import ObserveSettings
 from ..stages import observe_stage
 from ..take import Take
 from .arguments import settings_of
 from .lock import held
+
+if TYPE_CHECKING:
+    from ..observe.clip.stored import Frames
 
 PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 
@@ -31,12 +36,13 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     require_clip(arguments.clip)
     settings = settings_of(ObserveSettings, arguments)
     started = time.perf_counter()
-    with held(Take(arguments.take), arguments.verb, progress) as take:
+    with held(Take(arguments.take), arguments.verb, progress) as take, ThreadPoolExecutor(1) as beside:
         seen, _ = observe_stage(take, arguments.clip, settings, progress)
+        frames = beside.submit(_film_frames, seen, progress)
         proposed = None if seen.pin.any() else proposed_place(seen)
         verdicts = judged(seen, settings, proposed)
         progress.begin("preview", "drawing")
-        _draw(take, seen, proposed, verdicts, progress)
+        _draw(take, seen, proposed, verdicts, frames, progress)
         for one in verdicts:
             if one.severity > 0.0:
                 progress.warn(f"{one.item}: doubtful because {one.because[0].lower()}{one.because[1:]} {one.do}".strip())
@@ -47,32 +53,48 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
     return {"outcome": "converged", "take": str(take.path), **found, "seconds": time.perf_counter() - started}
 
 
-def _draw(take: Take, seen: Any, proposed: np.ndarray | None, verdicts: list[Any], progress: Progress) -> None:
-    """The picture of frame 0 with the verdicts, the film, and the proposed place as a mask."""
-    import cv2
-
-    from ..observe.clip.camera import resized
+def _film_frames(seen: Observation, progress: Progress) -> Frames:
+    """The clip (T+1, h, w, 3) uint8 RGB at the film's size."""
     from ..observe.clip.frames import read_clip
-    from ..observe.clip.lens import Lens
-    from ..observe.clip.pictures import write_png
-    from ..observe.clip.video import video_writer
-    from ..observe.preview.drawing import Canvas, with_verdicts
 
-    with take.writing(PICTURE) as path:
-        first = with_verdicts(Canvas(seen, proposed, seen.image.shape[:2]).drawn(seen.image, 0), verdicts)
-        write_png(path, cv2.cvtColor(first, cv2.COLOR_RGB2BGR))
-    if proposed is not None:
-        with take.writing(HELD) as path:
-            write_png(path, proposed.astype(np.uint8) * 255)
     scale = min(1.0, FILM_SIDE / max(seen.image.shape[:2]))
     # Codecs want even sides.
     height, width = (2 * max(round(0.5 * scale * side - 0.25), 1) for side in seen.image.shape[:2])
     last = seen.first_frame + seen.frames
-    frames = read_clip(seen.clip, (seen.first_frame, last), seen.fps, progress, resized=lambda *_: (height, width)).frames
+    return read_clip(seen.clip, (seen.first_frame, last), seen.fps, progress, resized=lambda *_: (height, width)).frames
+
+
+def _draw(
+    take: Take, seen: Observation, proposed: np.ndarray | None, verdicts: list[Any], reading: Future[Frames], progress: Progress
+) -> None:
+    """The image of frame 0 with the verdicts, the film, and the proposed place as a mask."""
+    import cv2
+
+    from ..observe.clip.camera import resized
+    from ..observe.clip.images import write_png
+    from ..observe.clip.lens import Lens
+    from ..observe.clip.video import video_writer
+    from ..observe.preview.drawing import Canvas, with_verdicts
+
+    with take.writing(PICTURE) as path:
+        first = with_verdicts(Canvas(seen, proposed, (seen.camera.height, seen.camera.width)).drawn(seen.image, 0), verdicts)
+        write_png(path, cv2.cvtColor(first, cv2.COLOR_RGB2BGR))
+    if proposed is not None:
+        with take.writing(HELD) as path:
+            write_png(path, proposed.astype(np.uint8) * 255)
+    frames = reading.result()
+    _, height, width, _ = frames.shape
     film, lens = Canvas(seen, proposed, (height, width)), Lens(resized(seen.camera, height, width))
     with contextlib.ExitStack() as together:
         path = together.enter_context(take.writing(FILM))
         writer = together.enter_context(video_writer(path, seen.fps, (width, height)))
+        # Left before the writer is closed, so that nothing is written any more; a frame is drawn while the one before is encoded.
+        encoder, before = together.enter_context(ThreadPoolExecutor(1)), None
         for t in range(len(frames)):
             progress.update(t / len(frames), f"drawing, frame {t} of {len(frames) - 1}")
-            writer.write(cv2.cvtColor(film.drawn(lens.straight_one(frames[t]), t), cv2.COLOR_RGB2BGR))
+            drawn = cv2.cvtColor(film.drawn(lens.straight_one(frames[t]), t), cv2.COLOR_RGB2BGR)
+            if before is not None:
+                before.result()
+            before = encoder.submit(writer.write, drawn)
+        if before is not None:
+            before.result()

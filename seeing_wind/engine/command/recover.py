@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import UsageError
+from ..errors import ObjectError, UsageError
 from ..materials import adjusted, find
 from ..progress import Journal, Progress
 from ..records import Body, Outcome, Recovery, TrackTargets
@@ -17,6 +17,7 @@ from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSett
 from ..stages import build_stage, check_sheet, check_solve, lift_stage, observe_stage, picture_loss, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import properties_of, settings_of
+from .join import join
 from .lock import held
 from .reporting import diverged, reported
 
@@ -30,7 +31,7 @@ Result = dict[str, Any]
 KEPT = ("observation.npz", "particles.npz", "trajectory.npz", "field.safetensors")
 """Files that every finished recovery of a clip has."""
 PAINTED_DEPTH = 0.5
-"""Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a picture takes in some material that gives way."""
+"""Grid cells (`RecoverSettings.clamp_depth`): what is painted as held in a frame takes in some material that gives way."""
 
 
 def recover(arguments: argparse.Namespace, progress: Progress) -> Result:
@@ -63,16 +64,28 @@ def _recover_objects(arguments: argparse.Namespace, progress: Progress) -> Resul
         own.pin = arguments.pin if arguments.pin and _on(one["mask"], arguments.pin) else None
         results.append({"name": one["name"], **recover_one(own, progress)})
     Take(home).write_json("objects_recovered.json", {"clip": arguments.clip, "objects": results})
+    shared = _joined(arguments, results, progress)
     worst = [outcome for outcome in (Outcome.DIVERGED, Outcome.MAX_ITERATIONS) if any(r["outcome"] == outcome for r in results)]
     outcome, warnings = worst[0] if worst else Outcome.CONVERGED, [f"{r['name']}: {one}" for r in results for one in r.get("warnings", [])]
-    return {"outcome": outcome.value, "take": str(home), "objects": results, "warnings": warnings}
+    return {"outcome": outcome.value, "take": str(home), "objects": results, "warnings": warnings + shared}
+
+
+def _joined(arguments: argparse.Namespace, results: list[Result], progress: Progress) -> list[str]:
+    """One wind for all objects that a wind was found for, if it was asked for; what is in the way is told, and each keeps its own."""
+    if arguments.field != "wind" or any(one["outcome"] == Outcome.DIVERGED for one in results) or len(results) < 2:
+        return []
+    try:
+        join(argparse.Namespace(verb="join", takes=[one["take"] for one in results]), progress)
+    except (ObjectError, UsageError) as error:
+        return [f"Each object keeps a wind of its own. {error.message} {error.hint}"]
+    return []
 
 
 def _on(mask: str, pin: str) -> bool:
     """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
     import cv2
 
-    from ..observe.clip.pictures import read_picture
+    from ..observe.clip.images import read_picture
 
     try:
         pictures = [read_picture(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
@@ -200,7 +213,7 @@ def _from_first(still: tuple[int, int], first: int, frames: int) -> tuple[int, i
     """The still frames, counted from the first of the `frames` that are read, which is the clip's number `first`."""
     if still[0] < first or still[1] > first + frames:
         raise UsageError(
-            f"--still {still[0]}:{still[1]} names frames that are not read: they are {first} to {first + frames - 1}.",
+            f"--still {still[0]}:{still[1]} names frames that are not used: those are {first} to {first + frames - 1}.",
             "Name the frames in which the air is still; in the others a force is looked for.",
         )
     return still[0] - first, still[1] - first

@@ -11,6 +11,7 @@ from ..errors import SeeingWindError, UsageError
 from ..progress import Progress
 from ..take import Take, require_take
 from .batch.verb import batch
+from .join import join
 from .observe import observe
 from .recover import asked_model, recover, recover_trajectories
 from .resimulate import resimulate
@@ -55,7 +56,7 @@ def export(arguments: argparse.Namespace, progress: Progress) -> Result:
 
 
 def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
-    """`identify CLIP --take DIR`: the objects of the first picture with materials and masks, ready for one `recover` each."""
+    """`identify CLIP --take DIR`: the objects of the first frame with materials and masks, ready for one `recover` each."""
     from ..observe.clip.frames import read_clip
     from ..observe.models.objects import find_objects, write_objects
 
@@ -89,6 +90,7 @@ VERBS: dict[str, Callable[[argparse.Namespace, Progress], Result]] = {
     "sample": sample,
     "resimulate": resimulate,
     "export": export,
+    "join": join,
     "identify": identify,
     "batch": batch,
     "doctor": doctor,

@@ -22,7 +22,7 @@ UNITS = {"force": "N/m3", "wind": "m/s"}
 
 
 class ForceField(ABC):
-    """A body-force density f(x, t) [N/m³] over T frame intervals; the force of interval t is held from picture t to picture t + 1.
+    """A body-force density f(x, t) [N/m³] over T frame intervals; the force of interval t is held from frame t to frame t + 1.
 
     Args:
         box: (2, 3) lower and upper corner of the region that the field was made for, world metres.

@@ -1,4 +1,4 @@
-"""How much every Gaussian adds to every pixel, as a sparse matrix: with shapes and opacities fixed, a picture is linear in the colours."""
+"""How much every Gaussian adds to every pixel, as a sparse matrix: with shapes and opacities fixed, a frame is linear in the colours."""
 
 from __future__ import annotations
 

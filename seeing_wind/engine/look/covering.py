@@ -1,4 +1,4 @@
-"""Gaussians for parts of the surface that others leave bare: what only a further view or a later picture shows."""
+"""Gaussians for parts of the surface that others leave bare: what only a further view or a later frame shows."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ APART = 2.0
 def uncovered(
     body: Body, gaussians: Gaussians, camera: Camera, mask: np.ndarray, image: np.ndarray, frame: int = 0, x: np.ndarray | None = None
 ) -> Gaussians:
-    """Flat Gaussians on the part of the surface that a picture shows and `gaussians` do not cover, with its colours.
+    """Flat Gaussians on the part of the surface that a frame shows and `gaussians` do not cover, with its colours.
 
     Args:
-        mask: (H, W) bool, the object in picture `frame` of `camera`; image: (H, W, 3) uint8 RGB, that picture; x: (N, 3) the particles
+        mask: (H, W) bool, the object in frame `frame` of `camera`; image: (H, W, 3) uint8 RGB, that frame; x: (N, 3) the particles
         then [m], None for rest.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Finer Gaussians where the clip shows more than picture 0 had room for: its cap on their number, a side that was slanted or far."""
+"""Finer Gaussians where the clip shows more than frame 0 had room for: its cap on their number, a side that was slanted or far."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ blob as it was, because it was too wide for the texture. The colours are fitted 
 
 
 def finer(gaussians: Gaussians, particles_x: np.ndarray, camera: Camera, motion: Iterable[tuple[int, np.ndarray, np.ndarray]]) -> Gaussians:
-    """Gaussians halved along each of their two longer axes that some picture shows wider than `LIMIT`.
+    """Gaussians halved along each of their two longer axes that some frame shows wider than `LIMIT`.
 
     Args:
-        particles_x: (N, 3) [m] at rest; motion: the pictures' numbers, particles (N, 3) [m] and deformation gradients (N, 3, 3) in them.
+        particles_x: (N, 3) [m] at rest; motion: the frames' numbers, particles (N, 3) [m] and deformation gradients (N, 3, 3) in them.
 
     Returns:
         Gaussians at rest, attached to the particles: those that stay whole, in their order, then the parts of the others.

@@ -1,4 +1,4 @@
-"""The look of the Gaussians in picture 0: scales, opacities and colours by splatting, on one or several posed pictures (section 3.1)."""
+"""The look of the Gaussians in frame 0: scales, opacities and colours by splatting, on one or several posed frames (section 3.1)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ RENEW = 15
 LEARNING_RATES = {"scale": 0.06, "opacity": 0.1, "sh": 0.08}
 """Adam's, for the logarithm of the scale, the logit of the opacity and the degree-0 harmonics."""
 FIRST = 4.0
-"""Weight of the first of several pictures: its camera's clip is what the object is put back into."""
+"""Weight of the first of several frames: its camera's clip is what the object is put back into."""
 ALPHA_WEIGHT = 0.2
 """Weight of the silhouette's squared error against the colours'."""
 
@@ -59,11 +59,11 @@ def fit(
     progress: Progress | None = None,
     behind: np.ndarray | None = None,
 ) -> tuple[Gaussians, float]:
-    """Optimise {Sigma^0, sigma, SH} on picture 0 by splatting (paper, section 3.1): scales, opacities and colours, by Adam.
+    """Optimise {Sigma^0, sigma, SH} on frame 0 by splatting (paper, section 3.1): scales, opacities and colours, by Adam.
 
     Args:
         image: (H, W, 3) uint8 RGB. Only the mask's box is rendered, reduced to at most about `FIT_PIXELS`.
-        behind: (H, W, 3) uint8 RGB, the picture without the object; None for black.
+        behind: (H, W, 3) uint8 RGB, the frame without the object; None for black.
 
     Returns:
         the Gaussians and their PSNR inside the mask [dB], over what is behind.
@@ -76,7 +76,7 @@ def fit(
 
 @dataclass(frozen=True)
 class Look:
-    """The object in picture 0 of one camera."""
+    """The object in frame 0 of one camera."""
 
     camera: Camera
     mask: np.ndarray
@@ -90,7 +90,7 @@ class Look:
 def fit_views(
     gaussians: Gaussians, looks: Sequence[Look], iterations: int = ITERATIONS, progress: Progress | None = None
 ) -> tuple[Gaussians, float]:
-    """As `fit`, on the pictures of several posed cameras at one moment. The PSNR is that of the first."""
+    """As `fit`, on the frames of several posed cameras at one moment. The PSNR is that of the first."""
     progress = progress or NoProgress()
     with one_torch_thread():
         return _fit(gaussians, looks, iterations, progress)

@@ -1,4 +1,4 @@
-"""3D Gaussians of the object in picture 0 and how they deform (paper, section 3.1)."""
+"""3D Gaussians of the object in frame 0 and how they deform (paper, section 3.1)."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ FLATTENING = 0.2
 
 
 def pixel_aligned(relief: Relief, image: np.ndarray, particles_x: np.ndarray, count: int = COUNT) -> Gaussians:
-    """Gaussians G^0 from the pixels' point cloud: flat discs on the visible surface with the picture's colours.
+    """Gaussians G^0 from the pixels' point cloud: flat discs on the visible surface with the frame's colours.
 
     Args:
-        image: (H, W, 3) uint8 RGB, picture 0; particles_x: (N, 3) what the Gaussians ride on [m]; count: at most about this many.
+        image: (H, W, 3) uint8 RGB, frame 0; particles_x: (N, 3) what the Gaussians ride on [m]; count: at most about this many.
     """
     stride = max(1.0, float(np.sqrt(relief.mask.sum() / count)))
     if stride == 1.0:
@@ -119,7 +119,7 @@ def _colours(image: np.ndarray, mask: np.ndarray, xy: np.ndarray, stride: float)
 
 
 def view_camera(camera: Camera, box: tuple[int, int, int, int], reduce: int) -> Camera:
-    """The camera of picture 0 cropped to box x0 y0 x1 y1 (exclusive) and reduced by an integer factor."""
+    """The camera of frame 0 cropped to box x0 y0 x1 y1 (exclusive) and reduced by an integer factor."""
     x0, y0, x1, y1 = box
     return Camera(
         width=(x1 - x0) // reduce,

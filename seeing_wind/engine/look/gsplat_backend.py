@@ -1,4 +1,4 @@
-"""The same picture of Gaussians by gsplat (Ye et al. 2024), a CUDA rasteriser, where it is installed and a GPU is there."""
+"""The same frame of Gaussians by gsplat (Ye et al. 2024), a CUDA rasteriser, where it is installed and a GPU is there."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from .first_frame import Look, fit_views
 
 
 def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress | None = None) -> tuple[Body, float]:
-    """The body with Gaussians for all that picture 0 of any view shows, fitted by splatting on all of them.
+    """The body with Gaussians for all that frame 0 of any view shows, fitted by splatting on all of them.
 
     Args:
         body: built from the first view, whose surface the other cameras' rays meet.

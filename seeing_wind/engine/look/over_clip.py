@@ -1,12 +1,12 @@
-"""The look of the body over the whole clip: Gaussians for what later pictures show, and colours that fit all of them.
+"""The look of the body over the whole clip: Gaussians for what later frames show, and colours that fit all of them.
 
-Picture 0 shows one side of the body in one light. Once the motion is known, every picture says more: sides that turn into view, texture
+Frame 0 shows one side of the body in one light. Once the motion is known, every frame says more: sides that turn into view, texture
 that was foreshortened, and how the light on a surface changes as it turns. Light that stands still in the room falls on a matt surface
 by second-degree harmonics of its normal, to within a percent (R. Ramamoorthi and P. Hanrahan, An efficient representation for irradiance
 environment maps, 2001). Seen by a camera that stands still, too, a Gaussian's turn is told by the direction it is seen from in the body's
 axes, so the harmonics of the Gaussians can hold that light. The motion is given and is not touched.
 
-With shapes and opacities fixed a picture is linear in these harmonics: they are found by least squares, by conjugate gradients.
+With shapes and opacities fixed a frame is linear in these harmonics: they are found by least squares, by conjugate gradients.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from .gaussians import blended_gradients, view_camera
 from .harmonics import harmonics, polar_rotations
 
 PICTURES = 25
-"""Pictures of the clip that are fitted, spread evenly. Others come out 0.5 dB worse where the motion is right, and up to 3 dB where it is
+"""Frames of the clip that are fitted, spread evenly. Others come out 0.5 dB worse where the motion is right, and up to 3 dB where it is
 some pixels off, as colours that depend on the direction take up a part of that."""
 
 SIGHTS = 12
@@ -51,7 +51,7 @@ STAY, PLAIN = 0.001, 0.001
 """Squared weights, in units of a pixel that a Gaussian fills, that hold its colour where it was and its higher harmonics at zero."""
 
 OFF = 10.0
-"""Residual of the motion [px] at which a picture counts half: where the body is not where it was filmed, it would only be blurred.
+"""Residual of the motion [px] at which a frame counts half: where the body is not where it was filmed, it would only be blurred.
 Smaller ones tell of tracks that went astray, on a sheet seen edge-on, as often as of a body that did."""
 
 ITERATIONS = 40
@@ -59,7 +59,7 @@ ITERATIONS = 40
 
 
 Box = tuple[int, int, int, int]
-"""x0, y0, x1, y1 [px], the end exclusive, inside the picture."""
+"""x0, y0, x1, y1 [px], the end exclusive, inside the frame."""
 
 
 @dataclass(frozen=True)
@@ -68,28 +68,28 @@ class Footage:
 
     camera: Camera
     picture: Callable[[int], np.ndarray]
-    """Picture t (H, W, 3) uint8 RGB without lens distortion, for t in `pictures_fitted`."""
+    """Frame t (H, W, 3) uint8 RGB without lens distortion, for t in `pictures_fitted`."""
     masks: Masks
     """(T+1, H, W) bool, the object."""
     behind: Callable[[int, np.ndarray, Box], np.ndarray]
-    """The background (h, w, 3) uint8 RGB in a box of picture t, from t, that picture and the box."""
+    """The background (h, w, 3) uint8 RGB in a box of frame t, from t, that frame and the box."""
 
 
 @dataclass(frozen=True)
 class _Equations:
-    """One picture: weights @ (sum of harmonics * coefficients) = colour."""
+    """One frame: weights @ (sum of harmonics * coefficients) = colour."""
 
     trust: float
     weights: sparse.csr_matrix
     """(P, G)."""
     colour: np.ndarray
-    """(P, 3) the picture without what is seen of the background and without the grey that colours are counted from."""
+    """(P, 3) the frame without what is seen of the background and without the grey that colours are counted from."""
     harmonics: np.ndarray
     """(BANDS, G)."""
 
 
 def pictures_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
-    """The pictures that `fit_appearance` uses, possibly none: spread over those that show the object and have a residual."""
+    """The frames that `fit_appearance` uses, possibly none: spread over those that show the object and have a residual."""
     usable = (areas(masks[: len(recovery.x)]) > 0) & np.isfinite(recovery.residual)
     return _spread(np.flatnonzero(usable), PICTURES)
 
@@ -98,10 +98,10 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
     """The body's Gaussians with the look of the whole clip along the recovered motion.
 
     Returns:
-        at least the body's own Gaussians, with degree-2 harmonics; `body.gaussians` unchanged where no picture can be used.
+        at least the body's own Gaussians, with degree-2 harmonics; `body.gaussians` unchanged where no frame can be used.
 
     Raises:
-        Cancelled: between pictures and between iterations.
+        Cancelled: between frames and between iterations.
     """
     progress = progress or NoProgress()
     chosen = pictures_fitted(footage.masks, recovery)
@@ -124,14 +124,14 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
 
 
 def _spread(pictures: np.ndarray, count: int) -> np.ndarray:
-    """At most `count` of the pictures, evenly spread, the first and the last among them."""
+    """At most `count` of the frames, evenly spread, the first and the last among them."""
     if not len(pictures):
         return pictures
     return pictures[np.unique(np.linspace(0, len(pictures) - 1, count).round().astype(int))]
 
 
 def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F: np.ndarray, trust: float) -> _Equations:
-    """The picture's box round the object, reduced to at most about `FIT_PIXELS`."""
+    """The frame's box round the object, reduced to at most about `FIT_PIXELS`."""
     mask = footage.masks[t]
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     height, width = mask.shape

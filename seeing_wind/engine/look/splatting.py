@@ -1,7 +1,7 @@
 """A small differentiable rasteriser of 3D Gaussians on the CPU.
 
 Projection and blending as in Kerbl et al., 3D Gaussian splatting (2023), after Zwicker et al., EWA volume splatting (2001): covariances are
-projected with the Jacobian of the perspective, widened by a pixel filter, and blended front to back. Tiles of the picture are
+projected with the Jacobian of the perspective, widened by a pixel filter, and blended front to back. Tiles of the frame are
 rendered in batches, each tile with its own depth-sorted list, padded to the longest of its batch.
 """
 
@@ -47,11 +47,11 @@ class Batch:
 
 @dataclass(frozen=True)
 class Tiles:
-    """The tiles of a picture that Gaussians reach."""
+    """The tiles of a frame that Gaussians reach."""
 
     batches: tuple[Batch, ...]
     across: int
-    """Tiles per row of the picture; `down` per column."""
+    """Tiles per row of the frame; `down` per column."""
     down: int
 
 
@@ -70,7 +70,7 @@ def project(x: torch.Tensor, covariance: torch.Tensor, camera: Camera, frame: in
 
 
 def tiles_of(mean: torch.Tensor, covariance: torch.Tensor, depth: torch.Tensor, width: int, height: int) -> Tiles:
-    """Lists of the Gaussians that reach each tile of a picture."""
+    """Lists of the Gaussians that reach each tile of a frame."""
     across, down = -(-width // TILE), -(-height // TILE)
     reach = CUTOFF * np.sqrt(np.maximum(np.linalg.eigvalsh(covariance.detach().numpy())[:, -1], 0.0))
     centre, far = mean.detach().numpy(), depth.detach().numpy()

@@ -25,7 +25,7 @@ HISTORY = 2_000_000_000
 
 
 class RolloutFunction(torch.autograd.Function):
-    """States at T + 1 pictures from the first state, the force and the material; use `simulate`.
+    """States at T + 1 frames from the first state, the force and the material; use `simulate`.
 
     Kept between the two sweeps: in single precision every substep's state (96 B per particle, and at most 4 B for the nodes) up to
     `HISTORY`; in double, or beyond that, every n-th of the n² substeps of a frame, and the way back simulates the n between again.
@@ -37,7 +37,7 @@ class RolloutFunction(torch.autograd.Function):
         F0: torch.Tensor, acceleration: torch.Tensor, gradient: torch.Tensor, mass: torch.Tensor, mu: torch.Tensor, lam: torch.Tensor,
         yield_stress: torch.Tensor, viscosity: torch.Tensor,
     ) -> tuple[torch.Tensor, ...]:  # fmt: skip
-        """x (T+1, N, 3) [m], v [m/s], C [1/s] and F of every picture, from those of the first, acceleration (T, N, 3) [m/s²] and its
+        """x (T+1, N, 3) [m], v [m/s], C [1/s] and F of every frame, from those of the first, acceleration (T, N, 3) [m/s²] and its
         gradient (T, N, 3, 3) [1/s²]; the material is that of `Model`.
 
         Raises:
@@ -69,7 +69,7 @@ class RolloutFunction(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *bars: torch.Tensor) -> tuple[Any, ...]:  # type: ignore[override]
-        """Derivatives of a loss by the inputs from those by x, v, C, F of every picture: the adjoint, swept backwards frame by frame."""
+        """Derivatives of a loss by the inputs from those by x, v, C, F of every frame: the adjoint, swept backwards frame by frame."""
         body: Body = ctx.body
         runs: list[FrameRun] = ctx.runs
         count, frames = body.model.particles, len(runs)
@@ -117,7 +117,7 @@ def simulate(
     """`rollout` for torch, for every law, differentiable in every tensor given.
 
     Args:
-        x0, v0: (N, 3) float64 at the first picture [m], [m/s].
+        x0, v0: (N, 3) float64 at the first frame [m], [m/s].
         acceleration: (T, N, 3) float64 external acceleration [m/s²], held over each frame, without gravity.
         gradient: (T, N, 3, 3) float64, d a_i / d x_j [1/s²]; None is zero.
         C0, F0: (N, 3, 3) float64 affine velocities [1/s] and deformation gradients; None is zero and the identity.

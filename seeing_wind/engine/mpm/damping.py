@@ -12,13 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..materials import LIMITS
 from .laws.plasticity import VON_MISES
 from .model import Model
-
-VISCOUS_COURANT = 0.48
-"""Largest crossed sqrt(1 + 2 tau / dt). Bars that are shaken and bent break down from 1.05 on (Poisson's ratio 0.3) or from 0.95 on
-(0.45); a recovery's rough model, with half the substeps, is at 0.8; carried changes (`tangent`) of a
-free leaf were lost at 0.9."""
 
 
 def cells_per_frame(model: Model) -> float:
@@ -29,14 +25,14 @@ def cells_per_frame(model: Model) -> float:
 def longest_retardation(model: Model) -> float:
     """The longest retardation time [s] that the model's substeps carry."""
     crossed, dt = cells_per_frame(model) / model.substeps, model.frame_dt / model.substeps
-    return max(0.0, 0.5 * dt * ((VISCOUS_COURANT / crossed) ** 2 - 1.0))
+    return max(0.0, 0.5 * dt * ((LIMITS.viscous_courant / crossed) ** 2 - 1.0))
 
 
 def substeps_for(model: Model, retardation: float) -> int:
     """Substeps per frame that carry a retardation time [s]; at least the model's."""
     cells = cells_per_frame(model)
     lean = retardation * cells**2 / model.frame_dt
-    return max(model.substeps, math.ceil((lean + math.hypot(lean, VISCOUS_COURANT * cells)) / VISCOUS_COURANT**2))
+    return max(model.substeps, math.ceil((lean + math.hypot(lean, LIMITS.viscous_courant * cells)) / LIMITS.viscous_courant**2))
 
 
 def retardation_of(model: Model) -> float:

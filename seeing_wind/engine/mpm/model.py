@@ -57,7 +57,7 @@ class Model:
     part: tuple[int, int] = (0, 1)
     """Which of how many equal parts of a frame it advances: `frame_dt` and `substeps` are a part's, paths are by whole frames."""
     pin_path: np.ndarray | None = None
-    """(T+1, M, 3) [m] where the M pinned particles are at every picture; None is where they start."""
+    """(T+1, M, 3) [m] where the M pinned particles are at every frame; None is where they start."""
     pin_rest: np.ndarray | None = None
     """(N, 3) [m] all particles at rest; only with `pin_path`."""
     clamp_depth: float = 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..conventions import GRAVITY, lame
 from ..errors import SimulationError
-from ..materials import CELL_SPACINGS, MAX_SUBSTEPS, MAX_SUBSTEPS_HELD, substeps_needed
+from ..materials import LIMITS, substeps_needed
 from ..records import Material, Particles
 from .checks import check_choices, checked_bodies
 from .damping import longest_retardation, substeps_for, with_retardation
@@ -22,16 +22,6 @@ from .laws.constitutive import LAWS
 from .laws.plasticity import PLASTIC_LAWS
 from .model import MOST_NODES, Model
 
-PLASTIC_COURANT = 0.05
-"""The same for bodies that flow, as far as the substeps allowed go: the return mapping wants a small strain per substep. Squeezed clay
-driven by the known force of another simulator ends 14 % of its way off with 0.3, 1.3 % with 0.05."""
-MIN_SUBSTEPS = 8
-WORTH = 0.1
-"""Least share of a held body's stiffness that `MAX_SUBSTEPS_HELD` have to carry. With less, the force answers its weight and its inertia
-alone, as that of a free body does, and it gets no more substeps than one."""
-DEFAULT_SPEED = 5.0
-"""Speed [m/s] that a body is expected to reach when nothing better is known."""
-
 
 def model_for(
     particles: Particles | Sequence[Particles],
@@ -40,10 +30,10 @@ def model_for(
     *,
     gravity: Sequence[float] | np.ndarray = GRAVITY,
     mass_scale: float | Sequence[float] = 1.0,
-    speed: float = DEFAULT_SPEED,
+    speed: float = LIMITS.default_speed,
     dx: float | None = None,
     max_substeps: int | None = None,
-    least_substeps: int = MIN_SUBSTEPS,
+    least_substeps: int = LIMITS.min_substeps,
     device: str = "auto",
     colliders: Sequence[Collider] = (),
     pin_path: np.ndarray | None = None,
@@ -59,13 +49,13 @@ def model_for(
         mass_scale: factor on the density, one for all or one per body.
         speed: fastest motion expected [m/s], besides that of `pin_path`; more substeps above about one cell per substep.
         dx: grid spacing [m]; None takes 1.6 spacings of the finest body.
-        max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `MAX_SUBSTEPS`, or
-            `MAX_SUBSTEPS_HELD` where something is pinned that keeps at least a `WORTH` of its stiffness so. Damping beyond what so many
-            carry is cut, too.
+        max_substeps: per frame. A stiffer material is softened until it gets by with that many; None is `LIMITS.max_substeps`, or
+            `LIMITS.max_substeps_held` where something is pinned that keeps at least `LIMITS.worth` of its stiffness so. Damping beyond
+            what so many carry is cut, too.
         least_substeps: per frame, whatever the material.
         device: auto or cpu.
         colliders: planes, rooms and closed meshes that stand still, see `colliders`.
-        pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every picture; None leaves them where they are.
+        pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every frame; None leaves them where they are.
         clamp_depth: cells below the border of the pinned material at which it begins to be held; 0.5 for pins that were only seen to
             hardly move.
 
@@ -82,7 +72,7 @@ def model_for(
     gravity = np.asarray(gravity, dtype=np.float64)
     check_choices(fps, gravity, speed, dx, max_substeps, clamp_depth)
     spacing = min(body.spacing for body in bodies)
-    dx = CELL_SPACINGS * spacing if dx is None else dx
+    dx = LIMITS.cell_spacings * spacing if dx is None else dx
     frame_dt = 1.0 / fps
     parts = list(zip(bodies, materials, scales))
     max_substeps = _most_substeps(parts, dx, frame_dt) if max_substeps is None else max_substeps
@@ -92,7 +82,7 @@ def model_for(
     path = None if pin_path is None else checked_pin_path(pin_path, x, pinned, dx)
     notes: list[str] = []
     (mass, volume, mu, lam, yield_stress, viscosity, law), needed = _columns(parts, dx, frame_dt, max_substeps, notes)
-    substeps = max(least_substeps, MIN_SUBSTEPS, _substeps_for(speed, x, path, dx, frame_dt, max_substeps), needed)
+    substeps = max(least_substeps, LIMITS.min_substeps, _substeps_for(speed, x, path, dx, frame_dt, max_substeps), needed)
     # Of two walls, the lattice follows the collider's.
     axes = None if colliders else border_axes(x, pinned, spacing)
     if axes is not None:
@@ -119,12 +109,13 @@ Part = tuple[Particles, Material, float]
 
 
 def _most_substeps(parts: Sequence[Part], dx: float, frame_dt: float) -> int:
-    """`MAX_SUBSTEPS`, or `MAX_SUBSTEPS_HELD` where something is pinned that keeps at least a `WORTH` of its stiffness so."""
+    """`LIMITS.max_substeps_held` where something is pinned that keeps at least `LIMITS.worth` of its stiffness so, else `max_substeps`."""
+    most = LIMITS.max_substeps_held / math.sqrt(LIMITS.worth)
     held = any(
-        np.any(body.pinned) and substeps_needed(_softened(stuff, body), dx, frame_dt, scale) <= MAX_SUBSTEPS_HELD / math.sqrt(WORTH)
+        np.any(body.pinned) and substeps_needed(_softened(stuff, body), dx, frame_dt, scale) <= most
         for body, stuff, scale in parts
     )
-    return MAX_SUBSTEPS_HELD if held else MAX_SUBSTEPS
+    return LIMITS.max_substeps_held if held else LIMITS.max_substeps
 
 
 def _columns(
@@ -215,7 +206,7 @@ def _affordable_modulus(
     needed = substeps_needed(softened, dx, frame_dt, mass_scale)
     if needed <= max_substeps:
         if material.law in PLASTIC_LAWS:
-            needed = min(max_substeps, substeps_needed(softened, dx, frame_dt, mass_scale, PLASTIC_COURANT))
+            needed = min(max_substeps, substeps_needed(softened, dx, frame_dt, mass_scale, LIMITS.plastic_courant))
         return material.youngs_modulus, needed
     capped = material.youngs_modulus * (max_substeps / needed) ** 2
     notes.append(

@@ -25,7 +25,7 @@ def rollout(
     """Simulate T frames, on as many cores as the body is worth.
 
     Args:
-        state: at the first picture.
+        state: at the first frame.
         acceleration: (T, N, 3) of the external force, f / rho [m/s²], held over each frame; gravity comes from the model.
         gradient: (T, N, 3, 3), d a_i / d x_j [1/s²]; None is zero.
         first_frame: number of the first frame, for messages and for the pins' path.
@@ -68,6 +68,6 @@ def body_rollout(
 
 
 def advance(model: Model, state: State, acceleration: np.ndarray, gradient: np.ndarray | None = None, *, frame: int = 0) -> State:
-    """One frame of `rollout`: acceleration (N, 3) [m/s²], gradient (N, 3, 3) [1/s²] -> the state at the next picture."""
+    """One frame of `rollout`: acceleration (N, 3) [m/s²], gradient (N, 3, 3) [1/s²] -> the state at the next frame."""
     gradients = None if gradient is None else np.asarray(gradient)[None]
     return rollout(model, state, np.asarray(acceleration)[None], gradients, first_frame=frame).state(1)

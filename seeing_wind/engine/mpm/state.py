@@ -41,7 +41,7 @@ class State:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """States at T + 1 pictures."""
+    """States at T + 1 frames."""
 
     x: np.ndarray
     """(T+1, N, 3) [m]."""
@@ -70,5 +70,5 @@ class Trajectory:
         return len(self.x) - 1
 
     def state(self, frame: int) -> State:
-        """The state at picture `frame`."""
+        """The state at frame `frame`."""
         return State(self.x[frame], self.v[frame], self.C[frame], self.F[frame])

@@ -41,7 +41,7 @@ _WORK_PER_CALL = 6_000_000
 
 @dataclass(frozen=True)
 class Changes:
-    """Changes in B directions, by the picture from which on a direction acts."""
+    """Changes in B directions, by the frame from which on a direction acts."""
 
     coefficients: np.ndarray
     """(B, T, P, 3) of the force's coefficients [m/s²]; zero before the direction's first frame."""
@@ -64,7 +64,7 @@ def tangents(
     """Motion under a force, and how it changes to first order.
 
     Args:
-        start: the body at the first picture.
+        start: the body at the first frame.
         phi, dphi: (N, P) basis at the particles' rest positions, (N, P, 3) its gradient [1/m]; the force is as in `rollout_batch`.
         coefficients: (T, P, 3) [m/s²].
         changes: directions.

@@ -16,6 +16,7 @@ from .clip.lens import Lens
 from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.evidence import Looks
+from .mask.flows import Flows
 from .mask.follow import Follower, MaskFollower, followed
 from .networks import Outlined, network_masks, network_tracks
 from .tracks.centroid import centroid_track
@@ -32,7 +33,7 @@ SILHOUETTE = 0.02
 
 @dataclass(frozen=True)
 class Tracks:
-    """Of K points through T+1 pictures; the fields are those of `records.Observation`."""
+    """Of K points through T+1 frames; the fields are those of `records.Observation`."""
 
     xy: np.ndarray
     visible: np.ndarray
@@ -46,6 +47,7 @@ def follow(
     outlines: Masks | None,
     plate: Plate | None,
     looks: Looks | None,
+    flows: Flows | None,
     lens: Lens,
     settings: ObserveSettings,
     progress: Progress,
@@ -53,7 +55,8 @@ def follow(
 ) -> tuple[Masks, Tracks]:
     """Masks (T+1, H, W) and tracks, in one pass over the clip, or two where the body's silhouette has to serve as a track.
 
-    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of picture 0 in any case.
+    `outlines` (T+1, H, W), where they are known already, are the masks; `mask` (H, W) bool is that of frame 0 in any case. `flows`: how
+    the object moves, as far as that is known.
     """
     frames = clip.frames
     given: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
@@ -70,9 +73,9 @@ def follow(
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
     follower: Follower
     if outlines is None:
-        follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True)
+        follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True, known=flows)
     else:
-        follower = Outlined(frames[0], outlines)
+        follower = Outlined(frames[0], outlines, flows)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)
     seen = areas(masks) > 0
     _tell_lost(seen, progress)
@@ -80,7 +83,7 @@ def follow(
         return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))
     xy, visible, sigma = points.tracks()
     found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool))
-    # Later tracks do not count: only those of picture 0 say for certain where on the body they are.
+    # Later tracks do not count: only those of frame 0 say for certain where on the body they are.
     enough = visible[:, : len(corners)].sum(axis=1) >= ENOUGH
     if enough[seen].all():
         return masks, found
@@ -88,15 +91,15 @@ def follow(
 
 
 def _tell_lost(seen: np.ndarray, progress: Progress) -> None:
-    """Say where the object is out of sight: `seen` (T+1,) bool. Raises ObjectError where that is everywhere but in picture 0."""
+    """Say where the object is out of sight: `seen` (T+1,) bool. Raises ObjectError where that is everywhere but in frame 0."""
     if not seen[1:].any():
         raise ObjectError(
-            "The object is lost right after the first picture.",
+            "The object is lost right after the first frame.",
             "Mark it more closely, start where it is in full view, or choose a slower clip.",
         )
     if not seen.all():
         lost = np.flatnonzero(~seen)
-        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} pictures, first in {frame_named(lost[0])}.")
+        progress.warn(f"The object is out of sight in {len(lost)} of {len(seen)} frames, first in {frame_named(lost[0])}.")
 
 
 def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: Tracks, enough: np.ndarray, progress: Progress) -> Tracks:
@@ -113,7 +116,7 @@ def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: T
         return Tracks(place[:, None], visible[:, None], sigma[:, None], np.ones(1, bool))
     joins = visible & ~enough
     progress.warn(
-        f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} pictures; "
+        f"Too few points of the object are seen in {int((~enough).sum())} of {len(frames)} frames; "
         "there the silhouette's centroid is followed."
     )
     sigma = np.hypot(sigma, SILHOUETTE * np.sqrt(areas(masks).max()))

@@ -20,6 +20,7 @@ from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.cutting import LEAST_PIXELS
 from .mask.first_mask import first_mask, point_list
+from .mask.flows import Flows
 from .mask.from_box import Moving, mask_in_box
 from .mask.motion import Flow, FlowSolver, middle_of, window_of
 from .tracks.tracker import find_corners
@@ -36,8 +37,8 @@ def check_networks(settings: ObserveSettings) -> None:
         raise UsageError("The prompt is empty.", "Say in a word or two what the object is.")
     if settings.prompt is not None and (settings.mask or settings.box or settings.points):
         raise UsageError("The object is marked by words and by a mask, box or points.", "Give one of them.")
-    if settings.outline_picture and settings.outline is None:
-        raise UsageError("--outline-picture says which picture --outline shows, and there is none.", "Give both, or neither.")
+    if settings.outline_frame and settings.outline is None:
+        raise UsageError("--outline-frame says which frame --outline shows, but --outline is missing.", "Give both, or neither.")
     if settings.mask_model and (settings.correct or settings.outline):
         raise UsageError("--mask-model follows the outline by itself, and cannot be corrected.", "Leave it or the corrections out.")
     if settings.depth and settings.depth_model:
@@ -47,7 +48,7 @@ def check_networks(settings: ObserveSettings) -> None:
 
 
 def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tuple[np.ndarray | None, str]:
-    """The depth (H, W) float32 [m] of picture 0 as filmed, from a file or a network, None without; and what to call it.
+    """The depth (H, W) float32 [m] of frame 0 as filmed, from a file or a network, None without; and what to call it.
 
     Raises:
         UsageError: a depth file that cannot be used. ModelError, MissingPackage: a network that cannot.
@@ -95,12 +96,12 @@ def first_outline(
     if box is not None and settings.mask is None:
         return mask_in_box(picture, box, plate, progress, moving)
     mask = first_mask(settings, frames, plate, progress)
-    # A mask or a depth map of the user's is over the filmed picture; what moves was found in the straightened one.
+    # A mask or a depth map of the user's is over the filmed frame; what moves was found in the straightened one.
     return lens.straight_map(mask) if settings.mask is not None or settings.depth is not None else mask
 
 
 def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progress) -> Masks:
-    """The masks (T+1, H, W) of `frames` (T+1, H, W, 3) by the network `name`, `mask` (H, W) bool being that of picture 0."""
+    """The masks (T+1, H, W) of `frames` (T+1, H, W, 3) by the network `name`, `mask` (H, W) bool being that of frame 0."""
     from .models.masks import MaskModel
 
     packing = Packing()
@@ -114,9 +115,9 @@ def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progres
 class Outlined:
     """Follows an object whose `masks` (T+1, H, W) are known already (see `mask.follow.Follower`): seeks the flow between them."""
 
-    def __init__(self, picture: np.ndarray, masks: Masks) -> None:
-        """`picture` (H, W, 3) uint8 RGB: number 0."""
-        self._solver, self._masks, self._count = FlowSolver(rough=True), masks, 0
+    def __init__(self, picture: np.ndarray, masks: Masks, known: Flows | None) -> None:
+        """`picture` (H, W, 3) uint8 RGB: number 0; `known`: motion that was found before."""
+        self._solver, self._masks, self._known, self._count = FlowSolver(rough=True), masks, known, 0
         self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
         self.mask = masks[0]
         self.flow: Flow | None = None
@@ -127,10 +128,16 @@ class Outlined:
         self._count += 1
         self.mask, self.flow = self._masks[self._count], None
         if before.any() and self.mask.any():
-            shift = middle_of(self.mask) - middle_of(before)
-            self.flow = self._solver.between(self._gray, gray, window_of(before, 24), shift)
+            self.flow = None if self._known is None else self._known.covering(self._count - 1, window_of(before, 0))
+            if self.flow is None:
+                shift = middle_of(self.mask) - middle_of(before)
+                self.flow = self._solver.between(self._gray, gray, window_of(before, 24), shift)
         self._gray = gray
         return self.mask
+
+    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """See `Follower.finished`."""
+        return mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `Follower.state`."""

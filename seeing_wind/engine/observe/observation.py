@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,11 +37,11 @@ HUGE = 50.0
 """Metres: an object longer than this is more often one whose distance is in millimetres."""
 MOVES_DO = "Film from a tripod, or give the camera's path with --camera."
 ROUND_POINT = 0.25
-"""About how far the object may reach from a point on it, in units of the picture's shorter side."""
+"""About how far the object may reach from a point on it, in units of the frame's shorter side."""
 
 
 def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal | None = None) -> Observation:
-    """What is seen in `clip` (a video, a folder of pictures, or a pattern), with pixels those of the file.
+    """What is seen in `clip` (a video, a folder of images, or a pattern), with pixels those of the file.
 
     Args:
         journal: keeps what was followed so far, for one clip and its settings without the pin.
@@ -49,11 +50,11 @@ def observe(clip: str | Path, settings: ObserveSettings, progress: Progress, jou
         ClipError, ObjectError, UsageError: as the parts say (`read_clip`, `first_mask`, `find_camera`, `object_depth`, `read_tracks`).
         Cancelled: at a safe point, at least twice a second.
     """
-    with one_thread():
-        return _observe(clip, settings, progress, journal or Journal())
+    with one_thread(), ThreadPoolExecutor(1) as beside:
+        return _observe(clip, settings, progress, journal or Journal(), beside)
 
 
-def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal) -> Observation:
+def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:
     check_networks(settings)
     progress.update(0.0, "reading the clip")
 
@@ -63,15 +64,15 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, jo
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized)
     check_pictures(clip.frames, clip.first_frame, progress)
     if clip.frames.shape[1:3] == clip.size:
-        return _seen(clip, settings, progress, journal)
+        return _seen(clip, settings, progress, journal, beside)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
     with systems.scratch() as folder:
-        seen = _seen(clip, size.settings(settings, clip, folder), progress, journal)
+        seen = _seen(clip, size.settings(settings, clip, folder), progress, journal, beside)
     return pinned(size.observation(seen, clip), settings.pin)
 
 
-def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal) -> Observation:
-    """The observation of a clip at the size at which it is."""
+def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:
+    """The observation of a clip at the size at which it is; what nothing else waits for is looked at `beside` it, on another core."""
     pictures, height, width = clip.frames.shape[:3]
     around = _marked_area(settings, height, width)
     known_depth, depth_name = first_depth(settings, clip, progress)
@@ -82,7 +83,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     around = lens.straight_map(around)
     progress.update(0.05, "looking at the background")
     still = stands_still(clip.frames, camera, around)
-    doubts = [*clip.doubts, *(() if settings.camera is not None else camera_doubts(clip.frames, around, progress))]
+    doubts, asked = [*clip.doubts], None if settings.camera is not None else beside.submit(camera_doubts, clip.frames, around, progress)
     turns = None if still or settings.camera is not None else camera_turns(clip.frames, camera, around, progress, journal)
     if turns is not None:
         progress.warn("The camera is not quite still; it is taken to turn in the hand, and its turns are taken out.")
@@ -96,27 +97,29 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     moving = None if plate is None else moving_in(clip.frames, plate.noise)
     shown, marks = _corrections(settings, clip, lens, turns)
     if shown and not marked(settings):
-        # Nothing else says where it is: it is sought in picture 0 where it is followed back to.
+        # Nothing else says where it is: it is sought in frame 0 where it is followed back to.
         settings = replace(settings, box=box_round(carried_to_first(clip.frames, shown, plate, progress)))
         around = _marked_area(settings, height, width)
     mask = first_outline(settings, clip.frames, plate, moving, lens, progress)
     progress.update(0.1, "following the object")
-    looks = None
+    looks, flows = None, None
     if plate is not None and moving is not None:
-        mask, plate, looks = with_background(clip.frames, mask, plate, moving, settings, around, progress, journal)
-    outlines = with_corrections(clip.frames, mask, shown, marks, plate, looks, progress, journal)
+        mask, plate, looks, flows = with_background(clip.frames, mask, plate, moving, settings, around, progress, journal)
+    outlines = with_corrections(clip.frames, mask, shown, marks, plate, looks, flows, progress, journal)
     mask = mask if outlines is None else outlines[0]
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     _tell_huge(mask, depth, camera, progress)
-    masks, tracks = follow(clip, mask, outlines, plate, looks, lens, settings, progress, journal)
+    masks, tracks = follow(clip, mask, outlines, plate, looks, flows, lens, settings, progress, journal)
+    bare = beside.submit(clean_plate, clip.frames, masks, median, progress)
     tell_defects(clip.frames, masks, progress)
+    doubts += [] if asked is None else asked.result()
     if plate is not None:
         doubts += [one for one in (touching(clip.frames, masks, plate),) if one is not None]
     for one in doubts:
         progress.warn(str(one))
     progress.update(0.95, "background")
-    background = clean_plate(clip.frames, masks, median, progress)
+    background = bare.result()
     xy = tracks.xy
     if turns is not None:
         steady_xy, masks = as_filmed(xy, masks, turns, camera)
@@ -152,7 +155,7 @@ def _tell_huge(mask: np.ndarray, depth: np.ndarray, camera: Camera, progress: Pr
 
 
 def _depth_map(depth: np.ndarray | None, mask: np.ndarray, distance: float, lens: Lens, settings: ObserveSettings) -> np.ndarray | None:
-    """The known depth (H, W) over the straightened picture; a network's is scaled to the distance that the user gave."""
+    """The known depth (H, W) over the straightened frame; a network's is scaled to the distance that the user gave."""
     if depth is None:
         return None
     straight = lens.straight_map(depth, np.inf)
@@ -177,9 +180,9 @@ def _straight(settings: ObserveSettings, lens: Lens) -> ObserveSettings:
 def _corrections(
     settings: ObserveSettings, clip: Clip, lens: Lens, turns: np.ndarray | None
 ) -> tuple[dict[int, np.ndarray], dict[int, Marks]]:
-    """The outline (H, W) bool that the user gave, and marks that correct one, by the pictures of the clip that they are in.
+    """The outline (H, W) bool that the user gave, and marks that correct one, by the frames of the clip that they are in.
 
-    `turns` (T+1, 3, 3): those taken out of its pictures, None where none were.
+    `turns` (T+1, 3, 3): those taken out of its frames, None where none were.
 
     Raises:
         UsageError: one that lies outside the clip.
@@ -192,10 +195,11 @@ def _corrections(
     }
     if settings.outline is None:
         return {}, marks
-    place = settings.outline_picture - clip.first_frame
+    place = settings.outline_frame - clip.first_frame
     if not 0 <= place < count:
         raise UsageError(
-            f"--outline-picture {settings.outline_picture} lies outside the clip's {clip.first_frame} to {clip.first_frame + count - 1}.",
+            f"--outline-frame: frame {settings.outline_frame} of the file lies outside the clip's frames {clip.first_frame} to "
+            f"{clip.first_frame + count - 1}.",
             "Count from 0, as --frames does.",
         )
     outline = lens.straight_map(read_mask(settings.outline, height, width, "outline"))
@@ -205,7 +209,7 @@ def _corrections(
 
 
 def marked(settings: ObserveSettings) -> bool:
-    """Whether the object is marked in picture 0."""
+    """Whether the object is marked in frame 0."""
     return any(one is not None for one in (settings.mask, settings.box, settings.points, settings.prompt))
 
 
@@ -228,7 +232,7 @@ def pinned(seen: Observation, pin: str | None) -> Observation:
     """The same observation with what the PNG `pin` holds, in the file's own pixels; nothing without one.
 
     Raises:
-        UsageError: no such picture, or of another size. ObjectError: it does not touch the object.
+        UsageError: no such frame, or of another size. ObjectError: it does not touch the object.
     """
     return replace(seen, pin=_pin(pin, np.asarray(seen.masks[0]), Lens(seen.camera)))
 
@@ -240,6 +244,6 @@ def _pin(path: str | None, mask: np.ndarray, lens: Lens) -> np.ndarray:
     pin = lens.straight_map(read_mask(path, mask.shape[0], mask.shape[1], "pin mask")) & mask
     if not pin.any():
         raise ObjectError(
-            "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first picture."
+            "The pinned pixels do not touch the object.", "Paint the part that is held, over the object in the first frame."
         )
     return pin

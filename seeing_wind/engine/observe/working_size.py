@@ -19,24 +19,24 @@ from ..settings import ObserveSettings
 from .clip.camera import read_camera, resized
 from .clip.depth import read_depth
 from .clip.frames import Clip
+from .clip.images import write_png
 from .clip.lens import Lens
-from .clip.pictures import write_png
 from .clip.transforms import LENS
 from .mask.first_mask import point_list, read_mask
 from .tracks.file import load_tracks
 
 LONGEST = 1280
-"""Pixels of the picture's longer side that are enough."""
+"""Pixels of the frame's longer side that are enough."""
 
 LEAST_OBJECT = 160
 """Pixels of the object's longer side below which a smaller copy would lose its pattern."""
 
 ALIKE = 12
-"""Grey levels within which picture 0 shows the background that was found, only sharper."""
+"""Grey levels within which frame 0 shows the background that was found, only sharper."""
 
 
 def working_scale(settings: ObserveSettings, height: int, width: int) -> float:
-    """The factor, at most 1, to look at pictures of `height` and `width` with.
+    """The factor, at most 1, to look at frames of `height` and `width` with.
 
     Raises:
         UsageError: a mask that cannot be read.
@@ -117,7 +117,7 @@ class WorkingSize:
         size = self.file[::-1]
         image = Lens(camera).straight_one(clip.as_filmed(0))
         background = cv2.resize(seen.background, size, interpolation=cv2.INTER_CUBIC)
-        # Off the object picture 0 shows the same, only sharper.
+        # Off the object frame 0 shows the same, only sharper.
         near = cv2.dilate(seen.masks[0].astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
         same = (cv2.absdiff(seen.background, seen.image).max(axis=2) < ALIKE) & ~near
         background[self._larger(same)] = image[self._larger(same)]

@@ -22,6 +22,7 @@ from .diagnostics.posterior import missed_acceleration, posterior_deviation, uns
 from .diagnostics.remarks import (
     DISTRUST,
     astray,
+    end_remarks,
     far_off,
     force_remarks,
     held_remarks,
@@ -31,43 +32,29 @@ from .diagnostics.remarks import (
     wild_remarks,
 )
 from .prior.basis import SpatialBasis, held_axis, spatial_basis
+from .prior.constants import PRIOR
 from .prior.learning import Expected
+from .solve.constants import PACE
 from .solve.section import section_axes
 from .solve.stiffness import Stiffness, covariance_with, remark, scaled, youngs_modulus
-from .solve.window import FULL_KNOT, Found, WindowSolver
+from .solve.window import Found, WindowSolver
 from .targets.objective import Objective
 from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
 
-FULL_MODES = 16
-FEWEST_MODES, PARTICLES_A_MODE = 4, 16
-"""A body whose few particles stand for thinner things (`Particles.stiffness`) has no more modes than one for so many of them, but uniform
-force and slope in any case: what varies within a few particles, they do not show."""
-OBSERVABLE = 0.1
-"""A mode is used when the observed points see at least this share of it that the modes before it do not explain."""
-SLOWEST = 0.03
-"""Least standard deviation of the initial velocity [m/s]; more when the first pictures show more, along the view as across it."""
-AXIAL_SHRINK = 0.2
-"""Prior size of the force along a held body, relative to across it: hardly seen, and it soaks up the error of the clamp."""
-RAY_SHRINK = 0.03
-"""The same along the view, of a body that one camera sees as a point."""
-UNSEEN_SPIN = 1e-3
-"""Prior size of the initial spin of a body that is seen as a point, relative to the one that its speed suggests: nothing tells of it, and
-a track a little off the centre of mass would set it turning."""
-WINDOW, OVERLAP = 32, 8
-"""Most frames that are solved together, and those of them that the next window solves again."""
-
 
 def windows(frames: int) -> list[tuple[int, int]]:
-    """First and last picture of each window; they are equally long, and neighbours share OVERLAP frames."""
-    count = 1 if frames <= WINDOW else math.ceil((frames - OVERLAP) / (WINDOW - OVERLAP))
-    hop = (frames - OVERLAP) / count if count > 1 else frames
-    return [(round(hop * k), min(frames, round(hop * (k + 1)) + (OVERLAP if count > 1 else 0))) for k in range(count)]
+    """First and last frame of each window; they are equally long, and neighbours share OVERLAP frames."""
+    count = 1 if frames <= PACE.window else math.ceil((frames - PACE.overlap) / (PACE.window - PACE.overlap))
+    hop = (frames - PACE.overlap) / count if count > 1 else frames
+    return [(round(hop * k), min(frames, round(hop * (k + 1)) + (PACE.overlap if count > 1 else 0))) for k in range(count)]
 
 
 def most_modes(body: Particles) -> int:
     """The modes that the force on a body may have."""
-    return FULL_MODES if body.stiffness is None else min(FULL_MODES, max(FEWEST_MODES, len(body.x) // PARTICLES_A_MODE))
+    if body.stiffness is None:
+        return PRIOR.full_modes
+    return min(PRIOR.full_modes, max(PRIOR.fewest_modes, len(body.x) // PRIOR.particles_a_mode))
 
 
 def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
@@ -79,7 +66,7 @@ def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
     still = np.zeros(frames, dtype=bool)
     if settings.still is not None:
         first, last = settings.still
-        inside = 0 <= first < frames and last <= frames  # the last picture's number is taken for the frame before it
+        inside = 0 <= first < frames and last <= frames  # the last frame's number is taken for the frame before it
         still[max(first, 0) : last + 1] = True
         if not inside or still.all():
             wrong = "is all frames of the clip" if inside else "names frames that the clip does not have"
@@ -97,12 +84,14 @@ class Kept:
     acceleration: np.ndarray
     deviation: np.ndarray
     trajectory: Trajectory
-    """Up to the next window's first picture."""
+    """Up to the next window's first frame."""
     iterations: int
     converged: bool
     knot_spacing: float
     """Frames."""
     stiffness: Stiffness
+    wild: np.ndarray
+    """(T,) bool, see `solve.window.Found`."""
 
 
 @dataclass
@@ -154,7 +143,7 @@ class Clip:
                 if part and self.stiffness.known:  # it is one body through the whole clip, and the windows so far were solved for another
                     kept = []
                     continue
-            if found.knot_spacing > FULL_KNOT and not part:
+            if found.knot_spacing > PACE.knot and not part:
                 self.notes.append(f"The force has a knot every {found.knot_spacing:.0f} frames: faster gusts are smoothed.")
             kept.append(found)
         return kept
@@ -165,7 +154,7 @@ class Clip:
         count, known = 1, seen[:, :1] / np.linalg.norm(seen[:, :1])
         while count < basis.phi.shape[1]:
             rest = seen[:, count] - known @ (known.T @ seen[:, count])
-            if np.linalg.norm(rest) < OBSERVABLE * np.sqrt(len(seen)):
+            if np.linalg.norm(rest) < PRIOR.observable * np.sqrt(len(seen)):
                 break
             known = np.column_stack([known, rest / np.linalg.norm(rest)])
             count += 1
@@ -180,24 +169,24 @@ class Clip:
         observed = max(one.acceleration(self.particles.x, self.fps) for one in self.objective.channels)
         size = float(np.hypot(observed, np.linalg.norm(self.settings.gravity))) or 1e-3
         component = self._first_component(modes)
-        speed = max([SLOWEST, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
+        speed = max([PRIOR.slowest, *(one.speed(self.particles.x, self.fps) for one in self.objective.channels)])
         axes = np.sqrt(np.diag(component))  # uniform x y z, then the spins round x y z
         first = speed * np.resize(axes, 3 if self.particles.pinned.any() else 6)
         if modes == 1:
-            first[3:] *= UNSEEN_SPIN
+            first[3:] *= PRIOR.unseen_spin
         return Expected(size, first, component)
 
     def _first_component(self, modes: int) -> np.ndarray:
         """(3, 3) covariance of the force's components before anything is learnt: round, but flat along what the data cannot show.
 
         That is a held body's axis, and the view of one camera that sees a body as a mere point: no change of size tells its depth. The
-        camera's axis, not the ray to the body, which turns as the body crosses the picture: the scale is that of a plane of the picture.
+        camera's axis, not the ray to the body, which turns as the body crosses the frame: the scale is that of a plane of the frame.
         """
         pinned, channels = self.particles.pinned, self.objective.channels
-        axis, shrink = held_axis(self.particles.x, pinned) if pinned.any() else None, AXIAL_SHRINK
+        axis, shrink = held_axis(self.particles.x, pinned) if pinned.any() else None, PRIOR.axial_shrink
         if not pinned.any() and modes == 1 and len(channels) == 1 and isinstance(channels[0], TrackChannels):
             view = channels[0].camera.pose(0)[:3, 2]
-            axis, shrink = view / np.linalg.norm(view), RAY_SHRINK
+            axis, shrink = view / np.linalg.norm(view), PRIOR.ray_shrink
         return np.eye(3) if axis is None else np.eye(3) - (1.0 - shrink**2) * np.outer(axis, axis)
 
     def result(self, kept: list[Kept], material: Material, views: int, began: float) -> Recovery:
@@ -211,6 +200,8 @@ class Clip:
         self.notes += wider_remarks(self.particles) + motion_remarks(self.particles, x, residual, views)
         self.notes += held_remarks(self.particles, self.objective.channels)
         self.notes += wild_remarks(self.objective.channels)
+        wild = np.concatenate([one.wild for one in kept])
+        self.notes += end_remarks(wild)
         acceleration = np.concatenate([one.acceleration for one in kept])
         if not self.particles.pinned.any():
             self.notes += force_remarks(acceleration, material.density, x, self.fps, self.settings.gravity)
@@ -249,6 +240,7 @@ class Clip:
             section_axes=section_axes(self.particles) if self.stiffness.known else None,
             held_covariance=self.stiffness.covariance if self.stiffness.known else None,
             substeps=scaled(self.model, self.stiffness.s).substeps,
+            wild=wild if wild.any() else None,
         )
 
 
@@ -272,4 +264,5 @@ def _keep(found: Found, frames: int) -> Kept:
         found.last.converged,
         found.forward.knots.spacing,
         found.stiffness,
+        found.wild[:frames],
     )

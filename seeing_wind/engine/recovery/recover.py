@@ -11,14 +11,16 @@ from scipy.spatial import cKDTree
 
 from ..errors import ObjectError, UsageError
 from ..field.torch_threads import one_torch_thread
+from ..materials import LIMITS
 from ..mpm.laws.constitutive import LAWS
 from ..mpm.model import Model
-from ..mpm.model_for import DEFAULT_SPEED, model_for
+from ..mpm.model_for import model_for
 from ..progress import Journal, Progress
 from ..records import Material, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings
 from .clip import Clip, still_frames
 from .diagnostics.remarks import moving_clamp_remark
+from .solve.constants import PACE
 from .solve.known_body import KnownBody
 from .solve.stiffness import Stiffness, is_free
 from .targets.clamp_motion import clamp_motion
@@ -26,8 +28,7 @@ from .targets.objective import Channels, Objective
 from .targets.points import PointChannels, point_channels
 from .targets.tracks import track_channels
 
-HASTE = 3.0
-"""How much faster than the points were seen to move the simulated body may have to be followed."""
+
 @one_torch_thread()
 def recover(
     particles: Particles,
@@ -42,10 +43,10 @@ def recover(
     """Find the force density that makes the simulated body move as observed.
 
     Args:
-        particles: the body at rest, at picture 0.
+        particles: the body at rest, at frame 0.
         material: its constants; the density turns accelerations into force densities.
-        targets: points in 3D [m], or tracks [px] of one or several cameras over the same pictures.
-        fps: pictures per second.
+        targets: points in 3D [m], or tracks [px] of one or several cameras over the same frames.
+        fps: frames per second.
         settings: gravity, and the number of iterations at most.
         progress: told of every part of the work; asked for cancelling at least twice a second.
         journal: keeps what is found on the way; its stamp must tell all other arguments.
@@ -57,7 +58,7 @@ def recover(
     Raises:
         UsageError: targets that contradict each other, or are not finite where visible; still frames that the clip does not have; a known
             body for one that is not held.
-        ObjectError: fewer than three pictures, a body that cannot be simulated (all held, particles in one place), or points that no
+        ObjectError: fewer than three frames, a body that cannot be simulated (all held, particles in one place), or points that no
             force explains.
         SimulationError: when the simulation breaks down even at the start.
         Cancelled: when the user asked to stop.
@@ -68,9 +69,9 @@ def recover(
     plastic = material.law in ("von_mises", "viscoplastic")
     sources: list[PointTargets | TrackTargets] = [targets] if isinstance(targets, PointTargets) else list(targets)
     if len({len(one.visible) for one in sources}) != 1:
-        raise UsageError("The views do not have the same number of pictures.", "Cut the clips to the same frames, or give one clip.")
+        raise UsageError("The views do not have the same number of frames.", "Cut the clips to the same frames, or give one clip.")
     if not any(one.visible[1:].any() for one in sources):
-        raise ObjectError("Nothing of the object is seen after the first picture.", "Check the mask, or give more pictures of it.")
+        raise ObjectError("Nothing of the object is seen after the first frame.", "Check the mask, or give more frames of it.")
     moving = clamp_motion(particles, targets, fps) if isinstance(targets, PointTargets) else None
     if moving is not None:
         sources = [moving.stilled(one) for one in sources if isinstance(one, PointTargets)]
@@ -86,7 +87,7 @@ def recover(
         material = replace(material, law="corotated")
     model, model_notes = model_for(
         particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth,
-        speed=min([DEFAULT_SPEED, *(HASTE * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
+        speed=min([LIMITS.default_speed, *(PACE.haste * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
     )  # fmt: skip
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
@@ -110,7 +111,7 @@ def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, kn
 
 
 def _fastest(targets: PointTargets, fps: float) -> float:
-    """Speed [m/s] of the fastest point between pictures that both show it."""
+    """Speed [m/s] of the fastest point between frames that both show it."""
     step = np.linalg.norm(np.diff(targets.x, axis=0), axis=2)
     return fps * float(np.where(targets.visible[1:] & targets.visible[:-1], step, 0.0).max(initial=0.0))
 
@@ -123,7 +124,7 @@ def _check(particles: Particles, fps: float) -> None:
     if particles.pinned.all():
         raise ObjectError("All particles of the body are held: nothing can move.", "Paint a smaller region, or mark fewer as fixed.")
     if not fps > 0.0:
-        raise UsageError(f"{fps} pictures per second.", "Give the clip's frame rate with --fps.")
+        raise UsageError(f"{fps} frames per second.", "Give the clip's frame rate with --fps.")
     if len(particles.x) > 1:
         distance = cKDTree(particles.x).query(particles.x, k=2)[0][:, 1]
         if (distance < 1e-3 * particles.spacing).any():

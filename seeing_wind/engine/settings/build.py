@@ -20,14 +20,14 @@ PARTICLES, FLOWING_PARTICLES = 600, 1800
 ball of 600 particles asked for forces 17 % off, one of 1800 for 8 %."""
 
 LAW_TEXTS = dict(zip(LAWS, (
-    "springs back, also from large strains", "springs back from small strains: stiff things", "keeps dents whatever the speed",
+    "springs back, even from large strains", "springs back from small strains; for stiff things", "keeps dents whatever the speed",
     "flows slowly under load",
 ), strict=True))  # fmt: skip
 
 
 FORM_TEXTS = {
     "auto": "a thin sheet where the material is cloth and the object large enough to hang in folds, else a solid",
-    "solid": "a body with a thickness, all of it material points",
+    "solid": "a body with a thickness, filled with material points",
     "sheet": "one layer without thickness that bends and hardly stretches, with the material's weight per area",
 }
 
@@ -54,7 +54,7 @@ def material_options(panel: str) -> dict[str, Any]:
             below=0.5, metavar="NU", panel=panel, start=0.3, typical=(0.0, 0.495), digits=3, **shared,
         ),
         "yield_stress": option(
-            None, help="stress from which it keeps its new shape", unit="Pa", minimum=0.0, metavar="Y", panel=panel, start=1e4,
+            None, help="stress beyond which it keeps its new shape", unit="Pa", minimum=0.0, metavar="Y", panel=panel, start=1e4,
             typical=(None, 1e9), digits=0, **shared,
         ),
         "viscosity": option(
@@ -92,7 +92,8 @@ class BuildSettings:
     )  # fmt: skip
     particles: int | None = option(
         None, minimum=8, maximum=100_000,
-        help="about how many particles stand for the body: more see finer bends and take longer; one on a stem has those its stem asks for",
+        help="about how many particles make up the body: more resolve finer bends and take longer; a body on a stem gets as many as "
+        "its stem needs",
         metavar="N", group=BODY, unset=0, typical=(None, 5000),
         otherwise=f"{PARTICLES}, {FLOWING_PARTICLES} where the material flows, {SHEET_VERTICES} of a thin sheet",
     )  # fmt: skip

@@ -28,7 +28,7 @@ class BodyEdit:
     yield_stress: float | None = OF_A_BODY["yield_stress"]
     viscosity: float | None = OF_A_BODY["viscosity"]
     loss_factor: float | None = option(
-        None, help="damping: energy lost in a radian of an oscillation over the energy stored; elastic laws only", minimum=0.0,
+        None, help="damping: energy lost per radian of oscillation over the energy stored; elastic laws only", minimum=0.0,
         maximum=MOST_LOSS, otherwise="the material's", panel="", digits=3,
     )  # fmt: skip
     mass: float | None = option(
@@ -36,8 +36,8 @@ class BodyEdit:
         otherwise="from the density", start=0.1, typical=(None, 1000.0), digits=6,
     )  # fmt: skip
     mass_scale: float = option(
-        1.0, label="Mass Factor", help="factor on the mass: 2 doubles it, half the acceleration in the same wind", above=0.0, panel="main",
-        typical=(None, 100.0), digits=3,
+        1.0, label="Mass Factor", help="factor on the mass: 2 doubles it and halves the acceleration in the same force field", above=0.0,
+        panel="main", typical=(None, 100.0), digits=3,
     )  # fmt: skip
     youngs_modulus_scale: float = option(
         1.0, label="Stiffness Factor", identifier="stiffness_scale", help="factor on Young's modulus: 2 is twice as stiff", above=0.0,
@@ -51,8 +51,9 @@ class BodyEdit:
         help="NPY of one weight in 0..1 per index of `pin`: 1 holds firmly, less draws back like a spring (0.5: about 4 swings a second)",
     )  # fmt: skip
     pin_path: str | None = option(
-        None, help="NPY (T+1,P,3) of where the vertices of `pin` are in every frame", unit="m", otherwise="they stay", file=True, panel=""
-    )
+        None, help="NPY (T+1,P,3) of the positions of the vertices of `pin` in every frame", unit="m", otherwise="they stay",
+        file=True, panel="",
+    )  # fmt: skip
     free: str | None = option(
         None, help="NPY of particle indices of the recovered object that are held in the clip and let go here", file=True, panel=""
     )
@@ -61,7 +62,7 @@ class BodyEdit:
         panel="main", start=(0.0, 0.0, 0.0), typical=(-20.0, 20.0),
     )  # fmt: skip
     start_frame: int = option(
-        0, label="Start Picture", help="the body stands still before this picture of the clip", minimum=0, panel="main"
+        0, label="Start Frame", help="the body stands still before this frame of the clip", minimum=0, panel="main"
     )
     shell: bool | None = option(
         None, help="whether the body is a thin shell", otherwise="a shell if its mesh is open and its material comes as a sheet", panel=""
@@ -91,8 +92,9 @@ class ColliderEdit:
     name: str = option(help="name of the collider, in messages", panel="")
     mesh: str | None = option(None, help="a closed OBJ, PLY or NPZ; bodies stay outside", file=True, panel="")
     mesh_path: str | None = option(
-        None, help="NPY (T+1,V,3) of where the mesh's vertices are in every frame", unit="m", otherwise="they stay", file=True, panel=""
-    )
+        None, help="NPY (T+1,V,3) of the positions of the mesh's vertices in every frame", unit="m", otherwise="they stay",
+        file=True, panel="",
+    )  # fmt: skip
     plane: tuple[float, float, float, float, float, float] | None = option(
         None, help="a point (m) and the normal of an infinite plane; bodies stay on the side that the normal points to", panel=""
     )
@@ -127,7 +129,7 @@ class Edit:
     )  # fmt: skip
     field_place: str | None = option(
         None, otherwise="where it was recovered", file=True, panel="",
-        help="NPY (T,4,4) of where the field stands in every frame: matrices from its own coordinates (m) to the world's",
+        help="NPY (T,4,4) of the field's place in every frame: matrices from its own coordinates (m) to the world's",
     )  # fmt: skip
     fade: float | None = option(
         None, help="how far beside its box the field fades to nothing", unit="m", above=0.0, panel="",

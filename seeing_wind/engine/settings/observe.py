@@ -27,42 +27,43 @@ class ObserveSettings:
         otherwise="the file's", panel="main", unset=0.0, typical=(0.0, 240.0),
     )  # fmt: skip
     frames: tuple[int, int] | None = option(
-        None, label="Pictures", help="first and last picture, both inclusive, counted from 0", minimum=0, metavar="A:B", form=RANGE,
+        None, label="Frames", help="first and last frame, both inclusive, counted from 0", minimum=0, metavar="A:B", form=RANGE,
         group=SEEN, otherwise="all", panel="main", start=(0, 40),
     )  # fmt: skip
     mask: str | None = option(
-        None, help="PNG of the first picture, non-zero where the object is", metavar="PNG", group=SEEN, one_of="object", file=True,
+        None, help="PNG of the first frame, non-zero where the object is", metavar="PNG", group=SEEN, one_of="object", file=True,
         panel="main",
     )  # fmt: skip
     box: tuple[float, float, float, float] | None = option(
-        None, help="left, top, right and bottom of a box round the object in the first picture, the origin at its top left", unit="px",
+        None, help="left, top, right and bottom of a box round the object in the first frame, the origin at its top left", unit="px",
         metavar=("X0", "Y0", "X1", "Y1"), group=SEEN, one_of="object", panel="main", start=(0.0, 0.0, 0.0, 0.0), typical=(0.0, None),
         digits=0,
     )  # fmt: skip
     points: tuple[float, ...] | None = option(
-        None, help="points on the object in the first picture", unit="px", metavar="X,Y", form=PIXELS, group=SEEN, one_of="object", panel=""
+        None, help="points on the object in the first frame", unit="px", metavar="X,Y", form=PIXELS, group=SEEN, one_of="object", panel=""
     )
     outline: str | None = option(
-        None, help="PNG of a later picture, non-zero where the object is: what is found there is mended by it, and in the other pictures "
-        "as far as it is wrong alike; alone it marks the object", metavar="PNG", group=SEEN, file=True, panel="main",
+        None, help="PNG of a later frame, non-zero where the object is: it corrects the outline found in that frame, and in other frames "
+        "where the outline is wrong in the same way; given alone, it marks the object", metavar="PNG", group=SEEN, file=True, panel="main",
     )  # fmt: skip
-    outline_picture: int = option(
-        0, label="Picture", help="the picture that --outline shows, counted from 0 in the file", minimum=0, metavar="N", group=SEEN,
+    outline_frame: int = option(
+        0, label="Clip Frame", help="the frame that --outline shows, counted from 0 in the file", minimum=0, metavar="N", group=SEEN,
         panel="main",
     )  # fmt: skip
     correct: tuple[float, ...] | None = option(
-        None, help="points in any picture N, counted from 0 in the file: N+X,Y on the object, N-X,Y beside it; the "
-        "outline is found again there and carried to the other pictures", unit="px", metavar="N+X,Y", form=MARKS, group=SEEN, panel="",
+        None, help="points in any frame N, counted from 0 in the file: N+X,Y on the object, N-X,Y beside it; the "
+        "outline of that frame is found again with them and carried to the other frames", unit="px", metavar="N+X,Y",
+        form=MARKS, group=SEEN, panel="",
     )  # fmt: skip
     tracks: str | None = option(
         None, help="NPZ with xy (T+1,K,2) px and visible (T+1,K), instead of tracking", metavar="NPZ", group=SEEN, file=True, panel=""
     )
     depth: str | None = option(
-        None, help="NPY (H,W) of the first picture: metres along the view axis, infinite off the object", metavar="NPY", group=SEEN,
+        None, help="NPY (H,W) of the first frame: metres along the view axis, infinite off the object", metavar="NPY", group=SEEN,
         one_of="scale", file=True, panel="",
     )  # fmt: skip
     distance: float | None = option(
-        None, help="distance from the camera to the object in the first picture", unit="m", minimum=0.01, metavar="M", group=SEEN,
+        None, help="distance from the camera to the object in the first frame", unit="m", minimum=0.01, metavar="M", group=SEEN,
         one_of="scale", otherwise="2, and a warning says so", panel="main", start=2.0, typical=(None, 100.0), digits=3,
     )  # fmt: skip
     pixels_per_metre: float | None = option(
@@ -71,7 +72,7 @@ class ObserveSettings:
     )  # fmt: skip
     camera: str | None = option(
         None, label="Camera File", metavar="JSON", group=SEEN, one_of="camera", file=True, panel="main",
-        help="JSON with width height fx fy cx cy camera_to_world (OpenCV axes, one 4x4 or one per picture), if need be k1 k2 p1 p2 k3; "
+        help="JSON with width height fx fy cx cy camera_to_world (OpenCV axes, one 4x4 or one per frame), optionally k1 k2 p1 p2 k3; "
         "or a nerfstudio transforms.json",
     )  # fmt: skip
     fov: float = option(
@@ -79,7 +80,7 @@ class ObserveSettings:
         one_of="camera", panel="main", typical=(1.0, 170.0),
     )  # fmt: skip
     pin: str | None = option(
-        None, label="Held Places", help="PNG of the first picture, non-zero where the object is held in place", metavar="PNG", group=SEEN,
+        None, label="Held Places", help="PNG of the first frame, non-zero where the object is held in place", metavar="PNG", group=SEEN,
         file=True, panel="main",
     )  # fmt: skip
     depth_model: str | None = _network("metric depth: Depth Anything V2, Depth Pro, UniDepth V2; a distance given too scales it")

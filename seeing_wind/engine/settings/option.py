@@ -217,7 +217,7 @@ def number_text(value: float) -> str:
 
 
 def frame_range(text: str) -> tuple[int, int]:
-    """'A:B' -> (A, B), both inclusive. Raises ValueError where that is no two pictures in order."""
+    """'A:B' -> (A, B), both inclusive. Raises ValueError where that is no two frames in order."""
     first, last = (int(part) for part in text.split(":"))
     if first < 0 or last <= first:
         raise ValueError(text)
@@ -233,7 +233,7 @@ def pixel(text: str) -> tuple[float, float]:
 
 
 def mark(text: str) -> tuple[float, float, float, float]:
-    """'N+X,Y' -> (N, X, Y, 1), a point [px] on the object in picture N; 'N-X,Y' -> (N, X, Y, 0), one beside it. Raises ValueError."""
+    """'N+X,Y' -> (N, X, Y, 1), a point [px] on the object in frame N; 'N-X,Y' -> (N, X, Y, 0), one beside it. Raises ValueError."""
     sign = "+" if "+" in text else "-"
     number, at = text.split(sign, 1)
     return float(int(number)), *pixel(at), float(sign == "+")
@@ -248,6 +248,6 @@ def _pairs(values: Sequence[float]) -> list[str]:
     return [f"{number_text(x)},{number_text(y)}" for x, y in zip(values[::2], values[1::2])]
 
 
-RANGE = Form(frame_range, lambda value: [f"{value[0]}:{value[1]}"], "be two pictures in order, such as 12:27")
+RANGE = Form(frame_range, lambda value: [f"{value[0]}:{value[1]}"], "be two frames in order, such as 12:27")
 PIXELS = Form(pixel, _pairs, "be points such as 120,80", many=True)
 MARKS = Form(mark, _marks, "be points such as 40+120,80, or 40-120,80 beside the object", many=True)

@@ -36,7 +36,7 @@ class RecoverSettings:
     """Where a held part begins to be held: so many grid cells (1.6 particle spacings each) below the border of what is marked as held."""
     stiffness: str = option(
         "free", label="Stiffness Found", help="whether the stiffness of a held body is known", group=SOLVE,
-        choices={"free": "it is found with the force, where the motion tells it", "given": "it is the material's"},
+        choices={"free": "it is found with the force, where the motion shows it", "given": "it is the material's"},
     )  # fmt: skip
     body: str | None = option(
         None, label="Same Body As", metavar="DIR", group=SOLVE, folder=True,
@@ -44,8 +44,8 @@ class RecoverSettings:
     )  # fmt: skip
     still: tuple[int, int] | None = option(
         None, label="Still Air", minimum=0, metavar="A:B", form=RANGE, group=SOLVE, otherwise="none", start=(0, 20),
-        help="first and last frame, counted as the clip's, in which the air is still: no force is looked for in them, and how the body "
-        "swings by itself tells its stiffness",
+        help="first and last frame, counted from 0 in the file, of a time in which the air is still: no force is looked for in it, and how "
+        "the body swings by itself shows its stiffness",
     )  # fmt: skip
     representation: str = option(
         "causal_triplane", help="how the field is kept", group=COMPARED, panel="",
@@ -66,7 +66,8 @@ class RecoverSettings:
     objective: str = option(
         "tracking", help="what the force must explain", group=COMPARED, panel="",
         choices={
-            "tracking": "tracks", "image": "pictures, with --schedule paper", "flow_depth": "optical flow and depth, with --schedule paper",
+            "tracking": "tracks", "image": "the frames' pixels, with --schedule paper",
+            "flow_depth": "optical flow and depth, with --schedule paper",
         },
     )  # fmt: skip
     frame_iterations: int = option(
@@ -74,8 +75,8 @@ class RecoverSettings:
     )
     refine: int = option(
         0, minimum=0, maximum=10_000, metavar="N", group=SOLVE, typical=(None, 50),
-        help="steps at most by which the stored field is refined through the simulator, so that its own simulation strays less; 0 is off, "
-        "as it takes longer than the solve",
+        help="most steps by which the stored field is refined through the simulator, so that its own simulation strays less; 0 for none, "
+        "as refining takes longer than the solve",
     )  # fmt: skip
     seed: int = seed_option()
 
@@ -88,6 +89,6 @@ class ReportSettings:
         "quick", help="what is drawn of a recovery", group="the report", panel="",
         choices={
             "none": "nothing", "quick": "report.json, report.png and overlay.mp4",
-            "full": "resimulated.mp4 and, in gaussians.ply, the look that fits the whole clip, too",
+            "full": "also resimulated.mp4, and in gaussians.ply the look fitted to the whole clip",
         },
     )  # fmt: skip

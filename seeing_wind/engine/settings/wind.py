@@ -17,7 +17,7 @@ class WindSettings:
         otherwise="suits the body: wind for a thin sheet, else force",
         choices={
             "force": "a body force in N/m³, for whatever moved the object: hands, water, magnets, air",
-            "wind": "the velocity of the air in m/s that makes it, by a drag law: for what the wind blew, to blow other things with it",
+            "wind": "the velocity of the air in m/s that causes it by a drag law: for what the wind blew, to blow other things with it",
             "auto": "the wind where it is more probable, else the force: when it is not known what moved the object",
         },
     )  # fmt: skip

@@ -41,7 +41,7 @@ def retime(curves: Iterable[bpy.types.FCurve], first: float, last: float) -> Non
 
 
 def make_linear(datablock: bpy.types.ID, paths: Iterable[str]) -> None:
-    """Straight lines between the keyframes of these data paths: nothing swings over between pictures."""
+    """Straight lines between the keyframes of these data paths: nothing swings over between frames."""
     wanted = set(paths)
     for curve in curves_of(datablock):
         if curve.data_path in wanted:

@@ -45,7 +45,7 @@ def write_cache(local: np.ndarray, cache: Path) -> Path:
 
 
 def show_pc2(obj: bpy.types.Object, path: Path, frames: np.ndarray) -> None:
-    """Give a mesh the motion of a PC2 file, with two keyframes of the picture that is shown: its pictures stand at `frames` (T+1,)."""
+    """Give a mesh the motion of a PC2 file, with two keyframes of the frame that is shown: its frames stand at `frames` (T+1,)."""
     modifier = obj.modifiers.new(MODIFIER, "MESH_CACHE")
     modifier.name = MODIFIER
     modifier.cache_format, modifier.filepath = "PC2", shown_path(path)
@@ -143,7 +143,7 @@ def _usd(path: Path, frames: np.ndarray, scene: bpy.types.Scene) -> None:
 
 EXPORTS = {ALEMBIC: (".abc", "", _alembic), USD: (".usdc", "/root", _usd)}
 """Of each way the suffix of its file, what is above the object in it, and what writes the selected object into it, which is given path,
-frames (T+1,) of its pictures, and scene."""
+frames (T+1,) of its clip frames, and scene."""
 
 
 @contextlib.contextmanager

@@ -22,7 +22,7 @@ from .plan import ALEMBIC, AUTO, MARK, POINT_CACHE, SHAPE_KEYS, TRANSFORM, USD, 
 from .smooth import smoothed
 
 LARGE = 48_000_000
-"""Bytes of coordinates beyond which a point cache beside the file is better than shape keys inside it: 60 pictures of 67000 vertices."""
+"""Bytes of coordinates beyond which a point cache beside the file is better than shape keys inside it: 60 frames of 67000 vertices."""
 
 
 def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: bpy.types.Scene | None = None) -> Baked:
@@ -39,7 +39,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
 
     Raises:
         UsageError: for anything but a mesh, other vertex counts, values that are not finite, shape keys of the user's, a range without two
-            pictures, a way that this object or this build of Blender cannot go.
+            frames, a way that this object or this build of Blender cannot go.
     """
     scene = scene or bpy.context.scene
     vertices = np.asarray(vertices, dtype=np.float64)
@@ -86,7 +86,7 @@ def bake_shape_keys(
     frames_follow_time: bool = False,
     preview: bool = False,
 ) -> bpy.types.Key:
-    """`bake_motion` to absolute shape keys, one per picture. Returns the shape key data of the mesh."""
+    """`bake_motion` to absolute shape keys, one per frame. Returns the shape key data of the mesh."""
     bake_motion(obj, vertices, Plan(frame_start, fps, SHAPE_KEYS, frames_follow_time=frames_follow_time, preview=preview), scene)
     return obj.data.shape_keys
 
@@ -164,7 +164,7 @@ def _check_motion(obj: bpy.types.Object, vertices: np.ndarray) -> None:
     if obj.mode == "EDIT":
         raise UsageError(f"{obj.name} is in Edit Mode, where it can get no keyframes.", "Leave Edit Mode (Tab) and bake again.")
     if vertices.ndim != 3 or vertices.shape[2] != 3 or vertices.shape[0] < 2:
-        raise UsageError(f"Simulated vertices have the shape {vertices.shape}.", "Expected (T + 1, V, 3) with two pictures or more.")
+        raise UsageError(f"Simulated vertices have the shape {vertices.shape}.", "Expected (T + 1, V, 3) with two frames or more.")
     if not np.isfinite(vertices).all():
         raise UsageError(f"The simulation of {obj.name} has vertices that are not finite.", "Simulate it again.")
 
@@ -196,7 +196,7 @@ def _edges(obj: bpy.types.Object) -> np.ndarray:
 
 
 def _pictures(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the pictures to bake, and their scene frames."""
+    """Indices of the clip frames to bake, and their scene frames."""
     stride = scene.render.fps / scene.render.fps_base / plan.fps if plan.frames_follow_time else 1.0
     frames = plan.frame_start + stride * np.arange(count)
     if plan.frames is None:
@@ -205,7 +205,7 @@ def _pictures(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarra
     chosen = np.flatnonzero((frames >= first - 1e-6) & (frames <= last + 1e-6))
     if len(chosen) < 2:
         raise UsageError(
-            f"Frames {first} to {last} hold {len(chosen)} of the simulated pictures.",
+            f"Frames {first} to {last} hold {len(chosen)} of the simulated frames.",
             f"Choose two or more of the frames {frames[0]:g} to {frames[-1]:g}.",
         )
     return chosen, frames[chosen]
@@ -254,7 +254,7 @@ def _wake(obj: bpy.types.Object, asleep: list[list[Any]]) -> None:
 
 
 def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.ndarray, scene: bpy.types.Scene) -> np.ndarray:
-    """World coordinates (T+1, V, 3) in scene units -> the object's own without any bake, at each picture's frame where the object moves."""
+    """World coordinates (T+1, V, 3) in scene units -> the object's own without any bake, where it stands at each clip frame."""
     mark, lineage = mark_of(obj), [obj]
     while lineage[-1].parent is not None:
         lineage.append(lineage[-1].parent)

@@ -23,9 +23,9 @@ class Plan:
     """How a motion is to be baked."""
 
     frame_start: int
-    """Scene frame of picture 0."""
+    """Scene frame of clip frame 0."""
     fps: float
-    """Of the pictures [1/s]."""
+    """Of the frames [1/s]."""
     way: str = AUTO
     frames: tuple[int, int] | None = None
     """First and last scene frame to bake, inclusive; None bakes all. Before and after them the body stands still."""
@@ -40,7 +40,7 @@ class Plan:
     smooth: int = 0
     """Passes that take ripples of an edge's length out of the motion, see `smooth`."""
     frames_follow_time: bool = False
-    """Keep the speed where the scene's frame rate is another than `fps`; otherwise one scene frame is one picture, as in a take."""
+    """Keep the speed where the scene's frame rate is another than `fps`; otherwise one scene frame is one clip frame, as in a take."""
 
 
 @dataclass(frozen=True)

@@ -20,17 +20,17 @@ class RigidFit:
     """The rigid motion that is nearest to a motion of vertices."""
 
     rotation: np.ndarray
-    """(T+1, 3, 3), from picture 0."""
+    """(T+1, 3, 3), from frame 0."""
     translation: np.ndarray
     """(T+1, 3) [m]: x_t = rotation_t x_0 + translation_t."""
     residual: float
-    """Largest distance of a vertex from that motion, over all pictures [m]."""
+    """Largest distance of a vertex from that motion, over all frames [m]."""
     size: float
-    """Diagonal of the box round picture 0 [m]."""
+    """Diagonal of the box round frame 0 [m]."""
 
 
 def rigid_fit(vertices: np.ndarray) -> RigidFit:
-    """Fit each picture of vertices (T+1, V, 3) [m] by a rotation and translation of picture 0, least squares.
+    """Fit each frame of vertices (T+1, V, 3) [m] by a rotation and translation of frame 0, least squares.
 
     Kabsch's method: W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A32 (1976).
     """
@@ -76,8 +76,8 @@ def bake(obj: bpy.types.Object, fit: RigidFit, pictures: np.ndarray, frames: np.
     """Key location and rotation (quaternion) at each frame. Returns what `clear` needs to restore the object.
 
     Args:
-        obj: as it stands at picture 0.
-        pictures: indices of the pictures to key, at `frames`.
+        obj: as it stands at frame 0.
+        frames: indices of the frames to key, at `frames`.
         unit: metres per unit of the scene.
     """
     bpy.context.view_layer.update()
@@ -98,7 +98,7 @@ def bake(obj: bpy.types.Object, fit: RigidFit, pictures: np.ndarray, frames: np.
         # not by decompose(), which takes a mirrored axis for a point reflection
         location, rotation = placed.translation.copy(), (placed @ unscaled).to_quaternion()
         if previous is not None:
-            # the same turn has two quaternions; the nearer one keeps the curve from swinging round between pictures
+            # the same turn has two quaternions; the nearer one keeps the curve from swinging round between frames
             rotation.make_compatible(previous)
         obj.location, obj.rotation_quaternion, previous = location, rotation, rotation
         for path in PATHS:

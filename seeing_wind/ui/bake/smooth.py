@@ -29,7 +29,7 @@ def smoothed(vertices: np.ndarray, edges: np.ndarray, fit: RigidFit, passes: int
         passes: 0 leaves it as it is.
 
     Returns:
-        (T+1, V, 3) [m]; picture 0, and vertices that are held, as they were.
+        (T+1, V, 3) [m]; frame 0, and vertices that are held, as they were.
     """
     if not passes or not len(edges):
         return vertices

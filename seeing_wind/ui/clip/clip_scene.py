@@ -1,4 +1,4 @@
-"""The scene of a clip: its camera, its time, its pictures behind the scene, and the object that was seen in it."""
+"""The scene of a clip: its camera, its time, its frames behind the scene, and the object that was seen in it."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ def setup_clip_scene(
         clip_path: of the video.
         camera: `width height fx fy cx cy` [px] and `camera_to_world` (4, 4) or (T+1, 4, 4), OpenCV's axes, pixel centres at integers.
         fps: frames per second of the clip.
-        first_frame: index in the file of picture 0.
-        frames: T, the number of frame intervals; T + 1 pictures are shown.
-        frame_start: scene frame of picture 0.
+        first_frame: index in the file of frame 0.
+        frames: T, the number of frame intervals; T + 1 clip frames are shown.
+        frame_start: scene frame of clip frame 0.
         parts: see `match.PARTS`.
 
     Returns:
@@ -86,15 +86,15 @@ def create_recovered_object(
     collection: bpy.types.Collection | None = None,
     outline: np.ndarray | None = None,
 ) -> bpy.types.Object:
-    """The object of the clip as a mesh that wears the pixels of picture 0.
+    """The object of the clip as a mesh that wears the pixels of frame 0.
 
     Args:
-        vertices: (V, 3) in picture 0 [m, world].
+        vertices: (V, 3) in frame 0 [m, world].
         triangles: (M, 3).
         uv: (V, 2) in 0..1, origin bottom left.
-        picture: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first picture).
+        picture: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first frame).
         collection: where to link it, by default the scene's own collection.
-        outline: (H, W) bool of the object in the picture: where it is known, Solid view shows no pixel from beside the object.
+        outline: (H, W) bool of the object in the frame: where it is known, Solid view shows no pixel from beside the object.
     """
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata((np.asarray(vertices) / metres_per_unit(scene)).tolist(), [], np.asarray(triangles).tolist())
@@ -105,7 +105,7 @@ def create_recovered_object(
     layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
     if isinstance(picture, np.ndarray):
         _wear_in_solid_view(mesh, np.asarray(uv), picture, outline)
-    mesh.materials.append(_picture_material(f"{name} Picture", picture_image(f"{name} Picture", picture)))
+    mesh.materials.append(_picture_material(f"{name} Frame", picture_image(f"{name} Frame", picture)))
     mesh.update()
     obj = bpy.data.objects.new(name, mesh)
     (collection or scene.collection).objects.link(obj)
@@ -113,7 +113,7 @@ def create_recovered_object(
 
 
 def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, picture: np.ndarray, outline: np.ndarray | None) -> None:
-    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no picture.
+    """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no frame.
 
     One at the rim, whose pixel is half of what is behind, takes the color of the nearest vertex that is not.
     """
@@ -144,11 +144,11 @@ def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
 
 def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
     clip = found_clip(str(path)) or load_clip(str(path))
-    # a file that is no video loads without a complaint, as a clip of no pictures
+    # a file that is no video loads without a complaint, as a clip of no frames
     if clip.frame_duration < 1:
         if clip.users == 0:
             bpy.data.movieclips.remove(clip)
-        raise ClipError(f"{path} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
+        raise ClipError(f"{path} has no frames that Blender can read.", "Convert it to MP4 (H.264).")
     set_pace(clip, first_frame, Pace(frame_start))
     return clip
 
@@ -187,7 +187,7 @@ def set_poses(obj: bpy.types.Object, poses: np.ndarray, unit: float, frame_start
         obj.location = pose[:3, 3] / unit
         rotation = Matrix(pose[:3, :3].tolist()).to_quaternion()
         if previous is not None:
-            # the same turn has two quaternions; the nearer one keeps the curve from swinging round between pictures
+            # the same turn has two quaternions; the nearer one keeps the curve from swinging round between frames
             rotation.make_compatible(previous)
         obj.rotation_quaternion = previous = rotation
         if moving:

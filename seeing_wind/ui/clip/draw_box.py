@@ -1,4 +1,4 @@
-"""Draw Box: mark the object in the clip's first picture with the mouse."""
+"""Draw Box: mark the object in the clip's first frame with the mouse."""
 
 import bpy
 from bpy.props import EnumProperty, FloatVectorProperty
@@ -12,14 +12,14 @@ SMALLEST = 3.0
 
 
 class SEEING_WIND_OT_draw_box(OnPicture, bpy.types.Operator):
-    """Draw a box round the object, or its held part, in the clip's first picture: drag with the left mouse button, Esc cancels"""
+    """Draw a box round the object, or its held part, in the clip's first frame: drag with the left mouse button, Esc cancels"""
 
     bl_idname = "seeing_wind.draw_box"
     bl_label = "Draw Box"
     bl_options = {"REGISTER", "UNDO"}
 
     box: FloatVectorProperty(
-        name="Box (px)", size=4, options={"SKIP_SAVE"}, description="Left, top, right, bottom in pixels of the first picture"
+        name="Box (px)", size=4, options={"SKIP_SAVE"}, description="Left, top, right, bottom in pixels of the first frame"
     )
 
     marks: EnumProperty(
@@ -43,7 +43,7 @@ class SEEING_WIND_OT_draw_box(OnPicture, bpy.types.Operator):
         return {"FINISHED"}
 
     def invoke(self, context, event):
-        """Show the first picture, then wait for the mouse."""
+        """Show the first frame, then wait for the mouse."""
         self.start = self.stop = None
         if not self.begin(context, "Drag a box round the object", "CROSSHAIR"):
             return {"CANCELLED"}

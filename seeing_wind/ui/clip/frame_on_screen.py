@@ -1,4 +1,4 @@
-"""Where the clip's picture lies on the screen: in the Movie Clip Editor, and behind the scene in a camera view."""
+"""Where the clip's frame lies on the screen: in the Movie Clip Editor, and behind the scene in a camera view."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 
 def picture_corners(context: bpy.types.Context, region: bpy.types.Region) -> np.ndarray | None:
-    """Lower left and upper right corner (2, 2) of the picture in a region's pixels; None where the region shows none."""
+    """Lower left and upper right corner (2, 2) of the frame in a region's pixels; None where the region shows none."""
     space = context.space_data
     if space.type == "CLIP_EDITOR":
         return np.array([region.view2d.view_to_region(u, v, clip=False) for u, v in ((0.0, 0.0), (1.0, 1.0))], dtype=np.float64)
@@ -27,7 +27,7 @@ def box_in_picture(corners: np.ndarray, start: np.ndarray, end: np.ndarray, widt
     """Left, top, right, bottom [px of the clip, origin top left] of a box drawn from `start` to `end` (2,) in the region's pixels.
 
     Args:
-        corners: of `picture_corners`. What lies outside the picture is cut off.
+        corners: of `picture_corners`. What lies outside the frame is cut off.
     """
     points = (np.stack([start, end]) - corners[0]) / (corners[1] - corners[0])
     low, high = np.clip(points.min(axis=0), 0.0, 1.0), np.clip(points.max(axis=0), 0.0, 1.0)
@@ -38,7 +38,7 @@ def box_in_picture(corners: np.ndarray, start: np.ndarray, end: np.ndarray, widt
 
 
 def point_in_picture(corners: np.ndarray, at: tuple[float, float], width: int, height: int) -> tuple[float, float]:
-    """Pixel of the clip, the origin top left, at a place `at` in the region's pixels; beside the picture where that is."""
+    """Pixel of the clip, the origin top left, at a place `at` in the region's pixels; beside the frame where that is."""
     share = (np.array(at) - corners[0]) / (corners[1] - corners[0])
     return round(float(share[0] * width - 0.5), 1), round(float((1.0 - share[1]) * height - 0.5), 1)
 

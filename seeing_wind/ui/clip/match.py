@@ -11,8 +11,8 @@ from collections.abc import Collection
 import bpy
 
 PARTS = [
-    ("FPS", "Frame Rate", "Frames per second of the clip: one scene frame is one picture"),
-    ("RANGE", "Frame Range", "Begin with the clip's first picture and end with its last"),
+    ("FPS", "Frame Rate", "Frames per second of the clip: one scene frame is one clip frame"),
+    ("RANGE", "Frame Range", "Begin with the clip's first frame and end with its last"),
     ("SIZE", "Resolution", "Size and shape of the clip's pixels"),
     ("VIEW", "Colors", "View transform Standard and a transparent film, so that the clip's colors come out as they went in"),
     ("CAMERA", "Active Camera", "Look through the camera that stands where the clip's did"),
@@ -100,7 +100,7 @@ def follow(
 
     Args:
         fps: frames per second of the clip.
-        first, last: scene frames of its first and last picture.
+        first, last: scene frames of its first and last clip frame.
         size: width and height [px].
         aspect: of a pixel; None leaves it.
         camera: that stands where the clip's did.

@@ -1,4 +1,4 @@
-"""Waiting for the mouse over the clip's picture, in a camera view or the Movie Clip Editor: what a box and a point are marked with."""
+"""Waiting for the mouse over the clip's frame, in a camera view or the Movie Clip Editor: what a box and a point are marked with."""
 
 import bpy
 import gpu
@@ -36,7 +36,7 @@ class OnPicture:
         else:
             self.report({"ERROR"}, f"{self.bl_label} needs a 3D viewport with a camera, or the Movie Clip Editor.")
             return False
-        # the button may be in the sidebar; the picture is in the area's main region
+        # the button may be in the sidebar; the frame is in the area's main region
         self.area = context.area
         self.region = next(region for region in self.area.regions if region.type == "WINDOW")
         self.space_type = type(space)
@@ -62,13 +62,13 @@ class OnPicture:
         return float(event.mouse_x - self.region.x), float(event.mouse_y - self.region.y)
 
     def corners(self, context):
-        """Of the picture in the region, as `picture_corners`; None, and a report, where it is not in view."""
+        """Of the frame in the region, as `picture_corners`; None, and a report, where it is not in view."""
         from .frame_on_screen import picture_corners  # needs NumPy
 
         with context.temp_override(area=self.area, region=self.region, space_data=self.area.spaces.active):
             found = picture_corners(bpy.context, self.region)
         if found is None:
-            self.report({"ERROR"}, "The picture is not in view. Press Numpad 0 for the camera's view and try again.")
+            self.report({"ERROR"}, "The clip is not in view. Press Numpad 0 for the camera's view and try again.")
         return found
 
     def end(self, context) -> None:
@@ -89,11 +89,11 @@ class OnPicture:
         self.end(context)
 
     def draw_over(self, context, corners) -> None:
-        """What is seen over the picture between `corners` meanwhile."""
+        """What is seen over the frame between `corners` meanwhile."""
         raise NotImplementedError
 
     def _elsewhere(self, event) -> bool:
-        """Whether the mouse is in another area, or on the sidebar, which lies over the picture."""
+        """Whether the mouse is in another area, or on the sidebar, which lies over the frame."""
         sidebars = [each for each in self.area.regions if each.type == "UI" and each.width > 1]
         return not _holds(self.region, event) or any(_holds(each, event) for each in sidebars)
 

@@ -23,7 +23,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
     bl_idname = "seeing_wind.choose_clip"
     bl_label = "Choose Clip"
 
-    filepath: StringProperty(name="File", subtype="FILE_PATH", options=PATH, description="A video, or one picture of a sequence")
+    filepath: StringProperty(name="File", subtype="FILE_PATH", options=PATH, description="A video, or one image of a sequence")
     filter_glob: StringProperty(
         default="*" + VIDEOS.replace(";", ";*") + ";*.png;*.jpg;*.jpeg;*.tif;*.tiff;*.bmp;*.webp", options={"HIDDEN"}
     )
@@ -55,7 +55,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
         except ClipError:
             settings.clip = former
             raise
-        if former and another:  # boxes, points and pictures that were chosen for the former one mean nothing here
+        if former and another:  # boxes, points and frames that were chosen for the former one mean nothing here
             settings.box = settings.held_box = (0.0, 0.0, 0.0, 0.0)
             settings.use_frames = False
             settings.corrections.clear()
@@ -71,24 +71,24 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
         hidden = hide_default_cube(scene) if "CAMERA" in parts else ""
         if ask and kept and not bpy.app.background:
             bpy.ops.seeing_wind.match_scene("INVOKE_DEFAULT")
-        said = [f"{clip.name}: {clip.frame_duration} pictures of {clip.size[0]} x {clip.size[1]}", kept, hidden]
+        said = [f"{clip.name}: {clip.frame_duration} frames of {clip.size[0]} x {clip.size[1]}", kept, hidden]
         return "; ".join(each for each in said if each)
 
 
 class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
-    """Choose what of the scene is to be as the clip's, now and whenever results are loaded"""
+    """Choose which settings of the scene follow the clip, now and whenever results are loaded"""
 
     bl_idname = "seeing_wind.match_scene"
     bl_label = "Match Scene"
 
     parts: EnumProperty(
-        name="As the Clip's", items=PARTS, options={"ENUM_FLAG", "SKIP_SAVE"}, description="The rest stays as the scene has it"
+        name="Follows the Clip", items=PARTS, options={"ENUM_FLAG", "SKIP_SAVE"}, description="The other settings stay as they are"
     )
 
     def invoke(self, context, event):
         """Ask; what follows already is ticked."""
         self.parts = set(followed(context.scene))
-        return context.window_manager.invoke_props_dialog(self, title="What is to be as the clip's?", confirm_text="Match")
+        return context.window_manager.invoke_props_dialog(self, title="Which settings follow the clip?", confirm_text="Match")
 
     def draw(self, context):
         """One below the other: side by side their names are cut off."""
@@ -109,7 +109,7 @@ class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
             scene, self.parts, fps=fps, first=settings.frame_start, last=settings.frame_start + frames, size=tuple(clip.size), aspect=None,
             camera=camera,
         )  # fmt: skip
-        return left_alone(scene).capitalize() or "The scene is as the clip"
+        return left_alone(scene).capitalize() or "The scene follows the clip"
 
 
 def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip, parts: frozenset[str]) -> None:

@@ -33,12 +33,12 @@ def clip_options(settings: bpy.types.PropertyGroup, values: dict[str, Any]) -> t
     if not os.path.isfile(path):
         raise ClipError(f"There is no file {path}.", "Choose the clip again; it may have been moved.")
     clip, fps, frames = as_pattern(path), values["fps"], values["frames"]
-    if fps is None and clip != path:  # pictures carry no rate: they play at the scene's
+    if fps is None and clip != path:  # images carry no rate: they play at the scene's
         render = settings.id_data.render
         fps = single(render.fps / render.fps_base)
     if frames is not None and frames[1] <= frames[0]:
         first, last = frames
-        raise ClipError(f"The range of pictures {first} to {last} is empty.", "The last picture must come after the first.")
+        raise ClipError(f"The range of frames {first} to {last} is empty.", "The last frame must come after the first.")
     return clip, {"fps": fps, "frames": frames}, tuple(_view(view, number) for number, view in enumerate(settings.views, start=2))
 
 

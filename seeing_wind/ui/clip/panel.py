@@ -39,14 +39,14 @@ class ClipTab(Tab):
 
 
 def _draw_time(layout, settings) -> None:
-    """Which pictures, how fast, where in the scene."""
+    """Which frames, how fast, where in the scene."""
     first, last = settings.frames
-    title = f"Pictures {first} to {last}" if settings.use_frames else "Pictures and Time"
+    title = f"Frames {first} to {last}" if settings.use_frames else "Frames and Time"
     column = fold(layout, "time", title)
     if column is None:
         return
     column.prop(settings, "fps", text="FPS (1/s)" if settings.fps else "FPS (0: file's)")
-    draw_range(column, settings, "Pictures", "use_frames", "frames")
+    draw_range(column, settings, "Frames", "use_frames", "frames")
     if settings.use_frames:
         column.label(text=f"Scene frames {settings.frame_start} to {settings.frame_start + last - first}")
     column.prop(settings, "frame_start")

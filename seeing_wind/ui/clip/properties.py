@@ -38,7 +38,7 @@ class SEEING_WIND_PG_view(bpy.types.PropertyGroup):
 
     clip: file_path("Clip", "The other camera's video, in step with the first")
     camera: file_path("Camera File", "JSON of that camera: width height fx fy cx cy camera_to_world")
-    mask: file_path("Mask", "PNG of that view's first picture, non-zero where the object is")
+    mask: file_path("Mask", "PNG of that view's first frame, non-zero where the object is")
 
 
 def _focal_length(settings) -> float:
@@ -54,17 +54,17 @@ class ClipSettings:
 
     focal_length: FloatProperty(
         name="35 mm Equivalent (mm)", get=_focal_length, set=_set_focal_length, default=38.6, min=0.5, max=2000.0, precision=1, step=100,
-        description="The field of view as a focal length: of a lens that shows as much on a sensor 36 mm wide",
+        description="The field of view as the focal length of a lens that shows as much on a sensor 36 mm wide",
     )  # fmt: skip
     views: CollectionProperty(type=SEEING_WIND_PG_view)
     active_view: IntProperty(name="Active View", default=0, min=0)
     frame_start: IntProperty(
         name="First Frame", default=1,
-        description="Scene frame of the first picture used; takes effect at the next Recover or Reload. A clip that was in the file before "
+        description="Scene frame of the first clip frame; takes effect at the next Recover or Reload. A clip that was in the file before "
         "stays where it is in time",
     )  # fmt: skip
     follows: EnumProperty(
-        name="Follows the Clip", items=PARTS, options={"ENUM_FLAG", "HIDDEN"}, description="What of the scene is as the clip's"
+        name="Follows the Clip", items=PARTS, options={"ENUM_FLAG", "HIDDEN"}, description="Which settings of the scene follow the clip"
     )
     follows_decided: BoolProperty(options={"HIDDEN"})
 

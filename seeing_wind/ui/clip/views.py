@@ -16,7 +16,7 @@ class SEEING_WIND_OT_add_view(DirectOperator, bpy.types.Operator):
 
     clip: StringProperty(name="Clip", subtype="FILE_PATH", options=PATH, description="The other camera's video")
     camera: StringProperty(name="Camera File", subtype="FILE_PATH", options=PATH, description="JSON of that camera")
-    mask: StringProperty(name="Mask", subtype="FILE_PATH", options=PATH, description="PNG of that view's first picture")
+    mask: StringProperty(name="Mask", subtype="FILE_PATH", options=PATH, description="PNG of that view's first frame")
 
     def act(self, context):
         """Its files can be chosen afterwards."""

@@ -6,7 +6,7 @@ panel       the panel *Composite*
 light       the clip's sun and sky
 hdri        a panorama in their place
 catchers    what catches shadows: floor, wall, obstacles
-mattes      the object's outline as pictures, the card that holds out by them
+mattes      the object's outline as images, the card that holds out by them
 film/       the clip's grain, and how soft it is
 lens        where the clip's lens shows what is rendered
 overscan    a wider render where the lens draws in what is beyond the borders

@@ -1,6 +1,6 @@
 """The edit over the clip: camera background, holdout and shadow catcher, clean plate, light and compositor, in Blender 4.5 and 5.x.
 
-The picture is put together from two layers. Behind is the clip, or, where the clip's own object was simulated anew and must not be seen
+The image is put together from two layers. Behind is the clip, or, where the clip's own object was simulated anew and must not be seen
 twice, the moving plate: the clip with the clean plate over the object's outline. In front is the render with a transparent film, with the
 clip's grain. Where the object is still in the clip, a card at its distance with its outline cuts what flies behind it; floor, wall and
 obstacles catch shadows (Cycles only).
@@ -47,11 +47,11 @@ class Composite:
     """What was set up."""
 
     behind: str
-    """"clip", "plate" (a still picture), or "moving plate"."""
+    """"clip", "plate" (a still frame), or "moving plate"."""
     catchers: tuple[str, ...]
     """What catches shadows, in words."""
     held_out: str
-    """What cuts the edit where the object stands before it: "outline", "body", or "" where the object is not in the picture."""
+    """What cuts the edit where the object stands before it: "outline", "body", or "" where the object is not in the frame."""
     bent: bool
     """Whether the clip's lens bends straight lines, and with it what is rendered."""
     grain: float
@@ -226,7 +226,7 @@ def _soften(scene: bpy.types.Scene, take: Take | None, factor: float) -> float:
 
 
 def _depths(take: Take) -> np.ndarray | None:
-    """Distance of the object's middle along the camera's axis in every picture (T+1,) [m]; None without an object."""
+    """Distance of the object's middle along the camera's axis in every frame (T+1,) [m]; None without an object."""
     seen = read_seen(take, field_summary(take))
     if seen is None or seen.surface is None:
         return None

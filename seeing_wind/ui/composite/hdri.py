@@ -57,7 +57,7 @@ def _panorama(path: Path, written: str) -> bpy.types.Image:
         if image.name not in known:
             bpy.data.images.remove(image)
         if not all(size):
-            raise UsageError(f"{path} is no picture that Blender reads.", "Choose a panorama (.hdr or .exr), or clear HDRI.")
+            raise UsageError(f"{path} is no image that Blender reads.", "Choose a panorama (.hdr or .exr), or clear HDRI.")
         raise UsageError(
             f"{path} has no more range than a screen shows: its sun would be as dim as its clouds.", "Choose a panorama in .hdr or .exr."
         )

@@ -1,4 +1,4 @@
-"""The clip's lens as a picture: where in a render without distortion each pixel of the clip is found (an ST map)."""
+"""The clip's lens as an image: where in a render without distortion each pixel of the clip is found (an ST map)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ IMAGE, WIDE_IMAGE = "Seeing Wind Lens", "Seeing Wind Wide Lens"
 OUTSIDE = -1.0
 """Where the render shows nothing of what the clip does."""
 WIDEST = 1.6
-"""Of a render over the clip's picture: beyond it a lens is a fisheye, and its corners stay empty."""
+"""Of a render over the clip's frame: beyond it a lens is a fisheye, and its corners stay empty."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Lens:
     """The ST maps of a lens. Red and green count from 0 to 1, from the lower left corner to the upper right one."""
 
     image: bpy.types.Image
-    """Where in a picture without distortion, of the clip's own width, each pixel of the clip is found."""
+    """Where in a frame without distortion, of the clip's own width, each pixel of the clip is found."""
     wide: bpy.types.Image
     """The same in a render that is `wider`."""
     wider: float
@@ -39,7 +39,7 @@ def lens_of(take: Take, size: tuple[int, int]) -> Lens | None:
         size: width and height of the clip.
 
     Raises:
-        TakeError: when the camera is damaged, or the pictures cannot be written.
+        TakeError: when the camera is damaged, or the images cannot be written.
     """
     arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
     if "camera.width" not in arrays:

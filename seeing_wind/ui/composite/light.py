@@ -19,7 +19,7 @@ HAZY = 1.9
 RATIOS = (0.3, 4.0)
 """Of the two, as far as they are believed."""
 EDGE = 0.33
-"""Of the picture's height: what stands in its upper part lights from above, what stands in its lower part from below."""
+"""Of the frame's height: what stands in its upper part lights from above, what stands in its lower part from below."""
 TINT = (0.5, 1.5)
 """Channels of the sun's colour over their mean, at most."""
 SUN, SKY = "Seeing Wind Sun", "Seeing Wind Sky"
@@ -29,7 +29,7 @@ SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
 
 @dataclass(frozen=True)
 class Light:
-    """What lights a clip. Colours are linear; a white matt card lit by a sky of one colour alone has that colour in the picture."""
+    """What lights a clip. Colours are linear; a white matt card lit by a sky of one colour alone has that colour in the frame."""
 
     above: np.ndarray
     """(3,) of the sky."""
@@ -42,9 +42,9 @@ class Light:
 
 
 def light_of(picture: np.ndarray, ratio: float) -> Light:
-    """What lights a scene whose surroundings are seen in a picture (H, W, 3) uint8 sRGB.
+    """What lights a scene whose surroundings are seen in a frame (H, W, 3) uint8 sRGB.
 
-    The picture's upper and lower parts stand for the sky and ground that the camera does not see. The sun's colour is what the camera's
+    The frame's upper and lower parts stand for the sky and ground that the camera does not see. The sun's colour is what the camera's
     white balance leaves for it: both together light a white card white.
 
     Args:
@@ -115,7 +115,7 @@ def _ratio(bright: np.ndarray, facing: np.ndarray) -> float:
 
 
 def linear(picture: np.ndarray) -> np.ndarray:
-    """Linear values of a picture (...) uint8 sRGB."""
+    """Linear values of a frame (...) uint8 sRGB."""
     values = picture / 255.0
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 

@@ -1,4 +1,4 @@
-"""The object's outline in every picture of the clip, as mattes: what cuts the edit behind it, and where the clean plate covers it."""
+"""The object's outline in every frame of the clip, as mattes: what cuts the edit behind it, and where the clean plate covers it."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ FOLDER, IMAGE, CARD = "mattes", "Seeing Wind Mattes", "Seeing Wind Holdout"
 HELD_OUT, COVERED = "Red", "Green"
 """Channels of a matte: the outline, its edge a pixel soft; and the same wider, for the object's shadow rim and motion blur."""
 WIDER = 0.012
-"""Of the picture's longer side, by which the cover is wider than the outline."""
+"""Of the frame's longer side, by which the cover is wider than the outline."""
 
 
 @dataclass(frozen=True)
 class Mattes:
-    """The pictures on disk, and what the compositor needs to know of them."""
+    """The images on disk, and what the compositor needs to know of them."""
 
     image: bpy.types.Image
     pictures: int
@@ -62,7 +62,7 @@ def matte(mask: np.ndarray) -> np.ndarray:
     if not mask.any():
         return found
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    # only round the object: a large picture would take seconds
+    # only round the object: a large frame would take seconds
     part = tuple(slice(max(at[0] - wider - 3, 0), at[-1] + wider + 4) for at in (rows, columns))
     found[*part, 0], found[*part, 1] = softened(narrowed(mask[part]), 1), softened(widened(mask[part], wider), 2)
     return found
@@ -97,7 +97,7 @@ def softened(mask: np.ndarray, pixels: int) -> np.ndarray:
 
 
 def png(picture: np.ndarray) -> bytes:
-    """A picture (H, W, 3) uint8 as a PNG file."""
+    """An image (H, W, 3) uint8 as a PNG file."""
     height, width, _ = picture.shape
     rows = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1).tobytes()
 
@@ -136,11 +136,11 @@ def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:
 
 
 def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> bpy.types.Object | None:
-    """A card before the camera, as far away as the object in every picture, that holds out by the matte: it cuts what flies behind.
+    """A card before the camera, as far away as the object in every frame, that holds out by the matte: it cuts what flies behind.
 
     Args:
         mattes: None removes it.
-        depths: of the object along the camera's axis, one per picture [m].
+        depths: of the object along the camera's axis, one per frame [m].
     """
     card = scene.objects.get(CARD)
     if mattes is None:
@@ -167,7 +167,7 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
 
 
 def _shape(card: bpy.types.Object, scene: bpy.types.Scene) -> None:
-    """Twice as large as the picture, at a distance of one. Its UV map has the picture from 0 to 1, whatever camera renders it."""
+    """Twice as large as the frame, at a distance of one. Its UV map has the frame from 0 to 1, whatever camera renders it."""
     frame = np.array([(corner / -corner.z)[:2] for corner in scene.camera.data.view_frame(scene=scene)])
     low, high = frame.min(axis=0), frame.max(axis=0)
     corners = 0.5 * (low + high) + 2.0 * (frame - 0.5 * (low + high))

@@ -52,7 +52,7 @@ def build(
 
 
 def _behind(make: _Maker, clip: bpy.types.MovieClip, plate: bpy.types.Image | None, mattes: Mattes | None) -> tuple[Any, Any]:
-    """The picture behind the render, and where (None: nowhere) it is the plate."""
+    """The frame behind the render, and where (None: nowhere) it is the plate."""
     film = make.node("MovieClip")
     film.clip = clip
     shown = make.fitted(film.outputs["Image"])
@@ -72,7 +72,7 @@ def _behind(make: _Maker, clip: bpy.types.MovieClip, plate: bpy.types.Image | No
 
 
 def _grained(make: _Maker, picture: Any, strength: Any) -> Any:
-    """Noise of pixels and pictures on display values. The sum of two even ones is nearer to the bell of real grain than one."""
+    """Noise of pixels and frames on display values. The sum of two even ones is nearer to the bell of real grain than one."""
     place, time = make.node("ImageCoordinates"), make.node("SceneTime")
     make.link(picture, place.inputs[0])
     noise = None
@@ -131,7 +131,7 @@ class _Maker:
         return node.outputs["Vector"]
 
     def converted(self, picture: Any, source: str, target: str) -> Any:
-        """A picture in another colour space."""
+        """A frame in another colour space."""
         node = self.node("ConvertColorSpace")
         node.from_color_space, node.to_color_space = source, target
         self.link(picture, node.inputs[0])
@@ -148,7 +148,7 @@ class _Maker:
         return scale.outputs["Image"]
 
     def bent(self, picture: Any, wide: bool = False) -> Any:
-        """A picture without distortion, or a wider one, as the clip's lens shows it; transparent where it does not reach."""
+        """A frame without distortion, or a wider one, as the clip's lens shows it; transparent where it does not reach."""
         if self.lens is None:
             return picture
         places, mapped = self.node("Image"), self.node("MapUV")
@@ -158,7 +158,7 @@ class _Maker:
         return mapped.outputs["Image"]
 
     def over(self, behind: Any, front: Any, share: Any = 1.0) -> Any:
-        """One picture over another one, by its alpha and a factor."""
+        """One image over another one, by its alpha and a factor."""
         node = self.node("AlphaOver")
         old = "Background" not in node.inputs  # up to Blender 4.5
         factor, lower, upper = (node.inputs[key] for key in ((0, 1, 2) if old else ("Factor", "Background", "Foreground")))

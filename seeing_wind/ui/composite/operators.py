@@ -77,7 +77,7 @@ class SEEING_WIND_OT_render_composite(DirectOperator, bpy.types.Operator):
         name="To", subtype="FILE_PATH", options=PATH,
         description="MP4, or PNG for one frame; empty: `composite.mp4` beside the take",
     )  # fmt: skip
-    still: BoolProperty(name="This Frame Only", options={"SKIP_SAVE"}, description="A picture of the current frame instead of the video")
+    still: BoolProperty(name="This Frame Only", options={"SKIP_SAVE"}, description="An image of the current frame instead of the video")
 
     def act(self, context):
         """Sets the composite up first when it has not been."""

@@ -1,4 +1,4 @@
-"""A wider render than the clip's picture, where the clip's lens draws in what is beyond the borders of a picture without distortion.
+"""A wider render than the clip's frame, where the clip's lens draws in what is beyond the borders of a frame without distortion.
 
 The scene and its camera stay as they are: a second scene renders the first one, as its background set, through a camera of its own.
 """
@@ -18,7 +18,7 @@ def set_overscan(scene: bpy.types.Scene, wider: float) -> bpy.types.Scene:
     Its settings are those of now: set the composite up again after a change.
 
     Args:
-        wider: width and height of its picture over those of the clip's, 1 or more. It has as many pixels.
+        wider: width and height of its frame over those of the clip's, 1 or more. It has as many pixels.
     """
     found = next((each for each in bpy.data.scenes if MARK in each and each.background_set == scene), None)
     if wider <= 1.0:
@@ -54,7 +54,7 @@ def _camera(camera: bpy.types.Object, wider: float) -> bpy.types.Object:
     data.name = f"{camera.data.name} Overscan"
     for background in list(data.background_images):
         data.background_images.remove(background)
-    # its shift counts in widths of the picture
+    # its shift counts in widths of the frame
     data.sensor_width, data.sensor_height = data.sensor_width * wider, data.sensor_height * wider
     data.ortho_scale, data.shift_x, data.shift_y = data.ortho_scale * wider, data.shift_x / wider, data.shift_y / wider
     obj = bpy.data.objects.new(data.name, data)

@@ -5,7 +5,7 @@ operators     Apply to Field, Calibrate for Object, Export Field
 panel         the panel *Field*
 field_object  the object that is a Blender force field
 lattice       the field on a regular lattice, as the engine gave it
-conform       its pictures at the clip's own speed, whatever the scene's frame rate
+conform       its frames at the clip's own speed, whatever the scene's frame rate
 samples       the field's values for Geometry Nodes, and the group *Sample Wind*
 arrows        the arrows
 legend        the bar of colours beside them

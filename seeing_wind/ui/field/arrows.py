@@ -59,9 +59,9 @@ def create_arrows(
     Args:
         scene: its length unit is respected.
         points: (M, 3) where the arrows start [m, world], or (T, M, 3) for arrows that ride on something.
-        vectors: (T, M, 3) the field there; row t is shown from the scene frame of picture t on.
+        vectors: (T, M, 3) the field there; row t is shown from the scene frame of clip frame t on.
         confidence: (T, M) in 0..1; weakly known arrows are more transparent, hardly known ones hidden. None: all are sure.
-        frame_start: scene frame of picture 0.
+        frame_start: scene frame of clip frame 0.
         length: of an arrow at the peak [m]; by default so long that neighbours do not overlap.
         peak: strength drawn in red; by default nearly the largest.
         units: of the strength, for panel and legend.

@@ -1,8 +1,9 @@
-"""How fast a field's pictures go by: one in every frame of the scene, or at the clip's own speed whatever the scene's frame rate.
+"""How fast a field's clip frames go by: one in every frame of the scene, or at the clip's own speed whatever the scene's frame rate.
 
-A field, its values and its arrows count frames by their modifiers' inputs, so they are retimed without the take. Pictures that fall between
-two frames are right, too: a solver's step to a frame gets the force of the picture in the middle of that step. What moves in the scene is
-seen between two pictures; of the clip, its mattes and its camera each frame has the nearest picture, for these three must fit each other.
+A field, its values and its arrows count frames by their modifiers' inputs, so they are retimed without the take. Clip frames that fall
+between two scene frames are right, too: a solver's step to a frame gets the force of the clip frame in the middle of that step. What moves
+in the scene is seen between two clip frames; of the clip, its mattes and its camera each scene frame has the nearest clip frame, for these
+three must fit each other.
 """
 
 from __future__ import annotations
@@ -33,12 +34,12 @@ from .samples import samples_of
 
 
 def conform(scene: bpy.types.Scene, field: bpy.types.Object, real_time: bool) -> float:
-    """Let a field, and what the scene's own field belongs to, go by in real time or picture by picture.
+    """Let a field, and what the scene's own field belongs to, go by in real time or frame by frame.
 
     Baked bodies are baked again, in the same way.
 
     Returns:
-        Scene frames that a picture lasts.
+        Scene frames that a clip frame lasts.
 
     Raises:
         TakeError: when a re-simulation that was baked, or the take of a camera that moves, is gone.
@@ -68,7 +69,7 @@ def conform(scene: bpy.types.Scene, field: bpy.types.Object, real_time: bool) ->
 
 
 def set_stride(field: bpy.types.Object, stride: float) -> None:
-    """Scene frames per picture of a field object, its values and its arrows.
+    """Scene frames per clip frame of a field object, its values and its arrows.
 
     Raises:
         UsageError: when the field cannot be retimed.

@@ -32,18 +32,18 @@ NODES = "seeing_wind_nodes"
 """Custom property of a field object: nodes of its lattice along x, y and z."""
 
 STRIDE = "seeing_wind_stride"
-"""Custom property of a field object: scene frames that one of its pictures lasts; 1 unless it was conformed to the scene's frame rate."""
+"""Custom property of a field object: scene frames that a clip frame lasts; 1 unless it was conformed to the scene's frame rate."""
 
 
 SURE = "seeing_wind_sure"
-"""Custom property of the arrows: for each picture the greatest confidence of any, in 0..1."""
+"""Custom property of the arrows: for each frame the greatest confidence of any, in 0..1."""
 
 LOOP = "seeing_wind_loop"
-"""Custom property of a field object: whether its first picture follows its last; the user's."""
+"""Custom property of a field object: whether its first frame follows its last; the user's."""
 
 
 def said_of_unseen(arrows: Any, asked: float) -> str:
-    """Why arrows are drawn in few pictures or none; "" where they are in most.
+    """Why arrows are drawn in few frames or none; "" where they are in most.
 
     Args:
         asked: the confidence below which they are hidden.
@@ -53,7 +53,7 @@ def said_of_unseen(arrows: Any, asked: float) -> str:
     if 2 * shown >= len(sure):
         return ""
     why = f"the confidence is {max(sure):.2g} at most, and Confidence in the panel Field asks for more than {asked:.2g}"
-    return f"Arrows are drawn in {shown or 'none'} of {len(sure)} pictures: {why}"
+    return f"Arrows are drawn in {shown or 'none'} of {len(sure)} frames: {why}"
 
 
 def frames_per_second(scene: Any) -> float:
@@ -62,7 +62,7 @@ def frames_per_second(scene: Any) -> float:
 
 
 def stride_of(field: Any) -> float:
-    """Scene frames that a picture of a field lasts."""
+    """Scene frames that a clip frame of a field lasts."""
     return field[STRIDE]
 
 
@@ -71,17 +71,17 @@ def said_of_speed(field: Any, scene: Any) -> str:
     speed = frames_per_second(scene) / (stride_of(field) * field["seeing_wind_fps"])
     if abs(speed - 1.0) < 1e-3:
         return ""
-    rates = f"{field['seeing_wind_fps']:.4g} pictures and {frames_per_second(scene):.4g} scene frames a second"
+    rates = f"{field['seeing_wind_fps']:.4g} clip frames and {frames_per_second(scene):.4g} scene frames a second"
     return f"Goes by at {speed:.3g} times the speed of the clip ({rates})"
 
 
 def said_of_pace(stride: float) -> str:
-    """What becomes of a clip's pictures where each lasts `stride` frames of the scene; "" where that is one."""
+    """What becomes of a clip's frames where each lasts `stride` frames of the scene; "" where that is one."""
     if abs(stride - 1.0) < 1e-3:
         return ""
     if stride > 1.0:
-        return f"every frame shows the clip's nearest picture: in {100.0 * (1.0 - 1.0 / stride):.2g} of 100 that of the frame before again"
-    return f"every frame shows the clip's nearest picture: {100.0 * (1.0 - stride):.2g} of 100 pictures are left out"
+        return f"every scene frame shows the nearest clip frame: {100.0 * (1.0 - 1.0 / stride):.2g} in 100 repeat the one before"
+    return f"every scene frame shows the nearest clip frame: {100.0 * (1.0 - stride):.2g} in 100 clip frames are left out"
 
 
 def said_of_mirror(field: Any) -> str:
@@ -159,7 +159,7 @@ def field_at_hand(context: Any) -> Any:
 def out_of_time(scene: Any) -> list[Any]:
     """Calibrations that were made for a field that was felt otherwise, or rigid bodies' for another frame rate than the scene has now.
 
-    The other solvers count a field per frame, and a picture is a frame whatever the rate.
+    The other solvers count a field per frame, and a clip frame is a frame whatever the rate.
     """
     fps = frames_per_second(scene)
     listed = (each for each in scene.seeing_wind.calibrations if each.object is not None and each.field is not None)

@@ -1,6 +1,6 @@
 """The recovered force field as one native Blender force field object.
 
-Its force field is of the type *Texture*: a texture that holds the whole lattice of all pictures, see `texture`. So a solver finds the
+Its force field is of the type *Texture*: a texture that holds the whole lattice of all frames, see `texture`. So a solver finds the
 force at a place by one look-up, however many nodes the lattice has. A field with a wind carries its velocity instead and pushes faces
 (*Wind Factor*), unless solvers are to feel the force; what moves in it is slowed by a companion, see `solvers.in_wind`.
 
@@ -31,8 +31,8 @@ from .texture.reach import FADE, reach_of
 from .texture.tree import make_texture, remove_texture
 
 SOLVER_DELAY = 1
-"""Blender's solvers step *to* a frame with the effectors as they are *at* that frame, and the recovered force is held from picture t to
-picture t + 1: so the force of interval t must stand at the scene frame of picture t + 1."""
+"""Blender's solvers step *to* a frame with the effectors as they are *at* that frame, and the recovered force is held from clip frame t to
+clip frame t + 1: so the force of interval t must stand at the scene frame of clip frame t + 1."""
 
 FRAMES, AGAIN = "Frames", "Turned"
 """In the name of the modifier that lets solvers wait for the texture."""
@@ -58,16 +58,16 @@ def create_field_object(
 
     Args:
         scene: its length unit is respected.
-        sampled: the field [m, N/m³]; row t acts from picture t to picture t + 1.
-        fps: frames per second of the clip; one scene frame is one picture.
+        sampled: the field [m, N/m³]; row t acts from frame t to frame t + 1.
+        fps: frames per second of the clip; one scene frame is one clip frame.
         density: of the recovered material [kg/m³], the default of a calibration.
-        frame_start: scene frame of picture 0.
+        frame_start: scene frame of clip frame 0.
         reach: what becomes of it beside the box, see `texture.reach`.
         take: folder of the take, kept on the object.
         kind: WIND lets solvers feel the wind of a field that has one, FORCE the force.
         speeds: of that wind, its mean and its strongest gust [m/s].
         drag: pressure on a plate across it over the square of the speed [kg/m³].
-        loops: its first picture follows its last, else the last one stays.
+        loops: its first frame follows its last, else the last one stays.
         collection: where to link it, by default the scene's own collection.
 
     Returns:

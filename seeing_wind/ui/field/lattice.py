@@ -71,7 +71,7 @@ def differences(found: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class SampledField:
-    """A force density on a lattice, held from each picture to the next."""
+    """A force density on a lattice, held from each frame to the next."""
 
     points: np.ndarray
     """(L, 3) the lattice's nodes, z fastest, any unit of length."""

@@ -122,12 +122,12 @@ def points_of_current_frame(
         delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before; else 0.
         field: the field object that says whether it goes round; None: it does not.
     """
-    first = group.parameter("First Frame", "Int", frame_start, "Scene frame of the clip's first picture")
+    first = group.parameter("First Frame", "Int", frame_start, "Scene frame of the clip's first frame")
     now = group.node("GeometryNodeInputSceneTime").outputs["Frame"]
-    lasts = group.parameter(FRAMES_PER_PICTURE, "Float", 1.0, "Scene frames that a picture of the clip lasts", minimum=1e-3)
+    lasts = group.parameter(FRAMES_PER_PICTURE, "Float", 1.0, "Scene frames that a clip frame lasts", minimum=1e-3)
     if delay:
         now = group.math("SUBTRACT", group.math("CEIL", now), 0.5 * delay)
-    # a ten-thousandth of a picture keeps rounding from falling back to the one before
+    # a ten-thousandth of a frame keeps rounding from falling back to the one before
     frame = group.math("FLOOR", group.math("ADD", group.math("DIVIDE", group.math("SUBTRACT", now, first), lasts), 1e-4))
     if field is not None:
         rounds = group.math("FLOOR", group.math("DIVIDE", group.math("ADD", frame, 0.5), float(frames)))

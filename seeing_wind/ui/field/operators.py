@@ -159,7 +159,7 @@ class SEEING_WIND_OT_calibrate(DirectOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
-    """Calibrate all objects anew that were calibrated for another frame rate or kind of field: solvers count the wind per frame"""
+    """Calibrate again every object that was calibrated for another frame rate or kind of field: solvers count the wind per frame"""
 
     bl_idname = "seeing_wind.calibrate_again"
     bl_label = "Calibrate Again"
@@ -180,7 +180,7 @@ class SEEING_WIND_OT_calibrate_again(DirectOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
-    """Let field, object, clip and what was baked go by at the clip's own speed, whatever the frame rate; or a picture in every frame"""
+    """Play field, object, clip and bakes at the clip's own speed, whatever the frame rate; or one clip frame per scene frame"""
 
     bl_idname = "seeing_wind.conform"
     bl_label = "Conform to Frame Rate"
@@ -188,7 +188,7 @@ class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
     field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
     real_time: BoolProperty(
         name="Real Time", default=True, options={"SKIP_SAVE"},
-        description="A second of the clip is a second of the scene; otherwise one picture is one frame",
+        description="A second of the clip is a second of the scene; otherwise one clip frame is one scene frame",
     )  # fmt: skip
 
     def act(self, context):
@@ -202,7 +202,7 @@ class SEEING_WIND_OT_conform(DirectOperator, bpy.types.Operator):
         for entry in entries:
             entry.said = "; ".join(calibrate_object(scene, entry.object, field, **matter_of(entry)))
             entry.wind, entry.fps = is_wind(field), frames_per_second(scene)
-        said = [f"{field.name}: a picture lasts {stride:.4g} frames"]
+        said = [f"{field.name}: a clip frame lasts {stride:.4g} scene frames"]
         if field == scene.seeing_wind.field_object and scene.seeing_wind.camera_object is not None:
             said += [said_of_pace(stride), said_of_own_camera(scene)]
         return "; ".join(each for each in said if each)

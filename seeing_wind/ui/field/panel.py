@@ -64,7 +64,7 @@ class FieldTab(Tab):
         if said_of_override(field):
             layout.operator("seeing_wind.turn_override", icon="ORIENTATION_LOCAL")
         if stride_of(field) != 1.0:
-            layout.operator("seeing_wind.conform", text="A Picture a Frame", icon="RENDER_ANIMATION").real_time = False
+            layout.operator("seeing_wind.conform", text="One Clip Frame per Scene Frame", icon="RENDER_ANIMATION").real_time = False
         if LOOP in field:
             layout.prop(field, f'["{LOOP}"]', text="Loop")
         self._felt(context, layout, settings, field)
@@ -87,6 +87,8 @@ class FieldTab(Tab):
             said = f"The frame rate, or what solvers feel, has changed since {names} was calibrated: the wind is felt wrongly"
             draw_text(box, context, said, "ERROR")
             box.operator("seeing_wind.calibrate_again", icon="FILE_REFRESH")
+        if sum(has_wind(each) for each in context.scene.objects if each.get("seeing_wind_take")) > 1:
+            column.operator("seeing_wind.join", icon="LINKED")
         column.operator_menu_enum("seeing_wind.export_field", "format", text="Export Field", icon="EXPORT")
 
     def _felt(self, context, layout, settings, field):

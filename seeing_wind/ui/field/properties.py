@@ -49,10 +49,11 @@ class FieldSettings:
     field_reach: choice("Beside the Box", "What becomes of the wind beside the box in which it was recovered", [
         ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
         ("HOLD", "Hold", "As strong as at the box's nearest place, however far away"),
-        ("CONTINUE", "Continue", "Weaker with distance, and never nothing"),
+        ("CONTINUE", "Continue", "Weaker with distance, but never zero"),
     ])  # fmt: skip
     real_time: BoolProperty(
-        options={"HIDDEN"}, description="The clip's motion goes by at its own speed, whatever the frame rate; else a picture a frame"
+        options={"HIDDEN"},
+        description="The clip's motion goes by at its own speed, whatever the frame rate; otherwise one clip frame per scene frame",
     )
     calibrations: CollectionProperty(type=SEEING_WIND_PG_calibration, options={"HIDDEN"})
 

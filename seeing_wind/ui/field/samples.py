@@ -31,7 +31,7 @@ def create_samples(field: bpy.types.Object, sampled: SampledField, frame_start: 
     Args:
         sampled: in the field object's own coordinates [scene units, N/m³ over the scene's unit, so that force / density is in scene units
             per square second].
-        frame_start: scene frame of picture 0.
+        frame_start: scene frame of clip frame 0.
         delay: scene frames by which the values are late; that of the solvers.
     """
     forces, counts = sampled.force, sampled.counts

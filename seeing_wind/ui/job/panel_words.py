@@ -19,7 +19,7 @@ LABELS = {
 
 
 def in_scene_frames(text: str, frame_of: Callable[[int], int]) -> str:
-    """The text with each frame of the clip, counted from the first picture that is used, called by its frame in the scene."""
+    """The text with each frame of the clip, counted from the first clip frame that is used, called by its frame in the scene."""
     return FRAME.sub(lambda found: f"frame {frame_of(int(found[1]))}", text)
 
 

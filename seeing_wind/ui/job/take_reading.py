@@ -30,7 +30,7 @@ class FieldSummary:
     clip: str
     """Path of the video; "" for a field from trajectories."""
     first_frame: int
-    """Index in the video of picture 0."""
+    """Index in the video of frame 0."""
 
 
 def recovery_notes(take: Take) -> list[str]:
@@ -84,7 +84,7 @@ class Seen:
     picture: np.ndarray
     """(H, W, 3) uint8 RGB."""
     outline: np.ndarray | None
-    """(H, W) bool of the object in that picture; None for a take without outlines."""
+    """(H, W) bool of the object in that frame; None for a take without outlines."""
     surface: Surface | None
     motion: np.ndarray
     """(T+1, V, 3) of the surface's vertices [m]."""
@@ -111,11 +111,11 @@ def trajectory(take: Take, field: FieldSummary) -> np.ndarray:
     """Particles (T+1, N, 3) [m] of a take.
 
     Raises:
-        TakeError: when they are missing, not finite, or of another number of pictures than the field.
+        TakeError: when they are missing, not finite, or of another number of frames than the field.
     """
     x = take.read_arrays("trajectory.npz").get("x")
     if x is None or x.ndim != 3 or x.shape[::2] != (field.frames + 1, 3) or not np.isfinite(x).all():
-        raise TakeError(f"{take.file('trajectory.npz')} is no motion over {field.frames + 1} pictures.", "Run Recover again.")
+        raise TakeError(f"{take.file('trajectory.npz')} is no motion over {field.frames + 1} frames.", "Run Recover again.")
     return x
 
 
@@ -128,7 +128,7 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
     arrays = take.read_arrays("observation.npz")
     camera, picture = from_arrays(Camera, arrays, "camera."), arrays.get("image")
     if picture is None or picture.ndim != 3 or not np.isfinite(camera.camera_to_world).all():
-        raise TakeError(f"{take.file('observation.npz')} lacks its picture or a camera.", "Run Recover again.")
+        raise TakeError(f"{take.file('observation.npz')} lacks its first frame or a camera.", "Run Recover again.")
     outline = next(iter(from_arrays(Masks, arrays, "masks.")), None) if "masks.windows" in arrays else None
     if not take.file("particles.npz").is_file():
         return Seen(camera, picture, outline, None, np.empty((0, 0, 3)))

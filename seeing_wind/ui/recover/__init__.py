@@ -1,7 +1,7 @@
 """Step 3, Recover: what the engine is asked, and what comes back as objects of the scene.
 
 properties      its settings, and what the scene notes of its results
-operators       Recover, Reload, Open Report
+operators       Recover, Reload, One Wind for All, Open Report
 panel           the panel *Recover*
 request         one snapshot of a scene: options, digest, and the files made from the scene
 sampling        the field of a take at the places that the scene needs; asked of the engine

@@ -63,7 +63,7 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> bool:
 
 
 def _give_corrections(settings: bpy.types.PropertyGroup, points: list[float]) -> None:
-    """The points that correct the outline, from the engine's flat list of picture, x, y and whether it is on the object."""
+    """The points that correct the outline, from the engine's flat list of frame, x, y and whether it is on the object."""
     settings.corrections.clear()
     for picture, x, y, on in zip(*(points[start::4] for start in range(4)), strict=True):
         point = settings.corrections.add()

@@ -113,8 +113,54 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         return f"Loaded {self.folder.name}"
 
 
+class SEEING_WIND_OT_join(JobOperator, bpy.types.Operator):
+    """Find one wind for several objects of the clip, each recovered into a take of its own, and leave it in all of their takes"""
+
+    bl_idname = "seeing_wind.join"
+    bl_label = "One Wind for All"
+    bl_options = {"UNDO"}
+    step = "recover"
+
+    take: StringProperty(
+        name="Other Take", subtype="DIR_PATH", options=PATH | {"SKIP_SAVE"},
+        description="Results of another object of the clip; empty: those of all recovered winds in the scene",
+    )  # fmt: skip
+
+    def start(self, scene):
+        """The scene's own take comes first; its wind is shown again."""
+        settings = scene.seeing_wind
+        if not settings.recovered_take:
+            raise UsageError(takes.NO_FIELD, "Run Recover first, or load the results of a take.")
+        self.folder = takes.shown(settings)
+        named = [self.take] if self.take else [obj["seeing_wind_take"] for obj in scene.objects if obj.get("seeing_wind_take")]
+        self.folders = list(dict.fromkeys(each.resolve() for each in (self.folder, *(Path(absolute(name)) for name in named))))
+        if len(self.folders) < 2:
+            raise UsageError("The scene shows the wind of one object only.", "Recover another object of the clip, or choose its take.")
+        return self._messages(engine_python())
+
+    def _messages(self, python: str) -> "worker.Messages":
+        from .sampling import sampling  # needs NumPy
+
+        call = command(python, "join", *map(str, self.folders))
+        last = yield from worker.run(call, cwd=str(ROOT), env=environment())
+        if last["outcome"] == "done":
+            last = yield from sampling(python, self.folder)
+        return last
+
+    def finish(self, scene, result):
+        """The field that the scene shows is that of all, which reaches over all of them."""
+        from . import results  # needs NumPy
+
+        results.build(scene, self.folder)
+        field, now = scene.seeing_wind.field_object, status.of(scene.session_uid)
+        others = [obj.name for obj in scene.objects if obj.get("seeing_wind_take") and obj != field]
+        if others:
+            now.warnings.insert(0, f"{field.name} is the wind of all objects: delete {', '.join(others)}, or solvers feel it twice")
+        return f"One wind for {', '.join(each.stem for each in self.folders)}"
+
+
 class SEEING_WIND_OT_open_report(bpy.types.Operator):
-    """Open what the recovery says of itself"""
+    """Open the recovery's report, its video or its folder"""
 
     bl_idname = "seeing_wind.open_report"
     bl_label = "Open Report"
@@ -140,4 +186,4 @@ class SEEING_WIND_OT_open_report(bpy.types.Operator):
         return {"FINISHED"} if bpy.app.background else bpy.ops.wm.path_open(filepath=str(path))
 
 
-CLASSES = (SEEING_WIND_OT_recover, SEEING_WIND_OT_build_scene, SEEING_WIND_OT_open_report)
+CLASSES = (SEEING_WIND_OT_recover, SEEING_WIND_OT_build_scene, SEEING_WIND_OT_join, SEEING_WIND_OT_open_report)

@@ -50,7 +50,7 @@ class RecoverResults:
     recovered_take: StringProperty(options={"HIDDEN"}, description="The take that the scene shows")
     recovered_stamp: StringProperty(options={"HIDDEN"}, description="Of its field: tells when another one has taken its place")
     field_verdict: StringProperty(
-        options={"HIDDEN"}, description="What the recovery says of its field: a force or a wind, how strong, and why"
+        options={"HIDDEN"}, description="What the recovery says about its field: a force or a wind, how strong, and why"
     )
     answers_gravity: BoolProperty(
         options={"HIDDEN"}, description="The field is what holds up an object of which nothing was marked as held, not a wind"

@@ -211,7 +211,7 @@ def _clip(settings: bpy.types.PropertyGroup, field: FieldSummary) -> str:
 
 
 def _is_same(candidate: Path, named: Path) -> bool:
-    """Whether a clip that is there has the name of another one: a sequence that of its pattern, whichever picture stands for it."""
+    """Whether a clip that is there has the name of another one: a sequence that of its pattern, whichever frame stands for it."""
     return Path(as_pattern(str(candidate))).name == named.name and Path(opened_by(str(candidate))).is_file()
 
 

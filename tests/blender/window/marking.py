@@ -12,7 +12,7 @@ from seeing_wind.ui.clip.inputs.clips import loaded_clip, scene_frame
 
 BOX = (20.0, 16.0, 52.0, 48.0)
 POINT, LATER = (12.0, 40.0), 3
-"""A place in the picture with that index."""
+"""A place in the frame with that index."""
 
 
 def check(condition: bool, what: str) -> None:
@@ -91,7 +91,7 @@ def escape(area: bpy.types.Area) -> Iterator[float]:
 
 
 def correct(area: bpy.types.Area) -> Iterator[float]:
-    """Click a point on the object in a later picture; beside the picture and in another area nothing is marked."""
+    """Click a point on the object in a later frame; beside the frame and in another area nothing is marked."""
     scene = bpy.context.scene
     points = scene.seeing_wind.corrections
     points.clear()
@@ -111,12 +111,12 @@ def correct(area: bpy.types.Area) -> Iterator[float]:
         yield from click(places.mean(axis=0))
         found = points[-1]
         check(np.abs(np.array(found.place) - POINT).max() <= pixel + 0.1, f"it is at {np.round(found.place, 1).tolist()} for {POINT}")
-        check((found.picture, found.beside) == (LATER, beside) and not window().modal_operators, "in the picture that is shown")
+        check((found.picture, found.beside) == (LATER, beside) and not window().modal_operators, "in the frame that is shown")
     begin(False)
     yield 1.0
     (low, _), _ = on_screen(area, (0.0, 0.0, 63.0, 63.0))
     yield from click(low - 8.0)
-    check(len(points) == 2 and not window().modal_operators, "a click beside the picture marks nothing")
+    check(len(points) == 2 and not window().modal_operators, "a click beside the frame marks nothing")
     begin(False)
     yield 1.0
     other = next(each for each in window().screen.areas if each.type == "OUTLINER")

@@ -66,6 +66,7 @@ def test_confidence_follows_coverage_and_noise(tumbling):
     assert (field.sample(recovery.x[5] + [0, 0.3, 0], 5)[1] < 0.1).all()
 
 
+@pytest.mark.slow
 def test_kplanes_keep_the_field_too(tumbling, monkeypatch):
     recovery, particles = tumbling
     monkeypatch.setattr(distillation, "ITERATIONS", 300)  # they need fewer

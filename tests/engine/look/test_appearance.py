@@ -27,7 +27,7 @@ CAMERA = Camera(64, 48, 110.0, 110.0, 31.5, 23.5, front_view(2.0))
 WALL = 90
 FRONT, SIDE = np.array([0.8, 0.3, 0.2]), np.array([0.2, 0.4, 0.9])
 TURN = np.radians([0.0, 14.0, 28.0, 42.0, 56.0])
-"""Of the box in five pictures, about the vertical, its right side coming into view."""
+"""Of the box in five frames, about the vertical, its right side coming into view."""
 
 
 def box() -> Surface:
@@ -55,7 +55,7 @@ def motion(turns: np.ndarray = TURN) -> Recovery:
 
 
 def filmed(found: Recovery, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pictures (T+1, H, W, 3) and masks of the box before a grey wall: front and right side of one colour each, times `light` (T+1,)."""
+    """Frames (T+1, H, W, 3) and masks of the box before a grey wall: front and right side of one colour each, times `light` (T+1,)."""
     surface, whole = box(), np.ones((CAMERA.height, CAMERA.width), bool)
     pictures = np.full((len(found.x), CAMERA.height, CAMERA.width, 3), float(WALL))
     masks = np.zeros(pictures.shape[:3], bool)
@@ -112,7 +112,7 @@ def test_the_surface_in_a_pixel_is_the_nearest_one() -> None:
     assert seen.right == pytest.approx(np.tile([pixel, 0.0, 0.0], (len(at), 1))) and seen.down[:, 2] == pytest.approx(-pixel)
     moved = surface.vertices + [0.1, 0.3, 0.0]
     again = seen_surface(moved, surface.triangles, CAMERA, 0, surface.vertices, mask)
-    assert CAMERA.project(again.place + [0.1, 0.3, 0.0])[0] == pytest.approx(again.pixel, abs=1e-9), "places are those of picture 0"
+    assert CAMERA.project(again.place + [0.1, 0.3, 0.0])[0] == pytest.approx(again.pixel, abs=1e-9), "places are those of frame 0"
     behind = seen_surface(surface.vertices - [0.0, 4.0, 0.0], surface.triangles, CAMERA, 0, surface.vertices, mask)
     assert len(behind.pixel) == 0
 
@@ -194,4 +194,4 @@ def test_gaussians_without_particles_can_be_drawn_as_contributions() -> None:
     identity = np.tile(np.eye(3), (len(gaussians.x), 1, 1))
     far = dataclasses.replace(CAMERA, camera_to_world=front_view(2.0) + np.array([[0, 0, 0, 50.0], *np.zeros((3, 4))]))
     weights, passed = contributions(alone, far, gaussians.x, identity)
-    assert weights.nnz == 0 and (passed == 1.0).all(), "out of the picture"
+    assert weights.nnz == 0 and (passed == 1.0).all(), "out of the frame"

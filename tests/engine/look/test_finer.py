@@ -1,4 +1,4 @@
-"""Finer Gaussians: only where a picture shows them wide, on the surface that the motion carries, and sharper for it."""
+"""Finer Gaussians: only where a frame shows them wide, on the surface that the motion carries, and sharper for it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_halves_lie_where_the_whole_was_too_wide() -> None:
     both = finer(dataclasses.replace(whole, scale=whole.scale * [3.0, 4.0, 1.0]), lattice(), CAMERA, pictures)
     assert len(both.x) == 4 * len(whole.x) and both.x[:, 1] == pytest.approx(np.full(len(both.x), whole.x[0, 1])), "in the surface"
     grown = [*pictures, (1, found.x[1], 3.0 * found.F[1])]
-    assert len(finer(whole, lattice(), CAMERA, grown).x) == 4 * len(whole.x), "another picture shows them wide"
+    assert len(finer(whole, lattice(), CAMERA, grown).x) == 4 * len(whole.x), "another frame shows them wide"
 
 
 def test_sets_that_more_and_fewer_particles_carry_are_joined() -> None:
@@ -51,7 +51,7 @@ def test_coarse_gaussians_come_to_show_fine_texture() -> None:
     coarse = Gaussians(**every, scale=3.0 * body.gaussians.scale[third], attachment=attach(every["x"], lattice()))
     fitted = fit_appearance(dataclasses.replace(body, gaussians=coarse), found, footage(pictures, masks))
     error = off(pictures[1], drawn(body, fitted, found, 1), masks[1])
-    assert error < 25.0, "without halves it is 31; a picture without stripes is off by 60"
+    assert error < 25.0, "without halves it is 31; a frame without stripes is off by 60"
 
 
 def _ranks(points: np.ndarray) -> np.ndarray:

@@ -9,9 +9,9 @@ import pytest
 from scipy.optimize import least_squares
 
 from seeing_wind.engine.errors import MaterialError
-from seeing_wind.engine.materials import LOSS_FREQUENCY, MATERIALS, adjusted
+from seeing_wind.engine.materials import LIMITS, LOSS_FREQUENCY, MATERIALS, adjusted
 from seeing_wind.engine.mpm import State, model_for, rollout
-from seeing_wind.engine.mpm.damping import VISCOUS_COURANT, longest_retardation, retardation_of, substeps_for, with_retardation
+from seeing_wind.engine.mpm.damping import longest_retardation, retardation_of, substeps_for, with_retardation
 from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import RUBBER, block
 from tests.engine.mpm.test_physics import bar
@@ -137,7 +137,7 @@ def test_substeps_for_are_the_fewest_that_carry_it():
     for retardation in (2e-3, 5e-3):
         enough = replace(model, substeps=substeps_for(model, retardation))
         assert longest_retardation(replace(enough, substeps=enough.substeps - 1)) < retardation <= longest_retardation(enough)
-    assert substeps_for(model, 0.0) == model.substeps and VISCOUS_COURANT < 0.95
+    assert substeps_for(model, 0.0) == model.substeps and LIMITS.viscous_courant < 0.95
 
 
 def test_a_held_body_is_damped_as_far_as_its_substeps_carry_and_is_told_what_is_cut():

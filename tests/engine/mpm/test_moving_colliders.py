@@ -81,7 +81,7 @@ def test_a_table_that_is_drawn_away_takes_things_along_by_friction(friction):
     np.testing.assert_allclose(path.v[:, :, 0].mean(axis=1), expected, atol=0.08)
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("friction", [0.4, *(pytest.param(one, marks=pytest.mark.slow) for one in (0.0, 1.0))])
 def test_it_is_the_same_who_moves(friction):
     """A body that slides on a table that stands, and a table that is drawn away below one that stands."""
     frames, big = 8, (2.0, 0.4, 0.1)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
-from seeing_wind.engine.materials import MAX_SUBSTEPS, MAX_SUBSTEPS_HELD
+from seeing_wind.engine.materials import LIMITS
 from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.tangent import Changes, tangents
 from seeing_wind.engine.progress import NoProgress
@@ -140,17 +140,17 @@ def test_a_held_body_keeps_a_stiffness_that_a_free_one_loses():
     # Twice the substeps that a free body may take: the force that bends a held one is in proportion to its stiffness.
     free = block()
     pinned = free.x[:, 2] < free.x[:, 2].min() + 1.5 * free.spacing
-    modulus = RUBBER.youngs_modulus * (1.9 * MAX_SUBSTEPS / model_for(free, RUBBER, 30.0)[0].substeps) ** 2
+    modulus = RUBBER.youngs_modulus * (1.9 * LIMITS.max_substeps / model_for(free, RUBBER, 30.0)[0].substeps) ** 2
     stiff = replace(RUBBER, youngs_modulus=modulus)
     softened, _ = model_for(free, stiff, 30.0)
     held, notes = model_for(replace(free, pinned=pinned), stiff, 30.0)
     assert softened.mu[0] < 0.3 * held.mu[0]
     assert held.mu[0] == pytest.approx(modulus / 2.6) and not notes
     capped, notes = model_for(replace(free, pinned=pinned), replace(stiff, youngs_modulus=9.0 * modulus), 30.0)
-    assert capped.substeps == MAX_SUBSTEPS_HELD and any("in proportion" in note for note in notes)
+    assert capped.substeps == LIMITS.max_substeps_held and any("in proportion" in note for note in notes)
     # Where a hundredth of it would be left, they are spared.
     spared, notes = model_for(replace(free, pinned=pinned), replace(stiff, youngs_modulus=100.0 * modulus), 30.0)
-    assert spared.substeps == MAX_SUBSTEPS and any("in proportion" in note for note in notes)
+    assert spared.substeps == LIMITS.max_substeps and any("in proportion" in note for note in notes)
 
 
 def test_unknown_law_names_the_others():

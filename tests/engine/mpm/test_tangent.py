@@ -73,7 +73,7 @@ def test_agrees_with_differences_of_simulations(law, pinned_below, count):
     assert largest_error(model, start, basis, coefficients(rng, 4, 3.0), change) < 0.03
 
 
-@pytest.mark.parametrize("law", ["corotated", "neo_hookean"])
+@pytest.mark.parametrize("law", ["corotated", pytest.param("neo_hookean", marks=pytest.mark.slow)])
 def test_agrees_with_differences_where_the_body_is_damped(law):
     """Its damping changes the changes by far more than the bar."""
     rng, retardation = np.random.default_rng(1), 5e-3
@@ -139,7 +139,7 @@ def test_a_force_that_acts_late_is_the_same_beside_a_start_that_changes():
     assert beside[1, 1:].any()
 
 
-@pytest.mark.parametrize("law", ["von_mises", "viscoplastic"])
+@pytest.mark.parametrize("law", ["von_mises", pytest.param("viscoplastic", marks=pytest.mark.slow)])
 def test_agrees_with_differences_of_a_body_that_flows(law):
     """A body that is bent for good: exactly, to single precision."""
     rng = np.random.default_rng(1)

@@ -25,10 +25,10 @@ class Killed(BaseException):
 def in_pieces(
     clip: Path, settings: ObserveSettings, folder: Path, every: int, follower: type[Follower] = MaskFollower
 ) -> tuple[Observation, int, int]:
-    """The observation of `clip`, killed after every so many pictures in which the object was followed.
+    """The observation of `clip`, killed after every so many frames in which the object was followed.
 
     Returns:
-        the observation, how often it was killed, and in how many pictures the object was followed in all.
+        the observation, how often it was killed, and in how many frames the object was followed in all.
     """
     advance, pictures, kills, since = follower.advance, 0, 0, 0
 

@@ -23,7 +23,7 @@ class Scene:
     angles: np.ndarray
 
     def moved(self, points: np.ndarray, t: int) -> np.ndarray:
-        """Where points (K, 2) of the body in picture 0 are in picture t."""
+        """Where points (K, 2) of the body in frame 0 are in frame t."""
         angle = self.angles[t] - self.angles[0]
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         return (points - self.centers[0]) @ turn.T + self.centers[t]

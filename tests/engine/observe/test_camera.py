@@ -27,7 +27,7 @@ def test_front_view_puts_the_origin_in_the_middle() -> None:
     scale = camera.fx / 3.0
     assert np.allclose(xy[1] - xy[0], [0.1 * scale, 0.0]), "world X is right"
     assert np.allclose(xy[2] - xy[0], [0.0, -0.1 * scale]), "world Z is up"
-    # The picture's half width is seen under half the angle.
+    # The frame's half width is seen under half the angle.
     assert camera.fx == pytest.approx(320.0 / np.tan(np.radians(30.0)))
 
 
@@ -98,7 +98,7 @@ def test_a_resized_camera_shows_the_same_places(tmp_path: Path) -> None:
     point = np.array([[0.3, 0.1, -0.2]])
     xy, small = camera.project(point)[0], resized(camera, 240, 160)
     assert (small.width, small.height) == (160, 240)
-    # A quarter of the way into the picture stays a quarter, counted from the outer edge of its first pixel.
+    # A quarter of the way into the frame stays a quarter, counted from the outer edge of its first pixel.
     assert np.allclose((small.project(point)[0] + 0.5) / [160, 240], (xy + 0.5) / [640, 480])
 
 

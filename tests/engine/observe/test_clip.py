@@ -97,12 +97,12 @@ def test_a_list_of_files_is_no_video(disc: Scene, tmp_path: Path) -> None:
 
 def test_one_picture(disc: Scene, tmp_path: Path) -> None:
     write_video(tmp_path / "one.avi", [disc.frames[0]], 25.0)
-    with pytest.raises(ClipError, match="one picture"):
+    with pytest.raises(ClipError, match="one frame"):
         read_clip(tmp_path / "one.avi")
 
 
 def test_empty_folder_and_mixed_sizes(disc: Scene, tmp_path: Path) -> None:
-    with pytest.raises(ClipError, match="No pictures"):
+    with pytest.raises(ClipError, match="No images"):
         read_clip(tmp_path, fps=25.0)
     cv2.imwrite(str(tmp_path / "0.png"), disc.frames[0])
     cv2.imwrite(str(tmp_path / "1.png"), disc.frames[0][:50])
@@ -117,7 +117,7 @@ def test_rate_must_be_positive(disc: Scene, fps: float) -> None:
 
 
 def mp4(path: Path) -> bytearray:
-    """An MP4 of ten pictures at 25 per second, whose upper left corner is bright."""
+    """An MP4 of ten frames at 25 per second, whose upper left corner is bright."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (64, 48))
     for t in range(10):
         picture = np.full((48, 64, 3), 40 + 5 * t, np.uint8)
@@ -166,7 +166,7 @@ def test_a_variable_frame_rate_is_told_and_its_mean_taken(tmp_path: Path) -> Non
     place = data.find(b"stts") - 4
     count, delta = struct.unpack(">II", data[place + 16 : place + 24])
     wider(data, place + 8, 8)
-    data[place + 12 : place + 24] = struct.pack(">5I", 2, 5, delta, count - 5, 2 * delta)  # from the fifth picture on half the rate
+    data[place + 12 : place + 24] = struct.pack(">5I", 2, 5, delta, count - 5, 2 * delta)  # from the fifth frame on half the rate
     (tmp_path / "uneven.mp4").write_bytes(data)
     clip = read_clip(tmp_path / "uneven.mp4")
     steps = len(clip.frames) - 1
@@ -181,4 +181,4 @@ def test_a_variable_frame_rate_is_told_and_its_mean_taken(tmp_path: Path) -> Non
 
 def test_a_video_that_nobody_can_read_is_no_video(tmp_path):
     with pytest.raises(TakeError, match="is no video"), video_writer(tmp_path / "empty.mp4", 25.0, (64, 48)):
-        pass  # as one whose pictures a full disk has swallowed
+        pass  # as one whose frames a full disk has swallowed

@@ -26,14 +26,14 @@ def test_a_cut_is_named_with_its_pictures(disc: Scene, tmp_path: Path) -> None:
     other = noise(np.random.default_rng(3), disc.frames.shape[1:3], (10, 20, 30), (250, 240, 200), 5.0).astype(np.uint8)
     frames = np.concatenate([disc.frames[:7], np.repeat(other[None], 5, axis=0)])
     write_video(tmp_path / "cut.avi", list(frames), 30.0)
-    with pytest.raises(ClipError, match="between its pictures 6 and 7") as caught:
+    with pytest.raises(ClipError, match="between its frames 6 and 7") as caught:
         observe(tmp_path / "cut.avi", ObserveSettings(box=disc.box, distance=1.5), NoProgress())
     assert "--frames 0:6" in caught.value.hint and "7:11" in caught.value.hint
     with pytest.raises(ClipError, match="12 and 13"):
         check_pictures(frames[2:], 8, NoProgress())
     with pytest.raises(ClipError, match="6 and 7") as caught:
         check_pictures(frames[6:], 6, NoProgress())
-    assert "--frames 7:11" in caught.value.hint and "6:6" not in caught.value.hint, "one picture is no shot"
+    assert "--frames 7:11" in caught.value.hint and "6:6" not in caught.value.hint, "one frame is no shot"
 
 
 def test_motion_a_lamp_and_a_moving_camera_are_no_cuts(disc: Scene, ball: Scene) -> None:
@@ -59,11 +59,11 @@ def test_an_object_over_the_edge_is_told(disc: Scene) -> None:
     assert told(disc.frames, disc.masks) == []
     shifted = np.roll(disc.masks, 100, axis=2)
     shifted[:, :, :100] = False
-    leaving = [one for one in told(disc.frames, shifted) if "leaves the picture from frame" in one]
+    leaving = [one for one in told(disc.frames, shifted) if "partly out of view" in one]
     assert len(leaving) == 1
     masks = disc.masks.copy()
     masks[:, :, :70] |= masks.any(axis=2, keepdims=True)
-    assert any("edge of the first picture" in one for one in told(disc.frames, masks))
+    assert any("edge of the first frame" in one for one in told(disc.frames, masks))
 
 
 def test_motion_blur_is_told(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_motion_blur_is_told(tmp_path: Path) -> None:
     for k in range(5, 11):
         blurred[k] = cv2.filter2D(blurred[k], -1, kernel)
     warned = told(blurred, scene.masks)
-    assert len(warned) == 1 and "6 of 13 pictures, first in frame 5" in warned[0]
+    assert len(warned) == 1 and "6 of 13 frames, first in frame 5" in warned[0]
 
 
 def test_a_camera_that_moves_through_the_room_is_told(tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_a_camera_that_moves_through_the_room_is_told(tmp_path: Path) -> None:
     skin = noise(np.random.default_rng(7), (90, 90), (120, 40, 20), (255, 200, 110), 1.6).astype(np.uint8)
     frames = []
     for t in range(8):
-        # It comes nearer: what is seen grows by 4 % a picture, which no turn of a hand does.
+        # It comes nearer: what is seen grows by 4 % a frame, which no turn of a hand does.
         grown = cv2.warpAffine(behind, np.array([[1.04**t, 0.0, -30.0], [0.0, 1.04**t, -20.0]]), (220, 160))
         grown[60:100, 60 + 3 * t : 100 + 3 * t] = skin[20:60, 20:60]
         frames.append(grown)

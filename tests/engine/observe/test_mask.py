@@ -1,4 +1,4 @@
-"""The object in picture 0, and its mask through the clip."""
+"""The object in frame 0, and its mask through the clip."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def test_background_is_clean(disc: Scene, disc_seen: Observation) -> None:
 
 
 def _behind(disc: Scene) -> np.ndarray:
-    """The background of the scene: the mean of the pictures off the object."""
+    """The background of the scene: the mean of the frames off the object."""
     off = ~disc.masks[..., None]
     return (disc.frames * off).sum(axis=0) / np.maximum(off.sum(axis=0), 1)
 
@@ -180,7 +180,7 @@ def test_masks_refused(disc: Scene, tmp_path: Path) -> None:
             observe(disc.path, ObserveSettings(mask=str(tmp_path / f"{name}.png"), distance=1.0), NoProgress())
         assert caught.value.hint
     cv2.imwrite(str(tmp_path / "size.png"), np.ones((20, 20), np.uint8))
-    (tmp_path / "text.png").write_text("no picture")
+    (tmp_path / "text.png").write_text("no frame")
     for name in ("size", "text", "none"):
         with pytest.raises(UsageError):
             observe(disc.path, ObserveSettings(mask=str(tmp_path / f"{name}.png"), distance=1.0), NoProgress())

@@ -28,14 +28,14 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform ==
 
 
 def peak(path: Path, box: tuple[float, ...], last: int) -> int:
-    """Most bytes resident in a process that observes pictures 0 to `last`."""
+    """Most bytes resident in a process that observes frames 0 to `last`."""
     command = [sys.executable, "-c", OBSERVE, str(path), *map(str, box), str(last)]
     return int(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()[-1])
 
 
 def test_a_longer_clip_takes_no_more_memory(disc: Scene, tmp_path: Path) -> None:
     there = list(disc.frames[:12])
-    # To and fro, so that the object stays in the picture however long the clip is.
+    # To and fro, so that the object stays in the frame however long the clip is.
     write_video(tmp_path / "long.avi", (there + there[::-1]) * 5, 30.0)
     short, long = peak(tmp_path / "long.avi", disc.box, 23), peak(tmp_path / "long.avi", disc.box, 95)
     masks = 72 * disc.masks[0].nbytes

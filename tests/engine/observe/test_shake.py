@@ -67,7 +67,7 @@ def test_object_in_the_world_is_free_of_tremble(trembling: tuple[Scene, np.ndarr
     seen = observe(scene.path, ObserveSettings(box=scene.box, distance=DISTANCE), Progress(told.append))
     assert any("turn" in message["message"] for message in told if message["type"] == "warning")
     assert seen.camera.camera_to_world.shape == (13, 4, 4)
-    # In file pixels the tracks tremble with the picture ...
+    # In file pixels the tracks tremble with the frame ...
     body = np.stack([scene.moved(seen.xy[0], t) for t in range(13)])
     filmed = np.stack([through(np.linalg.inv(homography(turn, CAMERA)), points) for turn, points in zip(turns, body)])
     off = np.linalg.norm(seen.xy - filmed, axis=2)[seen.visible]

@@ -1,4 +1,4 @@
-"""A thing on a stem, its foot below the picture, before a still wall of strong grain: the outline, the held place and the parts."""
+"""A thing on a stem, its foot below the frame, before a still wall of strong grain: the outline, the held place and the parts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from scenes import noise, write_video
 
 from seeing_wind.engine.masks import Masks
-from seeing_wind.engine.materials import MAX_SUBSTEPS, find
+from seeing_wind.engine.materials import LIMITS, find
 from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate, median_plate
@@ -30,7 +30,7 @@ HEIGHT, WIDTH, FRAMES = 200, 150, 16
 GRAIN = 10.0
 """Standard deviation of a pixel's grain [grey levels]."""
 CUT = 30.0
-"""Pixels from the picture's lower edge down to the clamp."""
+"""Pixels from the frame's lower edge down to the clamp."""
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +111,7 @@ def test_a_foot_that_later_pictures_show_is_found_where_picture_0_looks_the_same
     first = median.color.copy()
     first[other] = 60
     found = stays(first, Masks.of([np.zeros_like(foot)] + 9 * [foot | other]), median)
-    assert found[12:18, 6:9].all() and not found[~foot].any(), "what picture 0 shows otherwise was elsewhere then"
+    assert found[12:18, 6:9].all() and not found[~foot].any(), "what frame 0 shows otherwise was elsewhere then"
     assert not stays(first, Masks.of(5 * [np.zeros_like(foot)] + 5 * [foot | other]), median).any()
 
 
@@ -182,6 +182,6 @@ def test_a_wider_softer_rod_sways_as_the_thin_stiff_stem_does(seen: Observation)
         moved = rollout(model, State.at_rest(body.x), push).x[:, free, 0]
         ways.append(np.average(moved[-1] - moved[0], weights=body.volume[free]))
         substeps.append(model.substeps)
-    assert substeps[1] <= MAX_SUBSTEPS < 0.3 * substeps[0]
+    assert substeps[1] <= LIMITS.max_substeps < 0.3 * substeps[0]
     assert ways[1] == pytest.approx(ways[0], rel=0.15)
     assert ways[0] < 0.9 * 0.5 * 0.05 * 1.5**2, "the stem holds it back"

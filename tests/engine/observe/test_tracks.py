@@ -21,7 +21,7 @@ from seeing_wind.engine.settings import ObserveSettings
 
 
 def errors(seen: Observation, truth: np.ndarray) -> np.ndarray:
-    """Distances [px] of visible tracks after picture 0."""
+    """Distances [px] of visible tracks after frame 0."""
     counted = seen.visible.copy()
     counted[0] = False
     return np.linalg.norm(seen.xy - truth, axis=2)[counted]

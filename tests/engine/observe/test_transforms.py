@@ -27,7 +27,7 @@ def write(folder: Path, **change: object) -> str:
 def test_axes_and_pixel_centres_of_a_known_camera(tmp_path: Path) -> None:
     camera = read_camera(write(tmp_path), 640, 480, 5)
     assert np.allclose(camera.camera_to_world, front_view(2.0))
-    # The middle of the picture is (320, 240) where pixels are squares from 0, (319.5, 239.5) where their centres count.
+    # The middle of the frame is (320, 240) where pixels are squares from 0, (319.5, 239.5) where their centres count.
     assert (camera.fx, camera.fy, camera.cx, camera.cy) == (700.0, 710.0, 319.5, 239.5)
     xy, depth = camera.project(np.array([0.1, 0.0, 0.2]))
     assert depth == pytest.approx(2.0) and np.allclose(xy, [319.5 + 35.0, 239.5 - 71.0]), "x to the right, z up"

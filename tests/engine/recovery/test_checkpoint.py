@@ -24,6 +24,7 @@ from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.recovery.paper.refinement import refine
 from seeing_wind.engine.recovery.paper.schedule import recover_by_descent
 from seeing_wind.engine.recovery.recover import recover
+from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.stage import recover_stage
 from seeing_wind.engine.take import Take, stamp_of
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
@@ -103,7 +104,7 @@ def assert_equal(got: Recovery, want: Recovery) -> None:
             np.testing.assert_array_equal(one, other, err_msg=name)
 
 
-@pytest.mark.parametrize("work", [free, held, flowing, by_descent])
+@pytest.mark.parametrize("work", [held, by_descent, *(pytest.param(work, marks=pytest.mark.slow) for work in (free, flowing))])
 def test_a_solve_that_is_killed_again_and_again_finds_the_same(tmp_path: Path, eager: None, work: Callable[[Journal], Recovery]) -> None:
     got, kills = killed_until_done(Take(tmp_path), work, 0, 4 if work is by_descent else 12)
     assert kills > 2
@@ -111,8 +112,7 @@ def test_a_solve_that_is_killed_again_and_again_finds_the_same(tmp_path: Path, e
 
 
 def test_windows_that_are_solved_are_kept(tmp_path: Path, eager: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.clip"], "WINDOW", 4)
-    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.clip"], "OVERLAP", 2)
+    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.clip"], "PACE", replace(PACE, window=4, overlap=2))
     got, kills = killed_until_done(Take(tmp_path), free, 1)
     assert kills > 2
     assert_equal(got, free(Journal()))
@@ -152,6 +152,7 @@ def job(folder: Path) -> Recovery:
     return recover_stage(take, body, RUBBER, targets, FPS, stamp_of("seen"), settings, NoProgress())[0]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="Windows has another way")
 def test_kill_9(tmp_path: Path) -> None:
     """At moments of another process that nobody chose, each at least one checkpoint further on than the last."""

@@ -14,8 +14,10 @@ from seeing_wind.engine.recovery.prior.basis import knots_between, spatial_basis
 from seeing_wind.engine.recovery.prior.learning import track_misfit
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve import warm_start, window
+from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.solve.forward import Forward
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve
+from seeing_wind.engine.recovery.targets.constants import NOISE
 from seeing_wind.engine.recovery.targets.objective import Objective
 from seeing_wind.engine.recovery.targets.points import point_channels
 from seeing_wind.engine.recovery.targets.tracks import track_channels
@@ -95,7 +97,7 @@ def found(rippling, progress=None, **changed):
 def usual(rippling):
     """The recovery that is content with the usual pace."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(window, "REFOLLOW_MISFIT", np.inf)
+        patch.setattr(window, "PACE", replace(PACE, refollow_misfit=np.inf))
         return found(rippling)
 
 
@@ -113,6 +115,7 @@ def test_a_sheet_that_was_lost_is_followed_again_finely_and_progress_goes_on(rip
     assert fractions == sorted(fractions) and any("again, finely" in message for _, message in told)
 
 
+@pytest.mark.slow
 def test_a_sheet_that_strays_finely_more_or_breaks_keeps_what_was_found_before(rippling, usual, monkeypatch):
     def breaks(solver, pace, share):
         if pace is window.FINELY:
@@ -120,7 +123,7 @@ def test_a_sheet_that_strays_finely_more_or_breaks_keeps_what_was_found_before(r
         return follow(solver, pace, share)
 
     follow = window.follow
-    monkeypatch.setattr(window, "REFOLLOW_MISFIT", 0.0)
+    monkeypatch.setattr(window, "PACE", replace(PACE, refollow_misfit=0.0))
     misfits = iter([5.0, 9.0])
     with monkeypatch.context() as worse:
         worse.setattr(window, "track_misfit", lambda *given: next(misfits))
@@ -195,12 +198,13 @@ def test_where_the_linearisation_breaks_down_what_was_found_before_stands():
         solve(np.zeros(2), np.zeros(2), np.eye(2), residuals, linearise, 20)
 
 
+@pytest.mark.slow
 def test_what_even_the_solution_misses_is_not_put_down_to_forces(monkeypatch):
     """Of a body that is taken for four times as stiff: the force that would explain the rest of its motion is not believed."""
     body, soft, _, wind, seen = in_a_wave((14, 4, 1), 1.0)
     wrong = body, replace(soft, youngs_modulus=4.0 * soft.youngs_modulus), None, None, seen
     doubted = found(wrong)
-    monkeypatch.setattr(beliefs, "MISMATCH_MISFIT", np.inf)
+    monkeypatch.setattr(beliefs, "NOISE", replace(NOISE, track_misfit=np.inf))
     believed, free = found(wrong), ~body.pinned
     errors = [relative(one.force_density[:, free], 400.0 * wind[:, free]) for one in (doubted, believed)]
     assert errors[0] < 0.7 * errors[1]

@@ -113,7 +113,7 @@ def test_only_a_held_body_whose_stiffness_was_told_is_known(rung):
 
 def test_still_frames_are_some_of_the_clip_s():
     assert still_frames(RecoverSettings(), 5).sum() == 0
-    for last in (4, 5):  # the last frame, or the last picture
+    for last in (4, 5):  # the last frame, or the last frame
         np.testing.assert_array_equal(still_frames(RecoverSettings(still=(2, last)), 5), [False, False, True, True, True])
     for wrong, says in (((7, 9), "does not have"), ((2, 9), "does not have"), ((0, 4), "all frames")):
         with pytest.raises(UsageError, match=says):

@@ -82,7 +82,7 @@ def test_bending_does_not_move_a_point_along_its_body_and_stretching_does(post):
     assert np.abs(channels.curve.observed - channels.curve.observed[0]).max() < 0.03 * shortening
 
     def seen(**other):
-        """Of another motion less this one, in picture 8, where it is bent most: all in common along the curve, and its stretch."""
+        """Of another motion less this one, in frame 8, where it is bent most: all in common along the curve, and its stretch."""
         return channels.residual(bent(post, **other)[8:9], 8).reshape(-1, 3)[:2, 0]
 
     length = post.x[:, 0].max() - CLAMP
@@ -197,7 +197,7 @@ ONE = np.eye(3) * 1e-8
         ({"covariance": np.tile(1e-10 * np.array([[1, 0.9, 0], [0, 1, 0], [0, 0, 1]]), (48, 1, 1))}, UsageError, "symmetric"),
         ({"covariance": np.full((48, 3, 3), np.nan)}, UsageError, "Covariances"),
         ({"visible": np.ones((6, 48), int)}, UsageError, "int64"),
-        ({"visible": np.arange(6)[:, None] % 5 + np.zeros((6, 48)) == 0}, ObjectError, "2 pictures"),
+        ({"visible": np.arange(6)[:, None] % 5 + np.zeros((6, 48)) == 0}, ObjectError, "2 frames"),
     ],
 )
 def test_targets_that_make_no_sense_are_refused(change, error, words):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.command.arguments import parser, settings_of
-from seeing_wind.engine.materials import MAX_SUBSTEPS_HELD
+from seeing_wind.engine.materials import LIMITS
 from seeing_wind.engine.mpm.damping import retardation_of
 from seeing_wind.engine.mpm.model_for import model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
@@ -15,12 +15,14 @@ from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found, body_as_found
 from seeing_wind.engine.recovery.clip import most_modes
 from seeing_wind.engine.recovery.diagnostics.remarks import wider_remarks
+from seeing_wind.engine.recovery.prior.constants import PRIOR
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
 from seeing_wind.engine.recovery.solve import stiffness
 from seeing_wind.engine.recovery.solve import window as windows
+from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.solve.section import section_shapes
-from seeing_wind.engine.recovery.solve.stiffness import FIXED, SPREAD, is_free, scaled, stiffest, youngs_modulus
+from seeing_wind.engine.recovery.solve.stiffness import is_free, scaled, stiffest, youngs_modulus
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
@@ -84,7 +86,7 @@ def test_the_stiffness_of_a_post_that_swings_is_found_with_the_force(swing):
     given = recover(body, TOO_STIFF, tracks, FPS, GIVEN, NoProgress())
     assert given.youngs_modulus is None and given.stiffness_deviation is None
     off = np.log(found.youngs_modulus / RUBBER.youngs_modulus)
-    assert abs(off) < 3.0 * found.stiffness_deviation and found.stiffness_deviation < FIXED * SPREAD
+    assert abs(off) < 3.0 * found.stiffness_deviation and found.stiffness_deviation < PRIOR.stiffness_told * PRIOR.stiffness_spread
     assert error(found, body, wind) < 0.7 * error(given, body, wind)
     assert any(f"{found.youngs_modulus:.3g} Pa" in note and "below the given 6.5e+03 Pa" in note for note in found.notes)
     assert not any("Young's modulus" in note for note in given.notes)
@@ -107,7 +109,8 @@ def test_points_in_3d_tell_the_stiffness_too(swing):
     found = recover(body, TOO_STIFF, [points(body, x)], FPS, WEIGHTLESS, NoProgress())
     given = recover(body, TOO_STIFF, [points(body, x)], FPS, GIVEN, NoProgress())
     assert given.youngs_modulus is None
-    assert abs(np.log(found.youngs_modulus / RUBBER.youngs_modulus)) < 3.0 * found.stiffness_deviation < 3.0 * FIXED * SPREAD
+    off = abs(np.log(found.youngs_modulus / RUBBER.youngs_modulus))
+    assert off < 3.0 * found.stiffness_deviation < 3.0 * PRIOR.stiffness_told * PRIOR.stiffness_spread
     assert error(found, body, wind) < 0.7 * error(given, body, wind)
 
 
@@ -234,13 +237,12 @@ def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
     assert retardation_of(scaled(damped, 0.5)) == pytest.approx(retardation_of(damped)) == pytest.approx(lossy.retardation)
     again, _ = model_for(post(), replace(RUBBER, youngs_modulus=youngs_modulus(other, post())), FPS)
     assert other.substeps >= again.substeps and scaled(model, -0.5).substeps == model.substeps
-    assert scaled(model, stiffest(model)).substeps <= MAX_SUBSTEPS_HELD + 1
+    assert scaled(model, stiffest(model)).substeps <= LIMITS.max_substeps_held + 1
 
 
 def test_one_stiffness_for_all_windows_of_a_clip(monkeypatch):
     stage = sys.modules["seeing_wind.engine.recovery.clip"]
-    monkeypatch.setattr(stage, "WINDOW", 10)
-    monkeypatch.setattr(stage, "OVERLAP", 4)
+    monkeypatch.setattr(stage, "PACE", replace(PACE, window=10, overlap=4))
     body, fractions, solved = post(), [], []
     x, _ = blow(body, lambda X, t: gust(X, t - 9), 16)
     run = windows.WindowSolver.run
@@ -257,7 +259,7 @@ def test_one_stiffness_for_all_windows_of_a_clip(monkeypatch):
 
 def test_a_body_that_is_lost_tells_no_stiffness(swing, monkeypatch):
     body, tracks, _, _ = swing
-    monkeypatch.setattr(windows, "LOST", -1.0)
+    monkeypatch.setattr(windows, "PACE", replace(PACE, stiffness_lost=-1.0))
     found = recover(body, TOO_STIFF, tracks, FPS, WEIGHTLESS, NoProgress())
     assert found.youngs_modulus is None and not [note for note in found.notes if "The motion fits" in note]
 

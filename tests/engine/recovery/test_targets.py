@@ -78,6 +78,30 @@ def test_residuals_of_tracks_and_outliers():
     assert np.isfinite(objective.whiten(objective.residual(behind))).all()
 
 
+def test_pictures_at_the_ends_whose_tracks_leave_the_others_count_little():
+    body, rng = plate((6, 2, 5)), np.random.default_rng(5)
+    xy = np.repeat(camera().project(body.x)[0][None], 20, axis=0) + 0.2 * rng.standard_normal((20, 60, 2))
+    still = np.repeat(body.x[None], 20, axis=0)
+
+    def judged(where, size, first=0, last=19):
+        moved = xy.copy()
+        moved[where] += size * rng.standard_normal((len(where), 60, 2))
+        targets = TrackTargets(moved, np.ones((20, 60), bool), np.full((20, 60), 0.2), camera(), every(body))
+        part = Objective([track_channels(body, targets, False)]).between(first, last)
+        return part.reweighted(part.residual(still[None, first : last + 1])[0]).channels[0]
+
+    for where in ([18, 19], [1, 2, 3]):
+        one = judged(where, 8.0)
+        assert list(np.flatnonzero(one.wild)) == where
+        inside = np.setdiff1d(np.arange(4, 17), where)
+        assert one.inflation[where].min() > 1000.0 * np.median(one.inflation[inside])
+    for where, size in (([10, 11], 8.0), ([18, 19], 0.2), ([0], 8.0)):  # in the middle, as the others, and frame 0, which shows nothing
+        assert not judged(where, size).wild.any()
+    # The end of a window is not that of the clip.
+    assert not judged([8, 9], 8.0, 0, 9).wild.any()
+    assert list(np.flatnonzero(judged([18, 19], 8.0, 8, 19).wild)) == [18, 19]
+
+
 def test_edge_on_tracks_are_dropped():
     grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0)), -1).reshape(-1, 2) * 10
     xy = np.stack([grid, grid * [0.6, 1.0], grid * [0.1, 1.0]])

@@ -131,7 +131,7 @@ def test_what_stays_rigid_gets_location_and_rotation(grid, tmp_path) -> None:
     assert {curve.data_path for curve in curves_of(grid)} == {"location", "rotation_quaternion"} and grid.data.shape_keys is None
     for frame in range(25):
         assert np.abs(shown(grid, 7 + frame) - motion[frame]).max() < 2e-5
-    between = shown(grid, 7 + 9.5)  # the curves take the short way round between pictures
+    between = shown(grid, 7 + 9.5)  # the curves take the short way round between frames
     assert np.abs(between - 0.5 * (motion[9] + motion[10])).max() < 0.1
     assert clear_bake(grid) and (grid.rotation_mode, tuple(grid.location), tuple(grid.rotation_euler)) == before
     assert grid.animation_data is None and np.abs(shown(grid, 9) - motion[0]).max() < 1e-6
@@ -176,7 +176,7 @@ def test_a_range_of_frames(grid, tmp_path, way) -> None:
     assert bake_motion(grid, motion, plan(way, tmp_path, frames=(10, 15))).pictures == 6
     for frame, picture in ((7, 3), (10, 3), (13, 6), (15, 8), (31, 8)):
         assert np.abs(shown(grid, frame) - motion[picture]).max() < 2e-5
-    with pytest.raises(UsageError, match="hold 1 of the simulated pictures"):
+    with pytest.raises(UsageError, match="hold 1 of the simulated frames"):
         bake_motion(grid, motion, plan(way, tmp_path, frames=(1, 7)))
 
 

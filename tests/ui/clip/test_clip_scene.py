@@ -1,4 +1,4 @@
-"""The clip's scene: Blender's camera against the engine's, the clip's pictures at their frames, the recovered object's pixels."""
+"""The clip's scene: Blender's camera against the engine's, the clip's frames at their frames, the recovered object's pixels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FRAMES = 5
 
 @pytest.fixture
 def clip(tmp_path):
-    """A clip of 12 grey pictures, 64 x 48; picture k has the value 10 + 20 k."""
+    """A clip of 12 grey frames, 64 x 48; frame k has the value 10 + 20 k."""
     cv2 = pytest.importorskip("cv2")
     path = tmp_path / "clip.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 24, (64, 48))
@@ -61,7 +61,7 @@ def test_blender_s_camera_sees_what_the_engine_s_does(scene, clip, name, unit):
         bpy.context.view_layer.update()
         expected, depth = camera.project(points, picture)
         seen = np.array([world_to_camera_view(scene, obj, Vector(point / unit))[:] for point in points])
-        # Blender's picture runs from 0 to 1, bottom to top; its pixel (0, 0) covers -0.5..0.5 in ours
+        # Blender's frame runs from 0 to 1, bottom to top; its pixel (0, 0) covers -0.5..0.5 in ours
         pixels = np.stack([seen[:, 0] * camera.width - 0.5, (1.0 - seen[:, 1]) * camera.height - 0.5], axis=-1)
         assert np.abs(pixels - expected).max() < 0.01
         assert np.allclose(seen[:, 2] * unit, depth, rtol=1e-5)
@@ -79,7 +79,7 @@ def test_scene_takes_the_clip_s_time_and_size(scene, clip):
 
 @pytest.mark.skipif(bpy.app.version >= (5, 0), reason="the compositor is set up in Blender 4's way")
 def test_clip_s_pictures_stand_at_their_frames(scene, clip, tmp_path):
-    """Rendered through the compositor: scene frame 7 shows picture 0 of the take, which is picture 3 of the file."""
+    """Rendered through the compositor: scene frame 7 shows clip frame 0 of the take, which is clip frame 3 of the file."""
     setup_clip_scene(scene, clip, dataclasses.asdict(CAMERAS["plain"]), 24.0, 3, FRAMES, frame_start=7)
     scene.use_nodes = True
     nodes = scene.node_tree.nodes
@@ -113,12 +113,12 @@ def test_recovered_object_wears_the_picture(scene):
 
 
 def test_recovered_object_covers_its_own_pixels_in_a_render(scene, clip, tmp_path):
-    """A sheet textured with the picture and rendered through the camera is the picture again, to a fraction of a pixel."""
+    """A sheet textured with the frame and rendered through the camera is the frame again, to a fraction of a pixel."""
     width, height = 96, 64
     camera = Camera(width, height, 100.0, 100.0, 44.0, 35.5, turned(0.4))
     row, column = np.mgrid[0:height, 0:width]
     picture = np.stack([4 * (row % 50) + 20, 2 * column + 20, 100 + 60 * np.sin(0.2 * column + 0.1 * row)], axis=-1).astype(np.uint8)
-    # a sheet a little larger than the picture, as fine as an affine texture needs under perspective
+    # a sheet a little larger than the frame, as fine as an affine texture needs under perspective
     px, py = np.meshgrid(np.linspace(-8.0, width + 8.0, 40), np.linspace(-8.0, height + 8.0, 30))
     vertices = camera.unproject(np.stack([px, py], axis=-1), 2.5 + 0.004 * px).reshape(-1, 3)
     uv = np.stack([(px + 0.5) / width, 1.0 - (py + 0.5) / height], axis=-1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Corrections of the outline: points and a Blender mask in any picture become the engine's options, and change what the preview is of."""
+"""Corrections of the outline: points and a Blender mask in any frame become the engine's options, and change what the preview is of."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def test_points_are_of_the_picture_that_is_shown(boxed, tmp_path) -> None:
 
 
 def test_points_that_are_refused(boxed) -> None:
-    with pytest.raises(RuntimeError, match="outside the picture"):
+    with pytest.raises(RuntimeError, match="outside the clip.s image"):
         ops.correct_outline(place=(WIDTH + 3.0, 5.0))
-    with pytest.raises(RuntimeError, match="Picture 5000 is none of those that are used"):
+    with pytest.raises(RuntimeError, match="Frame 5000 of the file is not among those used"):
         ops.correct_outline(place=(5.0, 5.0), picture=5000)
     boxed.use_frames, boxed.frames = True, (2, 4)
-    with pytest.raises(RuntimeError, match="Picture 1 is none of those that are used, 2 to 4"):
+    with pytest.raises(RuntimeError, match="Frame 1 of the file is not among those used, 2 to 4"):
         ops.correct_outline(place=(5.0, 5.0), picture=1)
     with pytest.raises(RuntimeError, match="no corrections"):
         ops.clear_corrections()
@@ -64,14 +64,14 @@ def test_points_of_another_clip_are_forgotten(boxed, tmp_path) -> None:
 def test_a_blender_mask_of_a_later_picture(boxed, tmp_path) -> None:
     mask = bpy.data.masks.new("Later")
     spline(mask.layers.new(), [(10.0, 8.0), (30.0, 8.0), (30.0, 20.0), (10.0, 20.0)])
-    assert options(boxed, tmp_path).get("outline") is None and options(boxed, tmp_path)["outline_picture"] == 0
-    boxed.outline_data, boxed.outline_picture = mask, 3
+    assert options(boxed, tmp_path).get("outline") is None and options(boxed, tmp_path)["outline_frame"] == 0
+    boxed.outline_data, boxed.outline_frame = mask, 3
     given, inputs = object_options(boxed, values_of(boxed, ObserveSettings), tmp_path)
     (made,) = (each for each in inputs if each.option == "outline")
-    assert given["outline"] == str(tmp_path / made.name) and given["outline_picture"] == 3
+    assert given["outline"] == str(tmp_path / made.name) and given["outline_frame"] == 3
     made.write(tmp_path / made.name)
     inside = read_png(tmp_path / made.name) > 0
     assert inside.shape == (HEIGHT, WIDTH) and inside[14, 20] and not inside[30, 20]
     clip, marked = (boxed.clip, {}, ()), (given, inputs)
-    boxed.outline_picture = 4
+    boxed.outline_frame = 4
     assert preview_digest(clip, object_options(boxed, values_of(boxed, ObserveSettings), tmp_path)) != preview_digest(clip, marked)

@@ -1,4 +1,4 @@
-"""Held places by a box, a Blender mask or weight paint are the pixels of the first picture that the engine reads."""
+"""Held places by a box, a Blender mask or weight paint are the pixels of the first frame that the engine reads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.ui.meshes import group
 
 
 def held(scene) -> np.ndarray:
-    """The picture that Recover would be given, (H, W) bool."""
+    """The frame that Recover would be given, (H, W) bool."""
     request = RecoverRequest.of(scene)
     request.write_inputs()
     words = request.arguments()
@@ -83,7 +83,7 @@ def test_paint_on_the_recovered_object_is_held_where_the_clip_shows_it(stand_in,
     if distortion:
         bent = dataclasses.replace(read_seen(take, field_summary(take)).camera, distortion=distortion)
         take.write_arrays("observation.npz", take.read_arrays("observation.npz") | to_arrays(bent, "camera."))
-    scene.frame_set(7)  # the object has moved on; the first picture counts
+    scene.frame_set(7)  # the object has moved on; the first frame counts
     # a grid of 4 x 4 vertices, of which the lower two rows are painted, the second of them half
     low = np.argsort([vertex.co.z for vertex in obj.data.vertices], kind="stable")
     group(obj, "Foot", {int(v): 1.0 for v in low[:4]} | {int(v): 0.5 for v in low[4:8]} | {int(v): 0.2 for v in low[8:]})
@@ -129,7 +129,7 @@ def test_paint_on_another_mesh_is_seen_through_the_scenes_camera(settings, scene
     proxy.location.z += 0.1
     bpy.context.view_layer.update()
     assert bpy.ops.seeing_wind.hold_painted(object=proxy.name) == {"FINISHED"}
-    assert settings.pin != first and Path(first).is_file(), "an undo finds the former picture"
+    assert settings.pin != first and Path(first).is_file(), "an undo finds the former frame"
 
 
 def test_what_cannot_be_held_is_said(settings, scene, tmp_path) -> None:

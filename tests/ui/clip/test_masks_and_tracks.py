@@ -26,16 +26,16 @@ def test_tracks_are_in_our_pixels_and_rows_are_the_file_s_pictures(settings, tmp
     settings.use_tracks = True
     with np.load(written(settings, tmp_path)["tracks"]) as data:
         xy, visible = data["xy"], data["visible"]
-    assert len(xy) > PICTURES, "more rows than pictures: the engine takes those of the range that was chosen"
+    assert len(xy) > PICTURES, "more rows than frames: the engine takes those of the range that was chosen"
     np.testing.assert_allclose(xy[:10, 0], np.stack([30.0 + np.arange(10), np.full(10, 20.25)], 1), atol=1e-4)
     assert visible[:10, 0].all() and not visible[10:, 0].any() and visible[:10, 1].tolist() == [True] * 3 + [False] + [True] * 6
     settings.use_frames, settings.frames = True, (11, 12)
-    with pytest.raises(ObjectError, match="No track has a marker in picture 11"):
+    with pytest.raises(ObjectError, match="No track has a marker in frame 11"):
         written(settings, tmp_path)
 
 
 def test_a_clip_that_starts_later_keeps_its_tracks(settings, tmp_path) -> None:
-    """`frame_offset` shifts the file under the markers: marker frame 1 is picture 3 of the file."""
+    """`frame_offset` shifts the file under the markers: marker frame 1 is clip frame 3 of the file."""
     clip = loaded_clip(settings)
     clip.frame_offset = 3
     clip.tracking.tracks.new(name="One", frame=1).markers.insert_frame(1, co=pixel(10.0, 11.0))
@@ -44,11 +44,11 @@ def test_a_clip_that_starts_later_keeps_its_tracks(settings, tmp_path) -> None:
         assert data["visible"][:, 0].nonzero()[0].tolist() == [3]
         np.testing.assert_allclose(data["xy"][3, 0], [10.0, 11.0], atol=1e-4)
     setup_clip_scene(bpy.context.scene, settings.clip, dataclasses.asdict(camera(0.0)), 24.0, 3, 6, frame_start=7)
-    assert clip.frame_offset == 3 and 7 - clip.frame_start + clip.frame_offset == 3, "picture 3 at frame 7, markers untouched"
+    assert clip.frame_offset == 3 and 7 - clip.frame_start + clip.frame_offset == 3, "clip frame 3 at frame 7, markers untouched"
 
 
 def plane_track(clip: bpy.types.MovieClip, corners: list[tuple[float, float]]) -> bpy.types.MovieTrackingPlaneTrack:
-    """A plane track with these corners [px] in the first picture, made as the user makes one, from four tracks."""
+    """A plane track with these corners [px] in the first frame, made as the user makes one, from four tracks."""
     window = bpy.context.window_manager.windows[0]
     area = window.screen.areas[0]
     area.type = "CLIP_EDITOR"

@@ -74,7 +74,7 @@ def test_a_scene_without_a_camera_gets_one(scene, workplace) -> None:
 
 @pytest.mark.parametrize(("start", "offset", "expected"), [(101, 0, 105), (1, 0, 5), (101, 2, 103)])
 def test_a_clip_stands_where_the_user_put_it(scene, workplace, start: int, offset: int, expected: int) -> None:
-    """Picture 4 of a clip that begins at `start`; relative and absolute paths are the same clip."""
+    """Frame 4 of a clip that begins at `start`; relative and absolute paths are the same clip."""
     bpy.ops.wm.save_as_mainfile(filepath=str(workplace / "shot.blend"))
     clip = bpy.data.movieclips.load("//clip.mp4")
     clip.frame_start, clip.frame_offset = start, offset

@@ -1,4 +1,4 @@
-"""A clip that is a sequence of pictures, from the choice of one of them to the scene with the results."""
+"""A clip that is a sequence of images, from the choice of one of them to the scene with the results."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("stand_in")
 
 @pytest.fixture
 def pictures(workplace, tmp_path) -> Path:
-    """The pictures of the clip, numbered from 7 on, in a folder of theirs."""
+    """The frames of the clip, numbered from 7 on, in a folder of theirs."""
     import cv2
 
     folder, capture = tmp_path / "Bilder è", cv2.VideoCapture(str(workplace / "clip.mp4"))

@@ -1,4 +1,4 @@
-"""Pictures of the composite, and something to be seen in them."""
+"""Frames of the composite, and something to be seen in them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def render(path: Path) -> np.ndarray:
 
 
 def red_cube(scene) -> None:
-    """A glowing cube in the lower left of the picture."""
+    """A glowing cube in the lower left of the frame."""
     bpy.ops.mesh.primitive_cube_add(size=0.2, location=(-0.5, 0.0, -0.3))
     material = bpy.data.materials.new("Red")
     material.use_nodes = True

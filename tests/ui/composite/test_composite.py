@@ -26,12 +26,12 @@ def test_the_edit_is_rendered_over_the_clip(scene, tmp_path):
     assert said.behind == "clip" and said.light
     picture = render(tmp_path / "over.png")
     assert picture.shape == (64, 96, 3)
-    # picture 3 of the clip: grey 60, a square of 230 from column 26 to 50
+    # frame 3 of the clip: grey 60, a square of 230 from column 26 to 50
     assert np.abs(picture[4:16, 60:90] - 60).max() < 12
     assert np.abs(picture[28:36, 32:44] - 230).max() < 14
     cube = picture[44:56, 12:24].reshape(-1, 3).mean(0)
     assert cube[0] > 150 and cube[0] > cube[1] + 80
-    # another frame shows another picture of the clip
+    # another frame shows another clip frame of the clip
     scene.frame_set(12)
     assert np.abs(render(tmp_path / "later.png")[28:36, 30:38] - 60).max() < 12
 
@@ -182,7 +182,7 @@ def test_the_first_look_after_recover(workplace):
     assert cube.hide_get() and cube.hide_render and any("Alt H" in text for text in status.of(scene.session_uid).warnings)
     mesh = scene.seeing_wind.recovered_object.data
     assert mesh.color_attributes.active_color_name == PICTURE_COLOUR
-    # the stand-in's picture is a grey of 90
+    # the stand-in's frame is a grey of 90
     assert np.allclose([value.color[0] for value in mesh.attributes[PICTURE_COLOUR].data], ((90 / 255 + 0.055) / 1.055) ** 2.4, atol=1e-3)
     cube.hide_set(False)
     cube.location.x = 3.0
@@ -192,7 +192,7 @@ def test_the_first_look_after_recover(workplace):
 
 @pytest.mark.parametrize(("depth", "hidden"), [(1.0, True), (-1.0, False)])
 def test_what_flies_behind_the_object_is_cut_by_its_outline_and_what_flies_in_front_is_not(scene, tmp_path, depth, hidden):
-    """A glowing board that fills the picture, behind and before the object's distance."""
+    """A glowing board that fills the frame, behind and before the object's distance."""
     red_cube(scene)
     board = bpy.context.object
     board.location, board.scale = (0.0, depth, 0.0), (40.0, 0.01, 40.0)
@@ -201,7 +201,7 @@ def test_what_flies_behind_the_object_is_cut_by_its_outline_and_what_flies_in_fr
     assert said.held_out == "outline"
     picture = render(tmp_path / "board.png")
     mask = np.zeros(picture.shape[:2], bool)
-    mask[20:44, 28:52] = True  # picture 4 of the clip
+    mask[20:44, 28:52] = True  # frame 4 of the clip
     red = (picture[..., 0] > picture[..., 1] + 80)
     assert red[~widened(mask, 2)].all()
     assert not red[~widened(~mask, 2)].any() if hidden else red[mask].all()

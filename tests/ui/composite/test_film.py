@@ -19,7 +19,7 @@ from tests.ui.composite.pictures import red_cube, render
 
 
 def test_the_clips_grain_is_measured_and_put_on_what_is_not_the_clip(scene, tmp_path):
-    """Gaussian noise of 3 % on a picture with a slope: found to a tenth, and again on the plate of the render."""
+    """Gaussian noise of 3 % on a frame with a slope: found to a tenth, and again on the plate of the render."""
     take = Take(Path(scene.seeing_wind.recovered_take))
     arrays = take.read_arrays("observation.npz")
     rng = np.random.default_rng(3)

@@ -77,7 +77,7 @@ def test_what_is_no_panorama_is_refused_and_the_light_stays(scene, tmp_path, pan
     bpy.data.images.remove(image)
     assert bpy.ops.seeing_wind.set_up_composite() == {"FINISHED"}
     world, images = scene.world, len(bpy.data.images)
-    for name, says in (("gone.exr", "no file"), ("text.hdr", "(?i)cannot open|is no picture"), ("flat.png", "no more range")):
+    for name, says in (("gone.exr", "no file"), ("text.hdr", "(?i)cannot open|is no image"), ("flat.png", "no more range")):
         with pytest.raises(RuntimeError, match=says):
             bpy.ops.seeing_wind.set_up_composite(hdri=str(tmp_path / name))
         assert scene.world == world and len(bpy.data.images) == images

@@ -51,9 +51,9 @@ def test_an_appended_wind_can_be_simulated_in(field, checks, tmp_path):
     take = Path(scene.seeing_wind.recovered_take)
     assert take.parent == tmp_path and not (take / "wind.safetensors").exists()
     metadata, arrays = opened(take / "field.safetensors")
-    # 9 frames from the field's first to the end, 2 a picture only once it is conformed
+    # 9 frames from the field's first to the end, 2 a clip frame only once it is conformed
     assert (metadata["representation"], metadata["frames"], float(metadata["fps"])) == ("lattice", "9", 48.0)
-    assert arrays["row"].tolist() == [0, 1, 2, 3, 4, 5, 5, 5, 5], "its last picture stays"
+    assert arrays["row"].tolist() == [0, 1, 2, 3, 4, 5, 5, 5, 5], "its last frame stays"
     box = np.array(json.loads(metadata["box"]))
     counts = arrays["force"].shape[1:4]
     axes = [np.linspace(*box[:, k], counts[k]) for k in range(3)]

@@ -102,12 +102,12 @@ def test_it_is_said_when_the_clip_tells_too_little_for_any_arrow(scene):
     confidence[1, 3] = 0.04
     arrows = create_arrows(scene, "Arrows", points, vectors, confidence)
     assert len(_drawn(arrows)[0]) == 0
-    assert "in none of 2 pictures: the confidence is 0.04 at most" in said_of_unseen(arrows, CONFIDENCE_SHOWN)
+    assert "in none of 2 frames: the confidence is 0.04 at most" in said_of_unseen(arrows, CONFIDENCE_SHOWN)
     set_input(arrows.modifiers[0], "Confidence Shown", 0.03)
     scene.frame_set(2)
-    assert len(_drawn(arrows)[0]) == 1 and said_of_unseen(arrows, 0.03) == "", "in half of the pictures"
+    assert len(_drawn(arrows)[0]) == 1 and said_of_unseen(arrows, 0.03) == "", "in half of the frames"
     few = create_arrows(scene, "Few", points, np.ones((3, 20, 3)), np.concatenate([confidence, np.zeros((1, 20))]))
-    assert "in 1 of 3 pictures" in said_of_unseen(few, 0.03)
+    assert "in 1 of 3 frames" in said_of_unseen(few, 0.03)
 
 
 def test_it_is_said_after_recover_too(scene, stand_in, workplace):
@@ -115,4 +115,4 @@ def test_it_is_said_after_recover_too(scene, stand_in, workplace):
     take = Path(scene.seeing_wind.recovered_take)
     assert not any("Arrows are drawn" in note for note in notes(scene, take))
     scene.seeing_wind.arrows_object[SURE] = [0.01] * 12
-    assert "Arrows are drawn in none of 12 pictures" in notes(scene, take)[0]
+    assert "Arrows are drawn in none of 12 frames" in notes(scene, take)[0]

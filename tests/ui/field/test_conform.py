@@ -22,7 +22,7 @@ FPS, FRAMES, START, DENSITY = 24.0, 12, 5, 10.0
 
 
 def numbered(scene: bpy.types.Scene, force: float = 0.0) -> bpy.types.Object:
-    """A field whose force along Z is the number of the picture, or the same in all."""
+    """A field whose force along Z is the number of the frame, or the same in all."""
     nodes = fine_lattice(np.array([[-2.0, -2.0, -2.0], [2.0, 2.0, 2.0]]))
     values = np.zeros((FRAMES, len(nodes), 3))
     values[..., 2] = force or np.arange(FRAMES)[:, None]
@@ -109,7 +109,7 @@ def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> Non
     bpy.ops.seeing_wind.apply_to_field()
     assert settings.field_object["seeing_wind_stride"] == 1.25
     assert np.allclose([shown(settings.recovered_object, t) for t in times], before[0], atol=1e-4)
-    # keyframes of the strength are read at the time of each picture
+    # keyframes of the strength are read at the time of each frame
     for frame, value in ((settings.frame_start, 0.0), (settings.frame_start + 15, 1.0)):
         settings.field_strength = value
         settings.keyframe_insert("field_strength", frame=frame)

@@ -27,7 +27,7 @@ PLATE = np.array([20, 120, 40])
 
 @pytest.fixture
 def recovered(scene, stand_in, workplace):
-    """A recovery of the clip in which a square goes two pixels a picture to the right, and the object 0.02 m."""
+    """A recovery of the clip in which a square goes two pixels a frame to the right, and the object 0.02 m."""
     assert recover(workplace) == {"FINISHED"}
     return scene
 
@@ -38,20 +38,20 @@ def conform(scene, fps: int, **options) -> None:
 
 
 def numbers(scene, fps: int) -> dict[int, int]:
-    """The picture that is nearest to each scene frame, a later one before an earlier one, without the code under test."""
+    """The clip frame that is nearest to each scene frame, a later one before an earlier one, without the code under test."""
     frames = range(scene.seeing_wind.frame_start, scene.frame_end + 1)
     return {frame: min(PICTURES - 1, int(np.floor((frame - frames[0]) * 24.0 / fps + 0.5 + 1e-9))) for frame in frames}
 
 
 def of_object(scene, frame: int) -> float:
-    """Which picture the recovered object stands at."""
+    """Which frame the recovered object stands at."""
     scene.frame_set(frame)
     evaluated = scene.seeing_wind.recovered_object.evaluated_get(bpy.context.evaluated_depsgraph_get())
     places = [(evaluated.matrix_world @ vertex.co).x for vertex in evaluated.data.vertices]
     return float(np.mean(places)) / 0.02
 
 
-@pytest.mark.parametrize("fps", [30, 20, 60])
+@pytest.mark.parametrize("fps", [20, *(pytest.param(fps, marks=pytest.mark.slow) for fps in (30, 60))])
 def test_the_composite_shows_the_picture_at_which_object_and_bake_are(recovered, tmp_path, fps) -> None:
     scene = recovered
     box = cube("Box", location=(0.0, 0.0, 8.0))
@@ -74,7 +74,7 @@ def test_the_composite_shows_the_picture_at_which_object_and_bake_are(recovered,
     assert scene.active_clip.frame_start == 1 and not scene.active_clip.animation_data.drivers
 
 
-@pytest.mark.parametrize("first", ["composite", "conform"])
+@pytest.mark.parametrize("first", ["composite", pytest.param("conform", marks=pytest.mark.slow)])
 def test_the_plate_covers_the_object_of_the_picture_that_is_shown(recovered, tmp_path, first) -> None:
     scene, fps = recovered, 36
     bpy.ops.seeing_wind.insert_mesh(recovered=True)

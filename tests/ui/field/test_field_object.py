@@ -32,7 +32,7 @@ def sampled(half_size: float, length: float) -> SampledField:
 @pytest.mark.parametrize("half_size", [0.03, 0.4, 40.0])
 @pytest.mark.parametrize("reach", [FADE, HOLD, CONTINUE])
 def test_solvers_feel_the_lattice_inside_and_beside_its_box(scene, checks, half_size: float, reach: str):
-    """Place by place, in three pictures, and turned as the object is. What feels it is heavy and stays where it is."""
+    """Place by place, in three frames, and turned as the object is. What feels it is heavy and stays where it is."""
     nodes = lattice(half_size * np.array([[-1.0, -0.5, -0.7], [1.0, 0.5, 0.7]]), 5)
     values = np.random.default_rng(0).normal(size=(3, len(nodes), 3))
     known = SampledField(nodes, values, np.ones(values.shape[:2]))

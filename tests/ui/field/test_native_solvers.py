@@ -137,7 +137,7 @@ def test_sample_wind_ends_beside_the_box_as_it_is_told(scene, solvers, reach, ne
 
 @pytest.mark.parametrize("name", ["rigid bodies", "cloth of 2x2 faces", "hair"])
 def test_the_frame_rate_of_the_scene_is_no_matter(scene, solvers, name):
-    """A picture is a frame, whatever its length."""
+    """A clip frame is a frame, whatever its length."""
     scene.render.fps, scene.render.fps_base = 60, 1.001
     field = solvers["checks"]["swirl_field"](scene)
     kind, measure = solvers["KINDS"][name]

@@ -19,7 +19,7 @@ CHECK = runpy.run_path(str(ROOT / "tests" / "blender" / "wind_check.py"), run_na
 NAMES = ("Light Breeze", "Passing Gust")
 NODES = np.stack(np.meshgrid(*3 * [np.linspace(-1.0, 1.0, 3)], indexing="ij"), axis=-1).reshape(-1, 3)
 SPEEDS = np.array([1.0, 2.0, 3.0, 4.0])
-"""Along X [m/s], by picture."""
+"""Along X [m/s], by frame."""
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -75,7 +75,7 @@ def test_a_wind_taken_into_a_clean_file_moves_particles_and_goes_round(library) 
     assert seen == pytest.approx([*SPEEDS, *SPEEDS], rel=1e-4)
     field["seeing_wind_loop"] = False
     field.update_tag()
-    assert felt(field, 109) == pytest.approx(SPEEDS[-1], rel=1e-4), "without the loop the last picture stays"
+    assert felt(field, 109) == pytest.approx(SPEEDS[-1], rel=1e-4), "without the loop the last frame stays"
 
 
 def felt(field: bpy.types.Object, frame: int) -> float:
@@ -90,7 +90,7 @@ def felt(field: bpy.types.Object, frame: int) -> float:
 
 
 def test_solvers_go_round_with_geometry_nodes(library) -> None:
-    """A particle let go in each frame gets that picture's push: as strong in the second round as in the first."""
+    """A particle let go in each frame gets that clip frame's push: as strong in the second round as in the first."""
     scene = bpy.context.scene
     scene.render.fps, scene.use_gravity = 24, False
     bpy.ops.seeing_wind.add_wind(wind="Light Breeze", calibrate=False)

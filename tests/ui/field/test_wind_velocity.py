@@ -95,7 +95,7 @@ def test_a_rigid_ball_is_driven_by_the_law_and_drifts_with_the_wind(scene, stand
 
 
 def test_a_rigid_body_goes_the_same_way_at_another_frame_rate_and_speed_of_its_world(scene, stand_in):
-    """A picture is a frame: as far per frame at 50 frames a second, and with a world that runs at twice the speed."""
+    """A clip frame is a frame: as far per frame at 50 frames a second, and with a world that runs at twice the speed."""
     steady(scene)
     obj, ways = CHECK["ball"](scene), []
     for fps, speed in ((25, 1.0), (50, 1.0), (25, 2.0)):

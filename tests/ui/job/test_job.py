@@ -64,7 +64,7 @@ def test_an_empty_list_is_yielded_while_the_worker_is_silent() -> None:
 
 def test_the_worker_s_own_error_is_passed_on_once() -> None:
     seen = collect(start("error"))
-    assert [error["message"] for error in kinds(seen, "error")] == ["The box lies outside the picture of 480 x 270 pixels."]
+    assert [error["message"] for error in kinds(seen, "error")] == ["The box lies outside the frame of 480 x 270 pixels."]
     assert seen[-1]["outcome"] == "failed" and seen[-1]["code"] == 1
 
 

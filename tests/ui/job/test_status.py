@@ -48,8 +48,8 @@ def test_flags_are_called_as_the_panel_calls_them() -> None:
 
 def test_frames_are_those_of_the_scene() -> None:
     frame_of = Pace(1001, 1.25).frame_of
-    sight = f"The object is out of sight in 5 of 40 pictures, first in {frame_named(8)}."
-    assert in_scene_frames(sight, frame_of) == "The object is out of sight in 5 of 40 pictures, first in frame 1011."
+    sight = f"The object is out of sight in 5 of 40 frames, first in {frame_named(8)}."
+    assert in_scene_frames(sight, frame_of) == "The object is out of sight in 5 of 40 frames, first in frame 1011."
     going = {"type": "progress", "message": "Following the object, frame 13 to 26 of 26"}
     assert operator._in_scene_frames(going, frame_of) == going, "that is how far it is in the clip"
     assert operator._in_scene_frames({"type": "warning", "message": "In frame 4"}, frame_of)["message"] == "In frame 1006"
@@ -64,6 +64,6 @@ def test_what_the_engine_says_of_a_finished_stage_is_what_the_panel_waits_for() 
 
 
 def test_refusals_speak_of_what_the_panel_has() -> None:
-    assert in_panel_words(NEITHER) == "Mark the object in the first picture by Box, Blender Mask, or Mask with a PNG."
+    assert in_panel_words(NEITHER) == "Mark the object in the first frame by Box, Blender Mask, or Mask with a PNG."
     assert in_panel_words("Leave it out of --correct.") == "Leave it out of Correct the Outline."
     assert in_panel_words("Leave --device out.") == "Leave --device out.", "what the panel does not have keeps its name"

@@ -142,7 +142,7 @@ def test_a_change_of_settings_makes_the_recovery_stale_and_changing_back_does_no
         ({"clip": ""}, "No clip is chosen"),
         ({"box": (0, 0, 0, 0)}, "No box is drawn"),
         ({"mask": "/no/mask.png"}, "There is no mask"),
-        ({"frames": (9, 9)}, "pictures 9 to 9 is empty"),
+        ({"frames": (9, 9)}, "frames 9 to 9 is empty"),
     ],
 )
 def test_bad_settings_are_refused_before_anything_starts(workplace, scene, options, says) -> None:
@@ -152,7 +152,7 @@ def test_bad_settings_are_refused_before_anything_starts(workplace, scene, optio
     assert not job_operator.jobs
 
 
-@pytest.mark.parametrize(("behaviour", "says"), [("error", "outside the picture"), ("die", "SIGKILL"), ("crash", "the grid is empty")])
+@pytest.mark.parametrize(("behaviour", "says"), [("error", "outside the frame"), ("die", "SIGKILL"), ("crash", "the grid is empty")])
 def test_a_failed_worker_is_told_and_nothing_stays_running(workplace, scene, monkeypatch, behaviour, says) -> None:
     monkeypatch.setenv("SEEING_WIND_FAKE", behaviour)
     with pytest.raises(RuntimeError, match=says):

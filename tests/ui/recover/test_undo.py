@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import shutil
 from pathlib import Path
 
 import bpy
@@ -145,6 +146,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("composite with a panorama", lambda: ops.set_up_composite(hdri=panorama(workplace))),
         ("add wind", lambda: ops.add_wind(wind="Light Breeze")),
         ("turn an override", lambda: ops.turn_override(field=overridden())),
+        ("join", lambda: ops.join(take=shutil.copytree(take, str(workplace / "twin.take")))),
     ]
     changing = {cls.bl_idname for cls in ui.CLASSES if issubclass(cls, bpy.types.Operator) and "UNDO" in getattr(cls, "bl_options", ())}
     called = set(re.findall(r"ops\.(\w+)\(", inspect.getsource(test_undo_and_redo_over_every_operator)))

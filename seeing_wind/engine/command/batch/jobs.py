@@ -174,7 +174,7 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     if not isinstance(options, dict):
         raise UsageError(f"recover of {name} is no table.", "Write it as { distance = 2.0 }.")
     if "take" in options:
-        raise UsageError(f"recover of {name} names a take.", "A job's take stands beside its recover, not in it.")
+        raise UsageError(f"recover of {name} names a take.", "Write take beside recover, not in it.")
     if "take" not in table:
         raise UsageError(f"{name} has no take.", 'Say with take = "NAME.take" where the results go.')
     if set(SOURCES) <= table.keys():
@@ -185,7 +185,7 @@ def _job(table: dict[str, Any], number: int, path: Path) -> Job:
     paths = {key: Path(os.path.abspath(home / os.path.expanduser(table[key]))) for key in PATHS & table.keys()}
     for key in (*SOURCES, "edit"):
         if key in paths and not paths[key].is_file() and not (key == "clip" and _is_sequence(paths[key])):
-            raise UsageError(f"{key} of {name}: there is no file {paths[key]}.", "Correct the path; it counts from the jobs' file.")
+            raise UsageError(f"{key} of {name}: there is no file {paths[key]}.", "Correct the path; it is relative to the file of jobs.")
     if "edit" in paths:
         paths.setdefault("edit_take", paths["take"].with_name(f"{paths['take'].name.removesuffix('.take')}.edit.take"))
     options = {key: os.path.abspath(home / value) if key in FILES and isinstance(value, str) else value for key, value in options.items()}
@@ -205,5 +205,5 @@ def _words(options: dict[str, Any]) -> list[str]:
 
 
 def _is_sequence(clip: Path) -> bool:
-    """Whether it is a folder or a pattern of pictures; what is in it is the engine's to say."""
+    """Whether it is a folder or a pattern of images; what is in it is the engine's to say."""
     return clip.is_dir() or (clip.parent.is_dir() and ("*" in clip.name or "%" in clip.name))

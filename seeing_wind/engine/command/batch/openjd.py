@@ -24,7 +24,7 @@ TEMPLATE, PARAMETERS = "template.json", "parameters.json"
 NAME_LENGTH = 64
 """Characters of a step's name at most, by the specification."""
 FIRST_FRAME = 1
-"""Scene frame of picture 0 in a file that `bake` makes."""
+"""Scene frame of frame 0 in a file that `bake` makes."""
 
 CHECK = """\
 import sys
@@ -181,7 +181,7 @@ def _action(command: str, words: list[str]) -> dict[str, Any]:
 
 
 def _pictures(job: Job, maker: Job | None) -> int:
-    """How many pictures the job's clip has, so how many frames it renders.
+    """How many frames the job's clip has, so how many frames it renders.
 
     Raises:
         TakeError: the take that should be there has no report.
@@ -199,7 +199,7 @@ def _pictures(job: Job, maker: Job | None) -> int:
 
 
 def _count(clip: Path) -> int:
-    """Pictures of a clip, by decoding: containers' own numbers are wrong too often. Raises ClipError where there are none."""
+    """Frames of a clip, by decoding: containers' own numbers are wrong too often. Raises ClipError where there are none."""
     from ...observe.clip.frames import files_of
 
     files = files_of(str(clip))
@@ -212,7 +212,7 @@ def _count(clip: Path) -> int:
         count += 1
     capture.release()
     if count == 0:
-        raise ClipError(f"{clip} holds no picture that can be read.", "Convert it to H.264 MP4, or give a folder of pictures.")
+        raise ClipError(f"{clip} holds no frame that can be read.", "Convert it to H.264 MP4, or give a folder of images.")
     return count
 
 

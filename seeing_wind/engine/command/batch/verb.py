@@ -31,7 +31,7 @@ def batch(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     if arguments.ray is None and (arguments.shared or arguments.attempts is not None):
         raise UsageError("--shared and --attempts belong to --ray.", "Add --ray auto, or leave them out.")
     if arguments.ray not in (None, "auto") and not re.fullmatch(r".+:\d{1,5}", arguments.ray):
-        raise UsageError(f"--ray is {arguments.ray}, no address.", "Give HOST:PORT of the cluster's head, or auto.")
+        raise UsageError(f"--ray {arguments.ray} is not an address.", "Give HOST:PORT of the cluster's head, or auto.")
     if arguments.openjd is not None:
         from .openjd import write_bundle
 

@@ -52,7 +52,7 @@ def read_trajectories(
     """Read an NPZ with `x` (T+1,N,3) m and `fps`.
 
     Needed is `E` Pa, too, or a `material` of the library, where no option gives them. Optional are `rho` kg/m³, `nu`, `yield_stress` Pa,
-    `fixed` (N,) bool, `gravity` (3,) m/s², `visible` (T+1,N) bool, all of it true in picture 0, and the errors of x: `sigma` m, the
+    `fixed` (N,) bool, `gravity` (3,) m/s², `visible` (T+1,N) bool, all of it true in frame 0, and the errors of x: `sigma` m, the
     standard deviation of a coordinate, or `covariance` (3,3) or (N,3,3) m². Where a point is not visible, its x is not used.
     Velocities and forces in the file, if any, are not read: they are what is to be found.
 
@@ -63,7 +63,7 @@ def read_trajectories(
 
     Raises:
         UsageError: no such file, no NPZ, a key missing, of the wrong type or shape, or a number out of its bounds.
-        ObjectError: too few pictures or particles, points that picture 0 does not show, visible positions that are not finite, a body that
+        ObjectError: too few frames or particles, points that frame 0 does not show, visible positions that are not finite, a body that
             jumps.
         MaterialError: as `materials.adjusted`, a material that the library does not have, or no stiffness.
     """
@@ -164,5 +164,5 @@ def particle_spacing(x: np.ndarray) -> float:
     distance = cKDTree(x).query(x, k=2)[0][:, 1]
     spacing = float(np.median(distance))
     if spacing <= 1e-9 * max(1.0, float(np.abs(x).max())):
-        raise ObjectError("Most particles coincide with another.", "Give every particle a place of its own in the first picture.")
+        raise ObjectError("Most particles coincide with another.", "Give every particle a place of its own in the first frame.")
     return spacing

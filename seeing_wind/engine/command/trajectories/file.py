@@ -65,7 +65,7 @@ def motion_of(values: dict[str, np.ndarray], path: str | os.PathLike[str]) -> tu
     if x.ndim != 3 or x.shape[2] != 3:
         raise UsageError(f"{path}: x has shape {x.shape}.", "It must be (T+1,N,3).")
     if len(x) < 4 or x.shape[1] < 1:
-        raise ObjectError(f"{path} has {len(x)} pictures of {x.shape[1]} particles.", "At least four pictures of one particle are needed.")
+        raise ObjectError(f"{path} has {len(x)} frames of {x.shape[1]} particles.", "At least four frames of one particle are needed.")
     visible = _visible(values, x, path)
     fixed = flags_in(values.get("fixed", np.zeros(x.shape[1], dtype=bool)), "fixed", x.shape[1:2], path)
     fps = number_in(values["fps"], "fps", path)
@@ -81,17 +81,17 @@ def _visible(values: dict[str, np.ndarray], x: np.ndarray, path: str | os.PathLi
     if not visible[0].all():
         hidden = np.flatnonzero(~visible[0])
         raise ObjectError(
-            f"{path}: {len(hidden)} of {x.shape[1]} points are not visible in picture 0, the first of them point {hidden[0]}.",
-            "The body is built from picture 0: begin with a picture that shows every point, or remove those points.",
+            f"{path}: {len(hidden)} of {x.shape[1]} points are not visible in frame 0, the first of them point {hidden[0]}.",
+            "The body is built from frame 0: begin with a frame that shows every point, or remove those points.",
         )
     if not visible[1:].any():
-        raise ObjectError(f"{path}: no point is visible after picture 0.", "Mend visible, or leave it out: then every point counts.")
+        raise ObjectError(f"{path}: no point is visible after frame 0.", "Mend visible, or leave it out: then every point counts.")
     lost = np.argwhere(visible & ~np.isfinite(x).all(axis=2))
     if len(lost):
         t, n = lost[0]
         raise ObjectError(
-            f"{path}: the position of particle {n} in picture {t} is not finite.",
-            "Mend the file or remove that particle; after picture 0, `visible` may say that it is not seen.",
+            f"{path}: the position of particle {n} in frame {t} is not finite.",
+            "Mend the file or remove that particle; after frame 0, `visible` may say that it is not seen.",
         )
     return visible
 
@@ -106,7 +106,7 @@ def _check_places(x: np.ndarray, visible: np.ndarray, fps: float, path: str | os
     worst = int(way.argmax())
     if way[worst] * fps > FASTEST:
         raise ObjectError(
-            f"{path}: from picture {worst} to picture {worst + 1} the body jumps {way[worst]:.3g} m, which is {way[worst] * fps:.3g} m/s.",
+            f"{path}: from frame {worst} to frame {worst + 1} the body jumps {way[worst]:.3g} m, which is {way[worst] * fps:.3g} m/s.",
             "Check the unit of x (metres), fps, and that the points keep their order; cut the file where the body jumps.",
         )
 

@@ -44,7 +44,7 @@ def material_of(
     if "youngs_modulus" not in given and "youngs_modulus" not in stated:
         raise MaterialError(
             f"{path} lacks E, Young's modulus in Pa, and no option gives it.",
-            "The force on a body that bends is in proportion to it: add E, or give --youngs-modulus or --material.",
+            "The force on a body that bends is proportional to it: add E, or give --youngs-modulus or --material.",
         )
     law = "von_mises" if yield_stress > 0.0 else "corotated"
     guesses = {"density": DENSITY, "poisson_ratio": POISSON_RATIO}
@@ -54,7 +54,7 @@ def material_of(
     notes = []
     if assumed:
         missing = [f"{NUMBERS[name]} ({value:g}{' kg/m³' if name == 'density' else ''})" for name, value in assumed.items()]
-        proportion = " Forces are in proportion to the density." if "density" in assumed else ""
+        proportion = " Forces are proportional to the density." if "density" in assumed else ""
         notes.append(f"The file lacks {', '.join(missing)}, and no option gives it: assumed.{proportion}")
     modulus = stated.get("youngs_modulus") or properties["youngs_modulus"]
     whole = Material("trajectories", law, **{**guesses, "youngs_modulus": modulus, **stated}, source=source)

@@ -93,7 +93,7 @@ def read_sheet(
 
     Raises:
         UsageError: a key that is missing, of the wrong type or shape, or out of its bounds; a mesh that is none.
-        ObjectError: too few pictures, vertices that are not seen or not finite, nothing that is free to move.
+        ObjectError: too few frames, vertices that are not seen or not finite, nothing that is free to move.
         MaterialError: numbers that no sheet has.
     """
     from ...recovery.wind.sheet import SheetSeen
@@ -102,8 +102,8 @@ def read_sheet(
     x, visible, fixed, fps = motion_of(values, path)
     if not visible.all():
         t, v = np.argwhere(~visible)[0]
-        hint = "A shell needs every vertex in every picture: fill the gaps."
-        raise ObjectError(f"{path}: vertex {v} is not visible in picture {t}.", hint)
+        hint = "A shell needs every vertex in every frame: fill the gaps."
+        raise ObjectError(f"{path}: vertex {v} is not visible in frame {t}.", hint)
     if fixed.all():
         raise ObjectError(f"{path}: every vertex is fixed: nothing can move.", "Mark fewer as fixed.")
     faces = _faces(values["faces"], x.shape[1], path)

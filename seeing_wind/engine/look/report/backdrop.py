@@ -1,4 +1,4 @@
-"""What is behind the object in every picture of the re-simulated clip."""
+"""What is behind the object in every frame of the re-simulated clip."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ INPAINT = 5
 """Radius [px] of the inpainting of what is behind the object, where a moving camera gives no clean background."""
 
 LIGHT = 2.0
-"""Standard deviation [px] of the blur that leaves of a picture the light on the background: shadows' edges, but not its texture."""
+"""Standard deviation [px] of the blur that leaves of a frame the light on the background: shadows' edges, but not its texture."""
 
 FAR = 6.0
 """The same, in units of `LIGHT`, where the object hides the background itself: light from farther off."""
@@ -29,18 +29,18 @@ REACH = 64
 
 
 def behind(observation: Observation, t: int, image: np.ndarray, box: Box | None = None) -> np.ndarray:
-    """The background of picture t, (H, W, 3) uint8 RGB, or only that in `box`, (h, w, 3).
+    """The background of frame t, (H, W, 3) uint8 RGB, or only that in `box`, (h, w, 3).
 
-    A camera that stands still: the clean plate in the light of that picture, since shadows (the object's own most of all) are no part
-    of what is simulated; they are measured, and so other things that move leave a blurred trace. Else: the picture itself with the object
+    A camera that stands still: the clean plate in the light of that frame, since shadows (the object's own most of all) are no part
+    of what is simulated; they are measured, and so other things that move leave a blurred trace. Else: the frame itself with the object
     inpainted.
 
     Args:
-        image: (H, W, 3) uint8 RGB, picture t without lens distortion, at the observation's size.
+        image: (H, W, 3) uint8 RGB, frame t without lens distortion, at the observation's size.
     """
     height, width = image.shape[:2]
     x0, y0, x1, y1 = box or (0, 0, width, height)
-    # Whole steps of four keep the picture reduced four times as it would be without a box.
+    # Whole steps of four keep the frame reduced four times as it would be without a box.
     left, top = max(x0 - REACH, 0) // 4 * 4, max(y0 - REACH, 0) // 4 * 4
     near = (slice(top, min(y1 + REACH, height)), slice(left, min(x1 + REACH, width)))
     image, mask = image[near], observation.masks[t][near]
@@ -52,7 +52,7 @@ def behind(observation: Observation, t: int, image: np.ndarray, box: Box | None 
 
 
 def without_object(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """A picture (H, W, 3) uint8 with the object inpainted (Telea 2004)."""
+    """A frame (H, W, 3) uint8 with the object inpainted (Telea 2004)."""
     hidden = cv2.dilate(mask.astype(np.uint8), np.ones((9, 9), np.uint8))
     return cv2.inpaint(np.ascontiguousarray(image), hidden, INPAINT, cv2.INPAINT_TELEA)
 
@@ -66,7 +66,7 @@ def relit(plate: np.ndarray, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _light(picture: np.ndarray) -> np.ndarray:
-    """Blurred by `LIGHT`, and faintly by the far light, which is blurred in a picture reduced four times."""
+    """Blurred by `LIGHT`, and faintly by the far light, which is blurred in a frame reduced four times."""
     height, width = picture.shape[:2]
     small = cv2.resize(picture, (max(width // 4, 1), max(height // 4, 1)), interpolation=cv2.INTER_AREA)
     far = cv2.resize(cv2.GaussianBlur(small, (0, 0), FAR * LIGHT / 4), (width, height), interpolation=cv2.INTER_LINEAR)

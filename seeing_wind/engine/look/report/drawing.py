@@ -12,7 +12,7 @@ from PIL import Image, ImageDraw, ImageFont
 from .colours import force_colours
 
 OUTLINE = (18, 20, 24)
-"""Dark, so that light arrows stand out on light pictures."""
+"""Dark, so that light arrows stand out on light frames."""
 GROUND = (16, 18, 22, 158)
 """RGBA of the panels behind the instruments."""
 
@@ -25,7 +25,7 @@ def _three_digits(value: float) -> str:
 
 
 class Dials:
-    """Instruments for pictures of `size` (width, height) px.
+    """Instruments for frames of `size` (width, height) px.
 
     Args:
         top: force density [N/m³] at the colour bar's upper end.

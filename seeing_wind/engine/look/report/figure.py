@@ -15,7 +15,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from ...records import Observation, Particles, Recovery
 from .colours import force_colours
 
-INK, FAINT, PAPER = "#23272e", "#8a919c", "#ffffff"
+INK, FAINT, GREY, PAPER = "#23272e", "#8a919c", "#c3c8d0", "#ffffff"
 AXES = (("x", "#e5484d"), ("y", "#46a758"), ("z", "#3e63dd"))
 """Blender's axis colours."""
 
@@ -31,19 +31,19 @@ def draw_report(
     confidence: np.ndarray,
     observation: Observation | None = None,
 ) -> None:
-    """Draw four panels (net force, residual, confidence on the body, the first picture) to a PNG.
+    """Draw four panels (net force, residual, confidence on the body, the first frame) to a PNG.
 
     Args:
         figures: the report's numbers, as written to report.json.
         confidence: (T, N) of the field at the particles.
-        observation: None for a recovery from 3D trajectories; the fourth panel then shows the path instead of a picture.
+        observation: None for a recovery from 3D trajectories; the fourth panel then shows the path instead of a frame.
     """
     # A figure of its own canvas: pyplot would keep global state and choose a back end by the display.
     figure = Figure(figsize=(12.4, 8.2), dpi=120, facecolor=PAPER, layout=ConstrainedLayoutEngine(w_pad=0.14, h_pad=0.14))
     FigureCanvasAgg(figure)
     (force, picture), (residual, cover) = figure.subplots(2, 2, width_ratios=(1.15, 1))
     figure.suptitle(_headline(figures), x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
-    _net_force(force, np.array(figures["net_force"]), fps)
+    _net_force(force, np.array(figures["net_force"]), fps, recovery.wild)
     _residual(residual, recovery, fps)
     _confidence(cover, figure, recovery, confidence)
     if observation is None:
@@ -81,8 +81,8 @@ def _dress(axes: Axes, title: str, xlabel: str = "", ylabel: str = "") -> None:
         spine.set_color("#c9ced6")
 
 
-def _net_force(axes: Axes, force: np.ndarray, fps: float) -> None:
-    """Each value is held over its frame, so it is drawn as steps."""
+def _net_force(axes: Axes, force: np.ndarray, fps: float, wild: np.ndarray | None) -> None:
+    """Each value is held over its frame, so it is drawn as steps; grey in frames (T,) bool that are `wild`, where it is not seen."""
     unit, factor = ("mN", 1e3) if np.abs(force).max() < 0.1 else ("N", 1.0)
     edges, values = np.arange(len(force) + 1) / fps, factor * force
     _dress(axes, "Net force on the object", "seconds", unit)
@@ -90,10 +90,15 @@ def _net_force(axes: Axes, force: np.ndarray, fps: float) -> None:
     axes.stairs(size, edges, fill=True, color="#e9ecf1", label="strength")
     axes.stairs(size, edges, baseline=None, color=FAINT, linewidth=1.0)
     axes.axhline(0, color="#c9ced6", linewidth=0.8)
+    unseen = np.zeros(len(force), bool) if wild is None else wild
     for column, (name, colour) in enumerate(AXES):
-        axes.stairs(values[:, column], edges, baseline=None, color=colour, linewidth=1.8, label=name)
+        axes.stairs(np.where(unseen, np.nan, values[:, column]), edges, baseline=None, color=colour, linewidth=1.8, label=name)
+        axes.stairs(np.where(unseen, values[:, column], np.nan), edges, baseline=None, color=GREY, linewidth=1.8)
+    if unseen.any():
+        axes.stairs([], [0.0], baseline=None, color=GREY, linewidth=1.8, label="not seen")
     axes.set_xlim(edges[0], edges[-1])
-    axes.legend(frameon=False, ncols=4, fontsize=8.5, labelcolor=INK, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+    axes.legend(frameon=False, ncols=5, fontsize=8.5, labelcolor=INK, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2,
+                handlelength=1.2, handletextpad=0.5, columnspacing=1.2)  # fmt: skip
 
 
 def _residual(axes: Axes, recovery: Recovery, fps: float) -> None:
@@ -140,7 +145,7 @@ def _path(axes: Axes, figure: Figure, recovery: Recovery, particles: Particles) 
 
 
 def _first_picture(axes: Axes, observation: Observation) -> None:
-    axes.set_title("First picture: object, tracked points and their paths", **STYLE)
+    axes.set_title("First frame: object, tracked points and their paths", **STYLE)
     axes.imshow(observation.image)
     mask = observation.masks[0]
     veil = np.zeros((*mask.shape, 4))

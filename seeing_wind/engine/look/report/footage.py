@@ -1,4 +1,4 @@
-"""The clip once more, for the report: decoded once, small for the videos, and a few pictures at their own size for what is measured."""
+"""The clip once more, for the report: decoded once, small for the videos, and a few frames at their own size for what is measured."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ...progress import Progress
 from ...records import Camera, Observation, Recovery
 
 LONGEST = 1280
-"""Pixels of the longer side of the report's pictures and videos at most: they are looked at, not measured."""
+"""Pixels of the longer side of the report's images and videos at most: they are looked at, not measured."""
 
 
 @dataclass(frozen=True)
@@ -28,22 +28,22 @@ class Footage:
     seen: Observation
     lens: Lens
     small: Observation
-    """The same at the size of the report's videos: only picture, background, masks, tracks, and a camera to go with them."""
+    """The same at the size of the report's videos: only frame, background, masks, tracks, and a camera to go with them."""
 
     def straight(self, t: int) -> np.ndarray:
-        """Picture t (H, W, 3) uint8 RGB at the file's own size without lens distortion; t must have been asked for in `film`."""
+        """Frame t (H, W, 3) uint8 RGB at the file's own size without lens distortion; t must have been asked for in `film`."""
         return self.lens.straight_one(self.clip.as_filmed(t))
 
 
 def film(observation: Observation, recovery: Recovery, small: Observation, keep: Collection[int], progress: Progress) -> Footage:
-    """Decode the observation's pictures, those in `keep` at the file's own size, too.
+    """Decode the observation's frames, those in `keep` at the file's own size, too.
 
     Args:
         small: `reduced(observation)`.
 
     Raises:
         ClipError: the clip is not there any more, is shorter than the recovery or of another size, or there is no room on disk.
-        Cancelled: between pictures.
+        Cancelled: between frames.
     """
     last = observation.first_frame + observation.frames
     size = small.image.shape[0], small.image.shape[1]
@@ -57,9 +57,9 @@ def film(observation: Observation, recovery: Recovery, small: Observation, keep:
 
 
 def check_length(pictures: int, recovery: Recovery) -> None:
-    """Raises ClipError where the clip has fewer pictures than the recovery."""
+    """Raises ClipError where the clip has fewer frames than the recovery."""
     if pictures < len(recovery.x):
-        raise ClipError(f"The clip ends at picture {pictures}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
+        raise ClipError(f"The clip has {pictures} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
 
 
 def reduced(observation: Observation) -> Observation:

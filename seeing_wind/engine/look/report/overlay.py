@@ -22,7 +22,7 @@ LONGER = 960
 """Clips whose longer side has fewer pixels are enlarged to at least these, or arrows and numbers would be coarse."""
 
 LONGEST = 0.15
-"""Length of the strongest arrow over the picture's height."""
+"""Length of the strongest arrow over the frame's height."""
 
 SHOWN = 0.15
 """Arrows of less confidence are not drawn, and pale below one half."""
@@ -37,15 +37,15 @@ def write_overlay(
     progress: Progress | None = None,
     sampled: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> None:
-    """Draw the field's forces at the moving particles on every picture and write overlay.mp4 into the take.
+    """Draw the field's forces at the moving particles on every frame and write overlay.mp4 into the take.
 
     Args:
-        frames: the clip's T + 1 pictures (H, W, 3) uint8 RGB; observation: at their size.
+        frames: the clip's T + 1 frames (H, W, 3) uint8 RGB; observation: at their size.
         recovery: its simulated particle positions carry the arrows.
         sampled: force density (T, N, 3) and confidence (T, N) of `field` at the particles, if they are known already: it takes long.
 
     Raises:
-        ClipError: when `frames` ends before picture T.
+        ClipError: when `frames` ends before frame T.
         TakeError, MissingPackage: when the video cannot be written.
     """
     progress = progress or NoProgress()
@@ -55,7 +55,7 @@ def write_overlay(
         for picture in range(recovery.x.shape[0]):
             image = next(pictures, None)
             if image is None:
-                raise ClipError(f"The clip ends at picture {picture}, the recovery at {len(recovery.x) - 1}.", "Has the file been changed?")
+                raise ClipError(f"The clip has {picture} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
             writer.write(cv2.cvtColor(drawing.draw(image, picture), cv2.COLOR_RGB2BGR))
             progress.update((picture + 1) / len(recovery.x), "overlay.mp4")
 
@@ -78,7 +78,7 @@ class _Drawing:
         self.metres = LONGEST * height * _depth(self.camera, recovery.x[0], 0) / self.camera.fy
 
     def draw(self, image: np.ndarray, picture: int) -> np.ndarray:
-        """Picture `picture` (H, W, 3) RGB with arrows and dials, at the video's size. The last picture repeats the last frame's force."""
+        """Frame `picture` (H, W, 3) RGB with arrows and dials, at the video's size. The last frame repeats the last interval's force."""
         frame = min(picture, len(self.force) - 1)
         canvas = cv2.resize(image, self.size, interpolation=cv2.INTER_CUBIC)
         force, confidence = self.force[frame], self.confidence[frame]
@@ -101,7 +101,7 @@ class _Drawing:
 
 
 def _carriers(observation: Observation, x: np.ndarray) -> np.ndarray:
-    """Particles that carry arrows: spread evenly, so many that arrows stand about a twenty-sixth of the picture apart."""
+    """Particles that carry arrows: spread evenly, so many that arrows stand about a twenty-sixth of the frame apart."""
     height, width = observation.image.shape[:2]
     apart = max(height, width) / 26
     count = int(np.clip(observation.masks[0].sum() / apart**2, 7, 70))

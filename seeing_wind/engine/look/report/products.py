@@ -54,7 +54,7 @@ class Products:
             self._miss(name, str(error))
             return None
         except Exception as error:
-            # The field is there already, and whatever an odd codec or library does to a picture of it must not cost the job.
+            # The field is there already, and whatever an odd codec or library does to an image of it must not cost the job.
             traceback.print_exc()
             self._miss(name, f"Unexpected {type(error).__name__}: {error}. The log has the details.")
             return None

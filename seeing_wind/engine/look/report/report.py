@@ -74,9 +74,9 @@ def write_report(
     if footage is not None:
         products.film(take.file("overlay.mp4"), lambda: write_overlay(take, footage.clip.frames, small, recovery, field, progress, sampled))
     if footage is not None and full:
-        # Where the look cannot be fitted, that of picture 0 does.
+        # Where the look cannot be fitted, that of frame 0 does.
         body = products.make("gaussians.ply", lambda: _write_look(take, footage, body, recovery, progress, products.journal)) or body
-        # How well force, body and look together explain the pictures themselves.
+        # How well force, body and look together explain the frames themselves.
         written = take.file("resimulated.mp4")
         alike = products.film(
             written, lambda: write_resimulated(take, footage.clip.frames, small, body, recovery, progress, products.journal)
@@ -169,6 +169,7 @@ def _figures(
         "material": {name: value for name, value in vars(as_found(material, recovery)).items() if value != ""},
         "net_force": net.tolist(),
         "mean_net_force": net.mean(axis=0).tolist(),
+        "wild_frames": [] if recovery.wild is None else np.flatnonzero(recovery.wild).tolist(),
         "force_density": {"mean": float(strength.mean()), "p98": float(np.percentile(strength, 98)), "max": float(strength.max())},
         "confidence": {"mean": float(confidence.mean()), "p10": float(np.percentile(confidence, 10))},
         "representation": field.representation,
@@ -197,7 +198,7 @@ def _add_wind(figures: dict[str, Any], wind: dict[str, Any] | None) -> None:
 
 
 def _residual(residual: np.ndarray) -> dict[str, float]:
-    """Over the pictures in which anything was seen."""
+    """Over the frames in which anything was seen."""
     seen = residual[np.isfinite(residual)]
     if not len(seen):
         return {}

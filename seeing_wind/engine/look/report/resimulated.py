@@ -29,13 +29,13 @@ from .backdrop import behind
 from .footage import Footage, check_length
 
 SAMPLED = 24
-"""Pictures of a clip larger than the report's videos that are compared at the file's own size; of a smaller one it is all."""
+"""Frames of a clip larger than the report's videos that are compared at the file's own size; of a smaller one it is all."""
 
 PART = 24
-"""Pictures that are rendered before they are kept."""
+"""Frames that are rendered before they are kept."""
 
 REACH = 3.0
-"""Standard deviations of a Gaussian that the part of the picture which is rendered reaches beyond its centre."""
+"""Standard deviations of a Gaussian that the part of the frame which is rendered reaches beyond its centre."""
 
 SSIM_SIGMA, SSIM_SIZE = 1.5, 11
 """Window of the structural similarity (Wang et al. 2004) [px]."""
@@ -43,13 +43,13 @@ SSIM_SIGMA, SSIM_SIZE = 1.5, 11
 
 @dataclass
 class _Likeness:
-    """How alike pictures of the simulated body are to those filmed, in the boxes round the object."""
+    """How alike frames of the simulated body are to those filmed, in the boxes round the object."""
 
     first: float = float("nan")
     later: list[tuple[float, float]] = field(default_factory=list)
 
     def add(self, t: int, want: np.ndarray, got: np.ndarray, inside: np.ndarray) -> None:
-        """The box (h, w, 3) of picture t as filmed and as rendered, and the object (h, w) bool in it."""
+        """The box (h, w, 3) of frame t as filmed and as rendered, and the object (h, w) bool in it."""
         if t == 0:
             self.first = psnr(want[inside], got[inside])
         else:
@@ -74,15 +74,15 @@ def write_resimulated(
     """Render the Gaussians, carried by the simulated particles and their F (Eq. (8)), into resimulated.mp4 of the take.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB, the clip's pictures as filmed; observation: at their size.
-        journal: keeps the pictures rendered so far.
+        frames: (T+1, H, W, 3) uint8 RGB, the clip's frames as filmed; observation: at their size.
+        journal: keeps the frames rendered so far.
 
     Returns:
-        `first_psnr`, inside the mask of picture 0 [dB]; `psnr` [dB] and `ssim`, means of the boxes round the object over the pictures from
+        `first_psnr`, inside the mask of frame 0 [dB]; `psnr` [dB] and `ssim`, means of the boxes round the object over the frames from
         1 to T that show it, `measured` in number.
 
     Raises:
-        ClipError: when `frames` ends before picture T.
+        ClipError: when `frames` ends before frame T.
         TakeError, MissingPackage: when the video cannot be written.
     """
     progress, journal = progress or NoProgress(), journal or Journal()
@@ -107,7 +107,7 @@ def write_resimulated(
 
 @dataclass(frozen=True)
 class _Part:
-    """Some pictures in a row, as PNG."""
+    """Some frames in a row, as PNG."""
 
     ends: np.ndarray
     """(P,) int64, of each in `packed`."""
@@ -116,7 +116,7 @@ class _Part:
 
 
 def _in_parts(render: Callable[[int], np.ndarray], count: int, journal: Journal) -> Iterator[np.ndarray]:
-    """The pictures (H, W, 3) uint8 of numbers 0 to `count` - 1, `PART` at a time, so that a journal can keep them."""
+    """The frames (H, W, 3) uint8 of numbers 0 to `count` - 1, `PART` at a time, so that a journal can keep them."""
 
     def part(begin: int) -> _Part:
         fast = [cv2.IMWRITE_PNG_COMPRESSION, 1]
@@ -130,14 +130,14 @@ def _in_parts(render: Callable[[int], np.ndarray], count: int, journal: Journal)
 
 
 def pictures_measured(masks: Masks, recovery: Recovery) -> list[int]:
-    """Picture 0 and at most `SAMPLED` later ones that show the object, evenly spread: those of a large clip that `likeness` is told of."""
+    """Frame 0 and at most `SAMPLED` later ones that show the object, evenly spread: those of a large clip that `likeness` is told of."""
     seen = 1 + np.flatnonzero(areas(masks[t] for t in range(1, len(recovery.x))) > 0)
     spread = np.unique(np.linspace(0, len(seen) - 1, SAMPLED).round().astype(int)) if len(seen) else []
     return ([0] if masks[0].any() else []) + [int(t) for t in seen[spread]]
 
 
 def likeness(footage: Footage, body: Body, recovery: Recovery, pictures: list[int], progress: Progress | None = None) -> dict[str, float]:
-    """The figures of `write_resimulated` at the file's own size, of some of its pictures, which are rendered in the object's box only."""
+    """The figures of `write_resimulated` at the file's own size, of some of its frames, which are rendered in the object's box only."""
     progress, found = progress or NoProgress(), _Likeness()
     for number, t in enumerate(pictures):
         progress.update(number / len(pictures), "likeness to the clip")
@@ -158,7 +158,7 @@ def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: P
     """The body with Gaussians whose look fits the whole clip along the simulated motion (`look.over_clip`).
 
     Raises:
-        Cancelled: between pictures and between iterations.
+        Cancelled: between frames and between iterations.
     """
 
     def background(t: int, image: np.ndarray, box: Box) -> np.ndarray:
@@ -169,10 +169,10 @@ def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: P
 
 
 def resimulated(filmed: np.ndarray, observation: Observation, body: Body, recovery: Recovery, t: int, box: Box | None = None) -> np.ndarray:
-    """Picture t (H, W, 3) uint8 RGB of the simulated body over what was behind it, or only the part in `box`, (h, w, 3).
+    """Frame t (H, W, 3) uint8 RGB of the simulated body over what was behind it, or only the part in `box`, (h, w, 3).
 
     Args:
-        filmed: (H, W, 3) uint8 RGB, picture t of the clip without lens distortion; observation: at its size.
+        filmed: (H, W, 3) uint8 RGB, frame t of the clip without lens distortion; observation: at its size.
     """
     camera, x, F = observation.camera, recovery.x[t], recovery.F[t]
     canvas = behind(observation, t, filmed, box)
@@ -207,7 +207,7 @@ def psnr(want: np.ndarray, got: np.ndarray) -> float:
 
 
 def ssim(want: np.ndarray, got: np.ndarray) -> float:
-    """Structural similarity (Wang et al. 2004) of two pictures (H, W, 3) uint8, mean over pixels and channels."""
+    """Structural similarity (Wang et al. 2004) of two frames (H, W, 3) uint8, mean over pixels and channels."""
     a, b = want.astype(np.float64), got.astype(np.float64)
 
     def blur(values: np.ndarray) -> np.ndarray:

@@ -1,6 +1,6 @@
 """What holds at the nodes during a frame: pins and colliders that stand still or follow a path.
 
-A pinned particle goes straight from where the path has it at one picture to where it has it at the next. The nodes that it clamps get
+A pinned particle goes straight from where the path has it at one frame to where it has it at the next. The nodes that it clamps get
 the velocity that the nearest pinned particles have there: their rigid motion, and what of an affine motion is left. Two things keep the
 clamp as good as one that stands still (see `boundary`): the lattice, which remembers nothing, moves along with the pins, and which nodes
 are clamped is found again whenever pins have moved a quarter of a cell against each other.
@@ -75,7 +75,7 @@ def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx
         raise UsageError("There is a path for pinned particles, but none is pinned.", "Pin the particles that are to follow it.")
     if path.ndim != 3 or path.shape[1:] != (count, 3) or len(path) < 2:
         raise UsageError(
-            f"The path of the pinned particles has shape {path.shape}.", f"It must be (T+1, {count}, 3), two pictures or more."
+            f"The path of the pinned particles has shape {path.shape}.", f"It must be (T+1, {count}, 3), two frames or more."
         )
     path = path.astype(np.float64)
     if not np.isfinite(path).all():
@@ -85,7 +85,7 @@ def checked_pin_path(pin_path: np.ndarray, x: np.ndarray, pinned: np.ndarray, dx
     if away.max() > _AWAY * dx:
         n = int(away.argmax())
         raise UsageError(
-            f"The path of pinned particle {n} starts {1000.0 * away[n]:.3g} mm away from it.", "Picture 0 must be where the particles are."
+            f"The path of pinned particle {n} starts {1000.0 * away[n]:.3g} mm away from it.", "Frame 0 must be where the particles are."
         )
     return path
 
@@ -116,7 +116,7 @@ def conditions_for(model: Model, frame: int, state: State | None = None) -> list
     if not 0 <= frame < len(model.pin_path) - 1:
         raise SimulationError(
             f"The path of the pinned particles ends at {frame_named(len(model.pin_path) - 1)}, before {frame_named(frame)} is over.",
-            "Give the path for every picture of the simulation.", frame=frame, quantity="pin_path",
+            "Give the path for every frame of the simulation.", frame=frame, quantity="pin_path",
         )  # fmt: skip
     step = span * (model.pin_path[frame + 1] - model.pin_path[frame])
     start = model.pin_path[frame] + model.part[0] * step

@@ -26,7 +26,7 @@ class MeshCollider:
     friction: float = 0.0
     """As of `colliders.Plane`."""
     path: np.ndarray | None = None
-    """(T+1, V, 3) [m] where the vertices are at every picture, in straight lines between; None for a mesh that stands still."""
+    """(T+1, V, 3) [m] where the vertices are at every frame, in straight lines between; None for a mesh that stands still."""
     corners: np.ndarray = field(init=False, repr=False)
     """(M, 3, 3) of the triangles that have an area [m]."""
     velocity: np.ndarray | None = field(init=False, repr=False, default=None)

@@ -32,7 +32,7 @@ def advance_frame(
 
     Args:
         state: at the frame's start, with a past of the same substep.
-        pin_path: (T+1, P, 3) where the pinned vertices are at every picture [m]; None leaves them where they are.
+        pin_path: (T+1, P, 3) where the pinned vertices are at every frame [m]; None leaves them where they are.
         gravity, load, obstacles: as of `advance`.
 
     Raises:

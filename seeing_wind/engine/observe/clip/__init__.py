@@ -1,7 +1,7 @@
 """A clip as arrays: its frames, its camera, and what is wrong with either.
 
     frames.py   RGB frames of a video or a folder     stored.py          kept on disk instead of in memory
-    pictures.py one image from a file
+    images.py   one image from a file
     camera.py   intrinsics, poses, distance           transforms.py      the camera file of nerfstudio and instant-ngp
     lens.py     lens distortion                       shake.py           a hand-held camera's turns
     depth.py    depth in frame 0                      defects.py         black frames, cuts, blur, an object that leaves

@@ -27,19 +27,19 @@ ROTATION_TOLERANCE = 1e-3
 """How far R^T R may be from the identity: exporters write six digits or fewer."""
 
 SHORTEST, LONGEST = 0.05, 1000.0
-"""Picture widths between which a focal length can be: 169 degrees of view, and 0.06."""
+"""Frame widths between which a focal length can be: 169 degrees of view, and 0.06."""
 STRETCHED = 4.0
 """Largest ratio of fx and fy, for the oblongest pixels."""
 OFF_CENTRE = 1.0
-"""Picture sizes by which the centre may lie outside the picture, as of a crop."""
+"""Frame sizes by which the centre may lie outside the frame, as of a crop."""
 BENT = 0.5
-"""Largest way, in picture diagonals, by which a lens moves a point of the picture."""
+"""Largest way, in frame diagonals, by which a lens moves a point of the frame."""
 
 KEYS = ("width", "height", "fx", "fy", "cx", "cy", "camera_to_world")
 
 
 def resized(camera: Camera, height: int, width: int) -> Camera:
-    """The same camera with pictures of `height` and `width` [px]; pixel centres are at integers in both."""
+    """The same camera with frames of `height` and `width` [px]; pixel centres are at integers in both."""
     across, down = width / camera.width, height / camera.height
     cx, cy = (camera.cx + 0.5) * across - 0.5, (camera.cy + 0.5) * down - 0.5
     return replace(camera, width=width, height=height, fx=camera.fx * across, fy=camera.fy * down, cx=cx, cy=cy)
@@ -48,12 +48,12 @@ def resized(camera: Camera, height: int, width: int) -> Camera:
 def find_camera(
     settings: ObserveSettings, width: int, height: int, pictures: int, first_frame: int, depth: float | None, progress: Progress
 ) -> tuple[Camera, float]:
-    """The camera of a clip of `pictures` pictures (width x height, from `first_frame` of its file) and the object's distance [m].
+    """The camera of a clip of `pictures` frames (width x height, from `first_frame` of its file) and the object's distance [m].
 
     `depth` [m] is the object's from a depth file, None without one; a distance or scale in the settings goes before it.
 
     Without a camera file: a pinhole with the horizontal angle `settings.fov` in front view, the object's plane at y = 0,
-    so that the middle of the picture is the world's origin.
+    so that the middle of the frame is the world's origin.
 
     Raises:
         UsageError: a camera file that cannot be used, or a distance, scale or angle that is not positive, or that contradict each other.
@@ -82,12 +82,12 @@ def find_camera(
 
 
 def read_camera(path: str, width: int, height: int, pictures: int, first_frame: int = 0) -> Camera:
-    """A camera file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per picture); or a `transforms.json`.
+    """A camera file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per frame); or a `transforms.json`.
 
     k1, k2, p1, p2, k3 describe the lens (OpenCV's model, no bend where they are missing); other keys are ignored.
 
     Raises:
-        UsageError: unreadable, keys missing, another picture size than the clip's, values not finite, or no rigid motion in a matrix.
+        UsageError: unreadable, keys missing, another frame size than the clip's, values not finite, or no rigid motion in a matrix.
     """
     values = _read_json(path)
     if is_transforms(values):
@@ -97,8 +97,8 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
         raise UsageError(f"The camera {path} lacks {', '.join(missing)}.", f"It needs {', '.join(KEYS)}.")
     if (values["width"], values["height"]) != (width, height):
         raise UsageError(
-            f"The camera {path} is for {values['width']}x{values['height']} pictures, the clip has {width}x{height}.",
-            "Scale fx, fy, cx, cy and the size with the picture, or use the camera of this clip.",
+            f"The camera {path} is for {values['width']}x{values['height']} frames, the clip has {width}x{height}.",
+            "Scale fx, fy, cx, cy and the size with the frame, or use the camera of this clip.",
         )
     try:
         numbers = {key: values.get(key, 0.0) for key in (*KEYS[2:6], *LENS)}
@@ -122,24 +122,24 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
 
 
 def _check_pinhole(path: str, width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
-    """UsageError for a focal length or a centre that no camera of this picture has."""
+    """UsageError for a focal length or a centre that no camera of this frame has."""
     for name, focal in (("fx", fx), ("fy", fy)):
         if not SHORTEST * width <= focal <= LONGEST * width:
             raise UsageError(
-                f"The camera {path} has {name} = {focal:g}, a picture of {width} pixels across.", "Give the focal length in pixels."
+                f"The camera {path} has {name} = {focal:g} for a frame {width} pixels wide.", "Give the focal length in pixels."
             )
     if not 1.0 / STRETCHED <= fx / fy <= STRETCHED:
-        raise UsageError(f"The camera {path} has fx = {fx:g} and fy = {fy:g}: pixels are not so oblong.", "Give both in pixels.")
+        raise UsageError(f"The camera {path} has fx = {fx:g} and fy = {fy:g}: no camera has pixels that oblong.", "Give both in pixels.")
     for name, centre, size in (("cx", cx, width), ("cy", cy, height)):
         if not -OFF_CENTRE * size <= centre <= (1.0 + OFF_CENTRE) * size:
             raise UsageError(
-                f"The camera {path} has {name} = {centre:g}, far outside a picture of {size} pixels.",
-                "It is where the view's axis meets the picture, in pixels from its upper left corner: about half its size.",
+                f"The camera {path} has {name} = {centre:g}, far outside a frame of {size} pixels.",
+                "It is where the view's axis meets the frame, in pixels from its upper left corner: about half its size.",
             )
 
 
 def _distortion(path: str, lens: tuple[float, ...], camera: Camera) -> tuple[float, ...]:
-    """The lens's five numbers, () where they are all zero; checked to map the picture one to one."""
+    """The lens's five numbers, () where they are all zero; checked to map the frame one to one."""
     if not any(lens):
         return ()
     k1, k2, p1, p2, k3 = lens
@@ -151,13 +151,13 @@ def _distortion(path: str, lens: tuple[float, ...], camera: Camera) -> tuple[flo
     way = np.hypot(x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y).max() * focal
     if not way <= BENT * diagonal:
         raise UsageError(
-            f"The lens of {path} moves a point of the picture by {way:.3g} of {diagonal:.0f} pixels.",
+            f"The lens of {path} moves a point of the frame by {way:.3g} of {diagonal:.0f} pixels.",
             "Calibrate it again; k1, k2, p1, p2 and k3 are OpenCV's, for lengths in focal lengths.",
         )
     # The radial formula turns back on itself where d(r (1 + k1 r² + k2 r⁴ + k3 r⁶))/dr is no longer positive.
     r2 = np.linspace(0.0, (0.5 * diagonal / focal) ** 2, 200)
     if not np.isfinite(lens).all() or (1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3 <= 0.0).any():
-        raise UsageError(f"The lens of {path} (k1 {k1:g}, k2 {k2:g}, k3 {k3:g}) folds the picture over.", "Calibrate it again.")
+        raise UsageError(f"The lens of {path} (k1 {k1:g}, k2 {k2:g}, k3 {k3:g}) folds the frame over.", "Calibrate it again.")
     return lens
 
 
@@ -176,12 +176,12 @@ def _read_json(path: str) -> dict[str, Any]:
 def _poses(path: str, poses: np.ndarray, pictures: int, first_frame: int) -> np.ndarray:
     """Checked camera_to_world: (4, 4) when the camera stands still, else (T+1, 4, 4)."""
     if poses.shape[-2:] != (4, 4) or poses.ndim not in (2, 3):
-        raise UsageError(f"camera_to_world of {path} has the shape {poses.shape}.", "Give one 4x4 matrix, or one per picture.")
+        raise UsageError(f"camera_to_world of {path} has the shape {poses.shape}.", "Give one 4x4 matrix, or one per frame.")
     if poses.ndim == 3 and len(poses) != pictures:
         # The file may describe the whole clip of which a range was chosen.
         if len(poses) < first_frame + pictures:
             raise UsageError(
-                f"{path} has {len(poses)} camera matrices, the clip {pictures} pictures.", "Give one matrix, or one per picture."
+                f"{path} has {len(poses)} camera matrices, the clip {pictures} frames.", "Give one matrix, or one per frame."
             )
         poses = poses[first_frame : first_frame + pictures]
     if not np.isfinite(poses).all():
@@ -234,7 +234,7 @@ def _check_distance(distance: float, what: str) -> float:
 
 
 def _distance_of_origin(camera: Camera, progress: Progress) -> float:
-    """Depth of the world's origin in picture 0 [m] when it is in front of the camera, else the default distance."""
+    """Depth of the world's origin in frame 0 [m] when it is in front of the camera, else the default distance."""
     depth = float(camera.project(np.zeros(3))[1])
     distance = depth if depth > 1e-3 else DEFAULT_DISTANCE
     progress.warn(f"The camera is known but not the object's depth, which is taken as {distance:.3g} m. Give --depth or --distance.")

@@ -1,4 +1,4 @@
-"""What is wrong with a clip that can be seen in it: no picture at all, a cut to another shot, blur by motion, an object that leaves."""
+"""What is wrong with a clip that can be seen in it: no frame at all, a cut to another shot, blur by motion, an object that leaves."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from ...progress import Progress
 from .stored import Frames
 
 BLACK = 12.0
-"""Brightest grey level (smoothed) up to which a picture is black: codecs write 16 for black, read back as 0 with noise."""
+"""Brightest grey level (smoothed) up to which a frame is black: codecs write 16 for black, read back as 0 with noise."""
 
 SMALL = (64, 48)
 """Pixels of the copies in which cuts are sought: what moves inside a shot changes little of them."""
 
 CUT_JUMP = 12.0
-"""Mean difference of neighbouring pictures [grey levels] from which a cut is possible."""
+"""Mean difference of neighbouring frames [grey levels] from which a cut is possible."""
 
 CUT_RATIO = 6.0
 """How many times larger than the usual difference in this clip that of a cut is."""
 
 CUT_LIKENESS = 0.5
-"""Correlation of the pictures across a cut is below this; a light that is switched keeps it high."""
+"""Correlation of the frames across a cut is below this; a light that is switched keeps it high."""
 
 BLURRED = 0.35
-"""Sharpness (variance of the Laplacian on the object) relative to its best, under which a picture counts as blurred."""
+"""Sharpness (variance of the Laplacian on the object) relative to its best, under which a frame counts as blurred."""
 
 FAST = 0.03
-"""The object's step from picture to picture in units of its size from which blur is blamed on motion."""
+"""The object's step from frame to frame in units of its size from which blur is blamed on motion."""
 
 
 def check_pictures(frames: Frames, first_frame: int, progress: Progress) -> None:
     """Look for defects that make any result nonsense.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; first_frame: index in the file of picture 0.
+        frames: (T+1, H, W, 3) uint8 RGB; first_frame: index in the file of frame 0.
 
     Raises:
         ClipError: the clip is black, or cuts from one shot to another.
@@ -52,20 +52,20 @@ def check_pictures(frames: Frames, first_frame: int, progress: Progress) -> None
     if bright[0] < BLACK:
         light = int(np.flatnonzero(bright >= BLACK)[0])
         raise ClipError(
-            f"The clip begins with {light} black pictures.", f"Begin where something is seen: --frames {first_frame + light}:..."
+            f"The clip begins with {light} black frames.", f"Begin where something is seen: --frames {first_frame + light}:..."
         )
     cut = _cut(small)
     if cut is not None:
         before, after, last = first_frame + cut, first_frame + cut + 1, first_frame + len(frames) - 1
         shots = [f"--frames {begin}:{end}" for begin, end in ((first_frame, before), (after, last)) if end > begin]
         raise ClipError(
-            f"The clip cuts to another shot between its pictures {before} and {after}.",
+            f"The clip cuts to another shot between its frames {before} and {after}.",
             f"Choose one shot: {' or '.join(shots)}." if shots else "Film it again, or choose another range of --frames.",
         )
 
 
 def _cut(small: np.ndarray) -> int | None:
-    """The last picture before a cut in `small` (T+1, h, w), None without one."""
+    """The last frame before a cut in `small` (T+1, h, w), None without one."""
     jump = np.abs(np.diff(small, axis=0)).mean(axis=(1, 2))
     usual = float(np.median(jump)) if len(jump) > 2 else 0.0
     for t in np.flatnonzero((jump > CUT_JUMP) & (jump > CUT_RATIO * usual)):
@@ -77,26 +77,26 @@ def _cut(small: np.ndarray) -> int | None:
 
 
 def tell_defects(frames: Frames, masks: Masks, progress: Progress) -> None:
-    """Warn of what makes the result less certain: the object reaches over the picture's edge, or is blurred by its motion.
+    """Warn of what makes the result less certain: the object reaches over the frame's edge, or is blurred by its motion.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object.
     """
     rim = np.array([bool(m[0].any() or m[-1].any() or m[:, 0].any() or m[:, -1].any()) for m in masks])
     if rim[0]:
-        progress.warn("The object reaches over the edge of the first picture: what lies outside has no mass in the result.")
+        progress.warn("The object reaches over the edge of the first frame: what lies outside has no mass in the result.")
     elif rim.any():
-        progress.warn(f"The object leaves the picture from {frame_named(int(np.flatnonzero(rim)[0]))} on; there its tracks are fewer.")
+        progress.warn(f"From {frame_named(int(np.flatnonzero(rim)[0]))} on the object is partly out of view, and fewer points are tracked.")
     blurred = _blurred(frames, masks, progress)
     if len(blurred):
         progress.warn(
-            f"The object is blurred by its motion in {len(blurred)} of {len(frames)} pictures, first in {frame_named(blurred[0])}: "
+            f"The object is blurred by its motion in {len(blurred)} of {len(frames)} frames, first in {frame_named(blurred[0])}: "
             "a shorter exposure gives better tracks."
         )
 
 
 def _blurred(frames: Frames, masks: Masks, progress: Progress) -> np.ndarray:
-    """Pictures in which the object is much less sharp than at its best while it moves fast."""
+    """Frames in which the object is much less sharp than at its best while it moves fast."""
     sharp, middle = np.full(len(frames), np.nan), np.full((len(frames), 2), np.nan)
     size = float(np.sqrt(max(masks[0].sum(), 1)))
     for t, (picture, mask) in enumerate(zip(frames, masks)):

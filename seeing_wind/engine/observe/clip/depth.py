@@ -1,4 +1,4 @@
-"""Depth of the object in picture 0: from a file, or a plane facing the camera."""
+"""Depth of the object in frame 0: from a file, or a plane facing the camera."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ def read_depth(path: str, height: int, width: int) -> np.ndarray:
             f"The depth file {path} is not an NPY array ({error}).", "Save it with numpy.save, metres, shape (H, W)."
         ) from error
     if depth.dtype.kind not in "fiu":
-        raise UsageError(f"The depth file {path} holds {depth.dtype}, no numbers.", "Give metres per pixel of the first picture.")
+        raise UsageError(f"The depth file {path} holds {depth.dtype}, no numbers.", "Give metres per pixel of the first frame.")
     if depth.shape != (height, width):
         raise UsageError(
-            f"The depth file {path} has the shape {depth.shape}, the clip {(height, width)}.", "Give metres per pixel of the first picture."
+            f"The depth file {path} has the shape {depth.shape}, the clip {(height, width)}.", "Give metres per pixel of the first frame."
         )
     depth = depth.astype(np.float32)
     if not (np.isfinite(depth) & (depth > 0)).any():
@@ -49,7 +49,7 @@ def typical_depth(depth: np.ndarray | None, around: np.ndarray) -> float | None:
 
 
 def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance: float, progress: Progress) -> np.ndarray:
-    """Depth (H, W) float32 [m] of the object's visible surface in picture 0, infinite off `mask` (H, W).
+    """Depth (H, W) float32 [m] of the object's visible surface in frame 0, infinite off `mask` (H, W).
 
     Args:
         depth: (H, W) [m], not positive or not finite where unknown; without it the surface is the plane at `distance` [m] that faces
@@ -66,7 +66,7 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
     if part < LEAST_KNOWN:
         raise UsageError(
             f"{name} gives a depth for only {100 * part:.0f} % of the object.",
-            "Check that mask and depth are of the same picture.",
+            "Check that mask and depth are of the same frame.",
         )
     if part < 0.98:
         progress.warn(f"{100 * (1 - part):.0f} % of the object's pixels have no depth in {name}; they take the nearest known one.")
@@ -80,6 +80,6 @@ def object_depth(depth: np.ndarray | None, name: str, mask: np.ndarray, distance
     if steps.size and np.median(steps) > ROUGHEST * np.median(filled[mask]):
         raise UsageError(
             f"{name} gives depths that differ by {np.median(steps):.2g} m from pixel to pixel: no surface looks like that.",
-            "Check the file: metres along the view axis, one per pixel of the first picture.",
+            "Check the file: metres along the view axis, one per pixel of the first frame.",
         )
     return filled

@@ -1,4 +1,4 @@
-"""Reading a clip: a video file, a folder of pictures, or a pattern of pictures, as RGB frames on disk. A clip is decoded once."""
+"""Reading a clip: a video file, a folder of images, or a pattern of images, as RGB frames on disk. A clip is decoded once."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from ...progress import NoProgress, Progress
 from ...records import Doubt
 from .filmed.combing import Combing
 from .filmed.container import said_by
-from .pictures import check_size, read_picture
+from .images import check_size, read_picture
 from .stored import Frames, StoredFrames
 
 UNEVEN = 0.1
-"""Deviation of a time between pictures from the usual one, relative, from which a clip counts as one of variable frame rate."""
+"""Deviation of a time between frames from the usual one, relative, from which a clip counts as one of variable frame rate."""
 
 ROUNDING = 0.02
 """Relative difference between a file's frame rate and that of its times that is rounding: some containers keep whole milliseconds."""
@@ -29,30 +29,30 @@ PLAYLIST = b"ffconcat"
 """How a list of FFmpeg's begins, which it plays like a video; OpenCV opens none of the other kinds."""
 
 TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
-"""What makes a picture upright that a phone stored with this rotation in the file's metadata [degrees]."""
+"""What makes a frame upright that a phone stored with this rotation in the file's metadata [degrees]."""
 
 
 @dataclass(frozen=True)
 class Clip:
-    """The chosen pictures of a clip, upright."""
+    """The chosen frames of a clip, upright."""
 
     path: str
     frames: Frames
     """(T+1, H, W, 3) uint8 RGB, at the size that was asked for."""
     fps: float
     first_frame: int
-    """Index in the file of picture 0."""
+    """Index in the file of frame 0."""
     size: tuple[int, int]
     """Height and width in the file [px]."""
     kept: tuple[int, ...]
-    """Pictures that are there at the file's own size, too: see `as_filmed`."""
+    """Frames that are there at the file's own size, too: see `as_filmed`."""
     own: Frames
-    """(K, H, W, 3) uint8 RGB, those pictures."""
+    """(K, H, W, 3) uint8 RGB, those frames."""
     doubts: tuple[Doubt, ...] = ()
-    """What is wrong with how it was filmed, as far as the file and its pictures say so."""
+    """What is wrong with how it was filmed, as far as the file and its frames say so."""
 
     def as_filmed(self, picture: int) -> np.ndarray:
-        """One of the `kept` pictures (H, W, 3) uint8 RGB at the file's own size."""
+        """One of the `kept` frames (H, W, 3) uint8 RGB at the file's own size."""
         return self.own[self.kept.index(picture)]
 
 
@@ -65,19 +65,19 @@ def read_clip(
     resized: Callable[[int, int], tuple[int, int]] | None = None,
     keep: Collection[int] = (0,),
 ) -> Clip:
-    """Decode pictures A..B (inclusive, indices in the file; None takes all) of `path`, in one pass and with one frame in memory.
+    """Decode frames A..B (inclusive, indices in the file; None takes all) of `path`, in one pass and with one frame in memory.
 
     Args:
-        path: a video that OpenCV opens, a folder of pictures (sorted by the numbers in their names), or a pattern such as
+        path: a video that OpenCV opens, a folder of images (sorted by the numbers in their names), or a pattern such as
             `shot_%04d.png` or `shot_*.png`.
-        frames: first and last picture.
-        fps: frames per second; None takes the file's, or the mean over the chosen pictures where the file's rate varies.
-        resized: the height and width [px] to reduce the pictures to, from the file's; None leaves them as they are.
-        keep: pictures (0 is picture A) that are wanted at the file's own size, too.
+        frames: first and last frame.
+        fps: frames per second; None takes the file's, or the mean over the chosen frames where the file's rate varies.
+        resized: the height and width [px] to reduce the frames to, from the file's; None leaves them as they are.
+        keep: frames (0 is frame A) that are wanted at the file's own size, too.
 
     Raises:
-        ClipError: nothing there, not a video, an empty range, fewer than two pictures, or no room on disk for the decoded ones.
-        UsageError: a frame rate that is not positive, or none for a sequence of pictures, which carries none.
+        ClipError: nothing there, not a video, an empty range, fewer than two frames, or no room on disk for the decoded ones.
+        UsageError: a frame rate that is not positive, or none for a sequence of images, which carries none.
     """
     progress = progress or NoProgress()
     if fps is not None and not FRAME_RATES[0] <= fps <= FRAME_RATES[1]:
@@ -101,15 +101,15 @@ def read_clip(
             copies = _Copies((picture.shape[0], picture.shape[1]), resized, keep)
         elif picture.shape[:2] != copies.file:
             raise ClipError(
-                f"Picture {index} of {path} is {_size(picture.shape)}, the first one {_size(copies.file)}.",
-                "All pictures must have the same size.",
+                f"Frame {index} of {path} is {_size(picture.shape)}, the first one {_size(copies.file)}.",
+                "All frames must have the same size.",
             )
         upright = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
         copies.add(upright)
         combing.add(upright)
         times.append(time)
     _check_count(str(path), len(times), count, first, last)
-    assert copies is not None  # at least two pictures, as has been checked
+    assert copies is not None  # at least two frames, as has been checked
     rate, uneven = _rate(str(path), fps, file_fps, np.array(times))
     doubts = [uneven, combing.doubt(), *([] if is_sequence(str(path)) else said_by(path, rate, told=fps is not None))]
     return Clip(
@@ -118,19 +118,19 @@ def read_clip(
 
 
 class _Copies:
-    """What is stored of the pictures as they are decoded."""
+    """What is stored of the frames as they are decoded."""
 
     def __init__(self, file: tuple[int, int], resized: Callable[[int, int], tuple[int, int]] | None, keep: Collection[int]) -> None:
         self.file = file
         self._size = file if resized is None else resized(*file)
         self._keep = frozenset(keep)
         self.frames = StoredFrames(*self._size)
-        # At the file's own size all pictures are there anyway.
+        # At the file's own size all frames are there anyway.
         self.own = self.frames if self._size == file else StoredFrames(*file)
         self.kept: tuple[int, ...] = ()
 
     def add(self, picture: np.ndarray) -> None:
-        """Store the next picture (H, W, 3) uint8 RGB."""
+        """Store the next frame (H, W, 3) uint8 RGB."""
         index = len(self.frames)
         if self.own is self.frames:
             self.kept += (index,)
@@ -144,10 +144,10 @@ class _Copies:
 def require_clip(path: str) -> None:
     """Raise ClipError where there is nothing that could be a clip, before a folder is made for its results."""
     if not path.strip():
-        raise ClipError("No clip is named.", "Give a video file, a folder of pictures, or a pattern like shot_%04d.png.")
+        raise ClipError("No clip is named.", "Give a video file, a folder of images, or a pattern like shot_%04d.png.")
     if not is_sequence(path) and not Path(path).is_file():
         raise ClipError(
-            f"There is no clip at {path}.", "Check the path: a video file, a folder of pictures, or a pattern like shot_%04d.png."
+            f"There is no clip at {path}.", "Check the path: a video file, a folder of images, or a pattern like shot_%04d.png."
         )
 
 
@@ -159,7 +159,7 @@ def _refuse_playlist(place: Path) -> None:
 
 
 def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
-    """The files that a clip is read from: the video itself, or those of a folder's or pattern's pictures that lie in the range."""
+    """The files that a clip is read from: the video itself, or those of a folder's or pattern's images that lie in the range."""
     if not is_sequence(path):
         return [Path(path)]
     first, last = frames or (0, None)
@@ -178,7 +178,7 @@ def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
 
 
 def _tell_gaps(files: list[Path], progress: Progress) -> None:
-    """Warn where the numbers of pictures, evenly spaced but for that, leave some out: they are taken as equally far apart in time."""
+    """Warn where the numbers of frames, evenly spaced but for that, leave some out: they are taken as equally far apart in time."""
     numbers = [re.findall(r"\d+", file.stem)[-1:] for file in files]
     if len(files) < 3 or not all(numbers):
         return
@@ -187,24 +187,24 @@ def _tell_gaps(files: list[Path], progress: Progress) -> None:
     wide = np.flatnonzero(steps > usual)
     if usual > 0 and len(wide):
         where = " and ".join(f"between {files[at].name} and {files[at + 1].name}" for at in wide[:3])
-        progress.warn(f"Pictures are missing {where}: the others are taken as equally far apart in time. Put the missing ones back.")
+        progress.warn(f"Frames are missing {where}: the others are taken as equally far apart in time. Put the missing ones back.")
 
 
 def _check_count(path: str, kept: int, count: int, first: int, last: int | None) -> None:
     if count == 0:
         raise ClipError(
-            f"{path} holds no picture that can be read.", "Play it in a video player; if it plays there, convert it to H.264 MP4."
+            f"{path} holds no frame that can be read.", "Play it in a video player; if it plays there, convert it to H.264 MP4."
         )
     if not kept or (last is not None and kept < last - first + 1):
         raise ClipError(
             f"{path} has frames 0 to {count - 1}, so {first}:{last} reaches past its end.", f"Choose --frames inside 0:{count - 1}."
         )
     if kept < 2:
-        raise ClipError(f"{path} gives one picture, and motion needs two.", "Use a longer clip or a wider --frames range.")
+        raise ClipError(f"{path} gives one frame, and motion needs two.", "Use a longer clip or a wider --frames range.")
 
 
 def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray) -> tuple[float, Doubt | None]:
-    """Frames per second: the user's, else the file's, else (where the pictures' `times` (T+1,) [s] are uneven) their mean, a doubt."""
+    """Frames per second: the user's, else the file's, else (where the frames' `times` (T+1,) [s] are uneven) their mean, a doubt."""
     if fps is not None:
         return float(fps), None
     steps = np.diff(times)
@@ -214,8 +214,8 @@ def _rate(path: str, fps: float | None, file_fps: float, times: np.ndarray) -> t
         if np.abs(steps - usual).max() > UNEVEN * usual:
             return mean, Doubt(
                 0.9,
-                f"The clip's frame rate varies: {1e3 * steps.min():.0f} to {1e3 * steps.max():.0f} ms between pictures. Its mean, "
-                f"{mean:.4g} per second, is used, and forces are wrong where pictures are far apart.",
+                f"The clip's frame rate varies: {1e3 * steps.min():.0f} to {1e3 * steps.max():.0f} ms between frames. Its mean, "
+                f"{mean:.4g} per second, is used, and forces are wrong where frames are far apart.",
                 "Convert it to a constant rate.",
             )
         # A file's own number is exact, but that of the whole file: an even part of an uneven clip has another.
@@ -230,7 +230,7 @@ def _size(shape: tuple[int, ...]) -> str:
 
 
 def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
-    """Pictures (BGR) of a clip with their times [s], and the frame rate its file states (both NaN for pictures)."""
+    """Frames (BGR) of a clip with their times [s], and the frame rate its file states (both NaN for images)."""
     place = Path(path)
     require_clip(path)
     if is_sequence(path):
@@ -240,7 +240,7 @@ def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
     _refuse_playlist(place)
     capture = cv2.VideoCapture(path)
     if not capture.isOpened():
-        raise ClipError(f"{path} is not a video that can be opened.", "Convert it to H.264 MP4, or give a folder of pictures.")
+        raise ClipError(f"{path} is not a video that can be opened.", "Convert it to H.264 MP4, or give a folder of images.")
     try:
         check_size(capture.get(cv2.CAP_PROP_FRAME_WIDTH), capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
     except ValueError as error:
@@ -249,7 +249,7 @@ def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
 
 
 def _video(capture: cv2.VideoCapture) -> Iterator[tuple[np.ndarray, float]]:
-    # Builds of OpenCV differ in whether they turn pictures by themselves.
+    # Builds of OpenCV differ in whether they turn frames by themselves.
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     turn = TURNS.get(round(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 360)
     try:
@@ -265,10 +265,10 @@ def _video(capture: cv2.VideoCapture) -> Iterator[tuple[np.ndarray, float]]:
 
 def _pictures(files: list[Path], path: str) -> Iterator[tuple[np.ndarray, float]]:
     if not files:
-        raise ClipError(f"No pictures at {path}.", "Give a folder or pattern of PNG, JPEG, TIFF, BMP or WebP files.")
+        raise ClipError(f"No images at {path}.", "Give a folder or pattern of PNG, JPEG, TIFF, BMP or WebP files.")
     for file in files:
         try:
             picture = read_picture(file)
         except (OSError, ValueError) as error:
-            raise ClipError(f"The picture {file} cannot be read: {error}.", "Remove or replace that file.") from error
+            raise ClipError(f"The image {file} cannot be read: {error}.", "Remove or replace that file.") from error
         yield picture, float("nan")

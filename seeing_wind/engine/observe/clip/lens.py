@@ -1,4 +1,4 @@
-"""A lens that bends straight lines: pictures and what is drawn over them are straightened on the way in (OpenCV's five-number model)."""
+"""A lens that bends straight lines: frames and what is drawn over them are straightened on the way in (OpenCV's five-number model)."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ class Lens:
             self._maps = cv2.initUndistortRectifyMap(self._matrix, np.array(camera.distortion), None, self._matrix, size, cv2.CV_32FC1)
 
     def straight(self, frames: Frames, progress: Progress) -> Frames:
-        """Pictures (T+1, H, W, 3) uint8 as the pinhole would have filmed them; beyond the filmed part the rim is repeated."""
+        """Frames (T+1, H, W, 3) uint8 as the pinhole would have filmed them; beyond the filmed part the rim is repeated."""
         if self._maps is None:
             return frames
         return each(frames, lambda t, picture: self.straight_one(picture), progress)
 
     def straight_one(self, picture: np.ndarray) -> np.ndarray:
-        """One picture (H, W, 3) as `straight`."""
+        """One frame (H, W, 3) as `straight`."""
         if self._maps is None:
             return picture
         return cv2.remap(picture, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
     def straight_map(self, values: np.ndarray, outside: float = 0.0) -> np.ndarray:
-        """A mask or depth map (H, W) of the filmed picture over the straightened one; `outside` the filmed part."""
+        """A mask or depth map (H, W) of the filmed frame over the straightened one; `outside` the filmed part."""
         if self._maps is None:
             return values
         whole = values.astype(np.uint8) if values.dtype == bool else values.astype(np.float32)
@@ -46,7 +46,7 @@ class Lens:
         return moved.astype(values.dtype)
 
     def filmed_map(self, values: np.ndarray) -> np.ndarray:
-        """A mask (H, W) bool over the straightened picture in the filmed one's pixels; the inverse of `straight_map`."""
+        """A mask (H, W) bool over the straightened frame in the filmed one's pixels; the inverse of `straight_map`."""
         if self._maps is None:
             return values
         height, width = values.shape

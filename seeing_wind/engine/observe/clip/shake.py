@@ -1,6 +1,6 @@
-"""A hand-held camera that turns a little: its turns are measured on the surroundings, taken out of the pictures, and kept as camera poses.
+"""A hand-held camera that turns a little: its turns are measured on the surroundings, taken out of the frames, and kept as camera poses.
 
-A hand's tremble is mostly rotation, whose effect on the picture, the homography K R K^-1, does not depend on how far things are.
+A hand's tremble is mostly rotation, whose effect on the frame, the homography K R K^-1, does not depend on how far things are.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ LEAST_PART = 0.4
 """Part of the corners that must move as one for that motion to be the camera's."""
 
 LEAST_SPAN = 0.4
-"""Part of the picture, along either side, that the middle nine tenths of the corners span: others may all be of one thing that moves."""
+"""Part of the frame, along either side, that the middle nine tenths of the corners span: others may all be of one thing that moves."""
 
 CLOSE = 1.0
 """Pixels within which a corner agrees with the common motion."""
@@ -29,14 +29,14 @@ SPIKE = 6.0
 """Distance of a turn from the middle of its neighbours, in units of the clip's usual one, from which it is a mistake."""
 
 LARGEST_TURN = 0.1
-"""Shift as a part of the picture's width beyond which this is no tremble but a moving camera, whose parallax a turn cannot explain."""
+"""Shift as a part of the frame's width beyond which this is no tremble but a moving camera, whose parallax a turn cannot explain."""
 
 
 def surrounding_corners(gray: np.ndarray, around: np.ndarray, apart: float) -> np.ndarray | None:
     """Corners (K, 1, 2) [px] of what is around the object, by which a camera's motion is told; None where there is too little.
 
     Args:
-        gray: (H, W) uint8, picture 0.
+        gray: (H, W) uint8, frame 0.
         around: (H, W) bool, where the object is.
         apart: least distance of two corners [px].
     """
@@ -48,12 +48,12 @@ def surrounding_corners(gray: np.ndarray, around: np.ndarray, apart: float) -> n
 
 
 def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: Progress, journal: Journal) -> np.ndarray | None:
-    """Rotations (T+1, 3, 3) from each picture's camera axes to those of picture 0; None when turns do not explain the motion.
+    """Rotations (T+1, 3, 3) from each frame's camera axes to those of frame 0; None when turns do not explain the motion.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB.
         camera: its focal length and centre.
-        around: (H, W) bool, where the object is in picture 0 and corners are not to be trusted.
+        around: (H, W) bool, where the object is in frame 0 and corners are not to be trusted.
     """
     first = cv2.cvtColor(frames[0], cv2.COLOR_RGB2GRAY)
     width = first.shape[1]
@@ -85,7 +85,7 @@ def camera_turns(frames: Frames, camera: Camera, around: np.ndarray, progress: P
 
 
 def without_spikes(turns: np.ndarray, camera: Camera) -> np.ndarray:
-    """Turns (T+1, 3, 3), those that jump away and back in one picture replaced by the middle of their neighbours.
+    """Turns (T+1, 3, 3), those that jump away and back in one frame replaced by the middle of their neighbours.
 
     A hand has mass; where few corners are held on to, a chance agreement of others has none.
     """
@@ -120,7 +120,7 @@ def _turn(here: np.ndarray, there: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def homography(turn: np.ndarray, camera: Camera) -> np.ndarray:
-    """K R K^-1 (3, 3): pixels of a picture to pixels of picture 0."""
+    """K R K^-1 (3, 3): pixels of a frame to pixels of frame 0."""
     k = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
     return k @ turn @ np.linalg.inv(k)
 
@@ -132,7 +132,7 @@ def through(matrix: np.ndarray, xy: np.ndarray) -> np.ndarray:
 
 
 def steadied(frames: Frames, turns: np.ndarray, camera: Camera, progress: Progress) -> Frames:
-    """All pictures as the camera of picture 0 would have seen them, (T+1, H, W, 3) uint8."""
+    """All frames as the camera of frame 0 would have seen them, (T+1, H, W, 3) uint8."""
 
     def steady(t: int, picture: np.ndarray) -> np.ndarray:
         matrix, size = homography(turns[t], camera), picture.shape[1::-1]
@@ -147,14 +147,14 @@ def through_mask(mask: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def as_filmed(xy: np.ndarray, masks: Masks, turns: np.ndarray, camera: Camera) -> tuple[np.ndarray, Masks]:
-    """Tracks (T+1, K, 2) and masks (T+1, H, W) of the steadied pictures in the pixels of the filmed ones."""
+    """Tracks (T+1, K, 2) and masks (T+1, H, W) of the steadied frames in the pixels of the filmed ones."""
     back = [np.linalg.inv(homography(turn, camera)) for turn in turns]
     filmed = (through_mask(mask, matrix) for mask, matrix in zip(masks, back))
     return np.stack([through(matrix, points) for matrix, points in zip(back, xy)]), Masks.of(filmed)
 
 
 def turning(camera: Camera, turns: np.ndarray) -> Camera:
-    """`camera` with one pose per picture: standing where it stood, turned."""
+    """`camera` with one pose per frame: standing where it stood, turned."""
     poses = np.tile(camera.pose(0), (len(turns), 1, 1))
     poses[:, :3, :3] = poses[:, :3, :3] @ turns
     return replace(camera, camera_to_world=poses)

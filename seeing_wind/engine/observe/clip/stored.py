@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import threading
 import weakref
 from collections.abc import Callable, Iterator
 from typing import overload
@@ -17,7 +18,7 @@ class StoredFrames:
     """Frames of one size in a temporary file that vanishes with this object, or with the process.
 
     Reads like an array (T+1, H, W, 3) uint8 RGB: `frames[t]` is a frame, `frames[t, top:bottom]` some of its rows. Each read is a copy
-    that the caller owns; nothing is kept in memory.
+    that the caller owns; nothing is kept in memory. Several threads may read.
     """
 
     dtype = np.dtype(np.uint8)
@@ -26,6 +27,7 @@ class StoredFrames:
         self._frame = (height, width, 3)
         self._count = 0
         self._file = tempfile.TemporaryFile(prefix="seeing_wind_", buffering=0)
+        self._lock = threading.Lock()
         weakref.finalize(self, self._file.close)
 
     @property
@@ -72,12 +74,13 @@ class StoredFrames:
         height, width, _ = self._frame
         part = np.empty((max(0, last - first), width, 3), np.uint8)
         rest = part.reshape(-1).data
-        self._file.seek(((t % self._count) * height + first) * width * 3)
-        while len(rest):
-            read = self._file.readinto(rest)
-            if not read:
-                raise ClipError("The clip's decoded frames were cut short on disk.", "Was the temporary folder emptied? Run it again.")
-            rest = rest[read:]
+        with self._lock:
+            self._file.seek(((t % self._count) * height + first) * width * 3)
+            while len(rest):
+                read = self._file.readinto(rest)
+                if not read:
+                    raise ClipError("The clip's decoded frames were cut short on disk.", "Was the temporary folder emptied? Run it again.")
+                rest = rest[read:]
         return part
 
     def __array__(self, dtype: np.dtype | None = None, copy: bool | None = None) -> np.ndarray:

@@ -28,11 +28,11 @@ def from_transforms(path: str, values: dict[str, Any], width: int, height: int) 
     """The keys of this house's camera file (width height fx fy cx cy camera_to_world and the lens's) from a `transforms.json`.
 
     Raises:
-        UsageError: a fish-eye, focal lengths that are missing or differ between pictures, or frames without a matrix.
+        UsageError: a fish-eye, focal lengths that are missing or differ between frames, or frames without a matrix.
     """
     model = str(values.get("camera_model", "")).upper()
     if model not in PINHOLES:
-        raise UsageError(f"{path} has the camera model {model}.", "Undistort the pictures to OPENCV or PINHOLE first.")
+        raise UsageError(f"{path} has the camera model {model}.", "Undistort the frames to OPENCV or PINHOLE first.")
     frames = sorted(values["frames"], key=lambda frame: _natural(str(frame.get("file_path", "")) if isinstance(frame, dict) else ""))
     if not frames:
         raise UsageError(f"{path} has no frames.", "Export it again from nerfstudio or COLMAP.")
@@ -40,13 +40,13 @@ def from_transforms(path: str, values: dict[str, Any], width: int, height: int) 
         raise UsageError(f"{path} has a frame without transform_matrix.", "Export it again from nerfstudio or COLMAP.")
     own = [{key: frame[key] for key in ("fl_x", "fl_y", "cx", "cy", "w", "h", *LENS) if key in frame} for frame in frames]
     if any(one != own[0] for one in own):
-        raise UsageError(f"{path} has another lens in some pictures.", "Give a clip that was filmed without zooming.")
+        raise UsageError(f"{path} has another lens in some frames.", "Give a clip that was filmed without zooming.")
     lens = {**values, **own[0]}
     size = (int(lens.get("w", width)), int(lens.get("h", height)))
-    # A file made from smaller copies of the pictures is still theirs.
+    # A file made from smaller copies of the frames is still theirs.
     scale = width / size[0]
     if abs(size[1] * scale - height) > 1.0:
-        raise UsageError(f"{path} is for {size[0]}x{size[1]} pictures, the clip has {width}x{height}.", "Use the camera of this clip.")
+        raise UsageError(f"{path} is for {size[0]}x{size[1]} frames, the clip has {width}x{height}.", "Use the camera of this clip.")
     fx = _focal(path, lens, size[0])
     fy = float(lens.get("fl_y", fx))
     poses = [frame["transform_matrix"] for frame in frames]

@@ -7,6 +7,7 @@
     corrected.py   the user's corrections in any frame, taken along to the others
     follow.py      carried through the clip
     motion.py      how the object moved between two frames
-    by_turns.py    picture 0 and the background, each found by the other
+    flows.py       that of a whole clip, found in one pass over it for the next
+    by_turns.py    frame 0 and the background, each found by the other
     background.py  what is behind it, and where that is known
 """

@@ -23,7 +23,7 @@ STILL_PART = 0.3
 """Part of the corners that must stay: the rest may belong to other things that move, while a camera that moves carries all along."""
 
 GRAIN = 0.8
-"""Standard deviation of the blur [px] that averages grain out before a picture is compared."""
+"""Standard deviation of the blur [px] that averages grain out before a frame is compared."""
 
 STEADY = 5.0
 """Median absolute deviation (grey levels) up to which a pixel's temporal median is taken for the background's colour."""
@@ -41,10 +41,10 @@ SHADOW = (0.4, 2.5)
 """Factors of light between which a shadow may come or go."""
 
 FIRST_SIGHTS = 3
-"""Pictures that must agree with picture 0 on what is behind the object where the median does not."""
+"""Frames that must agree with frame 0 on what is behind the object where the median does not."""
 
 LONGEST_MEDIAN = 31
-"""Pictures that enter a temporal median, spread over the clip: more cost memory and change nothing."""
+"""Frames that enter a temporal median, spread over the clip: more cost memory and change nothing."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +56,11 @@ class Plate:
     reliable: np.ndarray
     """(H, W) bool: the median is the background here, not an object that stays."""
     noise: float
-    """Typical difference between a picture and the plate where nothing moves, largest channel [grey levels]."""
+    """Typical difference between a frame and the plate where nothing moves, largest channel [grey levels]."""
 
     @cached_property
     def _smooth(self) -> np.ndarray:
-        """`color` without its grain, blurred once for all pictures that are compared with it."""
+        """`color` without its grain, blurred once for all frames that are compared with it."""
         return cv2.GaussianBlur(self.color, (0, 0), 1.0)
 
     def difference(self, picture: np.ndarray) -> np.ndarray:
@@ -75,20 +75,20 @@ class Plate:
             (h, w) float32: the largest difference of a channel [grey levels]; (h, w) int8: 1 where the plate is brighter by one factor in
             all channels, a shadow that went, -1 where it is darker, one that came, else 0.
         """
-        now = cv2.GaussianBlur(cut(picture, window), (0, 0), 1.0).astype(np.float32)
-        behind = cut(self._smooth, window).astype(np.float32)
-        away = largest(cv2.absdiff(now, behind))
-        behind += 4.0
-        ratios = cv2.split((now + 4.0) / behind)
+        now, behind = cv2.GaussianBlur(cut(picture, window), (0, 0), 1.0), cut(self._smooth, window)
+        away = largest(cv2.absdiff(now, behind)).astype(np.float32)
+        # Channel by channel: planes stay in the processor's cache.
+        light, shade = ([one + np.float32(4.0) for one in cv2.split(picture)] for picture in (now, behind))
+        ratios = [above / below for above, below in zip(light, shade)]
         middle = (ratios[0] + ratios[1] + ratios[2]) * np.float32(1.0 / 3.0)
         # In the dark, a codec's rounding tints as much as a colour does.
-        grain = 0.6 * self.noise / _smallest(behind)
+        grain = np.float32(0.6 * self.noise) / cv2.min(cv2.min(shade[0], shade[1]), shade[2])
         apart = [cv2.absdiff(one, middle) for one in ratios]
-        alike = cv2.max(cv2.max(apart[0], apart[1]), apart[2]) < 0.5 * SHADOW_TINT * middle + grain
+        alike = cv2.max(cv2.max(apart[0], apart[1]), apart[2]) < np.float32(0.5 * SHADOW_TINT) * middle + grain
         # A shadow is soft and lets through what is behind it; a gray thing's own pattern and edges are neither.
-        alike &= np.abs(middle - cv2.GaussianBlur(middle, (0, 0), 3.0)) < SHADOW_SOFT + grain
+        alike &= cv2.absdiff(middle, cv2.GaussianBlur(middle, (0, 0), 3.0)) < np.float32(SHADOW_SOFT) + grain
         alike &= cut(self.reliable, window, cv2.BORDER_CONSTANT) & (middle > SHADOW[0]) & (middle < SHADOW[1])
-        return away, np.where(alike, np.where(middle < 1.0, np.int8(-1), np.int8(1)), np.int8(0))
+        return away, alike.view(np.int8) - np.int8(2) * (alike & (middle < 1.0)).view(np.int8)
 
     def relit(self, picture: np.ndarray, window: Window) -> np.ndarray:
         """(h, w) bool in `window`: a shadow came or went there."""
@@ -101,19 +101,13 @@ def largest(picture: np.ndarray) -> np.ndarray:
     return cv2.max(cv2.max(first, second), third)
 
 
-def _smallest(picture: np.ndarray) -> np.ndarray:
-    """The smallest of three channels (H, W, 3) -> (H, W)."""
-    first, second, third = cv2.split(picture)
-    return cv2.min(cv2.min(first, second), third)
-
-
 def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
     """True when the camera does not move over the clip.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB.
         camera: its matrices decide when they say that it moves.
-        around: (H, W) bool, where the object is in picture 0 and corners are not to be trusted.
+        around: (H, W) bool, where the object is in frame 0 and corners are not to be trusted.
     """
     if np.ndim(camera.camera_to_world) == 3:
         return False
@@ -136,7 +130,7 @@ def stands_still(frames: Frames, camera: Camera, around: np.ndarray) -> bool:
 def median_plate(frames: Frames, progress: Progress) -> Plate:
     """The temporal median of `frames` (T+1, H, W, 3) uint8, trusted where half of the time stays close to it.
 
-    Where most pixels do not, that is grain, and how close they stay is measured again as pictures are compared: with grain averaged out.
+    Where most pixels do not, that is grain, and how close they stay is measured again as frames are compared: with grain averaged out.
     """
     color, spread = _median_and_spread(frames, progress, _as_it_is)
     if np.median(spread) > STEADY:
@@ -147,7 +141,7 @@ def median_plate(frames: Frames, progress: Progress) -> Plate:
 
 
 def _median_and_spread(frames: Frames, progress: Progress, seen: Callable[[np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """The temporal median (H, W, 3) and the median difference to it of pictures as they are `seen` (H, W), both uint8."""
+    """The temporal median (H, W, 3) and the median difference to it of frames as they are `seen` (H, W), both uint8."""
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
     color = np.empty(frames.shape[1:], np.uint8)
     spread = np.empty(frames.shape[1:3], np.uint8)
@@ -165,7 +159,7 @@ def _as_it_is(picture: np.ndarray) -> np.ndarray:
 
 
 def _grainless(picture: np.ndarray) -> np.ndarray:
-    """A picture (H, W, 3) blurred over a pixel, as it is before it is compared with the plate: grain is averaged out."""
+    """A frame (H, W, 3) blurred over a pixel, as it is before it is compared with the plate: grain is averaged out."""
     return cv2.GaussianBlur(picture, (0, 0), GRAIN)
 
 
@@ -215,13 +209,13 @@ def _exchanges(count: int, first: int, last: int) -> list[tuple[int, int]]:
 
 
 def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarray) -> Plate:
-    """The plate put right by picture 0, which shows the background wherever the object cannot be: what the median shows instead passes.
+    """The plate put right by frame 0, which shows the background wherever the object cannot be: what the median shows instead passes.
 
-    Where the object is, the median is trusted only if picture 0 differs from it, so that the object has left: a pole's foot, or a leaf
-    before it falls, is no background. Beside it, where it may be, the median is trusted only if picture 0 shows the same.
+    Where the object is, the median is trusted only if frame 0 differs from it, so that the object has left: a pole's foot, or a leaf
+    before it falls, is no background. Beside it, where it may be, the median is trusted only if frame 0 shows the same.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0; around: (H, W) bool, where it may be.
+        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; around: (H, W) bool, where it may be.
     """
     chosen = np.unique(np.linspace(0, len(frames) - 1, min(LONGEST_MEDIAN, len(frames))).astype(int))
     away = largest(_grainless(cv2.absdiff(np.array(frames[0]), plate.color))) > 4.0 * plate.noise
@@ -266,8 +260,8 @@ def plate_behind(frames: Frames, masks: Masks, before: Plate, median: np.ndarray
 def clean_plate(frames: Frames, masks: Masks, median: np.ndarray | None, progress: Progress) -> np.ndarray:
     """The clip without the object, (H, W, 3) uint8 RGB.
 
-    Where the camera stands still, `median` (H, W, 3) is that of `median_plate`, and where the object comes, the median over the pictures
-    in which a pixel is off the (slightly grown) object. A moving camera, without `median`: picture 0. Pixels that the object never leaves
+    Where the camera stands still, `median` (H, W, 3) is that of `median_plate`, and where the object comes, the median over the frames
+    in which a pixel is off the (slightly grown) object. A moving camera, without `median`: frame 0. Pixels that the object never leaves
     are inpainted (Telea 2004).
     """
     grow = np.ones((9, 9), np.uint8)

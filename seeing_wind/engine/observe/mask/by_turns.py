@@ -1,4 +1,4 @@
-"""The outline of picture 0 and the background, found by turns: the one says where the other is."""
+"""The outline of frame 0 and the background, found by turns: the one says where the other is."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from ...settings import ObserveSettings
 from ..clip.stored import Frames
 from .background import Plate, plate_behind, seen_first
 from .evidence import Looks, trimmed
+from .flows import Flows
 from .follow import MaskFollower, followed
 from .from_box import NEARBY, Moving, refined
 from .motion import window_of, within
 
 ROUGH_PIXELS = 40_000
-"""Pixels of the object's bounding box beyond which it is followed in smaller pictures first, to see what is behind it."""
+"""Pixels of the object's bounding box beyond which it is followed in smaller frames first, to see what is behind it."""
 
 STAYED = 0.8
-"""Part of the pictures in which a pixel is the object's for it to be thought so in picture 0, too."""
+"""Part of the frames in which a pixel is the object's for it to be thought so in frame 0, too."""
 
 LEARNT = 9
-"""Pictures over the clip from which it is learnt how the object differs from the background."""
+"""Frames over the clip from which it is learnt how the object differs from the background."""
 
 
 def with_background(
@@ -34,13 +35,13 @@ def with_background(
     around: np.ndarray,
     progress: Progress,
     journal: Journal,
-) -> tuple[np.ndarray, Plate, Looks | None]:
-    """The outline of picture 0, the background, and how the object differs from it, each found again by the others.
+) -> tuple[np.ndarray, Plate, Looks | None, Flows | None]:
+    """The outline of frame 0, the background, how the object differs from it, each found again by the others, and how it moves.
 
     The object, followed roughly, shows what is behind it.
 
     Args:
-        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in picture 0; plate: the background; moving: see `moving_in`.
+        frames: (T+1, H, W, 3) uint8 RGB; mask: (H, W) bool, the object in frame 0; plate: the background; moving: see `moving_in`.
         around: (H, W) bool, where a mask, box or points say that the object is.
     """
     boxed = settings.box is not None and settings.mask is None and settings.mask_model is None
@@ -51,9 +52,9 @@ def with_background(
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
     if motion is not None:
         mask = refined(frames[0], mask, plate, allowed, motion)
-    looks, stayed = None, np.zeros_like(mask)
+    looks, flows, stayed = None, None, np.zeros_like(mask)
     if not settings.mask_model:
-        masks = _roughly(frames, mask, plate, progress, journal)
+        masks, flows = _roughly(frames, mask, plate, progress, journal)
         if areas(masks)[1:].any():
             plate = plate_behind(frames, masks, plate, median, progress)
             seen = np.flatnonzero(areas(masks))
@@ -62,19 +63,22 @@ def with_background(
             stayed = stays(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
     if motion is not None:
         mask = trimmed(frames[0], refined(frames[0], mask | stayed, plate, allowed, motion, looks), plate)
-    return mask, plate, looks
+    return mask, plate, looks, flows
 
 
 def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
-    """(H, W) bool: the object in most pictures, and `first` shows the same there: a foot that hardly moves."""
+    """(H, W) bool: the object in most frames, and `first` shows the same there: a foot that hardly moves."""
     count = np.zeros(first.shape[:2], np.int32)
     for mask in masks:
         count += mask
     return (count > STAYED * len(masks)) & (median.difference(first) < 4.0 * median.noise)
 
 
-def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress, journal: Journal) -> Masks:
-    """Masks (T+1, H, W) good enough to show what is behind the object, followed in smaller pictures where it is large."""
+def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress, journal: Journal) -> tuple[Masks, Flows | None]:
+    """Masks (T+1, H, W) good enough to show what is behind the object. A large one is followed in smaller frames, and its motion kept.
+
+    That of a small object costs little, and is sought again where its outline is better known.
+    """
     x0, y0, x1, y1 = window_of(mask, 0)
     # Halving is several times quicker than other factors.
     scale = 0.5 ** max(0, round(0.5 * np.log2((x1 - x0) * (y1 - y0) / ROUGH_PIXELS)))
@@ -89,6 +93,9 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress,
 
     behind = Plate(small(plate.color), small(plate.reliable.astype(np.uint8) * 255) == 255, plate.noise)
     first = small(mask.astype(np.uint8) * 255) >= 128
-    follower = MaskFollower(small(frames[0]), first, behind, progress)
+    flows = None
+    if scale < 1.0:
+        flows = Flows(lambda t: cv2.cvtColor(small(frames[t]), cv2.COLOR_RGB2GRAY), (full[0] / size[0], full[1] / size[1]))
+    follower = MaskFollower(small(frames[0]), first, behind, progress, kept=flows)
     found = followed(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly"))
-    return found if scale == 1.0 else Masks.of(large(found[t]) if t else mask for t in range(len(found)))
+    return (found if scale == 1.0 else Masks.of(large(found[t]) if t else mask for t in range(len(found)))), flows

@@ -1,4 +1,4 @@
-"""The user's corrections of the outline, in any picture, carried to the others: forwards and backwards, halfway to the next one."""
+"""The user's corrections of the outline, in any frame, carried to the others: forwards and backwards, halfway to the next one."""
 
 from __future__ import annotations
 
@@ -16,12 +16,16 @@ from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .evidence import RIM, Looks
 from .first_mask import SEED
+from .flows import Flows
 from .follow import MaskFollower, followed
 from .from_box import FEW
 from .motion import FlowSolver, cut, middle_of, paste, window_of, within
 
 LOCAL = 0.6
 """How far from a mark the outline is found again, in units of the root of the object's area: elsewhere it is as it was."""
+
+MIDDLE = 2.0
+"""How deep a mistake is, in units of a mark's own depth in it: a mark is set in the middle of what is wrong."""
 
 POINT = 0.05
 """Radius that a mark stands for, in the same units, at most."""
@@ -33,6 +37,9 @@ for them to be wrong in the same way."""
 LITTLE = 0.003
 """Part of the object that a correction has to change for it to be taken along."""
 
+GONE = 3
+"""Frames in a row in which the outline is not wrong in that way for the mistake to be over: what is like it later is another one."""
+
 POINTS = 400
 """Pixels of the object near a correction by which its motion is told."""
 
@@ -43,14 +50,14 @@ MOST = 0.9
 """Part of the object that a mark may change by its colour alone: more is a colour that says nothing here."""
 
 FLOOD = 8 | (1 << 8) | cv2.FLOODFILL_FIXED_RANGE | cv2.FLOODFILL_MASK_ONLY
-"""Eight neighbours, ones into the mask, against the colour of the start, the picture itself left alone."""
+"""Eight neighbours, ones into the mask, against the colour of the start, the frame itself left alone."""
 
 WHERE = "Widen --frames, which counts from 0 as well, or leave that one out of --correct."
 
 
 @dataclass(frozen=True)
 class Marks:
-    """In one picture."""
+    """In one frame."""
 
     on: np.ndarray
     """(P, 2) [px], on the object."""
@@ -63,22 +70,23 @@ class Marks:
 
 
 def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, int]) -> dict[int, Marks]:
-    """The flat `corrections` N X Y ON ... (see `settings.option.MARKS`) by the pictures of a clip of `shape` (T+1, H, W).
+    """The flat `corrections` N X Y ON ... (see `settings.option.MARKS`) by the frames of a clip of `shape` (T+1, H, W).
 
     Args:
-        first: index in the file of picture 0.
+        first: index in the file of frame 0.
 
     Raises:
-        UsageError: a mark in no picture of the clip, or outside it.
+        UsageError: a mark in no frame of the clip, or outside it.
     """
     rows = np.array(corrections, dtype=np.float64).reshape(-1, 4)
     pictures, height, width = shape
     for number, x, y, _ in rows:
         if not 0 <= number - first < pictures:
-            raise UsageError(f"The correction in picture {number:g} lies outside the clip's {first} to {first + pictures - 1}.", WHERE)
+            last = first + pictures - 1
+            raise UsageError(f"The correction in frame {number:g} of the file lies outside the clip's {first} to {last}.", WHERE)
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
             raise UsageError(
-                f"The correction at {x:g},{y:g} in picture {number:g} lies outside the {width}x{height} picture.",
+                f"The correction at {x:g},{y:g} in frame {number:g} of the file lies outside the {width}x{height} frame.",
                 "Leave it out of --correct.",
             )
     numbers = rows[:, 0].astype(int)
@@ -88,6 +96,9 @@ def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, 
 def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Progress) -> np.ndarray:
     """The object (H, W) bool in `picture` (H, W, 3) uint8, found again round the `marks`, by GrabCut begun with `mask` (H, W) bool.
 
+    A mark on the object only adds and one beside it only takes away, in one piece with the mark and about as deep as a mistake is in whose
+    middle the mark stands.
+
     Raises:
         ObjectError: nothing is left.
     """
@@ -96,7 +107,7 @@ def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Pr
     discs = [_discs(points, radius, mask.shape) for points in (marks.on, marks.beside)]
     found = mask
     if size**2 >= FEW:
-        begun = mask.copy()
+        begun, sure = mask.copy(), np.zeros_like(mask)
         for points, on in ((marks.on, True), (marks.beside, False)):
             wrong = (mask != on).astype(np.uint8)
             column, row = np.round(points).astype(int).T
@@ -104,12 +115,25 @@ def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Pr
             far = cv2.distanceTransform(wrong, cv2.DIST_L2, 5)[row, column] > 2.0 * RIM
             alike = _alike(picture, points[far], radius) & (wrong > 0)
             if alike.sum() < MOST * mask.sum():
-                begun[alike] = on
-        found = _cut_again(picture, begun, discs, round(max(LOCAL * size, 4 * radius)), progress)
+                begun[alike], sure[alike] = on, True
+        found = _asked(mask, _cut_again(picture, begun, discs, round(max(LOCAL * size, 4 * radius)), progress), marks, discs, sure)
     found = (found | discs[0]) & ~discs[1]
     if found.sum() < LEAST_PIXELS:
         raise ObjectError("The corrections leave nothing of the object.", "Mark points on it, too.")
     return found
+
+
+def _asked(mask: np.ndarray, found: np.ndarray, marks: Marks, discs: list[np.ndarray], sure: np.ndarray) -> np.ndarray:
+    """Of what was changed of `mask` (H, W) bool to get `found`, only what the `marks` ask for, `sure` (H, W) bool so by its colour."""
+    asked = mask.copy()
+    for points, on, disc in zip((marks.on, marks.beside), (True, False), discs):
+        depth = cv2.distanceTransform((mask != on).astype(np.uint8), cv2.DIST_L2, 5)
+        changed = (mask != on) & ((found == on) | disc)
+        for x, y in np.round(points).astype(int):
+            _, labels = cv2.connectedComponents((changed & (sure | (depth <= MIDDLE * depth[y, x]))).astype(np.uint8), connectivity=4)
+            if labels[y, x]:
+                asked[labels == labels[y, x]] = on
+    return asked
 
 
 def _alike(picture: np.ndarray, points: np.ndarray, radius: int) -> np.ndarray:
@@ -143,7 +167,7 @@ def _discs(points: np.ndarray, radius: int, shape: tuple[int, ...]) -> np.ndarra
 
 
 def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate | None, progress: Progress) -> np.ndarray:
-    """The object (H, W) bool in picture 0, followed back from the earliest picture in which it is `shown` (H, W) bool.
+    """The object (H, W) bool in frame 0, followed back from the earliest frame in which it is `shown` (H, W) bool.
 
     Raises:
         ObjectError: it is lost on the way.
@@ -153,21 +177,23 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
     follower = MaskFollower(frames[start], mask, plate, progress, trim=True)
     for t in range(start - 1, -1, -1):
         progress.check()
-        mask = follower.advance(frames[t])
+        picture = frames[t]
+        mask = follower.finished(picture, follower.advance(picture))
     if not mask.any():
         raise ObjectError(
-            f"The object is marked in picture {start} and cannot be followed back to the first one.",
-            "Begin the clip later with --frames, or mark it in the first picture.",
+            f"The object is marked in frame {start} and cannot be followed back to the first one.",
+            "Begin the clip later with --frames, or mark it in the first frame.",
         )
     return mask
 
 
 def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progress: Progress) -> Masks:
-    """The `masks` (T+1, H, W) of `frames` (T+1, H, W, 3), mended in all pictures as in those in which a `better` one (H, W) bool is known.
+    """The `masks` (T+1, H, W) of `frames` (T+1, H, W, 3), mended in all frames as in those in which a `better` one (H, W) bool is known.
 
-    What was added and taken away there moves with the object near it, halfway to the next such picture. An outline is wrong alike in one
-    picture after the other: so the correction goes along, and all else stays as it was found in each picture. Where the outline found there
-    differs by more than half of the correction from the one that was corrected, it is wrong in another way, and stays.
+    What was added and taken away there moves with the object near it, halfway to the next such frame. An outline is wrong alike in one
+    frame after the other: so the correction goes along, and all else stays as it was found in each frame. Where the outline found there
+    differs by more than half of the correction from the one that was corrected, it is wrong in another way, and stays; where it does so in
+    three frames in a row, the mistake is over.
     """
     pictures, found = sorted(better), {t: better[t] for t in better}
     ends = [(one + other) // 2 for one, other in zip(pictures, pictures[1:])]
@@ -189,10 +215,11 @@ def _parts(mask: np.ndarray, area: int) -> list[np.ndarray]:
 def _mended(
     frames: Frames, masks: Masks, shape: np.ndarray, changes: list[tuple[np.ndarray, bool]], way: range, progress: Progress
 ) -> dict[int, np.ndarray]:
-    """The masks of the pictures on the `way` with the `changes` (H, W) bool, added or not, that made `shape` (H, W) of one."""
+    """The masks of the frames on the `way` with the `changes` (H, W) bool, added or not, that made `shape` (H, W) of one."""
     size, outline = float(np.sqrt(shape.sum())), masks[way.start - way.step]
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, 2 * (2 * round(max(CLOSE * size, 3.0)) + 1,))
     around = [cv2.dilate(part.astype(np.uint8), reach) > 0 for part, _ in changes]
+    missed = np.zeros(len(changes), int)
     distance = cv2.distanceTransform(1 - np.any([part for part, _ in changes], axis=0).astype(np.uint8), cv2.DIST_L2, 5)
     near = shape & (distance <= LOCAL * size)
     rows, columns = np.nonzero(near if near.any() else shape)
@@ -215,13 +242,26 @@ def _mended(
             break
         total = np.vstack([fit, [0.0, 0.0, 1.0]]) @ total
         differs, mended = _moved(outline, total) ^ mask, mask.copy()
-        for (part, added), place in zip(changes, around):
-            part = _moved(part, total)
-            if (differs & _moved(place, total)).sum() < ALIKE * part.sum():
+        for number, ((part, added), place) in enumerate(zip(changes, around)):
+            part, place = _moved(part, total), _moved(place, total)
+            alike = (differs & place).sum() < ALIKE * part.sum()
+            missed[number] = 0 if alike and missed[number] < GONE else missed[number] + 1
+            if missed[number] == 0:
                 mended[part] = added
+                mended = _without_scraps(mended, place, added)
+        if (missed >= GONE).all():
+            break
         found[t] = mended
         before, last = gray, mask
     return found
+
+
+def _without_scraps(mask: np.ndarray, place: np.ndarray, added: bool) -> np.ndarray:
+    """`mask` (H, W) bool without what a change, added or not, has left of it, or open in it, wholly inside the change's `place`."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((mask != added).astype(np.uint8), connectivity=4)
+    scraps = np.bincount(labels[place], minlength=count) == stats[:, cv2.CC_STAT_AREA]
+    scraps[0] = False
+    return np.where(scraps[labels], added, mask)
 
 
 def _moved(mask: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -236,17 +276,18 @@ def with_corrections(
     marks: dict[int, Marks],
     plate: Plate | None,
     looks: Looks | None,
+    flows: Flows | None,
     progress: Progress,
     journal: Journal,
 ) -> Masks | None:
-    """The masks (T+1, H, W) followed from `mask` (H, W) bool in picture 0, then mended by what the user showed; None without that.
+    """The masks (T+1, H, W) followed from `mask` (H, W) bool in frame 0, then mended by what the user showed; None without that.
 
     Args:
-        shown: outlines (H, W) bool by picture; marks: by picture.
+        shown: outlines (H, W) bool by frame; marks: by frame; flows: how it moves, as far as that is known.
     """
     if not shown and not marks:
         return None
-    follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True)
+    follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True, known=flows)
     found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}
     return corrected(frames, found, shown | marked, progress)

@@ -1,4 +1,4 @@
-"""Cutting a region out of a picture by its colours, and tidying it."""
+"""Cutting a region out of a frame by its colours, and tidying it."""
 
 from __future__ import annotations
 
@@ -47,14 +47,20 @@ def tidy(mask: np.ndarray, near: np.ndarray | None = None) -> np.ndarray:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     if count < 2:
         return mask
+    if count == 2:
+        return _without_holes(mask if near is None or (near & mask).any() else np.zeros_like(mask))
     areas = stats[1:, cv2.CC_STAT_AREA]
     keep = areas >= 0.1 * areas.max()
     if near is not None:
         touching = np.bincount(labels[near & mask], minlength=count)[1:]
         keep = touching > 0.25 * areas if (touching > 0.25 * areas).any() else touching > 0
         keep &= areas >= SPECK * max(areas[keep], default=0)
-    kept = np.concatenate([[False], keep])[labels]
+    return _without_holes(np.concatenate([[False], keep])[labels])
+
+
+def _without_holes(kept: np.ndarray) -> np.ndarray:
+    """`kept` (h, w) bool with its small holes filled."""
     holes, labels, stats, _ = cv2.connectedComponentsWithStats((~kept).astype(np.uint8), connectivity=4)
     small = stats[:, cv2.CC_STAT_AREA] < 0.02 * kept.sum()
     small[0] = False
-    return kept | small[labels] if holes > 1 else kept
+    return kept | small[labels] if holes > 1 and small.any() else kept

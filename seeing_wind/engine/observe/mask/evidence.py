@@ -1,6 +1,6 @@
 """What speaks for each pixel being the object, in log odds that add up: the background behind it, its colours, the silhouette before.
 
-A sum of such evidence is smoothed along the picture's edges (guided filter, He 2013) and cut at zero: a labelling as a graph cut gives it
+A sum of such evidence is smoothed along the frame's edges (guided filter, He 2013) and cut at zero: a labelling as a graph cut gives it
 (Rhemann 2011) at a fixed, small cost, and with any evidence.
 """
 
@@ -56,6 +56,9 @@ OWN = 0.35
 COLORS = 12
 """Bins per channel of the colour histograms."""
 
+BIN = np.arange(256, dtype=np.uint16) * COLORS // 256 * np.array([[COLORS**2], [COLORS], [1]], np.uint16)
+"""What each channel's value adds to the number of a colour's bin, (3, 256)."""
+
 COLOR_SURE = 2.5
 """Log odds that a colour can give."""
 
@@ -71,8 +74,10 @@ class Colors:
 
     @staticmethod
     def _bins(colors: np.ndarray) -> np.ndarray:
-        level = colors.astype(np.int32) * COLORS // 256
-        return (level[..., 0] * COLORS + level[..., 1]) * COLORS + level[..., 2]
+        # Of samples (N, 3), OpenCV would take the channels for columns.
+        planes = cv2.split(colors if colors.ndim == 3 else colors.reshape(-1, 1, 3))
+        red, green, blue = (cv2.LUT(plane, table) for plane, table in zip(planes, BIN))
+        return (red + green + blue).reshape(colors.shape[:-1]).astype(np.intp)
 
     def odds(self, picture: np.ndarray) -> np.ndarray:
         """(h, w) float32 log odds of the colours of `picture` (h, w, 3) uint8."""
@@ -80,15 +85,15 @@ class Colors:
 
 
 class Looks:
-    """How an object and its surroundings differ from the background, learnt from one picture.
+    """How an object and its surroundings differ from the background, learnt from one frame.
 
     The surroundings differ, too: by shadows, gleams, and what a codec leaves round all that moves. How much of each there is belongs to
     the clip, so shares of classes are counted: eleven bounds of difference, each with and without a change of light.
     """
 
     def __init__(self, plate: Plate | None = None, seen: Iterable[tuple[np.ndarray, np.ndarray]] = ()) -> None:
-        """`seen`: pictures (H, W, 3) uint8 before `plate`, each with the object (H, W) bool in it; without them, what is usual."""
-        inside, beside = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
+        """`seen`: frames (H, W, 3) uint8 before `plate`, each with the object (H, W) bool in it; without them, what is usual."""
+        inside, beside = [np.zeros(0, np.uint8)], [np.zeros(0, np.uint8)]
         for picture, mask in seen:
             assert plate is not None  # without one, nothing can be seen before it
             window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
@@ -99,11 +104,12 @@ class Looks:
             beside.append(classes[(cv2.dilate(shape, np.ones((5, 5), np.uint8)) == 0) & known])
         front = self._learnt(np.concatenate(inside), self._usual(*FRONT, 1.0))
         behind = self._learnt(np.concatenate(beside), self._usual(*BEHIND, 0.5))
-        self._odds = np.clip(np.log(front / behind), -SURE, SURE).astype(np.float32).ravel()
+        self._odds = np.zeros(256, np.float32)  # as OpenCV wants its tables
+        self._odds[: front.size] = np.clip(np.log(front / behind), -SURE, SURE).ravel()
 
     def odds(self, away: np.ndarray, light: np.ndarray, noise: float) -> np.ndarray:
         """(h, w) float32 log odds of what `Plate.compared` gives."""
-        return self._odds[_classes(away, light, noise)]
+        return cv2.LUT(_classes(away, light, noise), self._odds)
 
     @staticmethod
     def _usual(same: float, differs: float, relit: tuple[float, float], fall: float) -> np.ndarray:
@@ -132,9 +138,10 @@ def _smoothed(counts: np.ndarray, bins: float, axes: Iterable[int]) -> np.ndarra
 
 
 def _classes(away: np.ndarray, light: np.ndarray, noise: float) -> np.ndarray:
-    """Class (h, w) of a difference `away` (h, w) float32 and a change of `light` (h, w) int8."""
-    level = cv2.LUT(np.minimum(away * (4.0 / noise), 255.0).astype(np.uint8), LEVEL).astype(np.int32)
-    return level * 3 + np.where(level >= LOW, light % 3, 0)
+    """Class (h, w) uint8 of a difference `away` (h, w) float32 and a change of `light` (h, w) int8."""
+    level = cv2.LUT(np.minimum(away * np.float32(4.0 / noise), np.float32(255.0)).astype(np.uint8), LEVEL)
+    turned = light + np.int8(3) * (light < 0).view(np.int8)
+    return np.uint8(3) * level + (turned * (level >= LOW).view(np.int8)).view(np.uint8)
 
 
 def _unshaded(shape: np.ndarray, relit: np.ndarray) -> np.ndarray:
@@ -176,7 +183,8 @@ def trimmed(picture: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
         return mask
     window = window_of(mask, 3)
     apart = cv2.GaussianBlur(cut(picture, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
-    shape, away = cut(mask, window, cv2.BORDER_CONSTANT), np.sqrt(np.einsum("hwc,hwc->hw", apart, apart))
+    shape, (red, green, blue) = cut(mask, window, cv2.BORDER_CONSTANT), cv2.split(apart)
+    away = np.sqrt(red * red + green * green + blue * blue)
     depth = cv2.distanceTransform(shape.astype(np.uint8), cv2.DIST_L2, 5)
     inner = (depth > BLURRED).astype(np.float32)
     near, level = (cv2.GaussianBlur(one, (0, 0), LOCAL) for one in (inner, inner * away))
@@ -195,11 +203,13 @@ def against_shape(shape: np.ndarray, band: float) -> np.ndarray:
     one = shape.astype(np.uint8)
     within = cv2.distanceTransform(one, cv2.DIST_L2, 5)
     beyond = cv2.distanceTransform(1 - one, cv2.DIST_L2, 5)
-    return np.clip(np.where(shape, STAYS + 3.0 * within / band, -STAYS - 1.5 * beyond / band), -SURE - 1.0, SURE)
+    # Each distance is 0 on the other's side.
+    odds = cv2.addWeighted(within, 3.0 / band, beyond, -1.5 / band, -STAYS) + one * np.float32(2.0 * STAYS)
+    return np.clip(odds, -SURE - 1.0, SURE)
 
 
 def band_of(area: float) -> float:
-    """Pixels by which a silhouette of `area` [px] may be off when it was carried from one picture to the next."""
+    """Pixels by which a silhouette of `area` [px] may be off when it was carried from one frame to the next."""
     return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
 
 

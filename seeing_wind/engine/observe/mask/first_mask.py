@@ -1,4 +1,4 @@
-"""Which pixels of picture 0 are the object: from a PNG, points on it, a depth map's extent, or what moves."""
+"""Which pixels of frame 0 are the object: from a PNG, points on it, a depth map's extent, or what moves."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ...settings import ObserveSettings
 from ..clip.depth import read_depth
-from ..clip.pictures import read_picture
+from ..clip.images import read_picture
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .from_box import NEITHER, numbers
 
 SEED = 0.012
-"""Radius of the disc round a point that is surely the object, in units of the picture's shorter side."""
+"""Radius of the disc round a point that is surely the object, in units of the frame's shorter side."""
 
 LARGEST_OF_POINTS = 0.6
-"""Part of the picture beyond which what was found from points is the background."""
+"""Part of the frame beyond which what was found from points is the background."""
 
 
 def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, progress: Progress) -> np.ndarray:
@@ -32,7 +32,7 @@ def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, p
 
     Raises:
         ObjectError: nothing there, or too little.
-        UsageError: a mask of another size or unreadable, or a point outside the picture.
+        UsageError: a mask of another size or unreadable, or a point outside the frame.
     """
     picture = frames[0]
     height, width = picture.shape[:2]
@@ -46,14 +46,14 @@ def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, p
         mask = _what_moves(picture, plate)
         progress.warn("Neither mask nor box was given: the one thing that moves against the background is taken for the object.")
     if mask.sum() < LEAST_PIXELS:
-        raise ObjectError(f"The object covers {int(mask.sum())} pixels of the first picture, too few to follow.", NEITHER)
+        raise ObjectError(f"The object covers {int(mask.sum())} pixels of the first frame, too few to follow.", NEITHER)
     if mask.mean() > 0.95:
-        raise ObjectError("The object covers the whole first picture.", "Mark only the thing that moves: non-zero pixels are the object.")
+        raise ObjectError("The object covers the whole first frame.", "Mark only the thing that moves: non-zero pixels are the object.")
     return mask
 
 
 def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndarray:
-    """A mask picture (H, W) bool, non-zero = inside; transparent pixels count as zero.
+    """A mask frame (H, W) bool, non-zero = inside; transparent pixels count as zero.
 
     Raises:
         UsageError: unreadable or of another size than the clip.
@@ -67,7 +67,7 @@ def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndar
     if values.shape[:2] != (height, width):
         raise UsageError(
             f"The {what} {path} is {values.shape[1]}x{values.shape[0]}, the clip {width}x{height}.",
-            "Draw it over the clip's first picture.",
+            "Draw it over the clip's first frame.",
         )
     if values.ndim == 2:
         return values > 0
@@ -79,14 +79,14 @@ def point_list(points: tuple[float, ...], height: int, width: int) -> np.ndarray
     """The flat `points` X0 Y0 X1 Y1 ... as (P, 2) [px].
 
     Raises:
-        UsageError: no point, half a point, or one outside the picture.
+        UsageError: no point, half a point, or one outside the frame.
     """
     if not points or len(points) % 2 or not np.isfinite(points).all():
         raise UsageError(f"The points {numbers(points)} are no pairs of pixels.", "Give --points X,Y [X,Y ...], each on the object.")
     pairs = np.array(points, dtype=np.float64).reshape(-1, 2)
     outside = (pairs < -0.5).any(axis=1) | (pairs[:, 0] > width - 0.5) | (pairs[:, 1] > height - 0.5)
     if outside.any():
-        raise UsageError(f"The point {numbers(tuple(pairs[outside][0]))} lies outside the {width}x{height} picture.", NEITHER)
+        raise UsageError(f"The point {numbers(tuple(pairs[outside][0]))} lies outside the {width}x{height} frame.", NEITHER)
     return pairs
 
 
@@ -97,7 +97,7 @@ def mask_from_points(picture: np.ndarray, points: np.ndarray, plate: Plate | Non
     points rather than those of the rest, by GrabCut, as far as it hangs together with them. Points on all its colours help.
 
     Raises:
-        ObjectError: what is found is next to nothing, or nearly the whole picture.
+        ObjectError: what is found is next to nothing, or nearly the whole frame.
     """
     height, width = picture.shape[:2]
     seeds = np.zeros((height, width), np.uint8)
@@ -110,7 +110,7 @@ def mask_from_points(picture: np.ndarray, points: np.ndarray, plate: Plate | Non
     # Hardly more than the discs round the points: their colours are everywhere, and nothing was added to them.
     if not max(LEAST_PIXELS, 1.5 * seeds.sum()) <= found.sum() <= LARGEST_OF_POINTS * found.size:
         raise ObjectError(
-            f"What the points lie on covers {int(found.sum())} pixels and is told from its surroundings by neither colour nor motion.",
+            f"The region at the points covers {int(found.sum())} pixels and differs from its surroundings in neither colour nor motion.",
             "Set more points, on all of its colours, or draw a --box round it.",
         )
     return found
@@ -161,7 +161,7 @@ def _what_moves(picture: np.ndarray, plate: Plate | None) -> np.ndarray:
     count, labels, stats, _ = cv2.connectedComponentsWithStats(changed, connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]
     if count < 2 or areas.max() < LEAST_PIXELS:
-        raise ObjectError("No object was marked, and nothing in the first picture differs from the background.", NEITHER)
+        raise ObjectError("No object was marked, and nothing in the first frame differs from the background.", NEITHER)
     order = np.argsort(areas)[::-1]
     if len(areas) > 1 and areas[order[1]] > 0.35 * areas[order[0]]:
         raise ObjectError("No object was marked, and more than one thing moves.", NEITHER)

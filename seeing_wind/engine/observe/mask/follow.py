@@ -1,4 +1,4 @@
-"""Carrying the object's mask through the clip, one picture at a time."""
+"""Carrying the object's mask through the clip, one frame at a time."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from ...record_arrays import from_arrays, to_arrays
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
 from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out, trimmed
+from .flows import Flows
 from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, window_of, within
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ BESIDE_PLATE = 0.3
 
 
 class Follower(Protocol):
-    """What knows where the object is in one picture after the other. `flow` leads to the newest, None where it is hidden in either."""
+    """What knows where the object is in one frame after the other. `flow` leads to the newest, None where it is hidden in either."""
 
     mask: np.ndarray
     flow: Flow | None
@@ -50,8 +51,11 @@ class Follower(Protocol):
     def advance(self, picture: np.ndarray) -> np.ndarray:
         """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
 
+    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """The `mask` that `advance` gave for `picture`, as it is handed on. Nothing of what follows depends on it, so it may run beside."""
+
     def state(self) -> dict[str, np.ndarray]:
-        """All that the pictures to come depend on, besides the newest picture and its mask."""
+        """All that the frames to come depend on, besides the newest frame and its mask."""
 
     def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """Go on behind `picture` with its `mask`, as what gave `state` would have."""
@@ -64,9 +68,9 @@ class MaskFollower:
     object, of too few pixels for colours, its silhouette.
 
     Attributes:
-        flow: motion from the picture before to the newest one; None after `hidden`.
+        flow: motion from the frame before to the newest one; None after `hidden`.
         velocity: (2,) [px per frame], the whole body's.
-        hidden: the object was not found in the newest picture.
+        hidden: the object was not found in the newest frame.
     """
 
     def __init__(
@@ -77,12 +81,15 @@ class MaskFollower:
         progress: Progress,
         looks: Looks | None = None,
         trim: bool = False,
+        known: Flows | None = None,
+        kept: Flows | None = None,
     ) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of picture 0; `progress` is asked several times a picture.
+        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
-        `looks`: how the object differs from the plate; None learns it from picture 0. `trim`: masks end in the middle of a blurred rim.
+        `looks`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
+        `known`: motion that a former pass found, `kept`: takes what this one finds.
         """
-        self._trim = trim
+        self._trim, self._known, self._kept = trim, known, kept
         self._progress = progress
         self._plate = plate
         self._looks = looks if looks is not None or plate is None else Looks(plate, [(picture, mask)])
@@ -110,7 +117,11 @@ class MaskFollower:
         side = max(window[2] - window[0], window[3] - window[1])
         margin = int(np.clip(0.25 * side, 12, 80))
         wide = (window[0] - margin, window[1] - margin, window[2] + margin, window[3] + margin)
-        self.flow = None if self.hidden else self._solver.between(self._gray, gray, wide, shift)
+        self.flow = None if self.hidden or self._known is None else self._known.covering(self._steps, window)
+        if self.flow is None and not self.hidden:
+            self.flow = self._solver.between(self._gray, gray, wide, shift)
+        if self._kept is not None:
+            self._kept.add(self.flow, wide, shift)
         self._progress.check()
         carried, where = self._carry(shift, margin)
         found = self._silhouette(picture, carried, where)
@@ -118,10 +129,12 @@ class MaskFollower:
         mask = np.zeros(gray.shape, bool)
         if not self.hidden:
             paste(mask, found, where)
-            if self._trim and self._plate is not None:
-                mask = trimmed(picture, mask, self._plate)
         self.mask = mask
         return mask
+
+    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """See `Follower.finished`."""
+        return trimmed(picture, mask, self._plate) if self._trim and self._plate is not None else mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `Follower.state`."""
@@ -131,7 +144,7 @@ class MaskFollower:
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden]),
-        }
+        } | (self._kept.state() if self._kept is not None else {})
 
     def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `Follower.resume`."""
@@ -140,6 +153,8 @@ class MaskFollower:
         self._shape, self._shape_window, self._template = state["shape"], (x0, y0, x1, y1), state["template"]
         self._steps, self._missed, self.hidden, self.velocity = steps, missed, hidden > 0, state["velocity"]
         self._gray, self.mask, self.flow = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), mask, None
+        if self._kept is not None:
+            self._kept.resume(state)
 
     def _changed(self, picture: np.ndarray) -> np.ndarray | None:
         """Evidence (H, W) float32 in 0..1 that a pixel is not background: 0.5 at five times the noise."""
@@ -169,7 +184,7 @@ class MaskFollower:
             carried[margin : margin + y1 - y0, margin : margin + x1 - x0] = self._shape
             return carried > 0, where
         rows, columns = np.nonzero(self._shape)
-        motion = self.flow.motion[y0 - self.flow.y0 : y1 - self.flow.y0, x0 - self.flow.x0 : x1 - self.flow.x0][self._shape]
+        motion = self.flow.over(self._shape_window)[self._shape]
         column = np.rint(motion[:, 0]).astype(np.int64) + columns + (x0 - where[0])
         row = np.rint(motion[:, 1]).astype(np.int64) + rows + (y0 - where[1])
         inside = (column >= 0) & (row >= 0) & (column < carried.shape[1]) & (row < carried.shape[0])
@@ -231,11 +246,11 @@ def followed(
     loop: Loop,
     points: Generations | None = None,
 ) -> Masks:
-    """The masks (T+1, H, W) of `count` pictures, all False where the object is hidden or gone.
+    """The masks (T+1, H, W) of `count` frames, all False where the object is hidden or gone.
 
     Args:
-        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at picture 0.
-        points: advanced beside the follower, so that a large clip is read once; on another core, while it looks at the next picture.
+        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
+        points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the next frame.
     """
     packing = Packing()
     packing.add(follower.mask)
@@ -250,6 +265,12 @@ def followed(
     with ThreadPoolExecutor(1) as beside:
         behind: Future[None] | None = None
 
+        def finish(now: np.ndarray, flow: Flow | None, found: np.ndarray) -> None:
+            mask = follower.finished(now, found)
+            packing.add(mask)
+            if points is not None:
+                points.advance(now, flow, mask)
+
         def state() -> dict[str, np.ndarray]:
             if behind is not None:
                 behind.result()
@@ -258,11 +279,10 @@ def followed(
         for t in range(done + 1, count):
             progress.update(t / count, f"following the object, frame {t} of {count - 1}")
             now = picture(t)
-            packing.add(follower.advance(now))
+            found = follower.advance(now)
             if behind is not None:
                 behind.result()
-            if points is not None:
-                behind = beside.submit(points.advance, now, follower.flow, follower.mask)
+            behind = beside.submit(finish, now, follower.flow, found)
             loop.reached(t, state)
         if behind is not None:
             behind.result()

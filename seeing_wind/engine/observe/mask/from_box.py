@@ -1,4 +1,4 @@
-"""The object in picture 0 from a box round it: what moves together in the box, not what is coloured alike."""
+"""The object in frame 0 from a box round it: what moves together in the box, not what is coloured alike."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ MOVES = 0.04
 """Part of a box that has to change in the clip for what changes to be taken for the object, and the rest of the box for still."""
 
 LATER = (1, 2, 3, 5, 8, 12, 17, 23)
-"""Pictures whose motion against picture 0 is looked at."""
+"""Frames whose motion against frame 0 is looked at."""
 
 CORES = 2
-"""Pictures that are looked at together: every machine has two cores, and OpenCV lets Python's other threads run while it works."""
+"""Frames that are looked at together: every machine has two cores, and OpenCV lets Python's other threads run while it works."""
 
 MOTION_PIXELS = 150_000
 """Size of a window beyond which its motion is sought in a smaller copy."""
@@ -51,7 +51,7 @@ STILL_PART = -1.4
 NEARBY = 16
 """Pixels round a box that are looked at, too."""
 
-NEITHER = "Mark the object in the first picture by --box, --points, or --mask with a PNG."
+NEITHER = "Mark the object in the first frame by --box, --points, or --mask with a PNG."
 
 
 def mask_in_box(
@@ -62,12 +62,12 @@ def mask_in_box(
     GrabCut (Rother 2004), begun with what changes over the clip as the object and what does not as background.
 
     Args:
-        picture: (H, W, 3) uint8 RGB, picture 0.
+        picture: (H, W, 3) uint8 RGB, frame 0.
         plate: the background; None where the camera moves, and then only colours count.
-        moving: see `moving_in`; None where there is but one picture.
+        moving: see `moving_in`; None where there is but one frame.
 
     Raises:
-        UsageError: a box outside the picture or without area.
+        UsageError: a box outside the frame or without area.
         ObjectError: nothing in the box stands out.
     """
     inside = _pixels_of(box, *picture.shape[:2])
@@ -95,7 +95,7 @@ def mask_in_box(
 
 
 def box_round(mask: np.ndarray) -> tuple[float, float, float, float]:
-    """The box (x0, y0, x1, y1) [px] that a person draws round `mask` (H, W) bool, inside the picture."""
+    """The box (x0, y0, x1, y1) [px] that a person draws round `mask` (H, W) bool, inside the frame."""
     x0, y0, x1, y1 = window_of(mask, 0)
     margin = max(4.0, 0.05 * max(x1 - x0 - 1, y1 - y0 - 1))
     height, width = mask.shape
@@ -109,10 +109,10 @@ def _pixels_of(box: tuple[float, float, float, float], height: int, width: int) 
     x0, y0 = max(int(np.floor(box[0])), 0), max(int(np.floor(box[1])), 0)
     x1, y1 = min(int(np.ceil(box[2])), width - 1), min(int(np.ceil(box[3])), height - 1)
     if x1 <= x0 or y1 <= y0:
-        raise UsageError(f"The box {numbers(box)} lies outside the {width}x{height} picture.", NEITHER)
+        raise UsageError(f"The box {numbers(box)} lies outside the {width}x{height} frame.", NEITHER)
     if x1 - x0 >= width - 2 and y1 - y0 >= height - 2:
         raise UsageError(
-            "The box covers the whole picture, so nothing is left to tell the background from.", "Draw it close round the object."
+            "The box covers the whole frame, so nothing is left to tell the background from.", "Draw it close round the object."
         )
     inside = np.zeros((height, width), bool)
     inside[y0 : y1 + 1, x0 : x1 + 1] = True
@@ -129,10 +129,10 @@ def moving_in(frames: Frames, noise: float) -> Moving:
 
 
 def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
-    """Log odds (h, w) in `window` by what picture 0 shows there moving, before a background that stands still.
+    """Log odds (h, w) in `window` by what frame 0 shows there moving, before a background that stands still.
 
-    Dense flow (Kroeger 2016) to some of the next pictures, believed where the flow back returns to its start and explains the pixel better
-    than standing still does. What differs from picture 0 in none of them stands still.
+    Dense flow (Kroeger 2016) to some of the next frames, believed where the flow back returns to its start and explains the pixel better
+    than standing still does. What differs from frame 0 in none of them stands still.
     """
     size = window[2] - window[0], window[3] - window[1]
     scale = min(1.0, float(np.sqrt(MOTION_PIXELS / (size[0] * size[1]))))
@@ -199,10 +199,10 @@ def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behin
 def refined(
     picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray, looks: Looks | None = None
 ) -> np.ndarray:
-    """The object in `picture` (H, W, 3), picture 0, found again with the background known, within `allowed` (H, W) bool.
+    """The object in `picture` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
 
     `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
-    round it, as far as the picture goes.
+    round it, as far as the frame goes.
     """
     band = band_of(float(mask.sum()))
     window = within(window_of(allowed, NEARBY), picture)

@@ -1,4 +1,4 @@
-"""How the object moved between two pictures: first one shift for the whole of it, then dense optical flow round that shift."""
+"""How the object moved between two frames: first one shift for the whole of it, then dense optical flow round that shift."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 Window = tuple[int, int, int, int]
-"""x0, y0, x1, y1 [px], the end exclusive; may reach outside the picture."""
+"""x0, y0, x1, y1 [px], the end exclusive; may reach outside the frame."""
 
 TEMPLATE = 40
 """Pixels along the longer side of the template that the whole-body search uses."""
@@ -22,20 +22,40 @@ ROUGH_PIXELS = 30_000
 
 @dataclass(frozen=True)
 class Flow:
-    """Motion from one picture to the next inside a window."""
+    """Motion from one frame to the next inside a window, as finely as it was found."""
 
-    x0: int
-    y0: int
+    x0: float
+    y0: float
     motion: np.ndarray
-    """(h, w, 2) float32 [px]: pixel (x0 + i, y0 + j) moves by motion[j, i]."""
+    """(h, w, 2) float32 [px], of the window in h rows of w places."""
+    scale: tuple[float, float] = (1.0, 1.0)
+    """Pixels from one place to the next, along x and y."""
 
     def at(self, xy: np.ndarray) -> np.ndarray:
         """Motion (K, 2) [px] at points (K, 2), bilinear, held at the window's rim."""
         if not len(xy):
             return np.zeros((0, 2))
-        local = (xy - [self.x0, self.y0]).astype(np.float32).reshape(-1, 1, 2)
+        local = ((xy - [self.x0, self.y0] + 0.5) / self.scale - 0.5).astype(np.float32).reshape(-1, 1, 2)
         # remap's maps are limited to 32767 rows; tracks are hundreds.
         return cv2.remap(self.motion, local, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(-1, 2).astype(np.float64)
+
+    def over(self, window: Window) -> np.ndarray:
+        """Motion (h, w, 2) float32 [px] of all pixels in `window`, as `at`."""
+        size = (window[2] - window[0], window[3] - window[1])
+        low = [(start - begin + 0.5) / one - 0.5 for start, begin, one in zip(window, (self.x0, self.y0), self.scale)]
+        inverse = np.array([[1.0 / self.scale[0], 0.0, low[0]], [0.0, 1.0 / self.scale[1], low[1]]])
+        return cv2.warpAffine(self.motion, inverse, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE)
+
+    def covers(self, window: Window) -> bool:
+        """Whether all of `window` lies in its own."""
+        height, width = self.motion.shape[:2]
+        x1, y1 = self.x0 + width * self.scale[0], self.y0 + height * self.scale[1]
+        return self.x0 <= window[0] and self.y0 <= window[1] and window[2] <= x1 and window[3] <= y1
+
+    def enlarged(self, x: float, y: float) -> Flow:
+        """The same in frames that are larger by the factors `x` and `y`."""
+        motion = self.motion * np.array([x, y], np.float32)
+        return Flow(self.x0 * x, self.y0 * y, motion, (self.scale[0] * x, self.scale[1] * y))
 
 
 def window_of(mask: np.ndarray, margin: int) -> Window:
@@ -59,7 +79,7 @@ def middle_of(mask: np.ndarray) -> np.ndarray:
 
 
 def cut(picture: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
-    """The part of `picture` (H, W, ...) in `window`; outside the picture its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
+    """The part of `picture` (H, W, ...) in `window`; outside the frame its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
     height, width = picture.shape[:2]
     x0, y0, x1, y1 = window
     # Far outside, the rim's last pixel stands for all: clip so that the slice is never empty.
@@ -92,16 +112,16 @@ def body_shift(
     expected: np.ndarray,
     reach: float,
 ) -> np.ndarray:
-    """The shift (2,) [px] that carries the whole object into the next picture.
+    """The shift (2,) [px] that carries the whole object into the next frame.
 
     Masked template search: mean squared colour difference, plus how little of the object's place differs from the background,
     plus a mild pull towards the expected shift.
 
     Args:
-        template: (h, w, 3) uint8, the object's bounding box in the picture before.
+        template: (h, w, 3) uint8, the object's bounding box in the frame before.
         weight: (h, w) bool, the object in it.
         origin: x, y of the template's corner.
-        picture: (H, W, 3) uint8, the next picture.
+        picture: (H, W, 3) uint8, the next frame.
         changed: (H, W) float32 in 0..1, evidence against background; None when there is no plate.
         expected: (2,) [px], the shift so far.
         reach: [px] searched on each side of the expected shift.
@@ -146,17 +166,15 @@ class FlowSolver:
             self._solver.setVariationalRefinementIterations(2)
 
     def between(self, before: np.ndarray, after: np.ndarray, window: Window, shift: np.ndarray) -> Flow:
-        """Flow in `window` of the gray picture `before` (H, W) uint8 to `after`, the object moving by about `shift` (2,) [px]."""
+        """Flow in `window` of the gray frame `before` (H, W) uint8 to `after`, the object moving by about `shift` (2,) [px]."""
         dx, dy = (int(value) for value in np.round(shift))
         x0, y0, x1, y1 = window
         first, second = cut(before, window), cut(after, (x0 + dx, y0 + dy, x1 + dx, y1 + dy))
         scale = min(1.0, float(np.sqrt(self._pixels / first.size)))
+        height, width = first.shape
         if scale < 1.0:
-            size = (round(first.shape[1] * scale), round(first.shape[0] * scale))
+            size = (round(width * scale), round(height * scale))
             first, second = (cv2.resize(part, size, interpolation=cv2.INTER_AREA) for part in (first, second))
         motion = self._solver.calc(np.ascontiguousarray(first), np.ascontiguousarray(second), None)
-        if scale < 1.0:
-            motion = cv2.resize(motion, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR)
-            motion *= np.float32(1.0 / scale)
-        motion += np.array([dx, dy], np.float32)
-        return Flow(x0, y0, motion)
+        factor = (width / first.shape[1], height / first.shape[0])
+        return Flow(x0, y0, motion * np.array(factor, np.float32) + np.array([dx, dy], np.float32), factor)

@@ -1,4 +1,4 @@
-"""Metric depth of picture 0 from a network: Depth Anything V2 (metric), Depth Pro, UniDepth (the paper's, section 3.1)."""
+"""Metric depth of frame 0 from a network: Depth Anything V2 (metric), Depth Pro, UniDepth (the paper's, section 3.1)."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _depth_pro(folder: Path, config: dict[str, Any], picture: np.ndarray, focal:
 
 
 def _depth_pro_side(config: dict[str, Any]) -> int:
-    """Pixels along the square picture that Depth Pro wants: 1536 in the published model."""
+    """Pixels along the square frame that Depth Pro wants: 1536 in the published model."""
     ratios = config.get("scaled_images_ratios") or [0.25, 0.5, 1]
     return round(int(config.get("patch_size", 384)) / min(ratios))
 

@@ -28,13 +28,13 @@ KEY_VARIABLE = "SEEING_WIND_MATERIAL_KEY"
 """Environment variable with the endpoint's key. A name of its own: a key meant for one service must not reach another by habit."""
 
 TIMEOUT = 120.0
-"""Seconds until an answer must be there: a local model on a CPU takes a minute for a picture."""
+"""Seconds until an answer must be there: a local model on a CPU takes a minute for a frame."""
 
 LARGEST_ANSWER = 1_000_000
 """Bytes of an answer that are read."""
 
 LONGEST_SIDE = 1024
-"""Pixels along a sent picture's longer side: models scale larger ones down themselves."""
+"""Pixels along a sent frame's longer side: models scale larger ones down themselves."""
 
 POLL = 0.2
 """Seconds between looks whether the user wants to stop."""
@@ -98,7 +98,7 @@ def ask(endpoint: Endpoint, question: str, pictures: list[np.ndarray], progress:
 
 
 def data_url(picture: np.ndarray) -> str:
-    """A picture (H, W, 3) uint8 RGB as a JPEG data address, no larger than `LONGEST_SIDE`."""
+    """An image (H, W, 3) uint8 RGB as a JPEG data address, no larger than `LONGEST_SIDE`."""
     scale = min(1.0, LONGEST_SIDE / max(picture.shape[:2]))
     if scale < 1.0:
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -128,7 +128,7 @@ def _waiting(call: Any, progress: Progress) -> bytes:
 
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):
-    """A redirect would carry picture and key to an address that the user has not named."""
+    """A redirect would carry frame and key to an address that the user has not named."""
 
     def redirect_request(self, *_: Any, **__: Any) -> None:
         return None

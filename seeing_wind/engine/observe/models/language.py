@@ -1,7 +1,7 @@
 """What the object is made of, asked of a vision-language model (paper, section 3.1): first its type, then the properties of that type.
 
 An answer is one JSON object with exactly the wanted keys. It is checked against physical ranges; one that fails is sent back once with
-the reason. Answers that passed are kept in the take, so that the same picture is not asked about again.
+the reason. Answers that passed are kept in the take, so that the same frame is not asked about again.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ ATTEMPTS = 2
 CROP_MARGIN = 0.25
 """How much of the object's size the crop shows round it: context tells a leaf from a painted one."""
 
-WHAT = """The first picture is a frame of a video, the second one shows the object of interest in it, cut out of the same frame.
+WHAT = """The first image is a frame of a video, the second one shows the object of interest in it, cut out of the same frame.
 What is this object, and what is it mainly made of? Answer with one JSON object and nothing else, with exactly these keys:
 {"object": the everyday name of the object, "material": the name of the material,
 "type": "elastic" if it springs back, "elastoplastic" if it keeps dents whatever the speed, "viscoplastic" if it flows slowly under load}"""
 
-PROPERTIES = """The picture shows this object: OBJECT, made of MATERIAL (TYPE).
+PROPERTIES = """The frame shows this object: OBJECT, made of MATERIAL (TYPE).
 From common knowledge, what are typical properties of this material at room temperature, for this object as a whole (with the air in
 it, if it is a foam or a fabric)? Answer with one JSON object and nothing else, with exactly these keys, numbers in SI units:
 {"density": kg/m3, "youngs_modulus": Pa, "poisson_ratio": a number below 0.495,
@@ -184,7 +184,7 @@ def check_properties(values: Any, kind: str) -> dict[str, float | None]:
 
 
 def kept_estimate(take: Take, endpoint: Endpoint, picture: np.ndarray, mask: np.ndarray, progress: Progress) -> Estimate:
-    """As `estimate`, but an answer that this take holds already, for the same picture, mask and model, is not asked for again."""
+    """As `estimate`, but an answer that this take holds already, for the same frame, mask and model, is not asked for again."""
     key = stamp_of("material", VERSION, endpoint.url, endpoint.model, np.ascontiguousarray(picture), np.ascontiguousarray(mask))
     try:
         kept = take.read_json(FILE) if take.file(FILE).is_file() else {}

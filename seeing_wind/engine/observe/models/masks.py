@@ -20,7 +20,7 @@ LEAST_SCORE = 0.25
 """Confidence from which a box counts as found; the value of the authors' demo."""
 
 SHORT_SIDE, LONG_SIDE = 800, 1333
-"""Pixels to which Grounding DINO's pictures are scaled: the shorter side, unless the longer one gets too long."""
+"""Pixels to which Grounding DINO's frames are scaled: the shorter side, unless the longer one gets too long."""
 
 ONE = 1
 """The only object's number in a SAM 2 session."""
@@ -30,7 +30,7 @@ def find_box(name: str, text: str, picture: np.ndarray, progress: Progress) -> t
     """The box x0 y0 x1 y1 [px] of what `text` says in `picture` (H, W, 3) uint8 RGB, the most certain one.
 
     Raises:
-        ModelError: no such model or wrong files. ObjectError: nothing in the picture is that. MissingPackage: transformers is missing.
+        ModelError: no such model or wrong files. ObjectError: nothing in the frame is that. MissingPackage: transformers is missing.
     """
     progress.begin("observe", f"looking for '{text}'")
     folder = find(name, "detector")
@@ -54,7 +54,7 @@ def find_box(name: str, text: str, picture: np.ndarray, progress: Progress) -> t
     best = int(score.argmax())
     if not float(score[best]) > LEAST_SCORE:
         raise ObjectError(
-            f"Nothing in the first picture looks like '{text}' (best {float(score[best]):.2f}).", "Use other words, or draw a --box."
+            f"Nothing in the first frame looks like '{text}' (best {float(score[best]):.2f}).", "Use other words, or draw a --box."
         )
     x, y, w, h = (float(value) for value in found.pred_boxes[0, best])
     box = np.array([(x - w / 2) * width, (y - h / 2) * height, (x + w / 2) * width, (y + h / 2) * height]) - 0.5
@@ -63,7 +63,7 @@ def find_box(name: str, text: str, picture: np.ndarray, progress: Progress) -> t
 
 
 class MaskModel:
-    """SAM 2 over one clip: a mask in picture 0 from a box or from another mask, then picture by picture."""
+    """SAM 2 over one clip: a mask in frame 0 from a box or from another mask, then frame by frame."""
 
     def __init__(self, name: str) -> None:
         """Load it.
@@ -99,7 +99,7 @@ class MaskModel:
         return self._next(picture)
 
     def follow(self, frames: Frames, mask: np.ndarray, progress: Progress) -> Iterator[np.ndarray]:
-        """The masks (H, W) bool of pictures 1 to T of `frames` (T+1, H, W, 3), from `mask` (H, W) in picture 0."""
+        """The masks (H, W) bool of frames 1 to T of `frames` (T+1, H, W, 3), from `mask` (H, W) in frame 0."""
         self._start(frames[0])
         given = cv2.resize(mask.astype(np.float32), (self._side, self._side), interpolation=cv2.INTER_AREA) >= 0.5
         self._session.add_mask_inputs(self._session.obj_id_to_idx(ONE), 0, torch.from_numpy(given.astype(np.float32))[None, None])
@@ -120,7 +120,7 @@ class MaskModel:
         pixels = normalised(picture, self._side, self._side, self._folder, IMAGENET)[0]
         with torch.inference_mode():
             found = self._model(self._session, frame=pixels)
-        # What was seen lives on in the session's memories; the picture itself, 12 MB each, is not looked at again.
+        # What was seen lives on in the session's memories; the frame itself, 12 MB each, is not looked at again.
         self._session.processed_frames[found.frame_idx] = torch.empty(0)
         height, width = picture.shape[:2]
         return cv2.resize(found.pred_masks[0, 0].float().numpy(), (width, height), interpolation=cv2.INTER_LINEAR) > 0.0

@@ -1,4 +1,4 @@
-"""All objects of a clip's first picture, each with a material and a mask, in the paper's order (section 3.1): object types, properties,
+"""All objects of a clip's first frame, each with a material and a mask, in the paper's order (section 3.1): object types, properties,
 masks by type, assignment of pixels to one object each."""
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ MOST = 8
 
 LEAST_PIXELS = 16
 
-WHICH = """The picture is the first frame of a video, WIDTH pixels wide and HEIGHT pixels high. Which things in it can be moved or bent by
+WHICH = """The image is the first frame of a video, WIDTH pixels wide and HEIGHT pixels high. Which things in it can be moved or bent by
 wind, water or other forces (not the ground, walls, sky or water themselves)? Name at most 8. Answer with one JSON object and nothing else:
 {"objects": [{"object": its everyday name in a word or two, "material": the name of what it is mainly made of,
 "type": "elastic" if it springs back, "elastoplastic" if it keeps dents whatever the speed, "viscoplastic" if it flows slowly under load,
-"box": [left, top, right, bottom] in pixels of this picture}, ...]}"""
+"box": [left, top, right, bottom] in pixels of this frame}, ...]}"""
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ def find_objects(endpoint: Endpoint, picture: np.ndarray, detector: str | None, 
     Raises:
         ObjectError: nothing, or nothing that stands out. ModelError, MissingPackage: endpoint or networks that cannot be used.
     """
-    progress.begin("material", f"asking {endpoint.name} what is in the picture")
+    progress.begin("material", f"asking {endpoint.name} what is in the frame")
     height, width = picture.shape[:2]
     scale = min(1.0, LONGEST_SIDE / max(height, width))
     size = (round(width * scale), round(height * scale))
@@ -75,7 +75,7 @@ def find_objects(endpoint: Endpoint, picture: np.ndarray, detector: str | None, 
         found.append(Found(properties(endpoint, what, cut_out(picture, mask), progress), mask))
     found = _assigned(found)
     if not found:
-        raise ObjectError(f"{endpoint.name} names no object that stands out in the picture.", "Draw a --box round it with `recover`.")
+        raise ObjectError(f"{endpoint.name} names no object that stands out in the frame.", "Draw a --box round it with `recover`.")
     return found
 
 
@@ -91,7 +91,7 @@ def _check_things(values: Any, size: tuple[int, int]) -> list[tuple[dict[str, st
             raise ValueError("box is not a list of four numbers.")
         low, high = np.clip(box[:2], 0, np.array(size) - 1), np.clip(box[2:], 0, np.array(size) - 1)
         if not np.isfinite(box).all() or (high - low < 2).any():
-            raise ValueError(f"the box {box} has no area inside the picture.")
+            raise ValueError(f"the box {box} has no area inside the frame.")
         result.append((check_what({key: thing[key] for key in ("object", "material", "type")}), [*map(float, low), *map(float, high)]))
     return result
 

@@ -15,10 +15,10 @@ from .catalogue import known
 from .folders import find, load_plain, package
 
 WINDOW = 60
-"""Pictures that the published offline model sees at once."""
+"""Frames that the published offline model sees at once."""
 
 LEAST_SIGMA = 0.3
-"""Standard deviation [px] claimed at least: the network works on a picture of 512 x 384."""
+"""Standard deviation [px] claimed at least: the network works on a frame of 512 x 384."""
 
 UNKNOWN_SIGMA = 1.0
 """Standard deviation [px] of tracks too short to show theirs."""
@@ -27,7 +27,7 @@ UNKNOWN_SIGMA = 1.0
 def follow_points(
     name: str, frames: Frames, points: np.ndarray, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tracks of `points` (K, 2) [px] of picture 0 through `frames` (T+1, H, W, 3) uint8 RGB.
+    """Tracks of `points` (K, 2) [px] of frame 0 through `frames` (T+1, H, W, 3) uint8 RGB.
 
     Returns:
         xy (T+1, K, 2) [px], visible (T+1, K) bool, sigma (T+1, K) [px].

@@ -55,7 +55,7 @@ def build(
 
     Raises:
         MaterialError: an unknown material or numbers that are not physical, or that no sheet has.
-        ObjectError: no object in picture 0, too few pixels, no depth on it, or a pin off the object.
+        ObjectError: no object in frame 0, too few pixels, no depth on it, or a pin off the object.
         Cancelled: at a safe point, when the user asked to stop.
     """
     settings, progress = settings or BuildSettings(), progress or NoProgress()
@@ -87,7 +87,7 @@ def build(
     surface = surface_of(relief, particles.x)
     points, tie_sigma = _key_points(observation, relief, particles, surface, progress)
     keypoints = ride(points, observation.on_centroid, particles)
-    # A body that flows forgets picture 0: its neighbourhoods are compared with the previous picture.
+    # A body that flows forgets frame 0: its neighbourhoods are compared with the previous frame.
     arap: Arap = "previous" if flows else "rest"
     visible = observation.visible & np.isfinite(points).all(axis=1)
     sigma = np.hypot(observation.sigma, tie_sigma)
@@ -141,7 +141,7 @@ def _named(relief: Relief, particles: Particles) -> str:
 def _key_points(
     observation: Observation, relief: Relief, particles: Particles, surface: Surface, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Key points (K, 3) in picture 0 [m], NaN for tracks without a place, and the standard deviation of a later one's place (K,) [px]."""
+    """Key points (K, 3) in frame 0 [m], NaN for tracks without a place, and the standard deviation of a later one's place (K,) [px]."""
     points = place(observation, relief, particles)
     seen = observation.visible & np.isfinite(observation.xy).all(axis=-1)
     first = np.where(seen.any(axis=0) & ~observation.on_centroid, seen.argmax(axis=0), -1)

@@ -1,4 +1,4 @@
-"""Outline, tracks, held places and a scale bar, drawn over pictures of the clip."""
+"""Outline, tracks, held places and a scale bar, drawn over frames of the clip."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ OUTLINE, TRACK, HELD, PROPOSED, TEXT = (80, 255, 80), (255, 200, 0), (255, 80, 6
 """Colours, RGB."""
 
 TAIL = 8
-"""Pictures of a track that are drawn behind its point."""
+"""Frames of a track that are drawn behind its point."""
 
 NICE = (1.0, 2.0, 5.0)
 """Leading digits of a scale bar's length."""
 
 
 class Canvas:
-    """What was seen in a clip, to be drawn over pictures of it in any size."""
+    """What was seen in a clip, to be drawn over frames of it in any size."""
 
     def __init__(self, seen: Observation, proposed: np.ndarray | None, size: tuple[int, int]) -> None:
-        """`proposed` (H, W) bool: where the object seems to be held; `size`: height and width [px] of the pictures to draw over."""
+        """`proposed` (H, W) bool: where the object seems to be held; `size`: height and width [px] of the frames to draw over."""
         self._seen = seen
         self._shape = size[::-1]
         scale = np.array(self._shape) / (seen.camera.width, seen.camera.height)
@@ -36,7 +36,7 @@ class Canvas:
         self._pixels_per_metre = float(seen.camera.fx * scale[0] / np.median(depth)) if len(depth) else 0.0
 
     def drawn(self, picture: np.ndarray, t: int) -> np.ndarray:
-        """`picture` (h, w, 3) uint8 RGB, picture t of the clip, straightened, with all that was seen in it."""
+        """`picture` (h, w, 3) uint8 RGB, frame t of the clip, straightened, with all that was seen in it."""
         canvas, width = picture.copy(), self._width
         _outline(canvas, self._resized(np.asarray(self._seen.masks[t])), OUTLINE, width)
         for held, color in self._held:

@@ -1,4 +1,4 @@
-"""Where the object seems to be held, from its motion: what it never leaves, at the picture's edge or at the still end of its swing."""
+"""Where the object seems to be held, from its motion: what it never leaves, at the frame's edge or at the still end of its swing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from ...records import Observation
 
 STAYS = 0.95
-"""Part of the pictures in which a pixel has to be the object's for the object to stay there."""
+"""Part of the frames in which a pixel has to be the object's for the object to stay there."""
 
 STILL, STILL_PIXELS = 0.05, 0.5
 """Swing of a held end, in units of what the liveliest parts swing by and, at least, in pixels: a stem that is bent at its tip is that still
@@ -18,17 +18,17 @@ LEAST_SWING = 2.0
 """Pixels of swing below which nothing can be said."""
 
 DEEP = 0.04
-"""Depth of a proposed place at the picture's edge, in units of the object's longer side."""
+"""Depth of a proposed place at the frame's edge, in units of the object's longer side."""
 
 NEAR = 4
-"""Pixels from the picture's edge within which an outline reaches it: half-covered rows are left out of it."""
+"""Pixels from the frame's edge within which an outline reaches it: half-covered rows are left out of it."""
 
 FEWEST = 4
-"""Tracks of picture 0 from which a swing can be measured."""
+"""Tracks of frame 0 from which a swing can be measured."""
 
 
 def swings(seen: Observation) -> tuple[np.ndarray, np.ndarray]:
-    """Places (K, 2) [px] in picture 0 of the tracks that start there, and how far each strays from its mean place (K,) [px]."""
+    """Places (K, 2) [px] in frame 0 of the tracks that start there, and how far each strays from its mean place (K,) [px]."""
     early = np.flatnonzero(seen.visible[0] & ~seen.on_centroid & (seen.visible.sum(axis=0) >= 3))
     places = np.where(seen.visible[:, early, None], seen.xy[:, early], np.nan)
     away = np.linalg.norm(places - np.nanmean(places, axis=0), axis=-1)
@@ -36,9 +36,9 @@ def swings(seen: Observation) -> tuple[np.ndarray, np.ndarray]:
 
 
 def proposed_place(seen: Observation) -> np.ndarray | None:
-    """The pixels (H, W) bool of picture 0 that seem to be held; None where nothing does, or too little moves to tell.
+    """The pixels (H, W) bool of frame 0 that seem to be held; None where nothing does, or too little moves to tell.
 
-    The object's pixels that it never leaves, where they reach the picture's edge; else those at its still end, where the tracks there
+    The object's pixels that it never leaves, where they reach the frame's edge; else those at its still end, where the tracks there
     swing by next to nothing.
     """
     points, swing = swings(seen)
@@ -55,7 +55,7 @@ def proposed_place(seen: Observation) -> np.ndarray | None:
     rows, columns = np.nonzero(kept)
     if not len(rows):
         return None
-    from scipy.spatial import cKDTree  # slow to import, and most of what is held reaches the picture's edge
+    from scipy.spatial import cKDTree  # slow to import, and most of what is held reaches the frame's edge
 
     near, index = cKDTree(points).query(np.stack([columns, rows], axis=1), k=min(3, len(points)))
     quiet = np.mean(swing[index.reshape(len(rows), -1)], axis=1) < max(STILL_PIXELS, STILL * np.percentile(swing, 90))
@@ -68,7 +68,7 @@ def proposed_place(seen: Observation) -> np.ndarray | None:
 
 
 def _at_edge(kept: np.ndarray, deep: int) -> np.ndarray:
-    """The pixels of `kept` (H, W) bool within `deep` of an edge of the picture that `kept` touches."""
+    """The pixels of `kept` (H, W) bool within `deep` of an edge of the frame that `kept` touches."""
     place = np.zeros_like(kept)
     for turn in range(4):
         turned, at = np.rot90(kept, turn), np.rot90(place, turn)  # views

@@ -15,7 +15,7 @@ from ...settings import ObserveSettings
 from .held import proposed_place, swings
 
 FEW_TRACKS = 12
-"""Tracks in a picture below which a body's bending cannot be told from their errors."""
+"""Tracks in a frame below which a body's bending cannot be told from their errors."""
 
 ON_BOX = 0.04
 """Part of the outline on the border of the box from which the box cuts the object."""
@@ -24,10 +24,10 @@ HARDLY = 1.5
 """Pixels of motion that are lost in the tracks' errors."""
 
 OPEN = 0.5
-"""Part of the time between pictures for which a usual shutter is open."""
+"""Part of the time between frames for which a usual shutter is open."""
 
 GROWS = 0.1
-"""Relative change of the object's size in the picture from which it comes nearer or turns: a swing across the view has less."""
+"""Relative change of the object's size in the frame from which it comes nearer or turns: a swing across the view has less."""
 
 BLURRED = 0.08
 """Blur in units of the object's shorter side from which its outline and tracks suffer."""
@@ -84,7 +84,7 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
         x0, y0, x1, y1 = settings.box
         rows, columns = np.nonzero(rim)
         on_box = (columns <= x0 + 1) | (columns >= x1 - 1) | (rows <= y0 + 1) | (rows >= y1 - 1)
-        # A side of the box that is the picture's own is judged below.
+        # A side of the box that is the frame's own is judged below.
         inner = (columns > 1) & (rows > 1) & (columns < mask.shape[1] - 2) & (rows < mask.shape[0] - 2)
         part = float((on_box & inner).sum() / length)
         if part > ON_BOX:
@@ -98,9 +98,9 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
         touching &= cv2.dilate(seen.pin.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
     if touching.sum() > 3:
         return Verdict(
-            "outline", 0.8, "It touches the picture's edge, so a part of the object is out of sight.", "Take pictures that show all of it."
+            "outline", 0.8, "It touches the frame's edge, so a part of the object is out of sight.", "Take frames that show all of it."
         )
-    return Verdict("outline", 0.0, "It lies within the box and the picture.")
+    return Verdict("outline", 0.0, "It lies within the box and the frame.")
 
 
 def _sight(seen: Observation) -> Verdict:
@@ -109,10 +109,10 @@ def _sight(seen: Observation) -> Verdict:
         return Verdict(
             "sight",
             0.5 + len(lost) / len(seen.masks),
-            f"The object is out of sight in {len(lost)} of {len(seen.masks)} pictures, first in {frame_named(lost[0])}.",
+            f"The object is out of sight in {len(lost)} of {len(seen.masks)} frames, first in {frame_named(lost[0])}.",
             f"End the clip before with --frames {seen.first_frame}:{seen.first_frame + max(int(lost[0]) - 1, 1)}.",
         )
-    return Verdict("sight", 0.0, "The object is seen in every picture.")
+    return Verdict("sight", 0.0, "The object is seen in every frame.")
 
 
 def _tracks(seen: Observation) -> Verdict:
@@ -121,17 +121,17 @@ def _tracks(seen: Observation) -> Verdict:
             "tracks",
             0.6,
             "Only the middle of the outline is followed, so turning and bending stay unknown.",
-            "Film closer, or with more pattern.",
+            "Film closer, or an object with more pattern.",
         )
     least = int(seen.visible[:, ~seen.on_centroid].sum(axis=1).min())
     if least < FEW_TRACKS:
         return Verdict(
             "tracks",
             1.0 - 0.5 * least / FEW_TRACKS,
-            f"Only {least} points are followed in the poorest picture.",
+            f"Only {least} points are followed in the poorest frame.",
             "Film closer, or shorten the clip.",
         )
-    return Verdict("tracks", 0.0, f"At least {least} points are followed in every picture.")
+    return Verdict("tracks", 0.0, f"At least {least} points are followed in every frame.")
 
 
 def _held(seen: Observation, proposed: np.ndarray | None) -> Verdict:
@@ -160,7 +160,7 @@ def _motion(seen: Observation) -> Verdict:
             "motion",
             1.5,
             f"It moves by {most:.1f} px, no more than the tracks' errors.",
-            "Take a part in which it moves more, or film closer.",
+            "Choose a part of the clip in which it moves more, or film closer.",
         )
     return Verdict("motion", 0.0, f"It moves by {most:.0f} px.")
 
@@ -174,10 +174,10 @@ def _blur(seen: Observation) -> Verdict:
     blur = OPEN * fast
     if blur > max(BLURRED * side, 3.0):
         return Verdict(
-            "blur", min(blur / side, 0.9), f"It moves by up to {fast:.0f} px a picture, so its rim is blurred by about {blur:.0f} px.",
+            "blur", min(blur / side, 0.9), f"It moves by up to {fast:.0f} px a frame, so its rim is blurred by about {blur:.0f} px.",
             "Film with a shorter exposure or more frames a second.",
         )  # fmt: skip
-    return Verdict("blur", 0.0, f"It moves by up to {fast:.1f} px a picture.")
+    return Verdict("blur", 0.0, f"It moves by up to {fast:.1f} px a frame.")
 
 
 def _scale(settings: ObserveSettings) -> Verdict:

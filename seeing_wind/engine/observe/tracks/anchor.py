@@ -1,4 +1,4 @@
-"""Aligning patches with the picture they were cut from: what keeps a chain of frame-to-frame steps from drifting.
+"""Aligning patches with the frame they were cut from: what keeps a chain of frame-to-frame steps from drifting.
 
 Inverse-compositional affine alignment (Baker and Matthews 2004) of all patches at once, each normalised to its own mean and
 deviation, so that brightness and contrast may change.
@@ -30,7 +30,7 @@ _NEAR = np.exp(-0.5 * (_OFFSETS**2).sum(axis=1) / (0.6 * HALF) ** 2).astype(np.f
 
 
 def smooth(picture: np.ndarray) -> np.ndarray:
-    """The gray float32 picture (H, W) that patches are cut from, of an RGB uint8 one (H, W, 3)."""
+    """The gray float32 frame (H, W) that patches are cut from, of an RGB uint8 one (H, W, 3)."""
     return cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), BLUR)
 
 
@@ -45,7 +45,7 @@ def sample(picture: np.ndarray, xy: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Patches:
-    """Templates of K points, ready to be aligned with other pictures. P = 17 * 17 pixels."""
+    """Templates of K points, ready to be aligned with other frames. P = 17 * 17 pixels."""
 
     values: np.ndarray
     """(K, P) normalised to weighted mean 0 and deviation 1."""

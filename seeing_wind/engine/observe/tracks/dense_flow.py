@@ -1,4 +1,4 @@
-"""Dense optical flow of the object from every picture to the next, for the flow-and-depth objective."""
+"""Dense optical flow of the object from every frame to the next, for the flow-and-depth objective."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ MARGIN = 16
 
 
 def dense_flow(frames: Frames, masks: Masks, progress: Progress | None = None) -> list[Flow | None]:
-    """Flow inside a window round the object, T entries; None where the object is in neither picture of a pair.
+    """Flow inside a window round the object, T entries; None where the object is in neither frame of a pair.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool. The shift of the silhouette's centroid is where the search begins.
 
     Raises:
-        Cancelled: between pictures.
+        Cancelled: between frames.
     """
     progress = progress or NoProgress()
     solver = FlowSolver()

@@ -23,9 +23,9 @@ def read_tracks(
     """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of the tracks that start on the object.
 
     Args:
-        path: NPZ; one row per picture of the chosen range, or of the whole file.
-        pictures: T + 1, the pictures of the range, which begins at `first_frame`.
-        mask: (H, W) bool, the object in picture 0.
+        path: NPZ; one row per frame of the chosen range, or of the whole file.
+        pictures: T + 1, the frames of the range, which begins at `first_frame`.
+        mask: (H, W) bool, the object in frame 0.
 
     Raises:
         UsageError: unreadable, keys or shapes wrong, values not finite, or no track on the object.
@@ -36,7 +36,7 @@ def read_tracks(
     sigma = np.broadcast_to(sigma, visible.shape)
     if len(xy) != pictures:
         if len(xy) < first_frame + pictures:
-            raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {pictures} pictures.", SHAPES)
+            raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {pictures} frames.", SHAPES)
         part = slice(first_frame, first_frame + pictures)
         xy, visible, sigma = xy[part], visible[part], sigma[part]
     if not np.isfinite(xy[visible]).all() or not np.isfinite(sigma[visible]).all() or (sigma[visible] <= 0).any():
@@ -51,10 +51,10 @@ def read_tracks(
     on = visible[0] & inside & mask[np.clip(nearest[:, 1], 0, height - 1), np.clip(nearest[:, 0], 0, width - 1)]
     if not on.any():
         raise UsageError(
-            f"No track of {path} is visible on the object in the first picture.", "Check the mask, and that pixels count from the top left."
+            f"No track of {path} is visible on the object in the first frame.", "Check the mask, and that pixels count from the top left."
         )
     if not on.all():
-        progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first picture and are left out.")
+        progress.warn(f"{int((~on).sum())} of {len(on)} tracks do not start on the object in the first frame and are left out.")
     if on.sum() < FEW:
         few = "One track tells" if on.sum() == 1 else f"{int(on.sum())} tracks tell"
         progress.warn(f"{few} where the object is, not how it turns or bends. Give three or more that start on it.")

@@ -13,8 +13,8 @@ def predict(
     """Robust local affine motion of every point from its trusted neighbours, the point itself left out.
 
     Args:
-        rest: (K, 2) [px], positions in picture 0.
-        now: (K, 2) [px], positions in the newest picture.
+        rest: (K, 2) [px], positions in frame 0.
+        now: (K, 2) [px], positions in the newest frame.
         trusted: (K,) bool, whose `now` counts.
         previous: (K, 2, 2), each point's shape before; directions that the neighbours do not span keep it.
         reach: [px], neighbours farther than this say nothing.

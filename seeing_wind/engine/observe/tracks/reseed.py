@@ -1,6 +1,6 @@
 """Tracks that begin later: where the object shows a side on which nothing is followed, new points are sought and followed from there.
 
-Every generation of points is anchored to the picture in which it began. How it belongs to the body of picture 0 is found where the body
+Every generation of points is anchored to the frame in which it began. How it belongs to the body of frame 0 is found where the body
 is known (`observe/object/motion/late.py`).
 """
 
@@ -26,7 +26,7 @@ LEAST_NEW = 6
 """Fewer new points than this cannot check each other."""
 
 SHORTEST = 4
-"""Pictures in which a later track must be seen: fewer say nothing that those before and after do not."""
+"""Frames in which a later track must be seen: fewer say nothing that those before and after do not."""
 
 MOST_LATE = 400
 """Later tracks at most: each costs the recovery time."""
@@ -35,19 +35,19 @@ MOST_LATE = 400
 @dataclass
 class _Generation:
     first: int
-    """The picture in which it began."""
+    """The frame in which it began."""
     corners: np.ndarray
     """(K, 2) [px], from which it set out."""
     tracker: Tracker
     rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
-    """Position, visibility and sigma in each picture since then."""
+    """Position, visibility and sigma in each frame since then."""
 
 
 class Generations:
-    """Points of picture 0, and those that began later."""
+    """Points of frame 0, and those that began later."""
 
     def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray, *, reseed: bool) -> None:
-        """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of picture 0; `reseed` False keeps to those."""
+        """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of frame 0; `reseed` False keeps to those."""
         self._generations: list[_Generation] = []
         self._reseed = reseed
         self._count = 0
@@ -57,7 +57,7 @@ class Generations:
         self._count = 1
 
     def advance(self, picture: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
-        """Follow all points into the next picture, as `Tracker.advance`; seek new ones where the object is bare of them."""
+        """Follow all points into the next frame, as `Tracker.advance`; seek new ones where the object is bare of them."""
         for one in self._generations:
             one.tracker.advance(picture, flow, mask)
             one.rows.append((one.tracker.xy, one.tracker.visible, one.tracker.sigma))
@@ -76,7 +76,7 @@ class Generations:
         self._generations.append(_Generation(self._count, corners, tracker, [(tracker.xy, tracker.visible, tracker.sigma)]))
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the pictures to come depend on, besides the pictures and masks behind, and the tracks so far."""
+        """All that the frames to come depend on, besides the frames and masks behind, and the tracks so far."""
         found = {"generations": np.array([one.first for one in self._generations])}
         for number, one in enumerate(self._generations):
             rows = dict(zip(("rows.xy", "rows.visible", "rows.sigma"), (np.stack(values) for values in zip(*one.rows))))
@@ -107,7 +107,7 @@ class Generations:
         return mask & (covered == 0)
 
     def tracks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px]; the points of picture 0 come first."""
+        """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px]; the points of frame 0 come first."""
         columns = []
         for one in self._generations:
             xy, visible, sigma = (np.stack(values) for values in zip(*one.rows))

@@ -1,4 +1,4 @@
-"""Following up to 200 corners of the object: a chain from frame to frame, anchored to picture 0, checked by the neighbours."""
+"""Following up to 200 corners of the object: a chain from frame to frame, anchored to frame 0, checked by the neighbours."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ACCEPT = 0.7
 """Correlation with the template from which an alignment is believed."""
 
 GOOD = 0.9
-"""Correlation from which a picture may become the point's second template."""
+"""Correlation from which a frame may become the point's second template."""
 
 FARTHEST = 4.0
 """Pixels that an alignment may move away from its start."""
@@ -53,7 +53,7 @@ ENOUGH = 6
 """Corner tracks in sight from which the body's motion is known better by them than by its silhouette."""
 
 FORGOTTEN = 12
-"""Pictures without sight after which a point is not looked for any more."""
+"""Frames without sight after which a point is not looked for any more."""
 
 
 def find_corners(picture: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.ndarray:
@@ -123,7 +123,7 @@ class _View:
         return _View(size, np.array(mask.shape[::-1]) / size)
 
     def smaller(self, picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The smoothed gray picture and the mask at the working size."""
+        """The smoothed gray frame and the mask at the working size."""
         if self.size != mask.shape[::-1]:
             picture = cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA)
             mask = cv2.resize(mask.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST) > 0
@@ -139,7 +139,7 @@ class _View:
 
 
 class Tracker:
-    """Follows points from picture 0 on.
+    """Follows points from frame 0 on.
 
     Patches and thresholds are in working pixels: a large object is followed in a smaller copy of the clip, where a patch holds as
     much of its pattern as on a small one. Positions in and out are those of the file.
@@ -149,7 +149,7 @@ class Tracker:
     """
 
     def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
-        """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of picture 0."""
+        """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of frame 0."""
         count = len(corners)
         self._view = _View.of(mask)
         first, inside = self._view.smaller(picture, mask)
@@ -215,7 +215,7 @@ class Tracker:
         self._sigma = np.maximum(sigma, FLOOR)
 
     def state(self) -> dict[str, np.ndarray]:
-        """All that the pictures to come depend on, besides what the tracker was made of."""
+        """All that the frames to come depend on, besides what the tracker was made of."""
         second = {} if self._second is self._patches else to_arrays(self._second, "second.")
         return second | {
             "second_affine": self._second_affine,
@@ -239,7 +239,7 @@ class Tracker:
     def _anchor(
         self, now: np.ndarray, start: np.ndarray, affine: np.ndarray, wanted: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Positions, shapes, sigmas and success of aligning with picture 0, or failing that with the point's second template."""
+        """Positions, shapes, sigmas and success of aligning with frame 0, or failing that with the point's second template."""
         xy, shape, sigma = start.copy(), affine.copy(), self._sigma.copy()
         anchored = np.zeros(len(start), bool)
         for second in (False, True):
@@ -260,7 +260,7 @@ class Tracker:
         return xy, shape, sigma, anchored
 
     def _renew(self, now: np.ndarray, index: np.ndarray, xy: np.ndarray, shape: np.ndarray, sigma: np.ndarray) -> None:
-        """Take this picture as the second template of the points `index`: the last one that still looked like picture 0."""
+        """Take this frame as the second template of the points `index`: the last one that still looked like frame 0."""
         if not len(index):
             return
         fresh = cut_patches(now, np.ones_like(now), xy[index])

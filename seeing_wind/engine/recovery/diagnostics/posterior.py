@@ -49,7 +49,7 @@ def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.
     mean = missed.sum(axis=1) / np.maximum(count, 1)[:, None]
     both = targets.visible[1:] & targets.visible[:-1]
     step = np.where(both[..., None], np.diff(missed, axis=0), 0.0).sum(axis=1) / np.maximum(both.sum(axis=1), 1)[:, None]
-    size = fps**2 * np.linalg.norm(np.diff(step, axis=0), axis=1)  # between pictures 1 ... T-1 and their neighbours
+    size = fps**2 * np.linalg.norm(np.diff(step, axis=0), axis=1)  # between frames 1 ... T-1 and their neighbours
     usual = float(np.median(size))
     many = count > INDEPENDENT
     if many[1:].any():

@@ -84,7 +84,7 @@ def worst_first(notes: Sequence[str]) -> list[str]:
 
 
 def _size(particles: Particles, first: Channels, x: np.ndarray) -> tuple[float, float, str]:
-    """Diameter of the body in the first picture of x (T+1, N, 3), noise of what was seen, and the unit of both."""
+    """Diameter of the body in the first frame of x (T+1, N, 3), noise of what was seen, and the unit of both."""
     if isinstance(first, TrackChannels):
         noise = float(np.median(first.targets.sigma[first.targets.visible]))
         return 2.0 * _radius(first.camera.project(x[0])[0]), noise, "pixels"
@@ -112,8 +112,8 @@ def motion_remarks(particles: Particles, x: np.ndarray, residual: np.ndarray, vi
         )
     if not views and residual[peak] > max(SUDDEN * far, SUDDEN_WAY * moved):
         notes.append(
-            f"In {frame_named(peak)} the simulated body is {1000 * residual[peak]:.2g} mm off, else {1000 * far:.2g} mm: where the force "
-            "changes suddenly, it is smoothed over about four frames."
+            f"In {frame_named(peak)} the simulated body is {1000 * residual[peak]:.2g} mm off, otherwise {1000 * far:.2g} mm: where the "
+            "force changes suddenly, it is smoothed over about four frames."
         )
     if views == 1:
         notes.append(
@@ -129,7 +129,7 @@ def force_remarks(acceleration: np.ndarray, density: float, x: np.ndarray, fps: 
     if not 0.5 * size * duration**2 < COASTING * way:
         return []
     alone = "only the given gravity" if np.any(gravity) else "no force"
-    return [f"The body moves as if {alone} acted on it: the force found is {density * size:.2g} N/m³, and so little is not known well."]
+    return [f"The body moves as if {alone} acted on it: the force found, {density * size:.2g} N/m³, is too small to be known well."]
 
 
 def reaction_remarks(particles: Particles, acceleration: np.ndarray, x: np.ndarray, gravity: Sequence[float]) -> list[str]:
@@ -154,10 +154,29 @@ def wild_remarks(channels: Sequence[Channels]) -> list[str]:
     """On points that were left out, as they do not move with the others."""
     astray = [one.wild for one in channels if isinstance(one, PointChannels) and one.wild.any()]
     return [
-        f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some pictures "
+        f"{np.count_nonzero(wild.any(axis=0))} of {wild.shape[1]} points leave the motion of those round them in some frames "
         f"({np.count_nonzero(wild.any(axis=1))} of {len(wild)}) and are left out there."
         for wild in astray
     ]
+
+
+def end_remarks(wild: np.ndarray) -> list[str]:
+    """On frames (T,) bool at the ends of a clip whose later frame counts little, as its tracks leave the motion of all others."""
+    notes = []
+    for which, run in (("first", _leading(wild)), ("last", _leading(wild[::-1]))):
+        first, last = (0, run - 1) if which == "first" else (len(wild) - run, len(wild) - 1)
+        if run:
+            frames = f"from {frame_named(first)} to {frame_named(last)}" if run > 1 else f"in {frame_named(first)}"
+            notes.append(
+                f"The tracks of the {which} frames leave the motion of all others and count little: the force {frames} is not seen, but "
+                "goes on from the others. If the object is blurred there or leaves the frame, choose --frames without them."
+            )
+    return notes
+
+
+def _leading(flags: np.ndarray) -> int:
+    """How many of `flags` (T,) bool are true before the first that is not."""
+    return int(np.argmin(np.append(flags, False)))
 
 
 def moving_clamp_remark(motion: ClampMotion) -> str:
@@ -195,6 +214,6 @@ def held_remarks(particles: Particles, channels: Sequence[Channels]) -> list[str
     if farthest < LOOSE:
         return []
     return [
-        f"What is held moves by {farthest:.2g} pixels in the clip: the force is that on a body which does not move there. Check --pin, and "
-        "that the camera stands still or its motion is given."
+        f"What is held moves by {farthest:.2g} pixels in the clip, but the force was found as if it stood still. Check --pin, and that the "
+        "camera stands still or its motion is given."
     ]

@@ -1,6 +1,6 @@
 """The dense scene-flow loss (the paper's Table 3, "Flow+Depth Loss"): every visible Gaussian must move as optical flow and depth say.
 
-The paper takes depth from a pretrained network. There is none here: the depth of a picture is spread from the tracked points that were
+The paper takes depth from a pretrained network. There is none here: the depth of a frame is spread from the tracked points that were
 lifted to 3D (`Body.lifted`), which beats a monocular network on the bodies that this engine builds, so the baseline is not weakened.
 """
 
@@ -29,7 +29,7 @@ class SceneFlow:
     """Flow and depth of one camera's clip."""
 
     flow: Sequence[Callable[[np.ndarray], np.ndarray] | None]
-    """T functions: pixels (K, 2) in picture t -> how far they move (K, 2) [px]."""
+    """T functions: pixels (K, 2) in frame t -> how far they move (K, 2) [px]."""
     masks: Masks
     """(T+1, H, W) bool, the object."""
     camera: Camera
@@ -74,7 +74,7 @@ class FlowDepthLoss:
         return smooth_length(miss / self.scale, SMOOTH).mean()
 
     def _targets(self, before: np.ndarray, picture: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points to use (U,), pixels (U, 2) and depths (U,) [m] they should have; `before` (K, 3) is where they were one picture ago."""
+        """Points to use (U,), pixels (U, 2) and depths (U,) [m] they should have; `before` (K, 3) is where they were one frame ago."""
         camera, masks, flow = self.scene.camera, self.scene.masks, self.scene.flow[picture - 1]
         start, depth = camera.project(before, picture - 1)
         use = np.flatnonzero((depth > 0.0) & _inside(masks[picture - 1], start))

@@ -22,7 +22,7 @@ from .losses import Rider
 PIXELS = 30_000
 """A window of more pixels is reduced by an integer factor."""
 MARGIN = 10
-"""Pixels round the silhouettes of a frame's two pictures."""
+"""Pixels round the silhouettes of an interval's two frames."""
 RENEW = 10
 """The tiles' lists are made anew after this many calls: the Gaussians have moved on."""
 SMOOTH = 1.0 / 255.0
@@ -45,32 +45,32 @@ class Pictures:
 
 @dataclass
 class _Window:
-    """What one picture is compared with, cut out and reduced."""
+    """What one frame is compared with, cut out and reduced."""
 
     camera: Camera
     target: torch.Tensor
     """(h, w, 3) in 0..1."""
     background: torch.Tensor
     change: float
-    """Mean absolute difference from the picture before: the loss of a body that stays where it was."""
+    """Mean absolute difference from the frame before: the loss of a body that stays where it was."""
     tiles: Tiles | None = None
     calls: int = 0
 
 
 class ImageLoss:
-    """Mean absolute colour difference |I - pi(G)| in a window round the object, divided by how much the picture changed.
+    """Mean absolute colour difference |I - pi(G)| in a window round the object, divided by how much the frame changed.
 
     Args:
-        pictures: clip, silhouettes and Gaussians.
+        frames: clip, silhouettes and Gaussians.
         dtype: float32, or float64 to check derivatives.
 
     Raises:
-        ObjectError: for a clip in which the object is in no picture.
+        ObjectError: for a clip in which the object is in no frame.
     """
 
     def __init__(self, pictures: Pictures, dtype: torch.dtype = torch.float32) -> None:
         if not pictures.masks[0].any():
-            raise ObjectError("The object is not in the first picture.", "Check the mask.")
+            raise ObjectError("The object is not in the first frame.", "Check the mask.")
         self.pictures, self.dtype = pictures, dtype
         self.rider = Rider(pictures.gaussians.attachment)
         self.rest = torch.from_numpy(rest_covariances(pictures.gaussians)).to(dtype)

@@ -1,4 +1,4 @@
-"""How far a simulated picture is from the observed one, for torch to differentiate: the tracking objective, and what all objectives share.
+"""How far a simulated frame is from the observed one, for torch to differentiate: the tracking objective, and what all objectives share.
 
 Each loss is divided by what it would be without any force, so that the weights of Eq. (14) mean the same for all.
 """
@@ -25,7 +25,7 @@ class MotionLoss(Protocol):
     """L_motion of Eq. (14)."""
 
     def begin(self, x: np.ndarray, picture: int) -> None:
-        """From now on `picture` is compared; the particles x (N, 3) [m] are where they were found to be in the picture before."""
+        """From now on `picture` is compared; the particles x (N, 3) [m] are where they were found to be in the frame before."""
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
         """Particles x (N, 3) [m] and F (N, 3, 3) -> a scalar, about one without any force."""
@@ -34,7 +34,7 @@ class MotionLoss(Protocol):
 class TrackingLoss:
     """Mean distance of simulated and observed points, in 3D or in pixels (the paper's sparse tracking objective, Eq. (9)).
 
-    Tracks are compared in the picture, not lifted to 3D as the paper does: a lift's errors along the view would be taken for force.
+    Tracks are compared in the frame, not lifted to 3D as the paper does: a lift's errors along the view would be taken for force.
 
     Args:
         scale: distance [m] that the expected force moves the body by in a frame.

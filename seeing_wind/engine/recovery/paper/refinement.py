@@ -49,7 +49,7 @@ State = tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]
 
 @dataclass(frozen=True)
 class Refined:
-    """A field and how far its own simulation strays from the recovered motion, root mean square over particles and pictures [m]."""
+    """A field and how far its own simulation strays from the recovered motion, root mean square over particles and frames [m]."""
 
     field: ForceField
     before: float

@@ -89,12 +89,12 @@ def recover_by_descent(
     """
     began = time.monotonic()
     if not fps > 0.0:
-        raise UsageError(f"{fps} pictures per second.", "Give the clip's frame rate with --fps.")
+        raise UsageError(f"{fps} frames per second.", "Give the clip's frame rate with --fps.")
     if particles.pinned.all():
         raise ObjectError("All particles of the body are held: nothing can move.", "Paint a smaller region to hold.")
     sources = [targets] if isinstance(targets, PointTargets) else list(targets)
     if len({len(one.visible) for one in sources}) != 1:
-        raise UsageError("The views do not have the same number of pictures.", "Cut the clips to the same frames, or give one clip.")
+        raise UsageError("The views do not have the same number of frames.", "Cut the clips to the same frames, or give one clip.")
     frames = len(sources[0].visible) - 1
     progress.update(0.0, "Preparing the body")
     model, notes = model_for(particles, material, fps, gravity=settings.gravity, device=settings.device)

@@ -11,7 +11,7 @@ from ..targets.channels import second_derivative
 from .losses import Targets
 
 FIRST = 8
-"""Pictures from which the initial velocity is read."""
+"""Frames from which the initial velocity is read."""
 DOUBT = 0.25
 """Squared disagreement of two fits to the initial velocity, relative to its square, above which it is taken for zero."""
 MARGIN = 0.25
@@ -27,7 +27,7 @@ class Start:
     acceleration: float
     """Root mean square size of the force over density to expect [m/s²]."""
     velocity: np.ndarray
-    """(N, 3) [m/s] in picture 0."""
+    """(N, 3) [m/s] in frame 0."""
     spin: np.ndarray
     """(N, 3, 3) its gradient, the affine velocity [1/s]."""
 
@@ -81,7 +81,7 @@ def rigid_motions(x: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]
 
 
 def _velocity(rows: np.ndarray, series: np.ndarray, fps: float) -> np.ndarray:
-    """(6,) speeds of the rigid motions whose rows (M, 6) explain the first slopes of series (pictures, M); none where fits disagree.
+    """(6,) speeds of the rigid motions whose rows (M, 6) explain the first slopes of series (frames, M); none where fits disagree.
 
     A parabola is biased by forces that change, a cubic amplifies noise: a body whose speed they do not agree on starts at rest.
     """

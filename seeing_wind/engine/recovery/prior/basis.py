@@ -16,15 +16,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ...errors import ObjectError
-
-MAX_DEGREE = 5
-"""Highest polynomial degree tried; a plate fills 16 modes with degree 4 to 5, a solid ball with degree 3."""
-THIN = 0.1
-"""An axis along which the body's mass spreads less than this share of what it does along the longest gets no functions.
-They would move nothing that the others do not: a torque across a plate is a normal force that varies along it."""
-
-SIDE = 0.1
-"""Least distance between the middles of what is held and what is not, in radii of the body, from which it has an axis."""
+from .constants import PRIOR
 
 
 @dataclass(frozen=True)
@@ -54,7 +46,7 @@ class SpatialBasis:
         return SpatialBasis(self.phi[:, keep], self.gradient[:, keep], self.degree[keep], self.size[keep], self.radius, self.centre)
 
 
-def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int, max_degree: int = MAX_DEGREE) -> SpatialBasis:
+def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int, max_degree: int = PRIOR.max_degree) -> SpatialBasis:
     """At most `modes` smooth orthonormal functions of the rest positions.
 
     Args:
@@ -74,7 +66,7 @@ def spatial_basis(x: np.ndarray, mass: np.ndarray, modes: int, max_degree: int =
     if not radius > 0.0:
         raise ObjectError("All particles of the body are in one place.", "Build the body again: its particles must fill a volume.")
     moments, axes = np.linalg.eigh(np.einsum("n,ni,nj->ij", weight, x - centre, x - centre))
-    thin = np.sqrt(np.maximum(moments, 0.0)) < THIN * np.sqrt(moments[2])
+    thin = np.sqrt(np.maximum(moments, 0.0)) < PRIOR.thin * np.sqrt(moments[2])
     axes = axes.T[::-1]  # longest first
     thin = thin[::-1]
     local = (x - centre) @ axes.T / radius
@@ -159,7 +151,7 @@ def held_axis(x: np.ndarray, pinned: np.ndarray) -> np.ndarray | None:
     """
     along = x[~pinned].mean(axis=0) - x[pinned].mean(axis=0)
     length, size = np.linalg.norm(along), np.linalg.norm(x - x.mean(axis=0), axis=1).max()
-    return along / length if length > SIDE * size else None
+    return along / length if length > PRIOR.axis * size else None
 
 
 def velocity_basis(x: np.ndarray, basis: SpatialBasis, pinned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,23 +21,22 @@ import torch
 
 from ...field.torch_threads import torch_threads
 from ...mpm.compiler.device import cores
+from ..solve.constants import PACE
 from ..solve.gauss_newton import Linearisation
 from ..targets.objective import Objective
-from .kernel import DURATION, LENGTH, SLOPE, UNIFORM, Kernel, Prior
+from .constants import PRIOR
+from .kernel import Kernel, Prior
 
 ITERATIONS = 25
-TOLERANCE = 0.01
-"""Convergence: the gain in log evidence of one L-BFGS step. A difference of 1 is not significant."""
-HYPERPRIORS = {"length": (LENGTH, 1.0), "duration": (DURATION, 0.5), "uniform": (UNIFORM, 1.5), "slope": (SLOPE, 1.5)}
+HYPERPRIORS = {
+    "length": (PRIOR.length, PRIOR.length_spread),
+    "duration": (PRIOR.duration, PRIOR.duration_spread),
+    "uniform": (PRIOR.uniform, PRIOR.part_spread),
+    "slope": (PRIOR.slope, PRIOR.part_spread),
+}
 """Log-normal hyperpriors: median, and standard deviation of the logarithm."""
-SHAPE_SPREAD = 1.0
-"""Standard deviation, under the hyperprior, of the logarithm of each component's size and of the correlations."""
-FLOOR = 0.02
-"""Share of the variance that keeps the shape given beforehand, so that no direction is ruled out."""
 ROUNDING = 1e-11
 """Added to the diagonal of a covariance, relative to its mean, to keep it positive definite in double precision."""
-LOG_ODDS = 20.0
-"""Prior log odds of the stretch belief. With noisy points the evidence differs by a few units; against a wrong belief, by hundreds."""
 LOG_LIMIT = 30.0
 """Largest absolute logarithm of a hyperparameter that the line search may try."""
 COARSE_STRIDE = 3
@@ -73,7 +72,7 @@ def maximise_evidence(
     parameters = _pack(prior.kernel, root.numpy()).requires_grad_(True)
     begin = parameters.detach().clone()
     optimiser = torch.optim.LBFGS(
-        [parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=TOLERANCE
+        [parameters], max_iter=ITERATIONS, history_size=8, line_search_fn="strong_wolfe", tolerance_change=PACE.evidence_tolerance
     )
 
     def objective() -> torch.Tensor:
@@ -93,7 +92,7 @@ def maximise_evidence(
     found = parameters.detach() if bool(torch.isfinite(parameters).all()) else begin
     factor, sizes = _unpack(found)
     covariance = (root @ factor @ factor.T @ root.T).numpy()
-    covariance += FLOOR * np.trace(covariance) / np.trace(shape) * shape
+    covariance += PRIOR.component_floor * np.trace(covariance) / np.trace(shape) * shape
     return Kernel(covariance, *(float(value) for value in sizes))
 
 
@@ -133,7 +132,7 @@ def _penalty(parameters: torch.Tensor) -> torch.Tensor:
     for value, (median, spread) in zip(parameters, HYPERPRIORS.values()):
         total = total + 0.5 * ((value - math.log(median)) / spread) ** 2
     diagonal, below = parameters[len(HYPERPRIORS) :].split((3, 3))
-    return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / SHAPE_SPREAD**2
+    return total + 0.5 * (((diagonal - diagonal.mean()) ** 2).sum() + (below**2).sum()) / PRIOR.component_spread**2
 
 
 class _LogEvidence(torch.autograd.Function):
@@ -192,7 +191,7 @@ def mismatch_scale(prior: Prior, objective: Objective, point: Linearisation, sca
         best = better
 
 
-def prefer_belief(belief: Prior, other: Prior, point: Linearisation, odds: float = LOG_ODDS) -> Prior:
+def prefer_belief(belief: Prior, other: Prior, point: Linearisation, odds: float = PRIOR.stretch_log_odds) -> Prior:
     """`belief`, unless the evidence at `point` favours the other prior by more than the log odds `odds`."""
     pull = point.normal @ point.theta - point.jacobian @ point.residual
     evidence = []

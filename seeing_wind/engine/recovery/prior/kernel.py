@@ -20,21 +20,9 @@ import torch
 
 from ...field.confidence import farthest_points
 from .basis import SpatialBasis
+from .constants import PRIOR
 from .stretch import stretch_precision, stretch_rows
 
-LENGTH, DURATION, UNIFORM, SLOPE = 2.0, 8.0, 0.5, 0.2
-"""Starting values of L [body radii], tau [frames], u and w."""
-CONSTANT = 0.5
-"""c: variance of the constant part in time, relative to the varying part."""
-STRETCH = 0.1
-"""Standard deviation of the field's symmetric gradient under one camera, relative to that without the stretch penalty."""
-PLASTIC_STRETCH = 0.3
-"""The same for plastic bodies, which forces do stretch. With a lower value a squeezed ball was taken for one that moves in depth."""
-MEASURED_STRETCH = 0.3
-"""The same for 3D points and several cameras, unless the evidence rejects it (`evidence.prefer_belief`): noise hides a stretch."""
-SWELLING = 0.1
-"""Standard deviation of the trace of the field's gradient, relative to that without the penalty, for plastic bodies seen in frames: errors
-of a guessed shape and a coarse grid look like a pressure from all sides."""
 SAMPLES_PER_MODE = 3
 JITTER = 1e-8
 """Variance added to every mode, relative to the mean one, so that the inverse exists."""
@@ -46,13 +34,13 @@ class Kernel:
 
     covariance: np.ndarray
     """C (3, 3) [m²/s⁴]."""
-    length: float = LENGTH
+    length: float = PRIOR.length
     """L in body radii."""
-    duration: float = DURATION
+    duration: float = PRIOR.duration
     """tau [frames]."""
-    uniform: float = UNIFORM
+    uniform: float = PRIOR.uniform
     """u: variance of the uniform part, relative to the nonlinear part."""
-    slope: float = SLOPE
+    slope: float = PRIOR.slope
     """w: variance of the linear part one body radius from the centre, relative to the nonlinear part."""
 
 
@@ -99,7 +87,7 @@ class Places:
 def over_time(at: np.ndarray, duration: torch.Tensor) -> torch.Tensor:
     """Correlation (K, K) of the field at the times `at` (K,) [frames]."""
     lag = math.sqrt(5.0) * torch.from_numpy(np.abs(at[:, None] - at[None, :])) / duration
-    return (CONSTANT + (1.0 + lag + lag**2 / 3.0) * torch.exp(-lag)) / (1.0 + CONSTANT)
+    return (PRIOR.steady + (1.0 + lag + lag**2 / 3.0) * torch.exp(-lag)) / (1.0 + PRIOR.steady)
 
 
 @dataclass(frozen=True)
@@ -135,7 +123,7 @@ class Prior:
         return full
 
     def with_stretch_penalty(
-        self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, share: float = STRETCH, volume_only: bool = False
+        self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, share: float = PRIOR.stretch, volume_only: bool = False
     ) -> Prior:
         """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it.
 

@@ -13,22 +13,16 @@ from ...mpm.state import Trajectory
 from ...progress import Journal
 from ..solve.forward import Forward
 from ..solve.gauss_newton import Linearisation, Solution
+from ..targets.constants import NOISE
 from ..targets.objective import Objective
 from ..targets.points import PointChannels
 from ..targets.tracks import TrackChannels
-from .evidence import LOG_ODDS, maximise_evidence, mismatch_scale, prefer_belief
-from .kernel import MEASURED_STRETCH, PLASTIC_STRETCH, STRETCH, SWELLING, Kernel, Places, Prior
+from .constants import PRIOR
+from .evidence import maximise_evidence, mismatch_scale, prefer_belief
+from .kernel import Kernel, Places, Prior
 
 MISMATCH_SCALES = tuple(2.0**power for power in range(-9, 4))
 """Factors on the mismatch of 3D points among which the evidence chooses."""
-ABSORBED_FACTOR = 4.0
-"""Mismatch over the part of it left in the residuals: the rest has been fitted by the force."""
-REFOLLOW_MISFIT = 3.0
-"""Track misfit [standard deviations] above which the first field of a window is found again with finer steps. Seen: 0.1 to 0.4 for leaves,
-posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost."""
-MISMATCH_MISFIT = 0.5
-"""Track misfit of a solution above which the tracks' mismatch is raised, as for soft sheets that swing far. Seen: 0.1 to 0.2 for another
-simulator's sheet and post, 0.3 for its banner."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +47,10 @@ def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Ex
     prior = Prior(kernel, Places.along(forward.basis, path.x, forward.knots.at), expected.speed[: len(forward.velocity)])
     plastic = forward.model.plastic
     if plastic and any(isinstance(one, TrackChannels) for one in objective.channels):
-        prior = prior.with_stretch_penalty(forward.basis, forward.x, path.F, SWELLING, volume_only=True)
+        prior = prior.with_stretch_penalty(forward.basis, forward.x, path.F, PRIOR.stretch, volume_only=True)
     if not one_camera(objective):
         return prior
-    return prior.with_stretch_penalty(forward.basis, forward.x, path.F, PLASTIC_STRETCH if plastic else STRETCH)
+    return prior.with_stretch_penalty(forward.basis, forward.x, path.F, PRIOR.loose_stretch if plastic else PRIOR.stretch)
 
 
 def learn_kernel(
@@ -106,9 +100,9 @@ def _mismatch_factor(prior: Prior, forward: Forward, solution: Solution, objecti
     if all(isinstance(one, PointChannels) for one in objective.channels):
         if forward.model.pinned.any():
             return None
-        return ABSORBED_FACTOR * mismatch_scale(prior, objective, solution.point, MISMATCH_SCALES)
+        return NOISE.absorbed_factor * mismatch_scale(prior, objective, solution.point, MISMATCH_SCALES)
     left = 0.0 if forward.model.plastic else track_misfit(objective, forward.basis.up_to(2).phi, solution.residual)
-    return ABSORBED_FACTOR * left if left > MISMATCH_MISFIT else None
+    return NOISE.absorbed_factor * left if left > NOISE.track_misfit else None
 
 
 def track_misfit(objective: Objective, modes: np.ndarray, white: np.ndarray) -> float:
@@ -143,8 +137,8 @@ def _with_stretch_belief(prior: Prior, forward: Forward, path: Trajectory, point
     """The prior with a stretch penalty, unless the evidence rejects it. Under one camera `prior_along` has set it already."""
     if one_camera(objective) or forward.basis.phi.shape[1] == 1:
         return prior
-    belief = prior.with_stretch_penalty(forward.basis, forward.x, path.F, MEASURED_STRETCH)
-    return prefer_belief(belief, prior, point, LOG_ODDS * noise_share(objective))
+    belief = prior.with_stretch_penalty(forward.basis, forward.x, path.F, PRIOR.loose_stretch)
+    return prefer_belief(belief, prior, point, PRIOR.stretch_log_odds * noise_share(objective))
 
 
 def noise_share(objective: Objective) -> float:

@@ -12,11 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from .basis import SpatialBasis
-
-DEGREE = 1
-"""Highest degree of the smooth functions against which the gradient is tested."""
-FLAT = 0.25
-"""Axes shorter than this share of the longest are left out: stretching along them has no visible effect."""
+from .constants import PRIOR
 
 
 def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, at: np.ndarray, volume_only: bool = False) -> np.ndarray:
@@ -37,10 +33,10 @@ def stretch_rows(basis: SpatialBasis, x: np.ndarray, F: np.ndarray, at: np.ndarr
         one symmetric component of the gradient of the acceleration [1/s²].
     """
     frames = len(F) - 1
-    smooth = basis.phi[:, basis.degree <= DEGREE] / len(basis.phi)
+    smooth = basis.phi[:, basis.degree <= PRIOR.stretch_degree] / len(basis.phi)
     nearest = np.minimum(np.rint(at).astype(int), frames)
     extent, axes = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[1:]
-    axes = axes[extent > FLAT * extent[0]]
+    axes = axes[extent > PRIOR.stretch_flat * extent[0]]
     turned = np.einsum("knij,aj->knai", F[nearest], axes)
     turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
     along = np.einsum("npj,bj->npb", basis.gradient, axes)  # derivative of each mode along each axis

@@ -33,7 +33,7 @@ class Rider:
     """(N, 3) [m]."""
 
     def follow(self, x: np.ndarray) -> np.ndarray:
-        """Particles (..., N, 3) -> vertices (..., V, 3), those of picture 0 exactly where the mesh has them."""
+        """Particles (..., N, 3) -> vertices (..., V, 3), those of frame 0 exactly where the mesh has them."""
         return carry(self.attachment, self.rest, self.particles_rest, x)
 
 

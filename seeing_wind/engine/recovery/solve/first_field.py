@@ -1,4 +1,4 @@
-"""The first field of a window: one that keeps the simulation near the targets from its first picture to its last.
+"""The first field of a window: one that keeps the simulation near the targets from its first frame to its last.
 
 The part of the window that is followed grows a segment at a time: in each, the receding horizon (`warm_start`) leads on from the
 simulation so far; then the knots of the segment and those shortly before it are solved. A pace says how finely. Few modes, sparse knots
@@ -15,7 +15,8 @@ from functools import partial
 import numpy as np
 
 from ...mpm.state import Trajectory
-from ..prior.kernel import DURATION, LENGTH, Kernel, Prior
+from ..prior.constants import PRIOR
+from ..prior.kernel import Kernel, Prior
 from ..prior.learning import prior_along
 from .forward import Forward
 from .solver import Solver
@@ -45,9 +46,9 @@ class Pace:
     """Jacobians of the solve with as many as the field is worth."""
     last_iterations: int = 1
     """Jacobians of the solve with the sizes learnt."""
-    length: float = LENGTH
+    length: float = PRIOR.length
     """Correlation length of the field before its sizes are learnt [body radii]."""
-    duration: float = DURATION
+    duration: float = PRIOR.duration
     """The same in time [frames]."""
 
 

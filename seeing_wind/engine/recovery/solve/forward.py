@@ -47,7 +47,7 @@ class Forward:
     """(V, N, 3, 3)."""
     progress: Progress
     begin: State | None = None
-    """The body at the first picture, if it is known; then there are no initial motions (V = 0)."""
+    """The body at the first frame, if it is known; then there are no initial motions (V = 0)."""
     journal: Journal = Journal()
     """Keeps what was simulated."""
 
@@ -74,7 +74,7 @@ class Forward:
         return np.concatenate([knots.ravel(), velocity])
 
     def start(self, velocity: np.ndarray) -> State:
-        """The state in the first picture with initial velocities (V,)."""
+        """The state in the first frame with initial velocities (V,)."""
         if self.begin is not None:
             return self.begin
         rest = State.at_rest(self.x)

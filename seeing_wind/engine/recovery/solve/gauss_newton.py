@@ -14,17 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import SimulationError
+from .constants import PACE
 
 DAMPING = ((0.0, 1.0), (5.0, 30.0, 200.0, 1e3, 3e4, 1e6))
 """Candidates of lambda: those that mostly serve, and those tried when they do not. Those of a group are simulated in parallel."""
-CHORD_STEPS = 6
-"""Steps with one Jacobian at most."""
-TOLERANCE = 2e-3
-"""Converged when a step promises to lower the cost by less than this share,"""
-TOLERANCE_PER_UNKNOWN = 0.02
-"""or by less than this per unknown: the cost is twice a negative log posterior, so what is left is 0.14 standard deviations."""
-STALE = 0.2
-"""A Jacobian is renewed when a step wins less than this share of what it promised."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +76,8 @@ def solve(
     iterations: int,
     report: Callable[[int, float], None] = lambda iteration, cost: None,
     point: Linearisation | None = None,
-    tolerance: float = TOLERANCE,
-    per_unknown: float = TOLERANCE_PER_UNKNOWN,
+    tolerance: float = PACE.tolerance,
+    per_unknown: float = PACE.tolerance_per_unknown,
 ) -> Solution:
     """Minimise from `theta` (n,).
 
@@ -112,7 +105,7 @@ def solve(
         cost = float(cost_of(residual[None], (theta - mean)[None], precision)[0])
         report(used, cost)
         at_start = cost
-        for _ in range(CHORD_STEPS):
+        for _ in range(PACE.chord_steps):
             gradient = point.jacobian @ residual + precision @ (theta - mean)
             promised = float(gradient @ np.linalg.solve(point.normal + precision, gradient))
             if promised < max(per_unknown * len(theta), tolerance * cost):
@@ -127,7 +120,7 @@ def solve(
             if not costs[best] < cost:
                 break
             won, cost, theta, residual = cost - costs[best], float(costs[best]), trials[best], missed[best]
-            if won < STALE * promised:
+            if won < PACE.stale * promised:
                 break
         if used >= iterations or (used and not cost < (1.0 - tolerance) * at_start):
             return Solution(theta, residual, cost, used, False, point)

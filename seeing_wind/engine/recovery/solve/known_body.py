@@ -15,11 +15,9 @@ import numpy as np
 from ...errors import UsageError
 from ...mpm.model import Model
 from ...records import Particles, Recovery
+from ..prior.constants import PRIOR
 from .section import section_axes, turned
 from .stiffness import Stiffness, youngs_modulus
-
-ANEW = np.array([0.03, 0.1, 0.05, 0.05])
-"""Standard deviations of log E, the clamp [grid cells], a and b that a body built anew from another clip adds to the fit's own."""
 
 
 @dataclass(frozen=True)
@@ -59,5 +57,5 @@ class KnownBody:
         turn[2:, 2:] = turned(self.axes, section_axes(particles))
         deeper = self.clamp / model.dx - model.clamp_depth
         q = np.array([math.log(self.youngs_modulus / youngs_modulus(model, particles)), deeper, *turn[2:, 2:] @ self.section])
-        covariance = turn @ (self.covariance * np.outer(size, size)) @ turn.T + np.diag(ANEW**2)
+        covariance = turn @ (self.covariance * np.outer(size, size)) @ turn.T + np.diag(np.square(PRIOR.body_anew))
         return Stiffness.believed(q, covariance, free)

@@ -1,7 +1,7 @@
 """How a held body's stiffness is spread over its section: two shapes, of which a clip finds the sizes.
 
 A post bends by the second moments of its section, a tensor of three numbers. Young's modulus scales all of them alike, but a section that
-was guessed from pictures, or that few particles stand for, is stiffer one way than the other, and not along its own axes: then what
+was guessed from frames, or that few particles stand for, is stiffer one way than the other, and not along its own axes: then what
 pushes it one way makes it swing across, too. A post of another simulator answered to a force so, as if 5 % of its stiffness were off the
 diagonal; without it the same force missed its tip by 2.1 mm, with it by 0.2 mm, of a way of 83 mm.
 
@@ -18,9 +18,7 @@ import numpy as np
 
 from ...records import Particles
 from ..prior.basis import held_axis
-
-FARTHEST = 2.0
-"""Largest size of a shape: beyond a section's corners, on leaves far off a stem, it says nothing."""
+from ..prior.constants import PRIOR
 
 
 def section_shapes(particles: Particles) -> np.ndarray:
@@ -28,7 +26,7 @@ def section_shapes(particles: Particles) -> np.ndarray:
     across, values, axes = _section(particles)
     # What is spread within a particle's own cell counts, too: of one layer it is all there is.
     u, v = (across @ axis / np.sqrt(value + particles.spacing**2 / 12.0) for axis, value in zip(axes, values))
-    return np.clip(np.stack([(u**2 - v**2) / 2.0, u * v]), -FARTHEST, FARTHEST)
+    return np.clip(np.stack([(u**2 - v**2) / 2.0, u * v]), -PRIOR.section_farthest, PRIOR.section_farthest)
 
 
 def section_axes(particles: Particles) -> np.ndarray:

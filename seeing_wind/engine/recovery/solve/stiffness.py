@@ -1,14 +1,14 @@
 """How stiff a held body is, and where it is held, as two more unknowns of the solve.
 
 How far a force bends a held body is a matter of its stiffness, and nobody knows that well: it grows with the cube of a thickness that
-was guessed from pictures, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
+was guessed from frames, and a grid of a few cells across the body has its own, which points in 3D meet too. A body that swings near
 its resonance is worse: a post 13 % too stiff asked for forces 37 % off. But what it does by itself tells, so its stiffness is found with
 the force. Where it is held is seen to a few millimetres only, and a clamp that reaches too far up makes it stiffer, but not in the same
 way to every swing: so that is found, too, and how the stiffness is spread over the section (`section`). With r the whitened residuals,
 J (n, m) their derivatives by the other unknowns theta, P the precision of theta's prior, and
 
-    q = (s, d, a, b)    s = log(E / E given) ~ N(0, SPREAD²)      d ~ N(0, DEPTH_SPREAD²), cells by which the clamp begins deeper
-                        a, b ~ N(0, SECTION_SPREAD²), sizes of the section's two shapes
+    q = (s, d, a, b)    s = log(E / E given) ~ N(0, stiffness_spread²)      d ~ N(0, clamp_spread²), cells by which the clamp begins deeper
+                        a, b ~ N(0, section_spread²), sizes of the section's two shapes
     C = dr/dq           (m, 4), central differences through the simulator
     Q                   the precision of q's prior: diagonal, or what another clip of the same body left (`known_body`)
 
@@ -29,37 +29,19 @@ from functools import partial
 
 import numpy as np
 
-from ...materials import MAX_SUBSTEPS_HELD
+from ...materials import LIMITS
 from ...mpm.model import Model
 from ...mpm.model_for import with_clamp_depth
 from ...records import Particles
 from ...settings import RecoverSettings
+from ..prior.constants import PRIOR
 from ..targets.objective import Objective
+from .constants import PACE
 from .forward import Forward
 from .gauss_newton import Solution
 from .section import section_shapes
 
-SPREAD = 0.3
-"""Standard deviation of s before the clip is seen: a guessed thickness alone makes as much."""
-DEPTH_SPREAD = 0.5
-"""Standard deviation of d before the clip is seen [grid cells]: what is painted as held is uncertain by about a particle."""
-FIXED = 0.5
-"""The clip tells the stiffness when it leaves at most this share of SPREAD. Otherwise the one given stays."""
-SECTION_SPREAD = 0.2
-"""Standard deviation of a and b before the clip is seen: a square with one side 8 % longer than the other has an a of as much."""
-OFFSETS = (0.02, 0.05, 0.03, 0.03)
-"""Half the central difference's step of s, d, a and b."""
-STEPS = (0.4, 0.5, 0.2, 0.2)
-"""Largest step of each at a time."""
-SHARES = (1.0, 0.5, 0.25, 0.125)
-"""Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what the step takes it for."""
-SETTLED = 0.25
-"""Steps of s below this many standard deviations need no other after them."""
-COARSE_ROUNDS, FINE_ROUNDS = 5, 2
-"""Joint steps at most, each with a solve for theta after it."""
-
-
-PRIOR = np.diag([SPREAD**2, DEPTH_SPREAD**2, SECTION_SPREAD**2, SECTION_SPREAD**2])
+WIDE = np.diag([PRIOR.stiffness_spread**2, PRIOR.clamp_spread**2, PRIOR.section_spread**2, PRIOR.section_spread**2])
 """(4, 4) covariance of q before the clip is seen."""
 
 
@@ -71,11 +53,11 @@ class Stiffness:
     """Still to be found; else they stay."""
     q: np.ndarray = field(default_factory=lambda: np.zeros(4))
     """(4,) s, d [grid cells], a and b."""
-    covariance: np.ndarray = field(default_factory=lambda: PRIOR)
+    covariance: np.ndarray = field(default_factory=lambda: WIDE)
     """(4, 4) of q, by the fit itself."""
     expected: np.ndarray = field(default_factory=lambda: np.zeros(4))
     """(4,) mean of q's prior."""
-    precision: np.ndarray = field(default_factory=lambda: np.linalg.inv(PRIOR))
+    precision: np.ndarray = field(default_factory=lambda: np.linalg.inv(WIDE))
     """(4, 4) of q's prior."""
 
     @staticmethod
@@ -101,7 +83,7 @@ class Stiffness:
     @property
     def known(self) -> bool:
         """Whether this clip, or one before, tells it."""
-        return self.deviation <= FIXED * SPREAD
+        return self.deviation <= PRIOR.stiffness_told * PRIOR.stiffness_spread
 
     def at(self, q: np.ndarray, covariance: np.ndarray) -> Stiffness:
         """The same with other values (4,)."""
@@ -151,7 +133,7 @@ def stiffer(model: Model, factor: float | np.ndarray) -> Model:
 
 def stiffest(model: Model) -> float:
     """Largest s that the substeps allowed to a held body carry."""
-    return max(0.0, 2.0 * math.log(MAX_SUBSTEPS_HELD / model.substeps))
+    return max(0.0, 2.0 * math.log(LIMITS.max_substeps_held / model.substeps))
 
 
 def youngs_modulus(model: Model, body: Particles, s: float = 0.0) -> float:
@@ -173,7 +155,7 @@ def remark(stiffness: Stiffness, model: Model, body: Particles) -> list[str]:
             f"{abs(away):.1f} mm {'inside' if away > 0.0 else 'outside'} the border given: the forces are those on such a body. "
             f"--stiffness given keeps what was given."
         ]
-    if stiffness.free and stiffness.deviation < SPREAD:
+    if stiffness.free and stiffness.deviation < PRIOR.stiffness_spread:
         return [f"The motion does not tell how stiff the held body is: {given:.3g} Pa was kept, and its forces grow with that."]
     return []
 
@@ -203,7 +185,7 @@ class Joint:
             return forward.journal.array("white", partial(_white, forward, body, objective, solution.theta, dq), solution.theta, dq)
 
         here = white(np.zeros(len(there.q)))
-        C = np.stack([(white(step) - white(-step)) / (2.0 * step.sum()) for step in np.diag(OFFSETS)], axis=1)
+        C = np.stack([(white(step) - white(-step)) / (2.0 * step.sum()) for step in np.diag(PACE.stiffness_offsets)], axis=1)
         jacobian = solution.point.jacobian.astype(np.float64)
         pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + there.precision @ (there.q - there.expected)])
         return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + there.precision, pull, there.precision)
@@ -236,7 +218,7 @@ class Joint:
 
 def shortened(step: np.ndarray) -> np.ndarray:
     """The step (4,) of q, or as much of it as is taken at a time."""
-    return step / max(1.0, *(np.abs(step) / STEPS))
+    return step / max(1.0, *(np.abs(step) / PACE.stiffness_steps))
 
 
 def covariance_with(normal: np.ndarray, joint: Joint | None) -> np.ndarray:

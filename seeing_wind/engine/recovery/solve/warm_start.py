@@ -14,28 +14,16 @@ import numpy as np
 
 from ...errors import SimulationError
 from ...mpm.state import State, Trajectory
+from ..prior.constants import PRIOR
 from ..prior.stretch import stretch_rows, stretch_weights
 from ..targets.objective import Objective
+from .constants import PACE
 from .forward import Forward
 
-WINDOW = 4
-"""Frames looked ahead."""
-HOP = 2
-"""Frames that the body is moved on before it is looked ahead again."""
-FIRST_WINDOW = 6
-"""Frames of the first window, which finds the initial velocity too."""
-STEPS = 1
-FIRST_STEPS = 5
-JUMP = 0.5
-"""Standard deviation of the change of the field from frame to frame, relative to its expected size."""
 BROKEN = 1e6
 """Residual [m or px] of a simulation that broke down."""
 DAMPING = ((0.0, 1.0), (10.0, 100.0))
 """Tried at once, one pair after the other until one of them is better: two cores simulate a pair in the time of one."""
-SHARES = (1.0, 0.5, 0.0)
-"""Of the force so far, tried in turn where the body breaks down under it."""
-STRAIN = 0.2
-"""Size of the force's symmetric gradient while following, relative to that of its rotation."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +33,9 @@ class WarmStart:
     coefficients: np.ndarray
     """(frames, modes, 3) accelerations per frame [m/s²]."""
     velocity: np.ndarray
-    """(V,) initial velocities [m/s]; empty when the part does not begin with picture 0."""
+    """(V,) initial velocities [m/s]; empty when the part does not begin with frame 0."""
     path: Trajectory
-    """The body on the way, from the part's first picture on."""
+    """The body on the way, from the part's first frame on."""
 
 
 def warm_start(
@@ -67,7 +55,7 @@ def warm_start(
         objective: what to follow.
         size: (3,) expected root mean square of each component of the field [m/s²].
         speed: (V,) standard deviations of the initial velocities [m/s].
-        state: at picture `begin`; None starts at rest in picture 0 and finds the initial velocity too.
+        state: at frame `begin`; None starts at rest in frame 0 and finds the initial velocity too.
         end: None is the clip's end.
         last: (modes, 3) coefficients shortly before `begin` [m/s²], if they are known.
     """
@@ -77,20 +65,21 @@ def warm_start(
     coefficients = np.zeros(count)
     if state is None:
         spread = np.concatenate([deviation.ravel(), speed])
-        unknown = _fit(forward, objective, None, 0, min(FIRST_WINDOW, objective.frames), np.zeros(len(spread)), spread, FIRST_STEPS)
+        window = min(PACE.first_horizon, objective.frames)
+        unknown = _fit(forward, objective, None, 0, window, np.zeros(len(spread)), spread, PACE.first_horizon_steps)
         coefficients, velocity = unknown[:count], unknown[count:]
         state = forward.start(velocity)
     elif last is not None:
         coefficients = last.ravel()
     else:  # nothing is known of the field yet: let the first window find it
-        window = min(WINDOW, objective.frames - begin)
-        coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), FIRST_STEPS)
+        window = min(PACE.horizon, objective.frames - begin)
+        coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), PACE.first_horizon_steps)
 
     found, states = [], [state]
     for t in range(begin, end):
-        if (t - begin) % HOP == 0:
-            window = min(WINDOW, objective.frames - t)
-            coefficients = _fit(forward, objective, state, t, window, coefficients, JUMP * deviation.ravel(), STEPS)
+        if (t - begin) % PACE.hop == 0:
+            window = min(PACE.horizon, objective.frames - t)
+            coefficients = _fit(forward, objective, state, t, window, coefficients, PRIOR.jump * deviation.ravel(), PACE.horizon_steps)
         state = forward.advance(state, coefficients.reshape(-1, 3), t)
         found.append(coefficients.reshape(-1, 3))
         states.append(state)
@@ -100,7 +89,7 @@ def warm_start(
 def _fit(
     forward: Forward, objective: Objective, state: State | None, frame: int, window: int, mean: np.ndarray, spread: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Damped Gauss-Newton over pictures frame + 1 ... frame + window, from the prior's mean.
+    """Damped Gauss-Newton over frames frame + 1 ... frame + window, from the prior's mean.
 
     The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
     """
@@ -141,17 +130,17 @@ def bearable(
 
     What moved a soft body so far may tear it when it goes on for a whole window.
     """
-    for share in SHARES:
+    for share in PACE.horizon_shares:
         try:
             return share * unknown, *forward.window_changes(state, share * unknown, offset, frame, window)
         except SimulationError:
-            if share == SHARES[-1] or not unknown.any():
+            if share == PACE.horizon_shares[-1] or not unknown.any():
                 raise
     raise AssertionError
 
 
 def _whiten(objective: Objective, x: np.ndarray, frame: int) -> np.ndarray:
-    """Trajectories from picture `frame` (B, S, N, 3) -> residuals of the pictures after it, each over its own deviation.
+    """Trajectories from frame `frame` (B, S, N, 3) -> residuals of the frames after it, each over its own deviation.
 
     Within a few frames the slow part of the mismatch is a plain offset. A simulation that broke down misses everything by far.
     """
@@ -169,13 +158,13 @@ def _prior_cost(offset: np.ndarray, precision: np.ndarray) -> np.ndarray:
 def _strain_precision(forward: Forward, state: State | None, spread: np.ndarray) -> np.ndarray:
     """Precision (n, n) that keeps the force's stretch to STRAIN of what `spread` implies, however the body has turned.
 
-    A few pictures show how a body turns, hardly how it is stretched: within the noise, any stretch would do.
+    A few frames show how a body turns, hardly how it is stretched: within the noise, any stretch would do.
     """
     basis, count = forward.basis, 3 * forward.basis.phi.shape[1]
     F = np.broadcast_to(np.eye(3), (*forward.x.shape, 3)) if state is None else state.F
     rows = stretch_rows(basis, forward.x, np.stack([F, F]), np.zeros(1))[0].reshape(-1, count)
     implied = ((rows * spread[:count]) ** 2).sum(axis=1)
-    weight = stretch_weights(implied, STRAIN)
+    weight = stretch_weights(implied, PRIOR.strain)
     full = np.zeros((len(spread), len(spread)))
     full[:count, :count] = rows.T @ (weight[:, None] * rows)
     return full

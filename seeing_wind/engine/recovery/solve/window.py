@@ -21,35 +21,18 @@ from ...mpm.state import State, Trajectory
 from ...progress import Journal, Progress
 from ...records import Particles
 from ..prior.basis import SpatialBasis, knots_between, velocity_basis
+from ..prior.constants import PRIOR
 from ..prior.kernel import Prior, modes_for_variance
-from ..prior.learning import REFOLLOW_MISFIT, Expected, learn_hyperparameters, learn_kernel, prior_along, track_misfit
+from ..prior.learning import Expected, learn_hyperparameters, learn_kernel, prior_along, track_misfit
 from ..targets.objective import Objective
 from ..targets.tracks import TrackChannels
+from .constants import PACE
 from .first_field import FINELY, FLOWING, USUAL, Pace, follow
 from .forward import Forward
-from .gauss_newton import TOLERANCE, TOLERANCE_PER_UNKNOWN, Linearisation, Solution, cost_of
+from .gauss_newton import Linearisation, Solution, cost_of
 from .gauss_newton import solve as gauss_newton
 from .problem import Problem, whitened
-from .stiffness import COARSE_ROUNDS, FINE_ROUNDS, SETTLED, SHARES, Joint, Stiffness, shortened, stiffest
-
-FULL_KNOT = 2.0
-"""Frames between knots of the last solves."""
-COARSE_TOLERANCE = 0.1
-"""A coarse solve has done its work when a step promises less than this share of the cost: the fine one goes on from there."""
-LAST_TOLERANCE, LAST_PER_UNKNOWN = 2e-4, 2e-3
-"""The last solve, with the sizes learnt, is settled more finely: its steps are cheap, as no Jacobian is missing."""
-ROUGH = 0.5
-"""Substeps of the rough model relative to the fine one's; the fine one's are chosen with a margin of three."""
-FOLLOWING = 3
-"""Times that a step of the stiffness is looked at, with a chord step of the force before each but the first: the force follows a clamp
-only about linearly, and would be blamed on the stiffness."""
-LOST = 2.0
-"""Track misfit [standard deviations] above which a solve says nothing of the stiffness: what it misses is no small error about the
-right motion. Seen: below 0.5 for posts, 1.4 for a banner that turns edge-on."""
-UNEXPECTED = 1e-4
-"""Share of the field's variance over the body that may lie in modes which the solve leaves out."""
-UNKNOWNS = 900
-"""Most unknowns of the dense solve; beyond them the knots get sparser."""
+from .stiffness import Joint, Stiffness, shortened, stiffest
 
 
 @dataclass(frozen=True)
@@ -65,6 +48,8 @@ class Found:
     stiffness: Stiffness
     joint: Joint | None
     """How the force hangs together with a stiffness that was free."""
+    wild: np.ndarray
+    """(T,) bool: frames whose later frame is wild (see `TrackChannels`)."""
 
 
 @dataclass
@@ -80,7 +65,7 @@ class WindowSolver:
     """All modes that the data can tell apart."""
     expected: Expected
     start: State | None
-    """The body at the window's first picture; None is at rest in its built shape with an unknown velocity."""
+    """The body at the window's first frame; None is at rest in its built shape with an unknown velocity."""
     iterations: int
     progress: Progress
     tell: Callable[[float, str, float | None], None]
@@ -97,7 +82,8 @@ class WindowSolver:
         """All parts in order; where one iteration is all that is allowed, without the fine one."""
         pace, forward, prior, found, used = self._followed()
         left = max(0, self.iterations - found.iterations)
-        forward, found, more = self._with_stiffness(forward, prior, found, min(left, COARSE_ROUNDS), 0.45, COARSE_TOLERANCE)
+        rounds = min(left, PACE.stiffness_coarse_rounds)
+        forward, found, more = self._with_stiffness(forward, prior, found, rounds, 0.45, PACE.coarse_tolerance)
         left, used = max(0, left - more), used + more
         draft = not left
         if draft:
@@ -110,10 +96,18 @@ class WindowSolver:
         )
         last = self.solve(
             forward, prior, found.theta, min(left, pace.last_iterations), (0.8, 0.98), "Solving with what was learnt",
-            point=point, tolerance=LAST_TOLERANCE, per_unknown=LAST_PER_UNKNOWN,
+            point=point, tolerance=PACE.last_tolerance, per_unknown=PACE.last_per_unknown,
         )  # fmt: skip
         last = replace(last, converged=last.converged and not draft)
-        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint)
+        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint, self._wild())
+
+    def _wild(self) -> np.ndarray:
+        """(T,) bool, see `Found`."""
+        wild = np.zeros(self.objective.frames, bool)
+        for one in self.objective.channels:
+            if isinstance(one, TrackChannels) and one.wild is not None:
+                wild |= one.wild[self.objective.first + 1 :][: len(wild)]
+        return wild
 
     def _followed(self) -> tuple[Pace, Forward, Prior, Solution, int]:
         """A coarse solution of the whole window, found at the usual pace, or finely where that one strays and finely it does less.
@@ -127,7 +121,7 @@ class WindowSolver:
             most = min(max(1, self.iterations - 1), one.coarse_iterations)
             try:
                 forward, prior, theta, more = follow(self, one, (begin, solving))
-                found = self.solve(forward, prior, theta, most, (solving, end), "Solving coarsely", tolerance=COARSE_TOLERANCE)
+                found = self.solve(forward, prior, theta, most, (solving, end), "Solving coarsely", tolerance=PACE.coarse_tolerance)
             except SimulationError:
                 if best is None:
                     raise
@@ -136,7 +130,7 @@ class WindowSolver:
             misfit = track_misfit(self.objective, modes, found.residual)
             if best is None or misfit < lost:
                 best, lost = (one, forward, prior, found), misfit
-            if misfit < REFOLLOW_MISFIT or pace is FLOWING or self.iterations == 1:
+            if misfit < PACE.refollow_misfit or pace is FLOWING or self.iterations == 1:
                 break
         assert best is not None
         return *best, used
@@ -149,13 +143,13 @@ class WindowSolver:
         kernel = learn_kernel(prior, first.point.normal, first.pull, self.expected, self.progress.check, self.journal)
         path = coarse.trajectory(first.theta)
         self.objective = self.objective.reweighted(self.objective.residual(path.x[None])[0])
-        worth = modes_for_variance(kernel, self.basis, self.particles.x, UNEXPECTED)
-        fine = self.forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(FULL_KNOT), self.objective.frames)
+        worth = modes_for_variance(kernel, self.basis, self.particles.x, PRIOR.unexpected)
+        fine = self.forward(self.basis.first(max(coarse.shape[1], worth)), self.knot(PACE.knot), self.objective.frames)
         theta = fine.pack(coarse.per_frame(first.theta), first.theta[coarse.size :])
         prior = prior_along(kernel, fine, path, self.expected, self.objective)
         second = self.solve(fine, prior, theta, most, (0.45, 0.8), "Solving finely")
         left = max(0, left - second.iterations)
-        fine, second, more = self._with_stiffness(fine, prior, second, min(left, FINE_ROUNDS), 0.8, TOLERANCE)
+        fine, second, more = self._with_stiffness(fine, prior, second, min(left, PACE.stiffness_fine_rounds), 0.8, PACE.tolerance)
         return fine, prior, second, second.iterations + more
 
     def _with_stiffness(
@@ -167,7 +161,7 @@ class WindowSolver:
         the solution, and the Jacobians used on the way.
         """
         used, self.joint = 0, None
-        if not self.stiffness.free or track_misfit(self.objective, self.basis.up_to(2).phi, solution.residual) > LOST:
+        if not self.stiffness.free or track_misfit(self.objective, self.basis.up_to(2).phi, solution.residual) > PACE.stiffness_lost:
             rounds = 0
         for _ in range(rounds):
             before = self.stiffness
@@ -176,7 +170,7 @@ class WindowSolver:
             known = before.at(before.q, joint.covariance).known
             after = before.q + shortened(joint.step()) if known else before.expected.copy()
             after[0] = min(after[0], stiffest(self.model))
-            changed = self._towards(after - before.q, forward, prior, solution, joint, SHARES if known else (1.0,))
+            changed = self._towards(after - before.q, forward, prior, solution, joint, PACE.stiffness_shares if known else (1.0,))
             if changed is None:
                 # Nothing lowers the cost: far from a minimum the clip says nothing of the stiffness, at one it has been said.
                 begun = before.s == before.expected[0]
@@ -189,7 +183,7 @@ class WindowSolver:
             solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
             used += solution.iterations
             wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
-            if wanted @ np.linalg.solve(joint.covariance, wanted) < SETTLED**2 or not known:
+            if wanted @ np.linalg.solve(joint.covariance, wanted) < PACE.stiffness_settled**2 or not known:
                 break
         return forward, solution, used
 
@@ -204,7 +198,7 @@ class WindowSolver:
             there = before.at(before.q + share * dq, joint.covariance)
             changed = replace(forward, model=there.of(self.model, self.particles), rough=self._rough(there))
             theta = solution.theta + share * joint.follow(dq)
-            for _ in range(FOLLOWING):
+            for _ in range(PACE.stiffness_following):
                 white = self.journal.array("trial", partial(whitened, changed, self.objective, theta[None]), theta)
                 if not np.isfinite(white).all():
                     break
@@ -218,7 +212,7 @@ class WindowSolver:
 
     def _rough(self, stiffness: Stiffness | None = None) -> Model:
         model = (stiffness or self.stiffness).of(self.model, self.particles)
-        return replace(model, substeps=math.ceil(ROUGH * model.substeps))
+        return replace(model, substeps=math.ceil(PACE.rough * model.substeps))
 
     def _flows(self) -> bool:
         return self.model.plastic and any(isinstance(one, TrackChannels) for one in self.objective.channels)
@@ -228,7 +222,7 @@ class WindowSolver:
 
         Sparser than wanted when the dense solve would become too large; finer where still air says that the force ends at once.
         """
-        affordable = 3.0 * self.basis.phi.shape[1] * np.count_nonzero(~self.still) / UNKNOWNS
+        affordable = 3.0 * self.basis.phi.shape[1] * np.count_nonzero(~self.still) / PACE.unknowns
         knot = max(1.0, 0.5 * wanted) if self.still.any() else wanted
         while knot < affordable:
             knot *= 2.0
@@ -259,8 +253,8 @@ class WindowSolver:
         what: str,
         active: np.ndarray | None = None,
         point: Linearisation | None = None,
-        tolerance: float = TOLERANCE,
-        per_unknown: float = TOLERANCE_PER_UNKNOWN,
+        tolerance: float = PACE.tolerance,
+        per_unknown: float = PACE.tolerance_per_unknown,
     ) -> Solution:
         """Gauss-Newton from theta over the frames that `forward` has; unknowns that are not `active` stay, and the solution lacks them
         but for its theta, which is whole."""

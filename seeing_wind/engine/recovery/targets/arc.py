@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-SLICE = 1.5
-"""Thickness of a slice across the body at least [particle spacings]."""
-FEWEST, MOST = 4, 24
-"""Slices."""
+from .constants import NOISE
 
 
 def along_the_curve(x: np.ndarray, axis: np.ndarray, spacing: float, inverse: np.ndarray) -> np.ndarray | None:
@@ -26,12 +23,12 @@ def along_the_curve(x: np.ndarray, axis: np.ndarray, spacing: float, inverse: np
         inverse: (M, K), amplitudes of M modes from values at the points.
 
     Returns:
-        (T+1, M, K, 3): the modes' amplitudes in picture t are the sum of [t] times the points; None for a body of too few slices.
+        (T+1, M, K, 3): the modes' amplitudes in frame t are the sum of [t] times the points; None for a body of too few slices.
     """
     height = x[0] @ axis
     low, high = float(height.min()), float(height.max())
-    count = min(int((high - low) / (SLICE * spacing)), MOST)
-    if count < FEWEST:
+    count = min(int((high - low) / (NOISE.slice * spacing)), NOISE.most_slices)
+    if count < NOISE.fewest_slices:
         return None
     belongs = np.minimum((count * (height - low) / (high - low)).astype(int), count - 1) == np.arange(count)[:, None]
     if not belongs.any(axis=1).all():

@@ -12,9 +12,7 @@ import numpy as np
 
 from ...errors import ObjectError, UsageError
 from ...records import Attachment
-
-ABOUT = 1.2
-"""Bounds on the noise that differ by less than this factor are the same within their own uncertainty."""
+from .constants import NOISE
 
 
 def attachment_matrix(attachment: Attachment, particles: int) -> np.ndarray:
@@ -28,18 +26,18 @@ def noise_of(series: np.ndarray) -> float:
     """Standard deviation of the noise in smooth series (frames, ...), from differences of order 3 to 7 in time.
 
     Each order bounds the noise from above (what is left of the motion adds to it), so the smallest counts; but the smallest of several
-    uncertain figures is too small (7 % with 16 pictures), so the lowest order that is about as small does. Zero for fewer than eight
+    uncertain figures is too small (7 % with 16 frames), so the lowest order that is about as small does. Zero for fewer than eight
     frames: there, motion and noise cannot be told apart.
     """
     if len(series) < 8:
         return 0.0
     orders = range(3, min(7, len(series) - 3) + 1)
     bounds = [float(np.sqrt(np.mean(np.diff(series, order, axis=0) ** 2) / comb(2 * order, order))) for order in orders]
-    return next(bound for bound in bounds if bound <= ABOUT * min(bounds))
+    return next(bound for bound in bounds if bound <= NOISE.same_noise * min(bounds))
 
 
 def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
-    """Accelerations of series (frames, n) from parabolas through windows of seven pictures (or all, if fewer), (windows, n)."""
+    """Accelerations of series (frames, n) from parabolas through windows of seven frames (or all, if fewer), (windows, n)."""
     if len(series) < 3:
         return np.zeros((1, series.shape[1]))
     width = min(7, len(series))
@@ -49,7 +47,7 @@ def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
 
 
 def first_speed(series: np.ndarray, fps: float) -> float:
-    """Root mean square speed [m/s] at the first picture of series (frames, points, coordinates) [m], by a parabola through six pictures."""
+    """Root mean square speed [m/s] at the first frame of series (frames, points, coordinates) [m], by a parabola through six frames."""
     first = series[: min(6, len(series))]
     flat = first.reshape(len(first), -1)
     slope = np.polyfit(np.arange(len(first)) / fps, flat, min(2, len(first) - 1))[-2]
@@ -67,8 +65,8 @@ def check(values: np.ndarray, visible: np.ndarray, width: int, attachment: Attac
         raise UsageError(f"What is visible is of dtype {visible.dtype}.", "Give bool: True where a target is seen.")
     shown = np.count_nonzero(visible.any(axis=1))
     if shown < 3:
-        what = f"{shown} pictures" if shown == len(visible) else f"{shown} pictures in which something is visible"
-        raise ObjectError(f"{what} show no acceleration.", "Give a clip that shows the object in at least three pictures.")
+        what = f"{shown} frames" if shown == len(visible) else f"{shown} frames in which something is visible"
+        raise ObjectError(f"{what} show no acceleration.", "Give a clip that shows the object in at least three frames.")
     if not np.isfinite(values[visible]).all():
         raise UsageError("A target that is marked visible is not a number.", "Mark it not visible, or give its position.")
     if attachment.index.min(initial=0) < 0 or attachment.index.max(initial=0) >= particles:

@@ -19,29 +19,22 @@ from scipy.spatial.transform import Rotation
 
 from ...records import Particles, PointTargets, Recovery
 from .channels import attachment_matrix, check, noise_of
+from .constants import NOISE
 
-RIDES = 0.99
-"""A point shows the clamp when so much of its weight is on held particles."""
-SHORTEST = 8
-"""Pictures below which the noise of the clamp's motion cannot be measured."""
-CLEAR = 3.0
-"""Size of a motion (root mean square, relative to the noise of one picture) from which it is believed."""
-RIGID = 0.5
-"""Most that the held points may move against each other, beyond their noise, relative to how far they move together."""
 STEP = 0.25
 """Frames to both sides over which the clamp's turn is differentiated."""
 
 
 @dataclass(frozen=True)
 class ClampMotion:
-    """The rigid motion of what is held, from picture 0 on."""
+    """The rigid motion of what is held, from frame 0 on."""
 
     centre: np.ndarray
     """(3,) c [m]."""
     shift: BSpline
-    """s [m] of time [pictures]."""
+    """s [m] of time [frames]."""
     turn: BSpline
-    """Rotation vector of R [rad] of time [pictures]."""
+    """Rotation vector of R [rad] of time [frames]."""
     pictures: int
     """T + 1."""
     fps: float
@@ -101,7 +94,7 @@ class ClampMotion:
 
     @property
     def _middle(self) -> np.ndarray:
-        """(T,) the middle of each frame [pictures]."""
+        """(T,) the middle of each interval [frames]."""
         return np.arange(self.pictures - 1) + 0.5
 
     def _at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -120,15 +113,15 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
     Args:
         particles: the body at rest.
         targets: points in 3D; those on held particles show the clamp.
-        fps: pictures per second.
+        fps: frames per second.
 
     Raises:
         UsageError, ObjectError: targets that cannot be right.
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
-    on = attachment_matrix(targets.attachment, len(particles.x)) @ particles.pinned.astype(float) > RIDES
+    on = attachment_matrix(targets.attachment, len(particles.x)) @ particles.pinned.astype(float) > NOISE.clamp_rides
     seen = targets.visible[:, on]
-    if len(seen) < SHORTEST or on.sum() < 3 or not seen.all():
+    if len(seen) < NOISE.clamp_frames or on.sum() < 3 or not seen.all():
         return None
     held = targets.x[:, on]
     centre = held[0].mean(axis=0)
@@ -138,9 +131,9 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
         return None  # in a row, they do not show how it turns about that row
     turn = np.stack([Rotation.align_vectors(now, start)[0].as_rotvec() for now in turned])
     rigid = np.einsum("tij,kj->tki", Rotation.from_rotvec(turn).as_matrix(), start)
-    # Both pictures that are compared have noise.
+    # Both frames that are compared have noise.
     apart = ((turned - rigid) ** 2).mean() - 2.0 * noise_of(held) ** 2
-    if apart > RIGID**2 * ((shift[:, None] + rigid - start) ** 2).mean():
+    if apart > NOISE.clamp_rigid**2 * ((shift[:, None] + rigid - start) ** 2).mean():
         return None
     smooth = _smooth(shift), _smooth(turn)
     if smooth[0] is None and smooth[1] is None:
@@ -150,7 +143,7 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
 
 
 def _smooth(series: np.ndarray) -> BSpline | None:
-    """Smoothing spline through a series (T+1, 3) of how far something has come since picture 0, None if it stays within its noise.
+    """Smoothing spline through a series (T+1, 3) of how far something has come since frame 0, None if it stays within its noise.
 
     How smooth it is, is found by generalized cross-validation (Woltring 1986, "A Fortran package for generalized, cross-validatory spline
     smoothing and differentiation", written for the motion of limbs).
@@ -162,4 +155,4 @@ def _smooth(series: np.ndarray) -> BSpline | None:
     coefficients = np.stack([one.c - one(0.0) for one in each], axis=1)
     smooth = BSpline(each[0].t, coefficients, each[0].k)
     size = np.sqrt((smooth(time) ** 2).mean())
-    return smooth if size > CLEAR * noise_of(series) else None
+    return smooth if size > NOISE.clamp_clear * noise_of(series) else None

@@ -1,8 +1,8 @@
 """How far a simulation is from what was observed, as numbers of unit variance (paper, section 3.4: sparse tracking objective).
 
 What was observed comes as *channels*, time series that the simulation must follow (`channels`). The residuals of a channel are
-correlated in time (the simulator's own error drifts, the rest state is as noisy as any picture), so each is whitened with the Cholesky
-factor of its covariance over the pictures.
+correlated in time (the simulator's own error drifts, the rest state is as noisy as any frame), so each is whitened with the Cholesky
+factor of its covariance over the frames.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 
 class Channels(Protocol):
-    """One source of residuals: some time series over T + 1 pictures."""
+    """One source of residuals: some time series over T + 1 frames."""
 
     @property
     def count(self) -> int:
@@ -23,20 +23,21 @@ class Channels(Protocol):
 
     @property
     def used(self) -> np.ndarray:
-        """(T+1, count) bool: observed, and picture 0 left out (the simulation starts there)."""
+        """(T+1, count) bool: observed, and frame 0 left out (the simulation starts there)."""
 
     @property
     def points(self) -> np.ndarray:
         """(K, N): particles -> observed points."""
 
     def residual(self, x: np.ndarray, frame: int) -> np.ndarray:
-        """Particles (B, N, 3) at picture `frame` -> simulated minus observed (B, count), 0 where not used."""
+        """Particles (B, N, 3) at frame `frame` -> simulated minus observed (B, count), 0 where not used."""
 
     def covariance(self, channel: int) -> np.ndarray:
-        """(T+1, T+1) covariance of one channel over the pictures."""
+        """(T+1, T+1) covariance of one channel over the frames."""
 
     def reweighted(self, residual: np.ndarray) -> Channels:
-        """The same channels, outliers of `residual` (T+1, count) given the variance that makes them Huber."""
+        """The same channels, outliers of `residual` (T+1, count), NaN in frames that were not solved, given the variance that makes
+        them Huber."""
 
     def mismatched(self, scale: float) -> Channels:
         """The same channels with `scale` times the mismatch's standard deviation that they are given at first."""
@@ -48,14 +49,14 @@ class Channels(Protocol):
         """Root mean square acceleration [m/s²] of what was observed, across the view; `x` (N, 3) is the rest state."""
 
     def speed(self, x: np.ndarray, fps: float) -> float:
-        """Root mean square speed [m/s] of what was observed in the first pictures, across the view."""
+        """Root mean square speed [m/s] of what was observed in the first frames, across the view."""
 
 
 class Objective:
     """All channels together."""
 
     def __init__(self, channels: Sequence[Channels], first: int = 0, last: int | None = None) -> None:
-        """`first` and `last`: look only at these pictures; the simulation starts in the first, which therefore shows nothing."""
+        """`first` and `last`: look only at these frames; the simulation starts in the first, which therefore shows nothing."""
         self.channels, self.first = list(channels), first
         self.used = np.concatenate([one.used for one in self.channels], axis=1)[first : None if last is None else last + 1].copy()
         self.used[0] = False
@@ -82,7 +83,7 @@ class Objective:
                 yield one.covariance(channel)[rows, rows]
 
     def between(self, first: int, last: int) -> Objective:
-        """The objective of the pictures first ... last of these."""
+        """The objective of the frames first ... last of these."""
         return Objective(self.channels, self.first + first, self.first + last)
 
     def until(self, frames: int) -> Objective:
@@ -100,7 +101,7 @@ class Objective:
         return len(self.used) - 1
 
     def residual(self, x: np.ndarray, first_frame: int = 0) -> np.ndarray:
-        """Trajectories (B, S, N, 3), pictures first_frame ... first_frame + S - 1 -> raw residuals (B, S, channels)."""
+        """Trajectories (B, S, N, 3), frames first_frame ... first_frame + S - 1 -> raw residuals (B, S, channels)."""
         rows = []
         for picture in range(first_frame, first_frame + x.shape[1]):
             parts = [one.residual(x[:, picture - first_frame], self.first + picture) for one in self.channels]
@@ -136,14 +137,14 @@ class Objective:
     def reweighted(self, residual: np.ndarray) -> Objective:
         """The objective with outliers of the raw residual (T+1, channels) weighted down (Huber)."""
         ends = np.cumsum([one.count for one in self.channels])
-        whole = np.zeros((len(self.channels[0].used), residual.shape[1]))
+        whole = np.full((len(self.channels[0].used), residual.shape[1]), np.nan)
         whole[self.first : self.first + len(residual)] = residual
         parts = np.split(whole, ends[:-1], axis=1)
         channels = [one.reweighted(part) for one, part in zip(self.channels, parts, strict=True)]
         return Objective(channels, self.first, self.first + self.frames)
 
     def root_mean_square(self, x: np.ndarray) -> np.ndarray:
-        """(T+1,) distance of simulated and observed points per picture, 0 where nothing was seen."""
+        """(T+1,) distance of simulated and observed points per frame, 0 where nothing was seen."""
         distance = np.concatenate([one.distance(x) for one in self.channels], axis=1)
         seen = np.isfinite(distance)
         return np.sqrt(np.where(seen, distance, 0.0).__pow__(2).sum(axis=1) / np.maximum(seen.sum(axis=1), 1))

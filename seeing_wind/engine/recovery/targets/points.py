@@ -11,15 +11,11 @@ from ...records import Particles, PointTargets
 from ..prior.basis import held_axis, spatial_basis
 from .arc import along_the_curve
 from .channels import attachment_matrix, check, first_speed, noise_of, second_derivative
+from .constants import NOISE
 from .mismatch import point_mismatch
 
-MODES = 20
-"""Most displacement modes that points in 3D are reduced to."""
-WILD, WILD_SPACINGS, WILD_ROUNDS = 8.0, 0.2, 8
-"""A point in 3D is wild when it misses the smooth motion of the others by more than so many medians and so many particle spacings."""
-
-LEAST_WEIGHT = 0.02
-"""Weight of the least certain point, relative to that of the most certain, at least."""
+WILD_ROUNDS = 8
+"""Fits of the smooth motion without what is wild, at most."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +35,11 @@ class PointChannels:
     """Smooth displacement modes of points in 3D; channel 3 m + i is component i of mode m, in `frame`."""
 
     operator: np.ndarray
-    """(T+1, modes, N): particles -> mode amplitudes, least squares over the points seen at that picture."""
+    """(T+1, modes, N): particles -> mode amplitudes, least squares over the points seen at that frame."""
     points: np.ndarray
     """(K, N): particles -> points."""
     observed: np.ndarray
-    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes; where too few were seen, between those of the pictures
+    """(T+1, modes, 3) amplitudes of the observed points [m], in the world's axes; where too few were seen, between those of the frames
     before and after."""
     targets: PointTargets
     """What was observed, wild points marked as not visible."""
@@ -53,11 +49,11 @@ class PointChannels:
     sigma: np.ndarray
     """(channels,) noise of one amplitude [m]."""
     mismatch: np.ndarray
-    """(modes, 3, T+1, T+1) covariance of the solver's mismatch over the pictures [m²], components as in `frame`."""
+    """(modes, 3, T+1, T+1) covariance of the solver's mismatch over the frames [m²], components as in `frame`."""
     inflation: np.ndarray
     """(T+1, channels) factor >= 1 on the noise variance."""
     turned: np.ndarray
-    """(T+1, 3, 3) how the body has turned since picture 0, as the points show it; in `frame`."""
+    """(T+1, 3, 3) how the body has turned since frame 0, as the points show it; in `frame`."""
     frame: np.ndarray
     """(3, 3) axes of the channels in its columns: those in which the points' errors are independent."""
     curve: Curve | None = None
@@ -77,17 +73,17 @@ class PointChannels:
         return difference.reshape(len(x), -1) * self.used[frame]
 
     def covariance(self, channel: int) -> np.ndarray:
-        """(T+1, T+1) [m²] of a channel's errors over the pictures: noise, that of picture 0 included, and the solver's mismatch."""
+        """(T+1, T+1) [m²] of a channel's errors over the frames: noise, that of frame 0 included, and the solver's mismatch."""
         mode, component = divmod(channel, 3)
         marginal = np.sqrt(self.inflation[:, channel])
-        # Picture 0 is where the body was built from: its noise is in every displacement, turned with the body.
+        # Frame 0 is where the body was built from: its noise is in every displacement, turned with the body.
         first = self.turned[:, component] * self.sigma[3 * mode : 3 * mode + 3]
         mismatch = self.mismatch_scale**2 * self.mismatch[mode, component]
         noise = self.sigma[channel] ** 2 * np.eye(len(marginal))
         return (noise + mismatch) * np.outer(marginal, marginal) + first @ first.T
 
     def variances(self) -> tuple[float, float]:
-        """Of one amplitude in one picture [m²]: noise, of the middle mode, and mismatch."""
+        """Of one amplitude in one frame [m²]: noise, of the middle mode, and mismatch."""
         mismatch = self.mismatch_scale**2 * np.median(self.mismatch[:, :, 0, 0])
         return float(np.median(self.sigma) ** 2), float(mismatch + np.finfo(float).tiny)
 
@@ -114,14 +110,14 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
 
     Raises:
         UsageError: wrong shapes, or values that are not finite where visible.
-        ObjectError: fewer than three pictures, or nothing to follow.
+        ObjectError: fewer than three frames, or nothing to follow.
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
     pictures, count = targets.visible.shape
     points = attachment_matrix(targets.attachment, len(particles.x))
     start = points @ particles.x
     spread = np.linalg.norm(start - start.mean(axis=0), axis=1).max() if count > 1 else 0.0
-    modes = np.ones((count, 1)) if spread < 0.1 * particles.spacing else spatial_basis(start, np.ones(count), MODES).phi
+    modes = np.ones((count, 1)) if spread < 0.1 * particles.spacing else spatial_basis(start, np.ones(count), NOISE.point_modes).phi
     modes = modes[:, : max(1, int(targets.visible.sum(axis=1).max()) // 2)]
 
     astray = wild(targets, start, modes, particles.spacing)
@@ -160,7 +156,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
 
 
 def _curve(particles: Particles, targets: PointTargets, points: np.ndarray, weight: np.ndarray, modes: int) -> Curve | None:
-    """Along the bent body, in modes of what is free, by the points that are seen in every picture.
+    """Along the bent body, in modes of what is free, by the points that are seen in every frame.
 
     None where these are fewer than half, and of a body that is not held at one side, or whose points have errors with a direction.
     """
@@ -189,7 +185,7 @@ def _between(observed: np.ndarray, known: np.ndarray) -> np.ndarray:
 
 
 def _longest_run(whole: np.ndarray) -> slice:
-    """The most pictures (T,) bool in a row: differences in time across a gap would be taken for noise."""
+    """The most frames (T,) bool in a row: differences in time across a gap would be taken for noise."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], whole.astype(int), [0]])))
     begins, ends = edges[::2], edges[1::2]
     if not len(begins):
@@ -216,7 +212,7 @@ def _weights(targets: PointTargets, count: int) -> np.ndarray:
         raise UsageError("A point's covariance is not symmetric and positive definite.", "Give every direction some uncertainty.")
     weight = 1.0 / np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     # Of points that hardly count, the least-squares fit would leave modes to chance.
-    return np.maximum(weight, LEAST_WEIGHT * weight.max())
+    return np.maximum(weight, NOISE.least_weight * weight.max())
 
 
 def _inverse(modes: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -236,9 +232,9 @@ def _propagated(covariance: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray
 
 
 def rotations(x: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(T+1, 3, 3) rotations that bring points x (T+1, K, 3) of picture 0 nearest to each picture (Kabsch 1976), by those seen in both.
+    """(T+1, 3, 3) rotations that bring points x (T+1, K, 3) of frame 0 nearest to each frame (Kabsch 1976), by those seen in both.
 
-    Of fewer than three points, which show no turn, those of the picture before.
+    Of fewer than three points, which show no turn, those of the frame before.
     """
     turned = np.tile(np.eye(3), (len(x), 1, 1))
     for t in range(1, len(x)):
@@ -267,7 +263,7 @@ def wild(targets: PointTargets, start: np.ndarray, modes: np.ndarray, spacing: f
             continue
         smooth, moved = modes[seen, : max(1, int(seen.sum()) // 3)], (targets.x[t] - start)[seen]
         miss = np.linalg.norm(moved - smooth @ _least_absolute(smooth, moved, 1e-3 * spacing), axis=1)
-        out[t, seen] = miss > max(WILD * float(np.median(miss)), WILD_SPACINGS * spacing)
+        out[t, seen] = miss > max(NOISE.wild * float(np.median(miss)), NOISE.wild_spacings * spacing)
     return out
 
 

@@ -9,23 +9,8 @@ import numpy as np
 from ...errors import UsageError
 from ...records import Camera, Particles, TrackTargets
 from .channels import attachment_matrix, check, first_speed, second_derivative
+from .constants import NOISE
 from .mismatch import mismatch_covariance
-
-MISMATCH_PIXELS, MISMATCH_PIXELS_TAU = (0.02, 0.33), 24.0
-"""What no force should explain, for the solver is not the real body: standard deviation [px] of its white and of its slow part, and the
-slow part's correlation time [frames]. It is an error of the whole body's motion (a stretch of a thousandth, a plate that bends too easily),
-which more tracks see better but do not average out: its variance per track grows with their number. Chosen between two scenes: a plate
-from another solver does best with a third of it, a plate whose layers and stiffness are guessed with three times as much."""
-PLASTIC_MISMATCH_PIXELS = (0.021, 0.043)
-"""The same for bodies that flow, 0.3 and 0.6 px with 200 tracks: as loose in each picture, as flow differs between solvers, but not in the
-long run, or a force that is wrong for good could hide in it, as nothing springs back. Depth is seen by these pixels alone."""
-LATE_OFFSET = 0.5
-"""Standard deviation [px] of the attachment of a track that was not there in picture 0."""
-HUBER = 2.0
-"""Residuals beyond this many standard deviations pull with constant force."""
-EDGE_ON = 0.25
-"""A track is dropped while the picture of its neighbourhood is squeezed to less than this share of picture 0."""
-NEIGHBOURS = 10
 
 
 @dataclass(frozen=True)
@@ -42,8 +27,11 @@ class TrackChannels:
     """(T+1, channels) factor >= 1 on the variance."""
     mismatch_scale: float = 1.0
     """Factor on the mismatch's standard deviation."""
-    mismatch: tuple[float, float] = MISMATCH_PIXELS
-    """White and slow part [px], see `MISMATCH_PIXELS`."""
+    mismatch: tuple[float, float] = (NOISE.track_white, NOISE.track_slow)
+    """White and slow part of the mismatch [px]."""
+    wild: np.ndarray | None = None
+    """(T+1,) bool: frames at the clip's ends that count little, as their tracks leave the motion of all others; None as long as nothing
+    was solved that would tell."""
 
     @property
     def count(self) -> int:
@@ -62,14 +50,14 @@ class TrackChannels:
         return np.where((depth > 1e-6)[..., None] | ~used, difference, 1e4).reshape(len(x), -1)
 
     def covariance(self, channel: int) -> np.ndarray:
-        """(T+1, T+1) [px²] of a channel's errors over the pictures: noise, the solver's mismatch, where a late track sits."""
+        """(T+1, T+1) [px²] of a channel's errors over the frames: noise, the solver's mismatch, where a late track sits."""
         frames, track = len(self.used), channel // 2
         sigma = np.where(self.targets.visible[:, track], self.targets.sigma[:, track], 1.0)
         total = np.diag(sigma**2) + mismatch_covariance(
-            frames, *self.mismatch, MISMATCH_PIXELS_TAU, self.variance_factor * self.mismatch_scale**2, from_rest=True
+            frames, *self.mismatch, NOISE.track_slow_time, self.variance_factor * self.mismatch_scale**2, from_rest=True
         )
         marginal = np.sqrt(self.inflation[:, channel])
-        offset = LATE_OFFSET if self.targets.offset is None else self.targets.offset[track]
+        offset = NOISE.late_offset if self.targets.offset is None else self.targets.offset[track]
         late = 0.0 if self.targets.visible[0, track] else offset**2
         return total * np.outer(marginal, marginal) + late
 
@@ -79,11 +67,28 @@ class TrackChannels:
         used = self.used.reshape(len(self.used), -1, 2)
         series = np.where(used, residual.reshape(used.shape), np.nan)
         sigma = np.where(self.targets.visible, self.targets.sigma, 1.0)
-        # A spike stands out from its own track a few pictures before and after; a lost track from what the mismatch allows.
+        # A spike stands out from its own track a few frames before and after; a lost track from what the mismatch allows.
         spike = np.linalg.norm(series - _running_median(series), axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2)
         drift = np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * (white**2 + slow**2))
-        inflation = np.repeat(np.fmax(1.0, np.fmax(spike, drift) / HUBER), 2, axis=1)
-        return replace(self, inflation=inflation)
+        inflation = np.repeat(np.fmax(1.0, np.fmax(spike, drift) / NOISE.huber), 2, axis=1)
+        ends = self._ends(np.linalg.norm(series, axis=-1) / np.sqrt(sigma**2 + self.variance_factor * white**2))
+        return replace(self, inflation=np.fmax(inflation, ends[:, None]), wild=ends > 1.0)
+
+    def _ends(self, miss: np.ndarray) -> np.ndarray:
+        """(T+1,) factor on the variance of frames whose tracks `miss` (T+1, K) by so much [deviations]; NaN is not seen, or not asked."""
+        factor, looked = np.ones(len(miss)), np.flatnonzero(np.isfinite(miss).any(axis=1))
+        if len(looked) < NOISE.end_fewest:
+            return factor
+        off = np.nanmedian(miss[looked], axis=1)
+        usual = max(float(np.median(off)), NOISE.end_usual)
+        shown = np.flatnonzero(self.used.any(axis=1))
+        for order, last in ((slice(None), shown[0]), (slice(None, None, -1), shown[-1])):
+            pictures, end = looked[order], off[order][: int(NOISE.end_part * len(off))]
+            run = end[: np.argmin(np.append(end > NOISE.end_odd * usual, False))]
+            if pictures[0] == last and run.max(initial=0.0) > max(NOISE.end_wild * usual, NOISE.end_least):
+                # They err together: how many there are does not help.
+                factor[pictures[: len(run)]] = self.variance_factor * (run.max() / usual) ** 2
+        return factor
 
     def mismatched(self, scale: float) -> TrackChannels:
         return replace(self, mismatch_scale=scale)
@@ -120,7 +125,7 @@ class TrackChannels:
 
 
 def _running_median(series: np.ndarray) -> np.ndarray:
-    """Median over five pictures round each, of series (T+1, ...) with NaN where nothing was seen."""
+    """Median over five frames round each, of series (T+1, ...) with NaN where nothing was seen."""
     padded = np.concatenate([np.full((2, *series.shape[1:]), np.nan), series, np.full((2, *series.shape[1:]), np.nan)])
     windows = np.stack([padded[shift : shift + len(series)] for shift in range(5)])
     seen = np.isfinite(windows).any(axis=0)
@@ -135,28 +140,28 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
     """
     check(targets.xy, targets.visible, 2, targets.attachment, len(particles.x))
     if targets.sigma.shape != targets.visible.shape or not np.isfinite(targets.sigma[targets.visible]).all():
-        raise UsageError("The tracks' sigma is not a finite number of pixels for every track and picture.", "Give (T+1, K).")
+        raise UsageError("The tracks' sigma is not a finite number of pixels for every track and frame.", "Give (T+1, K).")
     if not (targets.sigma[targets.visible] > 0.0).all():
         raise UsageError("A track has no positive standard deviation.", "Give sigma (T+1,K) in pixels, about 0.2 for a good tracker.")
     visible = targets.visible & ~edge_on(targets.xy, targets.visible)
     used = np.repeat(visible, 2, axis=1)
     used[0] = False
     points, factor = attachment_matrix(targets.attachment, len(particles.x)), max(1.0, float(visible.sum(axis=1).mean()))
-    mismatch = PLASTIC_MISMATCH_PIXELS if plastic else MISMATCH_PIXELS
+    mismatch = (NOISE.flowing_white, NOISE.flowing_slow) if plastic else (NOISE.track_white, NOISE.track_slow)
     return TrackChannels(targets, points, used, factor, np.ones(used.shape), mismatch=mismatch)
 
 
 def edge_on(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:
     """(T+1, K) bool: the neighbourhood of the track is seen edge-on, its pixels say little and a tracker slips.
 
-    The local affine map from picture 0 to each picture is fitted to the nearest tracks; its smaller singular value tells.
+    The local affine map from frame 0 to each frame is fitted to the nearest tracks; its smaller singular value tells.
     """
     flagged = np.zeros(visible.shape, bool)
     known = np.flatnonzero(visible[0])
-    if len(known) <= NEIGHBOURS:
+    if len(known) <= NOISE.neighbours:
         return flagged
     start = xy[0, known]
-    near = np.argsort(((start[:, None] - start[None]) ** 2).sum(axis=-1), axis=1)[:, : NEIGHBOURS + 1]
+    near = np.argsort(((start[:, None] - start[None]) ** 2).sum(axis=-1), axis=1)[:, : NOISE.neighbours + 1]
     for row, neighbours in enumerate(near):
         group = known[neighbours]
         for t in range(1, len(xy)):
@@ -164,7 +169,7 @@ def edge_on(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:
             if len(here) < 6:
                 continue
             affine = _affine(xy[0, here], xy[t, here])
-            flagged[t, known[row]] = np.linalg.svd(affine, compute_uv=False)[1] < EDGE_ON
+            flagged[t, known[row]] = np.linalg.svd(affine, compute_uv=False)[1] < NOISE.edge_on
     return flagged
 
 

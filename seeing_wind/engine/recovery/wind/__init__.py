@@ -4,6 +4,7 @@
     surface.py   where the air has hold of a body               estimate.py  the most probable wind
     motion.py    bodies in a wind, part of a frame at a time    verdict.py   whether it is one, and how strong
     sheet/       what moved a thin sheet                        stage.py     the wind of a take
+    together.py  what several bodies felt of one wind           joined.py    that wind, in the takes of all
 """
 
 from .drag import AIR, DragLaw, area_normals, face_forces, vertex_drag

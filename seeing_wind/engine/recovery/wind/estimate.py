@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -60,6 +61,43 @@ class Estimate:
     """Natural logarithm, of the modes of the force, in units of 1 m/s²."""
 
 
+class Observed(Protocol):
+    """What `Felt` and `together.FeltTogether` have in common: D data in each of T frames, and P modes of the wind."""
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(T, D) [m/s²]."""
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """(T, D) their standard deviation [m/s²]."""
+
+    @property
+    def net(self) -> np.ndarray:
+        """(D,) bool: of a net force, not of its variation over a body."""
+
+    @property
+    def size(self) -> np.ndarray:
+        """(D,) root mean square acceleration of the body that each is of [m/s²]."""
+
+    @property
+    def modes(self) -> int:
+        """P."""
+
+    @property
+    def uniform_modes(self) -> list[int]:
+        """Those that are the same everywhere on a body."""
+
+    def uniform(self) -> np.ndarray:
+        """(T, 3) a first wind [m/s]."""
+
+    def predicted(self, wind: np.ndarray) -> np.ndarray:
+        """(T, P, 3) [m/s] -> (T, D) [m/s²]."""
+
+    def slopes(self, wind: np.ndarray) -> np.ndarray:
+        """(T, D, P, 3) [1/s]."""
+
+
 @dataclass(frozen=True)
 class Problem:
     """Unknowns theta (n,): coefficients of the gusts (knots, modes, 3), then the mean wind (3,). Data: the modes of the force."""
@@ -68,30 +106,24 @@ class Problem:
     """Coefficients of the wind (T, P, 3) -> data (T, D) [m/s²], the net force first."""
     slopes: Callable[[np.ndarray], np.ndarray]
     """Their derivatives (T, D, P, 3)."""
-    measured: np.ndarray
-    """(T, D) [m/s²]."""
-    modes: int
-    """P."""
-    deviation: np.ndarray
-    """(T,) [m/s²]."""
+    felt: Observed
     hats: np.ndarray
     """(T, knots)."""
 
     @property
-    def size(self) -> float:
-        """Root mean square acceleration [m/s²] over the frames that tell of one."""
-        squares = (self.measured**2).sum(axis=1)
-        return float(np.sqrt(squares.sum() / max(np.count_nonzero(squares), 1)))
+    def measured(self) -> np.ndarray:
+        """(T, D) [m/s²]."""
+        return self.felt.measured
 
     def noise(self, shares: tuple[float, float]) -> np.ndarray:
         """(T, D) standard deviation of the data [m/s²]."""
-        share = np.where(np.arange(self.measured.shape[1]) < 3, *shares)
-        return np.sqrt(self.deviation[:, None] ** 2 + (share * self.size / math.sqrt(3.0)) ** 2)
+        share = np.where(self.felt.net, *shares)
+        return np.sqrt(self.felt.deviation**2 + (share * self.felt.size / math.sqrt(3.0)) ** 2)
 
     def coefficients(self, theta: np.ndarray) -> np.ndarray:
         """theta (n,) -> (T, P, 3), the mean included."""
-        per_frame = np.tensordot(self.hats, theta[:-3].reshape(self.hats.shape[1], self.modes, 3), 1)
-        per_frame[:, 0] += theta[-3:]
+        per_frame = np.tensordot(self.hats, theta[:-3].reshape(self.hats.shape[1], self.felt.modes, 3), 1)
+        per_frame[:, self.felt.uniform_modes] += theta[-3:]
         return per_frame
 
     def residual(self, theta: np.ndarray, shares: tuple[float, float]) -> np.ndarray:
@@ -103,13 +135,13 @@ class Problem:
         wind = self.coefficients(theta)
         slope = self.slopes(wind) / self.noise(shares)[..., None, None]
         gusts = np.einsum("tk,tdpb->kpbtd", self.hats, slope).reshape(-1, self.measured.size)
-        mean = slope[:, :, 0].transpose(2, 0, 1).reshape(3, -1)
+        mean = slope[:, :, self.felt.uniform_modes].sum(axis=2).transpose(2, 0, 1).reshape(3, -1)
         return Linearisation.at(theta, self.residual(theta, shares), np.concatenate([gusts, mean]))
 
 
-def wind_problem(felt: Felt) -> Problem:
+def wind_problem(felt: Observed) -> Problem:
     """The wind as what explains the force."""
-    return Problem(felt.predicted, felt.slopes, felt.measured, felt.phi.shape[1], felt.deviation, _hats(len(felt.measured)))
+    return Problem(felt.predicted, felt.slopes, felt, _hats(len(felt.measured)))
 
 
 def force_problem(felt: Felt) -> Problem:
@@ -117,15 +149,17 @@ def force_problem(felt: Felt) -> Problem:
     return Problem(
         lambda force: np.einsum("tdpi,tpi->td", felt.seen, force),
         lambda force: felt.seen,
-        felt.measured, felt.phi.shape[1], felt.deviation, _hats(len(felt.measured)),
-    )  # fmt: skip
+        felt,
+        _hats(len(felt.measured)),
+    )
 
 
 def _hats(frames: int) -> np.ndarray:
-    return hats(frames, _spacing(frames))
+    return hats(frames, spacing_of(frames))
 
 
-def _spacing(frames: int) -> float:
+def spacing_of(frames: int) -> float:
+    """Frames between the knots of the wind."""
     return float(max(1, math.ceil(frames / MOST_KNOTS)))
 
 
@@ -142,17 +176,16 @@ class Found:
 
 
 def solved(
-    problem: Problem, basis: SpatialBasis, path: np.ndarray, starts: Sequence[np.ndarray], mean: float, progress: Progress | None = None
+    problem: Problem, places: Places, starts: Sequence[np.ndarray], mean: float, progress: Progress | None = None
 ) -> Found:
     """The most probable theta, with the hyperparameters of greatest evidence.
 
     Args:
-        path: (T+1, N, 3) where the body went [m].
+        places: of the modes, see `places_of`.
         starts: each (T, P, 3) coefficients to begin with; what becomes most probable of them is gone on with.
         mean: standard deviation of a component of the mean.
     """
     progress = progress or NoProgress()
-    places = places_of(basis, path, _spacing(len(problem.measured)))
     size = max(GUST * float(np.sqrt(np.mean([(one[:, 0] ** 2).mean() for one in starts]))), 1e-3 * mean)
     prior = Prior(Kernel(size**2 * np.eye(3)), places, np.full(3, mean))
     shares = (SHARES[FIRST_SHARE], SHARES[FIRST_SHARE])
@@ -169,18 +202,23 @@ def solved(
     return Found(theta, point.normal + prior.precision(), prior.kernel, shares, log_evidence(problem, prior, theta, shares))
 
 
-def places_of(basis: SpatialBasis, path: np.ndarray, spacing: float) -> Places:
-    """`Places.along` with a few particles for all: so few modes need no more."""
-    some = farthest_points(path[0], min(len(basis.phi), SAMPLES * basis.phi.shape[1]))
+def places_of(basis: SpatialBasis, path: np.ndarray, spacing: float, counts: Sequence[int] = ()) -> Places:
+    """`Places.along` with a few particles for all, as so few modes need no more; `counts`: how many each of several bodies has."""
+    counts = counts or [len(basis.phi)]
+    most, rows = math.ceil(SAMPLES * basis.phi.shape[1] / len(counts)), []
+    for begin, count in zip(np.cumsum([0, *counts]), counts):
+        rows.append(begin + farthest_points(path[0, begin : begin + count], min(count, most)))
+    some = np.concatenate(rows)
     few = replace(basis, phi=basis.phi[some], gradient=basis.gradient[some])
     return Places.along(few, path[:, some], knots(len(path) - 1, spacing))
 
 
 def _first(problem: Problem, start: np.ndarray) -> np.ndarray:
     """theta (n,) nearest to coefficients (T, P, 3)."""
-    mean = start[:, 0].mean(axis=0)
+    uniform = problem.felt.uniform_modes
+    mean = start[:, uniform].mean(axis=(0, 1))
     gusts = np.tensordot(np.linalg.pinv(problem.hats), start, 1)
-    gusts[:, 0] -= mean
+    gusts[:, uniform] -= mean
     return np.concatenate([gusts.ravel(), mean])
 
 
@@ -206,28 +244,31 @@ def log_evidence(problem: Problem, prior: Prior, theta: np.ndarray, shares: tupl
 
 def _best_shares(problem: Problem, prior: Prior, theta: np.ndarray, shares: tuple[float, float]) -> tuple[float, float]:
     """The errors of the law with the greatest evidence, one after the other."""
-    for which in range(2 if problem.measured.shape[1] > 3 else 1):
+    for which in range(1 if problem.felt.net.all() else 2):
         trials = [(share, shares[1]) if which == 0 else (shares[0], share) for share in SHARES]
         shares = max(trials, key=lambda one: log_evidence(problem, prior, theta, one))
     return shares
 
 
-def wind_of(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progress | None = None) -> Estimate:
-    """The wind over the body.
+def wind_of(
+    felt: Observed, basis: SpatialBasis, path: np.ndarray, progress: Progress | None = None, counts: Sequence[int] = ()
+) -> Estimate:
+    """The wind over the body, or over several as one (`together`).
 
     Args:
         felt: what the body felt, in the modes `basis`.
         path: (T+1, N, 3) where its particles went [m].
+        counts: how many particles each of several bodies has, one body after the other.
     """
     problem = wind_problem(felt)
     uniform = felt.uniform()
     starts = [_filled(one, felt) for one in (uniform, np.broadcast_to(uniform.mean(axis=0), uniform.shape))]
-    best = solved(problem, basis, path, starts, MEAN, progress)
+    best = solved(problem, places_of(basis, path, spacing_of(len(felt.measured)), counts), starts, MEAN, progress)
     wind = problem.coefficients(best.theta)
-    missed, net = (felt.measured - felt.predicted(wind))[:, :3], felt.measured[:, :3]
+    missed, net = (felt.measured - felt.predicted(wind))[:, felt.net], felt.measured[:, felt.net]
     return Estimate(
         velocity=np.einsum("np,tpi->tni", basis.phi, wind),
-        deviation=deviation_of(best.precision, problem.hats, basis),
+        deviation=deviation_of(best.precision, problem.hats, basis, felt.uniform_modes),
         mean=best.theta[-3:],
         kernel=best.kernel,
         shares=best.shares,
@@ -236,22 +277,22 @@ def wind_of(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progres
     )
 
 
-def _filled(uniform: np.ndarray, felt: Felt) -> np.ndarray:
+def _filled(uniform: np.ndarray, felt: Observed) -> np.ndarray:
     """A wind (T, 3) that is the same over the body as coefficients (T, P, 3)."""
-    start = np.zeros((len(uniform), felt.phi.shape[1], 3))
-    start[:, 0] = uniform
+    start = np.zeros((len(uniform), felt.modes, 3))
+    start[:, felt.uniform_modes] = uniform[:, None]
     return start
 
 
-def deviation_of(precision: np.ndarray, hats: np.ndarray, basis: SpatialBasis) -> np.ndarray:
+def deviation_of(precision: np.ndarray, hats: np.ndarray, basis: SpatialBasis, uniform_modes: Sequence[int] = (0,)) -> np.ndarray:
     """(T, N) standard deviation of a component [m/s] at the particles, from the precision (n, n) of gusts and mean."""
     covariance = np.linalg.inv(precision)
     knots, modes = hats.shape[1], basis.phi.shape[1]
-    # the mean counts in every frame, as a further knot of the uniform mode
+    # the mean counts in every frame, as a further knot of the uniform modes
     rows = np.zeros((len(hats), modes, 3, len(covariance)))
     for component in range(3):
         for mode in range(modes):
             rows[:, mode, component, np.arange(knots) * 3 * modes + 3 * mode + component] = hats
-        rows[:, 0, component, -3 + component] = 1.0
+        rows[:, list(uniform_modes), component, -3 + component] = 1.0
     block = np.einsum("tpai,ij,tqaj->tpq", rows, covariance, rows, optimize=True) / 3.0
     return np.sqrt(np.maximum(np.einsum("np,tpq,nq->tn", basis.phi, block, basis.phi, optimize=True), 0.0))

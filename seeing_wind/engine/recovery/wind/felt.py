@@ -39,7 +39,7 @@ class Felt:
     seen: np.ndarray
     """(T, D, P, 3): measured = seen . modes; the rows are orthonormal."""
     deviation: np.ndarray
-    """(T,) standard deviation of one of them [m/s²]."""
+    """(T, D) their standard deviation [m/s²]."""
     phi: np.ndarray
     """(E, P) modes at the pieces."""
     share: np.ndarray
@@ -52,6 +52,27 @@ class Felt:
     """M [kg], of what is free."""
     law: DragLaw
     closed: bool
+
+    @property
+    def net(self) -> np.ndarray:
+        """(D,) bool: of the net force."""
+        return np.arange(self.measured.shape[1]) < 3
+
+    @property
+    def size(self) -> np.ndarray:
+        """(D,) the root mean square acceleration [m/s²] over the frames that tell of one, for each of the data."""
+        squares = (self.measured**2).sum(axis=1)
+        return np.full(self.measured.shape[1], np.sqrt(squares.sum() / max(np.count_nonzero(squares), 1)))
+
+    @property
+    def modes(self) -> int:
+        """P."""
+        return self.phi.shape[1]
+
+    @property
+    def uniform_modes(self) -> list[int]:
+        """Those that are the same everywhere on the body."""
+        return [0]
 
     def predicted(self, wind: np.ndarray) -> np.ndarray:
         """What would be measured (T, D) [m/s²] in a wind of coefficients (T, P, 3) [m/s]."""
@@ -110,7 +131,7 @@ def felt_by(
     return Felt(
         measured=np.einsum("tdpi,tpi->td", seen, modes),
         seen=seen,
-        deviation=deviation,
+        deviation=np.repeat(deviation[:, None], seen.shape[1], axis=1),
         phi=np.einsum("ej,ejp->ep", attachment.weight, basis.phi[attachment.index]),
         share=attachment.follow(free)[0, :, 0],
         velocity=fps * np.diff(np.stack([attachment.follow(x) for x in recovery.x]), axis=0),  # all at once takes too much memory

@@ -15,9 +15,9 @@ from ...settings import RecoverSettings, WindSettings
 from ...take import Take, stamp_of
 from ..clip import still_frames
 from ..journal import TakeJournal
-from ..prior.basis import spatial_basis
+from ..prior.basis import SpatialBasis, spatial_basis
 from .drag import AIR
-from .estimate import Estimate, force_problem, solved, wind_of
+from .estimate import Estimate, force_problem, places_of, solved, spacing_of, wind_of
 from .felt import Felt, felt_by
 from .surface import BodySurface, mesh_surface, particle_surface
 from .verdict import figures, objection, sentence
@@ -80,16 +80,22 @@ def wind_stage(
             as_recovered = replace(recovery, force_density=found.velocity, deviation=found.deviation)
             field = distill(as_recovered, particles, fps, solving.representation, solving.seed, progress, journal)
             field.kind = "wind"
-            with take.writing(FIELD) as path:
-                field.save(path)
-        take.write_json(TOLD, told)
-        take.finish("wind", stamp, {"field": settings.field})
+        write_wind(take, field, told, stamp)
     return Wind(field, told, told["notes"])
 
 
 def read_wind(take: Take) -> ForceField | None:
     """The wind of a take, None where it has only a force."""
     return load_field(take.file(FIELD)) if take.file(FIELD).is_file() else None
+
+
+def write_wind(take: Take, field: ForceField | None, told: dict[str, Any], stamp: str) -> None:
+    """What was found, into a take that has been cleared: the stamp comes last."""
+    if field is not None:
+        with take.writing(FIELD) as path:
+            field.save(path)
+    take.write_json(TOLD, told)
+    take.finish("wind", stamp, {"field": told["field"]})
 
 
 def clear(take: Take) -> None:
@@ -110,10 +116,7 @@ def _found(
     progress: Progress,
     journal: Journal,
 ) -> tuple[Estimate, dict[str, Any]]:
-    mass = material.density * particles.volume * ~particles.pinned
-    basis = spatial_basis(particles.x, mass, MODES).up_to(DEGREE)
-    still = still_frames(solving, len(recovery.force_density))
-    felt = felt_by(recovery, particles, material.density, surface_of(body, particles), basis, fps, AIR).without(still)
+    felt, basis, still = felt_in(body, particles, material, recovery, fps, solving)
     found = journal.once("wind", Estimate, lambda: wind_of(felt, basis, recovery.x, progress), felt.measured)
     moving = ~still[:, None]
     found = replace(found, velocity=found.velocity * moving[..., None], deviation=found.deviation * moving)
@@ -135,9 +138,19 @@ def _found(
     return found, {**told, "notes": notes}
 
 
-def _force_evidence(felt: Felt, basis: Any, path: np.ndarray, progress: Progress) -> float:
+def felt_in(
+    body: Body | None, particles: Particles, material: Material, recovery: Recovery, fps: float, solving: RecoverSettings
+) -> tuple[Felt, SpatialBasis, np.ndarray]:
+    """What the body felt in the frames that were not said to be still, the modes of the wind over it, and which frames are still (T,)."""
+    mass = material.density * particles.volume * ~particles.pinned
+    basis = spatial_basis(particles.x, mass, MODES).up_to(DEGREE)
+    still = still_frames(solving, len(recovery.force_density))
+    return felt_by(recovery, particles, material.density, surface_of(body, particles), basis, fps, AIR).without(still), basis, still
+
+
+def _force_evidence(felt: Felt, basis: SpatialBasis, path: np.ndarray, progress: Progress) -> float:
     start = np.einsum("tdpi,td->tpi", felt.seen, felt.measured)
-    return solved(force_problem(felt), basis, path, [start], FORCE_MEAN, progress).evidence
+    return solved(force_problem(felt), places_of(basis, path, spacing_of(len(path) - 1)), [start], FORCE_MEAN, progress).evidence
 
 
 def surface_of(body: Body | None, particles: Particles) -> BodySurface:

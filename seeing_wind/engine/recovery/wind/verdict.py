@@ -80,6 +80,6 @@ def sentence(told: dict[str, Any]) -> str:
     """`figures` in words."""
     mean, gust = (f"{told[key]:.2g} m/s (Beaufort {told['beaufort'][number]})" for key, number in SPEEDS)
     return (
-        f"Effective wind: {mean} in the mean, gusts up to {gust}. It follows from a drag law at the body, no anemometer measured it; "
+        f"Effective wind: {mean} in the mean, gusts up to {gust}. It follows from a drag law at the body and is no measurement; "
         f"{100 * told['unexplained_share']:.0f} % of the net force stays unexplained."
     )

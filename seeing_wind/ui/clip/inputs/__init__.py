@@ -1,7 +1,7 @@
 """What Blender's scene knows of a clip, written as the files that the engine reads.
 
 clips         the movie clip of the settings: its path, and which of its frames stands at which frame of the scene
-pace          pictures that last more or less than a frame of the scene
+pace          clip frames that last more or less than a frame of the scene
 scene_inputs  which files the settings call for, each with its option, its stamp and its writer
 mask          a Blender mask or plane track as a PNG
 held          a box or a painted part of a mesh, at which the object is held, as a PNG

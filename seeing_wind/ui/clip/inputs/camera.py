@@ -24,7 +24,7 @@ LENS = ("k1", "k2", "p1", "p2", "k3")
 
 NO_CAMERA = ("The scene has no camera.", "Add one where the clip was filmed from, or use a field of view.")
 SPARE = 8
-"""Rows beyond the clip's length: two libraries may count its pictures differently by one or two."""
+"""Rows beyond the clip's length: two libraries may count its frames differently by one or two."""
 
 
 def camera_source(scene: bpy.types.Scene) -> tuple:
@@ -52,12 +52,12 @@ def camera_source(scene: bpy.types.Scene) -> tuple:
 
 
 def write_camera(scene: bpy.types.Scene, path: Path) -> None:
-    """Write the camera's JSON: intrinsics in pixels of the clip, one pose per picture of the clip's file."""
+    """Write the camera's JSON: intrinsics in pixels of the clip, one pose per frame of the clip's file."""
     Take(path.parent).write_json(path.name, scene_camera(scene))
 
 
 def scene_camera(scene: bpy.types.Scene) -> dict[str, Any]:
-    """`width height fx fy cx cy` [px] and `camera_to_world` (rows, 4, 4) [m], one per picture of the file, OpenCV's axes.
+    """`width height fx fy cx cy` [px] and `camera_to_world` (rows, 4, 4) [m], one per frame of the file, OpenCV's axes.
 
     Where the settings take it from elsewhere, it is the scene's camera.
 
@@ -81,7 +81,7 @@ def scene_camera(scene: bpy.types.Scene) -> dict[str, Any]:
 
 
 def first_camera(scene: bpy.types.Scene) -> Camera:
-    """`scene_camera` in the clip's first picture."""
+    """`scene_camera` in the clip's first frame."""
     given = scene_camera(scene)
     numbers = {name: given[name] for name in ("width", "height", "fx", "fy", "cx", "cy")}
     pose = np.array(given["camera_to_world"][first_picture(scene.seeing_wind)])
@@ -89,7 +89,7 @@ def first_camera(scene: bpy.types.Scene) -> Camera:
 
 
 def _lens(scene: bpy.types.Scene, obj: bpy.types.Object, clip: bpy.types.MovieClip) -> dict[str, Any]:
-    """Intrinsics of a camera object whose frame is the clip's picture."""
+    """Intrinsics of a camera object whose frame is the clip's frame."""
     data, (width, height) = obj.data, clip.size
     if data.type != "PERSP":
         raise UsageError(f"{obj.name} is no perspective camera.", "Set its type to Perspective, or use a field of view.")
@@ -118,7 +118,7 @@ def _solved_lens(clip: bpy.types.MovieClip) -> dict[str, Any]:
     camera, (width, height) = clip.tracking.camera, clip.size
     x, y = camera.principal_point_pixels
     focal = camera.focal_length_pixels
-    # Blender's principal point counts from the picture's lower left corner
+    # Blender's principal point counts from the frame's lower left corner
     lens = {
         "width": int(width),
         "height": int(height),
@@ -134,10 +134,10 @@ def _distortion(camera: bpy.types.MovieTrackingCamera, corner: float) -> dict[st
     """The lens of a solve as OpenCV's `k1 k2 p1 p2 k3`, for lengths in focal lengths; empty for one that bends nothing.
 
     Blender's Polynomial and Brown are OpenCV's formulas by other names. Its Division says how a pixel is bent back, r / (1 + k1 r² +
-    k2 r⁴), so OpenCV's radial numbers are fitted to it, over the picture up to its corners.
+    k2 r⁴), so OpenCV's radial numbers are fitted to it, over the frame up to its corners.
 
     Args:
-        corner: how far the picture's corners are from its middle [focal lengths].
+        corner: how far the frame's corners are from its middle [focal lengths].
 
     Raises:
         UsageError: for a lens that OpenCV's formula does not have.
@@ -174,9 +174,9 @@ def _evaluated(
     pictures: int,
     settings: bpy.types.PropertyGroup | None = None,
 ) -> np.ndarray:
-    """Poses (pictures, 4, 4) of an object [m], Blender's axes, frame by frame only where it moves.
+    """Poses (frames, 4, 4) of an object [m], Blender's axes, frame by frame only where it moves.
 
-    With `settings`, the first picture used stands at the settings' first frame; without, the clip's own place in time counts.
+    With `settings`, the first frame used stands at the settings' first frame; without, the clip's own place in time counts.
     """
     unit, before = metres_per_unit(scene), scene.frame_current_final
     lineage = [obj]
@@ -199,7 +199,7 @@ def _evaluated(
 
 
 def _reconstructed(clip: bpy.types.MovieClip, pictures: int, unit: float) -> np.ndarray:
-    """Poses (pictures, 4, 4) of the solve itself [m]; a picture without a solved camera takes that of the nearest one."""
+    """Poses (frames, 4, 4) of the solve itself [m]; a frame without a solved camera takes that of the nearest one."""
     solved = {camera.frame: np.array(camera.matrix) for camera in clip.tracking.reconstruction.cameras}
     frames = np.array(sorted(solved))
     poses = np.empty((pictures, 4, 4))

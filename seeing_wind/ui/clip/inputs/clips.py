@@ -1,4 +1,4 @@
-"""The clip of the settings as Blender's movie clip, and which of its pictures stands at which frame of the scene."""
+"""The clip of the settings as Blender's movie clip, and which of its frames stands at which frame of the scene."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def load_clip(path: str) -> bpy.types.MovieClip:
 
 
 def start_of(clip: bpy.types.MovieClip, picture: int, otherwise: int) -> int:
-    """Scene frame of a picture of a clip's file: where the user has put it, or `otherwise` for a clip that we have loaded."""
+    """Scene frame of a frame of a clip's file: where the user has put it, or `otherwise` for a clip that we have loaded."""
     return otherwise if clip.get(PLACED) else scene_frame(clip, picture)
 
 
@@ -59,28 +59,28 @@ def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     if clip is None:
         clip = load_clip(absolute(settings.clip))
     if clip.size[0] < 1 or clip.frame_duration < 1:
-        raise ClipError(f"{clip.filepath} has no pictures that Blender can read.", "Convert it to MP4 (H.264).")
+        raise ClipError(f"{clip.filepath} has no frames that Blender can read.", "Convert it to MP4 (H.264).")
     return clip
 
 
 def first_picture(settings: bpy.types.PropertyGroup) -> int:
-    """Index in the file of the first picture that is used."""
+    """Index in the file of the first frame that is used."""
     return settings.frames[0] if settings.use_frames else 0
 
 
 def scene_frame(clip: bpy.types.MovieClip, picture: int) -> int:
-    """Scene frame at which Blender shows a picture of the clip's file."""
+    """Scene frame at which Blender shows a frame of the clip's file."""
     first, pace = pace_of(clip)
     return pace.frame_of(picture - first)
 
 
 def marker_frame(clip: bpy.types.MovieClip, picture: int) -> int:
-    """Frame number by which the clip's markers and solved cameras call a picture of its file."""
+    """Frame number by which the clip's markers and solved cameras call a frame of its file."""
     return picture - clip.frame_offset + 1
 
 
 def as_pattern(path: str) -> str:
-    """The path of a video as it is; that of one picture of a sequence as the pattern of all, which the engine reads."""
+    """The path of a video as it is; that of one image of a sequence as the pattern of all, which the engine reads."""
     place = Path(path)
     if place.suffix.lower() not in PICTURES or "%" in place.name or "*" in place.name:
         return path
@@ -93,11 +93,11 @@ def as_pattern(path: str) -> str:
 
 
 def files_of(path: str) -> list[Path]:
-    """The files of a clip in their order: the video itself, or the pictures that the engine reads for a folder, pattern or picture."""
+    """The files of a clip in their order: the video itself, or the images that the engine reads for a folder, pattern or image."""
     pattern = as_pattern(path)
     return (pictures_of(pattern) if is_sequence(pattern) else []) or [Path(path)]
 
 
 def opened_by(path: str) -> str:
-    """The path by which Blender opens a clip: a sequence by its first picture, from which the engine counts too."""
+    """The path by which Blender opens a clip: a sequence by its first frame, from which the engine counts too."""
     return str(files_of(path)[0])

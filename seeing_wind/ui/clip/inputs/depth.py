@@ -1,4 +1,4 @@
-"""The depth of a proxy mesh that stands where the object is in the first picture, as the clip's camera sees it."""
+"""The depth of a proxy mesh that stands where the object is in the first frame, as the clip's camera sees it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def write_depth(scene: bpy.types.Scene, path: Path) -> None:
     depth = depth_of(vertices * metres_per_unit(scene), triangles, camera)
     if not np.isfinite(depth).any():
         raise UsageError(
-            f"The camera does not see the proxy {settings.proxy.name} in the first picture.", "Place it where the object is in the clip."
+            f"The camera does not see the proxy {settings.proxy.name} in the first frame.", "Place it where the object is in the clip."
         )
     with Take(path.parent).writing(path.name) as aside:
         np.save(aside, depth)
@@ -63,7 +63,7 @@ def depth_of(vertices: np.ndarray, triangles: np.ndarray, camera: Camera) -> np.
 
 def _seen(local: np.ndarray, camera: Camera) -> tuple[range, range]:
     """Columns and rows of the pixels in which the mesh can be; local (V, 3) in OpenCV's camera axes [m]."""
-    if (local[:, 2] <= 1e-6).any():  # part of it is behind the camera: its box in the picture has no meaning
+    if (local[:, 2] <= 1e-6).any():  # part of it is behind the camera: its box in the frame has no meaning
         return range(camera.width), range(camera.height)
     xy = local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     filmed = camera.filmed(xy)

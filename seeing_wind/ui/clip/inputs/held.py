@@ -1,4 +1,4 @@
-"""What the scene says of the place at which the object is held, as the PNG of the first picture that the engine reads."""
+"""What the scene says of the place at which the object is held, as the PNG of the first frame that the engine reads."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def write_held_box(scene: bpy.types.Scene, path: Path) -> None:
 
 
 def write_painted(scene: bpy.types.Scene, obj: bpy.types.Object, group: str, folder: Path) -> Path:
-    """Draw where the painted part of a mesh is in the clip's first picture. Returns the file, whose name changes with what it shows.
+    """Draw where the painted part of a mesh is in the clip's first frame. Returns the file, whose name changes with what it shows.
 
     The recovered object is seen through its take's camera, any other mesh through the clip's as the scene has it. What is painted on the
     far side counts, too: the object is held there all the same.
@@ -65,7 +65,7 @@ def write_painted(scene: bpy.types.Scene, obj: bpy.types.Object, group: str, fol
     if not inside.any():
         raise UsageError(
             f"The camera sees nothing of {obj.name} that has a weight of {HALF:g} or more in {group!r}.",
-            "Paint the held part with full weight, on a mesh that stands where the object is in the first picture.",
+            "Paint the held part with full weight, on a mesh that stands where the object is in the first frame.",
         )
     digest = hashlib.sha256(np.packbits(inside).tobytes()).hexdigest()[:8]
     path = folder / f"painted-{digest}.png"
@@ -96,7 +96,7 @@ def painted_pixels(xy: np.ndarray, weight: np.ndarray, triangles: np.ndarray, wi
 
 
 def _camera(scene: bpy.types.Scene, obj: bpy.types.Object) -> Camera:
-    """The camera of the clip's first picture that saw a mesh."""
+    """The camera of the clip's first frame that saw a mesh."""
     settings = scene.seeing_wind
     if obj == settings.recovered_object and settings.recovered_take:
         take = Take(shown(settings))

@@ -37,7 +37,7 @@ def straightened(camera: Camera, xy: np.ndarray) -> np.ndarray:
 
 
 def _reach(distortion: tuple[float, ...]) -> float:
-    """Focal lengths from the middle up to which a lens shows things in their order; farther out its formula folds the picture over."""
+    """Focal lengths from the middle up to which a lens shows things in their order; farther out its formula folds the frame over."""
     k1, k2, _, _, k3 = distortion
     radius = np.linspace(0.0, WIDEST, 2001)
     folded = 1.0 + 3.0 * k1 * radius**2 + 5.0 * k2 * radius**4 + 7.0 * k3 * radius**6 <= 0.0

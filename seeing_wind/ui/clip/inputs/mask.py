@@ -1,4 +1,4 @@
-"""Blender's masks and plane tracks as the PNG of the first picture that the engine reads."""
+"""Blender's masks and plane tracks as the PNG of the first frame that the engine reads."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SEGMENT = 24
 
 
 def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, picture: int | None = None) -> None:
-    """Draw a mask as it is at a picture of the clip's file, by default the first that is used, at the clip's size.
+    """Draw a mask as it is at a frame of the clip's file, by default the first that is used, at the clip's size.
 
     Raises:
         ObjectError: when nothing is inside it.
@@ -33,13 +33,13 @@ def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, picture
         scene.frame_set(before)
     if not inside.any():
         raise ObjectError(
-            f"Nothing is inside the mask {mask.name} in picture {picture}.", "Close its splines (Alt C) and show its layers."
+            f"Nothing is inside the mask {mask.name} in frame {picture} of the file.", "Close its splines (Alt C) and show its layers."
         )
     write_png(path, inside)
 
 
 def write_plane_mask(scene: bpy.types.Scene, path: Path) -> None:
-    """Draw the inside of the active plane track (or the first one) in the first picture.
+    """Draw the inside of the active plane track (or the first one) in the first frame.
 
     Raises:
         ObjectError: when it has no marker there.
@@ -49,7 +49,8 @@ def write_plane_mask(scene: bpy.types.Scene, path: Path) -> None:
     plane, picture = planes.active or planes[0], first_picture(settings)
     corners = plane_corners(clip, plane, picture)
     if corners is None:
-        raise ObjectError(f"The plane track {plane.name} has no marker in picture {picture}.", "Track it from the first picture on.")
+        no_marker = f"The plane track {plane.name} has no marker in frame {picture} of the file."
+        raise ObjectError(no_marker, "Track it from the first frame on.")
     write_png(path, polygon_pixels(corners, *clip.size))
 
 
@@ -63,7 +64,7 @@ def mask_pixels(mask: bpy.types.Mask, width: int, height: int) -> np.ndarray:
         for spline in layer.splines:
             if spline.use_cyclic and spline.use_fill and len(spline.points) > 1:
                 outline = _outline(spline) - 0.5
-                # normalised by the larger side, about the picture's middle
+                # normalised by the larger side, about the frame's middle
                 x, y = outline[:, 0] * side + 0.5 * width, outline[:, 1] * side + 0.5 * height
                 covered ^= polygon_pixels(np.stack([x - 0.5, height - y - 0.5], axis=1), width, height)
         value = layer.alpha * (~covered if layer.invert else covered)

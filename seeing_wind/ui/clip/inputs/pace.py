@@ -1,7 +1,7 @@
-"""A clip whose pictures do not last a frame each: every frame of the scene shows the nearest one.
+"""A clip whose frames do not last a scene frame each: every frame of the scene shows the nearest one.
 
 Blender has no speed for movie clips. It has the frame at which a clip begins, which may have a driver: from frame to frame it is moved so
-that the right picture comes. Tracks and solves count pictures, not frames, and stay where they are. An image sequence has an offset, which
+that the right clip frame comes. Tracks and solves count clip frames and stay where they are. An image sequence has an offset, which
 may have a driver, too. Both are plain arithmetic, which Blender evaluates in files that it does not trust.
 """
 
@@ -18,28 +18,28 @@ from ....engine.errors import UsageError
 from ...field.display import stride_of
 
 PACE = "seeing_wind_pace"
-"""Custom property of a movie clip that is not shown a picture a frame: (first frame, first picture, scene frames per picture)."""
+"""Custom property of a movie clip whose frames do not last a scene frame each: (first scene frame, first clip frame, scene frames each)."""
 JUST = 1e-6
-"""Of a picture: rounding must not decide which one comes where two are as near."""
+"""Of a frame: rounding must not decide which one comes where two are as near."""
 LONG = 300_000
-"""Frames, the most that Blender has: an image sequence must not end before its pictures do."""
+"""Frames, the most that Blender has: an image sequence must not end before its images do."""
 
 
 @dataclass(frozen=True)
 class Pace:
-    """Which picture is shown when."""
+    """Which frame is shown when."""
 
     at: int
-    """Scene frame of the first picture."""
+    """Scene frame of the first clip frame."""
     stride: float = 1.0
-    """Scene frames that a picture lasts."""
+    """Scene frames that a clip frame lasts."""
 
     def shown(self, frame: int) -> int:
-        """Number of the picture, from the first, that a scene frame shows."""
+        """Number of the clip frame, from the first, that a scene frame shows."""
         return math.floor((frame - self.at) / self.stride + 0.5 + JUST)
 
     def frame_of(self, number: int) -> int:
-        """The scene frame nearest to a picture."""
+        """The scene frame nearest to a clip frame."""
         return math.floor(self.at + self.stride * number + 0.5 + JUST)
 
     @property
@@ -47,11 +47,11 @@ class Pace:
         return f"floor((floor(frame) - {self.at}) / {self.stride!r} + {0.5 + JUST!r})"
 
     def beginning(self) -> str:
-        """Driver: the frame where the first picture would be, if every picture lasted one frame."""
+        """Driver: the frame where the first clip frame would be, if every clip frame lasted one frame."""
         return f"floor(frame) - {self._shown}"
 
     def offset(self, pictures: int) -> str:
-        """Driver: of an image sequence that begins at `at`; its first and last picture stand still before and after."""
+        """Driver: of an image sequence that begins at `at`; its first and last frame stand still before and after."""
         return f"clamp({self._shown}, 0, {pictures - 1}) + 1 - max(floor(frame) - {self.at} + 1, 0)"
 
 
@@ -62,10 +62,10 @@ def pace_of_scene(scene: bpy.types.Scene) -> Pace:
 
 
 def set_pace(clip: bpy.types.MovieClip, picture: int, pace: Pace) -> None:
-    """Let a clip go by at a pace, with one picture of its file as the first.
+    """Let a clip go by at a pace, with one frame of its file as the first.
 
     Raises:
-        UsageError: for a clip of another file, where it would not be a picture a frame.
+        UsageError: for a clip of another file, whose frames would not last a scene frame each.
     """
     if clip.library is not None:
         if pace.stride != 1.0:
@@ -83,7 +83,7 @@ def set_pace(clip: bpy.types.MovieClip, picture: int, pace: Pace) -> None:
 
 
 def pace_of(clip: bpy.types.MovieClip) -> tuple[int, Pace]:
-    """A picture of the clip's file, and the pace that counts from it."""
+    """A frame of the clip's file, and the pace that counts from it."""
     if PACE in clip:
         at, picture, stride = clip[PACE]
         return int(picture), Pace(int(at), stride)
@@ -92,7 +92,7 @@ def pace_of(clip: bpy.types.MovieClip) -> tuple[int, Pace]:
 
 @contextmanager
 def picture_a_frame(clip: bpy.types.MovieClip) -> Iterator[None]:
-    """Show the clip a picture a frame meanwhile, for who has to see every one of them."""
+    """Show one clip frame per scene frame meanwhile, for who has to see every one of them."""
     picture, pace = pace_of(clip)
     if pace.stride == 1.0:
         yield
@@ -105,7 +105,7 @@ def picture_a_frame(clip: bpy.types.MovieClip) -> Iterator[None]:
 
 
 def set_pace_of_images(user: bpy.types.bpy_struct, pictures: int, pace: Pace) -> None:
-    """The same for an image sequence whose first file is the first picture.
+    """The same for an image sequence whose first file is the first frame.
 
     Args:
         user: has `frame_start`, `frame_duration` and `frame_offset`: an image user, or an image node of the compositor.

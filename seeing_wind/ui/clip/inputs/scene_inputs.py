@@ -29,7 +29,7 @@ class SceneInput:
     stamp: tuple
     """Of what the file would hold; cheap enough to ask for at every change."""
     write: Callable[[Path], object] = field(compare=False)
-    """Makes the file. Raises SeeingWindError where mask, tracks or proxy hold nothing in the first picture."""
+    """Makes the file. Raises SeeingWindError where mask, tracks or proxy hold nothing in the first frame."""
 
 
 def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
@@ -43,7 +43,7 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
     if settings.object_mode in ("BLENDER_MASK", "PLANE", "PROXY"):
         found += _object(scene)
     if settings.outline_data is not None:
-        picture = settings.outline_picture
+        picture = settings.outline_frame
         stamp = (picture, *mask_stamp(settings.outline_data))
         found.append(SceneInput("outline", "outline.png", stamp, partial(write_mask, scene, settings.outline_data, picture=picture)))
     if settings.use_tracks:
@@ -52,7 +52,7 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
             raise ObjectError("The clip has no tracks.", "Track points on the object in the Movie Clip Editor, or switch Tracks off.")
         found.append(SceneInput("tracks", "tracks.npz", tracks_stamp(clip), partial(write_tracks, scene)))
     if settings.scale_mode == "PROXY" and settings.proxy is None:
-        raise UsageError("No proxy mesh is chosen.", "Place a mesh where the object is in the first picture, as the camera sees it.")
+        raise UsageError("No proxy mesh is chosen.", "Place a mesh where the object is in the first frame, as the camera sees it.")
     camera = camera_source(scene)
     if settings.scale_mode == "PROXY":
         if not camera:

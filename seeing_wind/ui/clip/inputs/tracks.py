@@ -22,10 +22,10 @@ SIGMA, SIGMA_PLANE = 0.3, 1.0
 def write_tracks(scene: bpy.types.Scene, path: Path) -> int:
     """Write all tracks and a grid of points on each plane track: xy (rows, K, 2) [px], visible, sigma [px]. Returns K.
 
-    One row per picture of the clip's file; pixel centres are at integers, the origin at the top left.
+    One row per frame of the clip's file; pixel centres are at integers, the origin at the top left.
 
     Raises:
-        ObjectError: when no track has a marker in the first picture that is used.
+        ObjectError: when no track has a marker in the first frame that is used.
     """
     clip = loaded_clip(scene.seeing_wind)
     rows = clip.frame_duration + clip.frame_offset + SPARE
@@ -38,7 +38,7 @@ def write_tracks(scene: bpy.types.Scene, path: Path) -> int:
     sigma = np.concatenate([np.full(visible.shape, value) for _, visible, value in columns], axis=1)
     first = first_picture(scene.seeing_wind)
     if not visible[first].any():
-        raise ObjectError(f"No track has a marker in picture {first} of the clip.", "Track from the first picture that is used.")
+        raise ObjectError(f"No track has a marker in frame {first} of the file.", "Track from the first frame that is used.")
     Take(path.parent).write_arrays(path.name, {"xy": xy, "visible": visible, "sigma": sigma})
     return xy.shape[1]
 
@@ -51,7 +51,7 @@ def tracks_stamp(clip: bpy.types.MovieClip) -> tuple:
 
 
 def plane_corners(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, picture: int) -> np.ndarray | None:
-    """Corners (4, 2) [px] of a plane track in a picture, None where it has no marker."""
+    """Corners (4, 2) [px] of a plane track in a frame, None where it has no marker."""
     marker = plane.markers.find_frame(marker_frame(clip, picture))
     return None if marker is None or marker.mute else pixels(clip, np.array([tuple(corner) for corner in marker.corners]))
 

@@ -2,7 +2,7 @@
 
 properties  its settings, and what a model saw
 operators   ask a model what is in the clip, use one of its answers (the box is drawn by `clip/draw_box.py`)
-correct     points that correct the outline in any picture
+correct     points that correct the outline in any frame
 held        where it is held: as the preview proposes, or as a mesh is painted
 preview     what the engine sees of it, before the solve
 panel       the panel *Object*

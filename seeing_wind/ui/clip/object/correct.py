@@ -1,4 +1,4 @@
-"""Correcting the outline in any picture, by points on the object and beside it; the engine carries them to the other pictures."""
+"""Correcting the outline in any frame, by points on the object and beside it; the engine carries them to the other frames."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..inputs.clips import loaded_clip, pace_of
 from ..on_picture import LOOKING, OnPicture, draw_rectangle
 
 NOW = -1
-"""For the picture that the scene shows now."""
+"""For the frame that the scene shows now."""
 
 MARK, COLOURS = 4.0, {False: (0.2, 1.0, 0.3, 1.0), True: (1.0, 0.25, 0.2, 1.0)}
 """Half the side of a point's mark on the screen [px], and its colour, by whether it is beside the object."""
 
 
 class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operator):
-    """Click a point on the object that the outline leaves out, in the picture that is shown now; Esc cancels"""
+    """Click a point on the object that the outline leaves out, in the frame that is shown now; Esc cancels"""
 
     bl_idname = "seeing_wind.correct_outline"
     bl_label = "Point on Object"
@@ -27,7 +27,7 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
         name="Place (px)", size=2, options={"SKIP_SAVE"}, description="From the left and from the top, in pixels of the clip"
     )
     picture: IntProperty(
-        name="Picture", default=NOW, min=NOW, options={"SKIP_SAVE"}, description="Counted from 0 in the file; -1: the one shown now"
+        name="Frame", default=NOW, min=NOW, options={"SKIP_SAVE"}, description="Counted from 0 in the file; -1: the one shown now"
     )
     beside: BoolProperty(name="Beside", options={"SKIP_SAVE"}, description="The point is not on the object, but the outline takes it in")
 
@@ -35,7 +35,7 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
     def description(cls, context, properties):
         """The two buttons say what they are for."""
         what = "beside the object that the outline takes in" if properties.beside else "on the object that the outline leaves out"
-        return f"Click a point {what}, in the picture that is shown now; Esc cancels"
+        return f"Click a point {what}, in the frame that is shown now; Esc cancels"
 
     def act(self, context):
         """One more correction."""
@@ -48,16 +48,16 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
         begin, end = settings.frames if settings.use_frames else (0, clip.frame_duration - 1)
         if not max(begin, 0) <= picture <= min(end, clip.frame_duration - 1):
             raise UsageError(
-                f"Picture {picture} is none of those that are used, {begin} to {end}.", "Go to a frame that shows one of them."
+                f"Frame {picture} of the file is not among those used, {begin} to {end}.", "Go to a scene frame that shows one of them."
             )
         if not all(-0.5 <= at <= side - 0.5 for at, side in zip(self.place, clip.size)):
-            raise UsageError("The point lies outside the picture.", "Click on the picture.")
+            raise UsageError("The point lies outside the clip's image.", "Click on the image.")
         point = settings.corrections.add()
         point.picture, point.place, point.beside = picture, self.place, self.beside
-        return f"The outline is corrected in picture {picture}; Preview shows it"
+        return f"The outline is corrected in frame {picture} of the file; Preview shows it"
 
     def invoke(self, context, event):
-        """Wait for a click in the area's picture."""
+        """Wait for a click in the area's frame."""
         if self.properties.is_property_set("place"):
             return self.execute(context)
         where = "beside" if self.beside else "on"
@@ -80,7 +80,7 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
         return self.execute(context)
 
     def draw_over(self, context, corners) -> None:
-        """The points that the picture has already."""
+        """The points that the frame has already."""
         from ..frame_on_screen import box_on_screen  # needs NumPy
 
         draw_rectangle(*corners, (1.0, 1.0, 1.0, 0.35))

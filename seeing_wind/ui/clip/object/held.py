@@ -13,13 +13,13 @@ from ...job import takes
 
 
 class SEEING_WIND_OT_use_held(DirectOperator, bpy.types.Operator):
-    """Take the proposed place as the one at which the object is held; nothing is looked at again for it"""
+    """Hold the object at the proposed place, without another look at the clip"""
 
     bl_idname = "seeing_wind.use_held"
     bl_label = "Use as Held Place"
 
     def act(self, context):
-        """The proposed picture becomes the setting."""
+        """The proposed image becomes the setting."""
         settings = context.scene.seeing_wind
         if not settings.proposed_pin or not os.path.isfile(settings.proposed_pin):
             raise UsageError("No held place is proposed.", "Run Preview first.")
@@ -37,7 +37,7 @@ class SEEING_WIND_OT_hold_painted(DirectOperator, bpy.types.Operator):
     vertex_group: StringProperty(name="Vertex Group", options={"SKIP_SAVE"}, description="Empty: the object's active group")
 
     def act(self, context):
-        """What is painted becomes a picture beside the take; painting on changes nothing until this is called again."""
+        """What is painted becomes an image beside the take; painting on changes nothing until this is called again."""
         scene = context.scene
         obj = scene.objects.get(self.object) if self.object else context.view_layer.objects.active
         if obj is None or obj.type != "MESH":

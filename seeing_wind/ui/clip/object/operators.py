@@ -1,4 +1,4 @@
-"""Asking a vision-language model what is in the clip's first picture and what it is made of. The answers are shown; the user chooses."""
+"""Asking a vision-language model what is in the clip's first frame and what it is made of. The answers are shown; the user chooses."""
 
 import ipaddress
 from urllib.parse import urlsplit
@@ -26,7 +26,7 @@ class NoModel(UsageError):
 
 
 class SEEING_WIND_OT_identify(JobOperator, bpy.types.Operator):
-    """Ask a vision-language model what is in the clip's first picture, where, and what it is made of; nothing is changed by its answer"""
+    """Ask a vision-language model what is in the clip's first frame, where, and what it is made of; nothing is changed by its answer"""
 
     bl_idname = "seeing_wind.identify"
     bl_label = "Ask What Is in the Clip"

@@ -50,7 +50,7 @@ def object_options(
     if settings.outline_data is not None:
         values = values | {"outline": None}  # its file is made
     elif values["outline"] is None:
-        values = values | {"outline_picture": 0}
+        values = values | {"outline_frame": 0}
     points = [number for one in settings.corrections for number in (float(one.picture), *map(single, one.place), float(not one.beside))]
     given = part_of(values, ObserveSettings, **{name: values[name] for name in named}) | {"correct": tuple(points) or None}
     check_files(given, ObserveSettings)
@@ -61,7 +61,7 @@ def _marked(mode: str, values: dict[str, Any]) -> list[str]:
     """The option by which the user says where the object is, if any; what the scene knows itself is among its inputs."""
     if mode == "MASK":
         if values["mask"] is None:
-            raise ObjectError("No mask is chosen.", "Choose a PNG of the first picture, non-zero where the object is, or draw a box.")
+            raise ObjectError("No mask is chosen.", "Choose a PNG of the first frame, non-zero where the object is, or draw a box.")
         return ["mask"]
     if mode == "BOX":
         x0, y0, x1, y1 = values["box"]

@@ -69,7 +69,7 @@ def _draw_held(column, context, settings) -> None:
     """The way to mark the held place, and the control that does it; that of paint, once something is painted."""
     column.prop(settings, "held_mode")
     if settings.held_mode == "FILE":
-        column.prop(settings, "pin", text="Picture")
+        column.prop(settings, "pin", text="Image")
         active = context.view_layer.objects.active
         if active is not None and active.type == "MESH" and len(active.vertex_groups):
             column.operator("seeing_wind.hold_painted", icon="WPAINT_HLT")
@@ -81,7 +81,7 @@ def _draw_held(column, context, settings) -> None:
 
 
 def _draw_corrections(column, settings) -> None:
-    """What mends the outline in later pictures: points, a Blender mask, or a painted picture."""
+    """What mends the outline in later frames: points, a Blender mask, or a painted image."""
     count = len(settings.corrections)
     mended = settings.outline_data is not None or bool(settings.outline)
     body = fold(column, "corrections", f"Correct the Outline ({count + mended} set)" if count + mended else "Correct the Outline")
@@ -92,14 +92,14 @@ def _draw_corrections(column, settings) -> None:
     row.operator("seeing_wind.correct_outline", text="Point Beside", icon="REMOVE").beside = True
     for point in settings.corrections[-3:]:
         where = f"{'beside' if point.beside else 'on it'} at {point.place[0]:.0f}, {point.place[1]:.0f} px"
-        body.label(text=f"Picture {point.picture}: {where}", icon="REMOVE" if point.beside else "ADD")
+        body.label(text=f"Clip frame {point.picture}: {where}", icon="REMOVE" if point.beside else "ADD")
     if count:
         body.operator("seeing_wind.clear_corrections", icon="X")
     body.prop(settings, "outline_data", text="Blender Mask")
     if settings.outline_data is None:
         body.prop(settings, "outline", text="Painted")
     if mended:
-        body.prop(settings, "outline_picture")
+        body.prop(settings, "outline_frame")
 
 
 def _draw_corners(column, settings, name: str) -> None:
@@ -113,7 +113,7 @@ def _draw_corners(column, settings, name: str) -> None:
 
 
 def _draw_preview(layout, context, settings) -> None:
-    """What is seen, before the solve: the picture, and what can be trusted."""
+    """What is seen, before the solve: an image, and what can be trusted."""
     steps = status.of(context.scene.session_uid).steps
     ready = steps["clip"].state == State.DONE and steps["object"].state == State.DONE
     missing = "" if ready else "Mark the object in a clip first"
@@ -127,7 +127,7 @@ def _draw_preview(layout, context, settings) -> None:
     if picture is not None and picture.preview is not None:
         body.template_icon(icon_value=picture.preview.icon_id, scale=8.0)
     row = body.row(align=True)
-    for name, text, icon in ((PICTURE, "Picture", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
+    for name, text, icon in ((PICTURE, "Image", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
         row.operator("wm.path_open", text=text, icon=icon).filepath = f"{settings.previewed_take}/{name}"
     for verdict in settings.verdicts:
         words = f"{verdict.name.capitalize()}: {verdict.because} {verdict.advice}".strip()

@@ -55,7 +55,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         )
 
     def finish(self, scene, result):
-        """The verdicts, the worst first, and the picture."""
+        """The verdicts, the worst first, and the preview."""
         settings = scene.seeing_wind
         settings.verdicts.clear()
         for each in result.get("verdicts", []):
@@ -93,7 +93,7 @@ def _asked(clip: Clip, marked: Marked) -> ObserveSettings:
 
 
 def _loaded(path: Path) -> bpy.types.Image:
-    """The picture as an image of this file, read anew where an earlier preview is there already."""
+    """The preview as an image of this file, read anew where an earlier preview is there already."""
     image = bpy.data.images.load(str(path), check_existing=True)
     image.reload()
     image.preview_ensure()

@@ -21,21 +21,21 @@ NUMBERS = [one.name for one in options_of(BuildSettings).values() if one.group =
 class ObjectOptions:
     """Which object, at what scale, made of what: settings of a scene, and keyword arguments of Recover."""
 
-    object_mode: choice("Object", "How the object is marked in the first picture", [
+    object_mode: choice("Object", "How the object is marked in the first frame", [
         ("BOX", "Box", "A box round the object, in pixels"),
         ("BLENDER_MASK", "Blender Mask", "A mask drawn in the Movie Clip or Image Editor"),
-        ("PLANE", "Plane Track", "The inside of the clip's active plane track in the first picture"),
+        ("PLANE", "Plane Track", "The inside of the clip's active plane track in the first frame"),
         ("PROXY", "Proxy Mesh", "The outline of the proxy mesh as the camera sees it"),
-        ("MASK", "Mask File", "A PNG of the first picture, non-zero where the object is"),
+        ("MASK", "Mask File", "A PNG of the first frame, non-zero where the object is"),
     ])  # fmt: skip
     held_mode: choice("Held Places", "How the place is marked at which the object is held", [
-        ("FILE", "Picture", "A PNG of the first picture, non-zero where the object is held; without one it is held nowhere"),
-        ("BOX", "Box", "A box round the held part, in pixels of the first picture"),
+        ("FILE", "Image", "A PNG of the first frame, non-zero where the object is held; without one it is held nowhere"),
+        ("BOX", "Box", "A box round the held part, in pixels of the first frame"),
         ("BLENDER_MASK", "Blender Mask", "A mask drawn round the held part in the Movie Clip or Image Editor"),
     ])  # fmt: skip
     held_box: FloatVectorProperty(
         name="Held Box (px)", size=4, options=KEPT, update=changed,
-        description="Left, top, right, bottom of the held part in pixels of the first picture",
+        description="Left, top, right, bottom of the held part in pixels of the first frame",
     )  # fmt: skip
     use_tracks: toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of by our own")
 
@@ -43,7 +43,7 @@ class ObjectOptions:
         ("AUTO", "Automatic", "A camera solve or scene camera sees the object as far away as the world's origin; else the distance below"),
         ("DISTANCE", "Distance", "The distance from the camera to the object is known"),
         ("PIXELS", "Pixels per Metre", "The image scale in the object's plane is known"),
-        ("PROXY", "Proxy Mesh", "A mesh of the scene stands where the object is in the first picture and gives the depth of each pixel"),
+        ("PROXY", "Proxy Mesh", "A mesh of the scene stands where the object is in the first frame and gives the depth of each pixel"),
     ])  # fmt: skip
     material: choice("Material", "What the object is made of", MATERIAL_ITEMS, BuildSettings.material)
 
@@ -51,10 +51,10 @@ class ObjectOptions:
 @with_options(BuildSettings, only=("law",))
 @with_options(BuildSettings, only=NUMBERS, ticks=False, default=0.0, min=0.0)
 class SEEING_WIND_PG_guess(bpy.types.PropertyGroup):
-    """A thing that a vision-language model saw in the clip's first picture; `name` is what it is called."""
+    """A thing that a vision-language model saw in the clip's first frame; `name` is what it is called."""
 
     made_of: StringProperty(name="Made Of", description="Its material, in the model's words")
-    mask: StringProperty(name="Mask", subtype="FILE_PATH", description="Where it is in the first picture")
+    mask: StringProperty(name="Mask", subtype="FILE_PATH", description="Where it is in the first frame")
 
 
 class SEEING_WIND_PG_verdict(bpy.types.PropertyGroup):
@@ -66,9 +66,9 @@ class SEEING_WIND_PG_verdict(bpy.types.PropertyGroup):
 
 
 class SEEING_WIND_PG_correction(bpy.types.PropertyGroup):
-    """A point by which the outline is corrected in one picture."""
+    """A point by which the outline is corrected in one frame."""
 
-    picture: IntProperty(name="Picture", min=0, description="Counted from 0 in the file")
+    picture: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
     place: FloatVectorProperty(name="Place (px)", size=2, description="From the left and from the top")
     beside: BoolProperty(name="Beside", description="The point is not on the object")
 
@@ -77,19 +77,19 @@ class ObjectSettings:
     """What only the scene has: datablocks, which Recover takes by their names, a preview's verdicts, and a model's answers."""
 
     mask_data: PointerProperty(
-        name="Mask Data", type=bpy.types.Mask, description="Closed splines round the object in the first picture", update=changed
+        name="Mask Data", type=bpy.types.Mask, description="Closed splines round the object in the first frame", update=changed
     )
     held_mask: PointerProperty(
-        name="Held Mask", type=bpy.types.Mask, description="Closed splines round the held part in the first picture", update=changed
+        name="Held Mask", type=bpy.types.Mask, description="Closed splines round the held part in the first frame", update=changed
     )
     proxy: PointerProperty(
         name="Proxy", type=bpy.types.Object, poll=is_mesh, update=changed,
-        description="A mesh that stands where the object is in the first picture, as the camera sees it",
+        description="A mesh that stands where the object is in the first frame, as the camera sees it",
     )  # fmt: skip
 
     outline_data: PointerProperty(
         name="Outline Mask", type=bpy.types.Mask, update=changed,
-        description="Closed splines round the object in a later picture, by which the outline is mended",
+        description="Closed splines round the object in a later frame, by which the outline is mended",
     )  # fmt: skip
     corrections: CollectionProperty(type=SEEING_WIND_PG_correction)
 

@@ -1,4 +1,4 @@
-"""What the clip's camera puts on everything that it sees, measured in picture 0, so that a render can have it too.
+"""What the clip's camera puts on everything that it sees, measured in frame 0, so that a render can have it too.
 
 grain     its noise
 softness  how softly it shows a rim

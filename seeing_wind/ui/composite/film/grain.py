@@ -13,7 +13,7 @@ NOISE_WINDOW = np.array([[1.0, -2.0, 1.0], [-2.0, 4.0, -2.0], [1.0, -2.0, 1.0]])
 
 
 def grain_of(take: Take) -> float:
-    """Standard deviation of the clip's noise, of display values in 0..1, from picture 0 beside the object; 0 where it is not known."""
+    """Standard deviation of the clip's noise, of display values in 0..1, from frame 0 beside the object; 0 where it is not known."""
     arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
     picture = arrays.get("image")
     if picture is None or picture.ndim != 3 or min(picture.shape[:2]) < 16:

@@ -22,7 +22,7 @@ INTERPOLATED = 0.14
 
 
 def softness_of(take: Take) -> float:
-    """How softly the clip shows the object's rim in picture 0: standard deviation of the blur [px]; 0 where it does not tell."""
+    """How softly the clip shows the object's rim in frame 0: standard deviation of the blur [px]; 0 where it does not tell."""
     arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
     picture = arrays.get("image")
     if picture is None or picture.ndim != 3 or "masks.windows" not in arrays:
@@ -32,7 +32,7 @@ def softness_of(take: Take) -> float:
 
 
 def softness(picture: np.ndarray, mask: np.ndarray) -> float:
-    """Standard deviation [px] of the blur of a mask's rim (H, W) bool in a picture (H, W, 3) uint8 sRGB; 0 where too little of it tells.
+    """Standard deviation [px] of the blur of a mask's rim (H, W) bool in a frame (H, W, 3) uint8 sRGB; 0 where too little of it tells.
 
     Along the rim's normal a sharp step turns into the integral of the blur, and between a quarter and three quarters of a Gaussian's lie
     1.349 deviations. Only places count where both sides are even; of these the sharper ones, for the others may be blurred by motion.

@@ -40,7 +40,7 @@ def export_edit(
 ) -> tuple[Path, list[str]]:
     """Write an edit of `scene` into `folder`. Returns the path of its edit.toml, and what the user should know of it.
 
-    Meshes are written as they stand at the clip's first picture, before any bake, in the place where they are simulated (the edit's
+    Meshes are written as they stand at the clip's first frame, before any bake, in the place where they are simulated (the edit's
     offset taken off). For a preview the edit asks for coarser particles, and for no more frames than are seen.
 
     Raises:
@@ -103,7 +103,7 @@ def _place(place: np.ndarray | None, folder: Path) -> Path | None:
 
 
 def scene_frames(scene: bpy.types.Scene, count: int, fps: float) -> list[float]:
-    """Scene frames at which the clip's first `count` pictures are."""
+    """Scene frames at which the clip's first `count` frames are."""
     stride = scene.render.fps / scene.render.fps_base / fps if scene.seeing_wind.real_time else 1.0
     return [scene.seeing_wind.frame_start + stride * t for t in range(count)]
 

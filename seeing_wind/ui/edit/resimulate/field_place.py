@@ -41,11 +41,11 @@ class Standing:
 
 
 def standing(scene: bpy.types.Scene, box: np.ndarray, frames: list[float], metres: float) -> Standing:
-    """The field object from each of a clip's pictures to the next.
+    """The field object from each of a clip's frames to the next.
 
     Args:
         box: (2, 3) of the field as it was recovered [m].
-        frames: scene frames of the T + 1 pictures; the scene is left at the first.
+        frames: scene frames of the T + 1 clip frames; the scene is left at the first.
         metres: length of a unit of the scene.
     """
     import numpy as np  # not above, see CONTRIBUTING.md

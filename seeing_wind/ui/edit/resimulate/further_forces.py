@@ -46,11 +46,11 @@ class FurtherForces:
 
 
 def further_forces(fields: list[bpy.types.Object], box: np.ndarray, frames: list[float], metres: float) -> FurtherForces:
-    """The forces of `fields` from each of a clip's pictures to the next.
+    """The forces of `fields` from each of a clip's frames to the next.
 
     Args:
         box: (2, 3) what bodies and the recovered field take up [m].
-        frames: scene frames of the T + 1 pictures.
+        frames: scene frames of the T + 1 clip frames.
         metres: length of a unit of the scene.
 
     Raises:
@@ -58,7 +58,7 @@ def further_forces(fields: list[bpy.types.Object], box: np.ndarray, frames: list
     """
     margin = BESIDE * float(np.ptp(box, axis=0).max())
     box = np.stack([box[0] - margin, box[1] + margin])
-    # solvers go to a frame, and a picture that is between two frames is on its way to the next one
+    # solvers go to a frame, and a clip frame that is between two frames is on its way to the next one
     asked = [int(frame // 1) + 1 for frame in frames[:-1]]
     nodes = fine_lattice(box)
     with _probes(fields, nodes / metres, None) as probes:

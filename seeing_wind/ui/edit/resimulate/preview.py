@@ -24,7 +24,7 @@ def frames_seen(scene: bpy.types.Scene, stride: float) -> int | None:
     """How many of the clip's frames are needed for all that is seen; None where the clip begins after that: then all are.
 
     Args:
-        stride: scene frames from one picture to the next.
+        stride: scene frames from one clip frame to the next.
     """
     frames = math.ceil((last_seen(scene) - scene.seeing_wind.frame_start) / stride - 1e-6)
     return frames if frames > 0 else None

@@ -101,7 +101,7 @@ class EditRequest:
     """Where the edit is shown, from where it is simulated [m]."""
     frame_start: int
     timing: tuple
-    """Bakes by which colliders move, and where anything moves by keyframes of its own, at which scene frames the clip's pictures are."""
+    """Bakes by which colliders move, and where anything moves by keyframes of its own, at which scene frames the clip's frames are."""
     metres: float
     """Length of a unit of the scene."""
 

@@ -16,7 +16,7 @@ class LibraryTab(Tab):
         return context.scene is not None and bool(shelf.entries(shelf.SHELF))
 
     def fill(self, context, layout):
-        """A menu of all; the asset browser has pictures of them."""
+        """A menu of all; the asset browser has images of them."""
         column = layout.column()
         column.operator_menu_enum("seeing_wind.add_wind", "wind", text="Add Wind", icon="FORCE_WIND")
         library = shelf.listed()

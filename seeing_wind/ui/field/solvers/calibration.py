@@ -8,7 +8,7 @@ effector weight W, m the solver's mass:
     cloth         0.02 W S A / M per frame², A the whole area and M the mass of all vertices
     rigid body    W S / m per second², at the origin, no torque; W belongs to the world, not to the body
 
-So W follows from wanting f / rho per second², one scene frame being one picture of the clip. A field that carries a wind pushes otherwise,
+So W follows from wanting f / rho per second², one scene frame being one clip frame. A field that carries a wind pushes otherwise,
 and only cloth and particles, see `in_wind`. What a solver cannot do comes back as notes.
 """
 

@@ -112,7 +112,7 @@ def said_of_drag(field: bpy.types.Object, rate: float, substeps_per_second: floa
     speed, off = held_speed(field), 100.0 * field[LINEAR][1]
     said = (
         f"Blender's drag is linear: right at {speed:.2g} m/s relative to the air, {off:.0f} % off on what stands still in this wind, "
-        f"twice too strong at {0.5 * speed:.2g} m/s"
+        f"twice as strong as it should be at {0.5 * speed:.2g} m/s"
     )
     if rate > COARSE * substeps_per_second:
         said += f". Its steps are too coarse for so light a body: take {math.ceil(rate / (COARSE * substeps_per_second))} times as many"

@@ -27,7 +27,7 @@ def calibrate_particles(
     """Let a particle system feel a field object: every particle accelerates by f / density [m/s²].
 
     Args:
-        settings: changed: mass, the weight of texture force fields, the time step (one frame = one picture of the clip).
+        settings: changed: mass, the weight of texture force fields, the time step (one frame = one clip frame).
         field: made by `create_field_object`.
         mass: of a particle [kg]; None keeps the present one. It does not change the acceleration.
         density: [kg/m³]; None takes that of the recovered material.

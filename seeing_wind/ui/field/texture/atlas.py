@@ -1,6 +1,6 @@
-"""The lattice of all pictures as one image, packed into the file: float pixels without a color space.
+"""The lattice of all frames as one image, packed into the file: float pixels without a color space.
 
-A tile of the image is one layer of the lattice, x to the right and y upwards. Layers of growing z stand side by side, pictures one above
+A tile of the image is one layer of the lattice, x to the right and y upwards. Layers of growing z stand side by side, frames one above
 the other. Blender gives a texture force field 0.5 minus the color, so the colors are 0.5 minus the field over twice its largest component,
 between 0 and 1. Alpha keeps their sum, which the nodes need to turn the field (see `tree`).
 """

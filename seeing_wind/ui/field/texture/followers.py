@@ -1,4 +1,4 @@
-"""Small textures of one color each that follow the scene: the current picture, and how the field object is turned.
+"""Small textures of one color each that follow the scene: the current frame, and how the field object is turned.
 
 Blender reads the numbers in texture nodes once and keeps them, but a texture that a node shows is read anew every time. So what changes
 is the color of such a texture, driven by plain arithmetic, which needs no leave to run scripts.
@@ -28,7 +28,7 @@ class Followers:
     """Textures of one color each."""
 
     clock: bpy.types.Texture
-    """Red is how far up the image the current picture is."""
+    """Red is how far up the image the current frame is."""
     axes: tuple[bpy.types.Texture, ...]
     """Columns of the rotation matrix, plus 1."""
     base: bpy.types.Texture
@@ -41,15 +41,15 @@ class Followers:
 
 
 def make_followers(field: bpy.types.Object, frames: int, height: float, delay: int) -> Followers:
-    """The textures that follow a field object of so many pictures.
+    """The textures that follow a field object of so many frames.
 
     Args:
-        height: of one picture in the image of all.
+        height: of one frame in the image of all.
         delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before.
     """
     at = f"((ceil(frame)-{0.5 * delay}-first)/lasts+0.0001)"
     picture = f"{height!r}*floor(min(max({at}-loops*{frames}*floor({at}/{frames}),0),{frames - 1}))"
-    clock = _one_color(f"{field.name} Picture")
+    clock = _one_color(f"{field.name} Frame")
     for name, key in (("first", "seeing_wind_frame_start"), ("lasts", STRIDE), ("loops", LOOP)):
         _property(_driver(clock, 0, picture), name, field, f'["{key}"]')
     axes = tuple(_turned(field, f"{field.name} {'XYZ'[k]}", [f"1+({ROWS[i][k]})" for i in range(3)]) for k in range(3))

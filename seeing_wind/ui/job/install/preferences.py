@@ -35,7 +35,7 @@ class SEEING_WIND_AP_preferences(bpy.types.AddonPreferences):
     material_endpoint: StringProperty(
         name="Address", description="OpenAI-compatible server of a vision-language model, such as http://localhost:11434/v1"
     )
-    material_model: StringProperty(name="Model", description="The server's name of the model that looks at the clip's first picture")
+    material_model: StringProperty(name="Model", description="The server's name of the model that looks at the clip's first frame")
     material_key: StringProperty(
         name="Key", subtype="PASSWORD",
         description="Of the server, if it wants one. Kept in Blender's preferences, never in a .blend file or a take",

@@ -14,6 +14,7 @@ from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.field import UniformField
 from seeing_wind.engine.look.report import report as module
 from seeing_wind.engine.look.report import write_overlay, write_report, write_trajectory_report
+from seeing_wind.engine.look.report.figure import GREY
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Body, Camera, Gaussians, Material, Observation, Outcome, Particles, Recovery, Surface
 from seeing_wind.engine.recovery.journal import TakeJournal
@@ -115,6 +116,21 @@ def test_a_product_that_cannot_be_made_does_not_cost_the_others(tmp_path, pictur
     assert [path.name for path in (tmp_path / "b.take").iterdir()] == ["report.json"]
 
 
+def test_a_force_that_is_not_seen_is_grey(tmp_path):
+    found, particles = recovery()
+    take, field = Take(tmp_path / "a.take"), UniformField(BOX, FPS, FRAMES, FORCE)
+
+    def grey(one: Recovery) -> tuple[list[int], int]:
+        """The frames that report.json names, and pixels of the net force's curve in report.png that are of its grey."""
+        figures = write_trajectory_report(take, particles, body(particles).material, one, field, {})
+        page = cv2.imread(str(take.file("report.png")))[100:400, 60:700]
+        return figures["wild_frames"], int((page == [int(GREY[at : at + 2], 16) for at in (5, 3, 1)]).all(axis=-1).sum())
+
+    (none, few), (frames, many) = grey(found), grey(dataclasses.replace(found, wild=np.arange(FRAMES) >= 3))
+    assert none == [] and frames == [3, 4] and many > few + 200
+
+
+@pytest.mark.slow
 def test_what_a_killed_report_has_made_is_not_made_again(tmp_path, pictures, monkeypatch):
     found, particles = recovery()
     seen, field = observation(pictures), UniformField(BOX, FPS, FRAMES, FORCE)
@@ -224,7 +240,7 @@ def test_untrusted_forces_are_not_drawn(tmp_path):
 def test_a_clip_that_has_become_shorter(tmp_path):
     found, _ = recovery()
     seen = observation("clip")
-    with pytest.raises(ClipError, match="picture 3"):
+    with pytest.raises(ClipError, match="has 3 frames, the recovery 6"):
         write_overlay(Take(tmp_path / "c.take"), [seen.image] * 3, seen, found, UniformField(BOX, FPS, FRAMES, FORCE))
     assert not list((tmp_path / "c.take").iterdir()), "nothing half-written"
 

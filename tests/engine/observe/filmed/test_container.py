@@ -13,7 +13,7 @@ from seeing_wind.engine.observe.clip.frames import read_clip
 
 
 def filmed(path: Path, fps: float = 30.0) -> bytearray:
-    """An MP4 of ten pictures."""
+    """An MP4 of ten frames."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), fps, (64, 48))
     for t in range(10):
         writer.write(np.full((48, 64, 3), 40 + 5 * t, np.uint8))
@@ -22,7 +22,7 @@ def filmed(path: Path, fps: float = 30.0) -> bytearray:
 
 
 def with_box(data: bytearray, box: bytes) -> bytes:
-    """The MP4 with `box` as the last one of its index, which stands behind the pictures."""
+    """The MP4 with `box` as the last one of its index, which stands behind the frames."""
     place = data.find(b"moov") - 4
     size = struct.unpack(">I", data[place : place + 4])[0]
     data[place : place + 4] = struct.pack(">I", size + len(box))
@@ -48,7 +48,7 @@ def doubts(path: Path, **options: float) -> list[str]:
 def test_slow_motion_is_told_with_the_rate_it_was_filmed_at(tmp_path: Path) -> None:
     (tmp_path / "slow.mp4").write_bytes(with_box(filmed(tmp_path / "a.mp4"), captured(240.0)))
     (told,) = doubts(tmp_path / "slow.mp4")
-    assert "240 pictures a second" in told and "64 times" in told and "--fps 240" in told
+    assert "240 frames a second" in told and "64 times" in told and "--fps 240" in told
     assert doubts(tmp_path / "slow.mp4", fps=240.0) == []
     (tmp_path / "usual.mp4").write_bytes(with_box(filmed(tmp_path / "a.mp4"), captured(30.0)))
     assert doubts(tmp_path / "usual.mp4") == []

@@ -26,7 +26,7 @@ NOWHERE = np.zeros((HEIGHT, WIDTH), bool)
 
 
 def warped(matrix: np.ndarray, grain: int) -> np.ndarray:
-    """The room through an affine map (2, 3) from room to picture pixels, with grain."""
+    """The room through an affine map (2, 3) from room to frame pixels, with grain."""
     picture = cv2.warpAffine(ROOM, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     return np.clip(picture + np.random.default_rng(grain).normal(0, 1.5, picture.shape), 0, 255).astype(np.uint8)
 
@@ -36,7 +36,7 @@ def told(frames: list[np.ndarray]) -> list[str]:
 
 
 def grown(scale: float) -> np.ndarray:
-    """About the picture's middle."""
+    """About the frame's middle."""
     middle = np.array([WIDTH / 2, HEIGHT / 2])
     return np.column_stack([scale * np.eye(2), middle - scale * (middle + [80, 60])])
 
@@ -62,7 +62,7 @@ def test_sizes_that_jump_are_no_lens_that_refocuses() -> None:
 
 
 def read_by_rows(share: float) -> list[np.ndarray]:
-    """A camera that sways sideways by up to 12 px, its rows read over `share` of the time between pictures."""
+    """A camera that sways sideways by up to 12 px, its rows read over `share` of the time between frames."""
     pictures = []
     for t in range(24):
         time = t + share * (np.arange(HEIGHT) / HEIGHT)
@@ -80,7 +80,7 @@ def test_rows_that_are_read_one_after_the_other_are_told() -> None:
 
 
 def interlaced(scene: Scene) -> list[np.ndarray]:
-    """Every second row of each picture is that of the next one."""
+    """Every second row of each frame is that of the next one."""
     frames = [frame.copy() for frame in scene.frames]
     for now, after in zip(frames, scene.frames[1:]):
         now[1::2] = after[1::2]

@@ -108,7 +108,7 @@ def test_answers_are_kept_in_the_take_without_the_key(server, tmp_path: Path, mo
     assert server.headers[0]["Authorization"] == "Bearer secret-3f9a"
     written = b"".join(path.read_bytes() for path in tmp_path.rglob("*") if path.is_file())
     assert b"latex" in written and b"secret-3f9a" not in written and "secret" not in repr(endpoint)
-    # another picture or another model is another question
+    # another frame or another model is another question
     server.answers = [WHAT, {**NUMBERS, "density": 1000.0}, WHAT, NUMBERS]
     assert kept_estimate(take, endpoint, PICTURE[::-1], MASK, NoProgress()).density == 1000.0
     kept_estimate(take, endpoint_of(server.url, "other"), PICTURE, MASK, NoProgress())

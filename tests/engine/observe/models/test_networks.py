@@ -124,7 +124,7 @@ class Model(torch.nn.Module):
 
 
 class CoTrackerPredictor(torch.nn.Module):
-    """The interface of the authors' predictor: every point moves by the model's one weight per picture."""
+    """The interface of the authors' predictor: every point moves by the model's one weight per frame."""
 
     def __init__(self, checkpoint="x.pth", offline=True, v2=False, window_len=60):
         super().__init__()
@@ -133,9 +133,9 @@ class CoTrackerPredictor(torch.nn.Module):
 
     def forward(self, video, queries=None):
         print("loading")
-        batch, pictures, channels, height, width = video.shape
+        batch, frames, channels, height, width = video.shape
         assert channels == 3 and video.dtype == torch.float32 and queries.shape[2] == 3 and float(queries[..., 0].abs().max()) == 0
-        time = torch.arange(pictures, dtype=torch.float32)[None, :, None, None]
+        time = torch.arange(frames, dtype=torch.float32)[None, :, None, None]
         tracks = queries[:, None, :, 1:] + time * self.model.step
         return tracks, torch.ones(tracks.shape[:3], dtype=torch.bool)
 '''
@@ -153,7 +153,7 @@ def test_cotracker_is_asked_for_the_points_and_its_weights_are_safetensors(
     points = np.array([[10.0, 5.0], [30.0, 20.0]])
     xy, visible, sigma = follow_points(str(tmp_path), np.stack([PICTURE] * 3), points, NoProgress())
     assert np.allclose(xy[1], points + [20.0, 1.0])
-    assert visible.tolist() == [[True, True], [True, True], [True, False]], "what left the picture is not seen"
+    assert visible.tolist() == [[True, True], [True, True], [True, False]], "what left the frame is not seen"
     assert sigma.shape == (3, 2) and (sigma == UNKNOWN_SIGMA).all()
     assert "loading" not in capsys.readouterr().out, "standard output belongs to the engine's messages"
 

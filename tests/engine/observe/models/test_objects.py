@@ -1,4 +1,4 @@
-"""Several objects in one picture, each with a material and a mask of its own."""
+"""Several objects in one frame, each with a material and a mask of its own."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ def test_small_ball_with_a_centroid_track(ball) -> None:
 
 
 def test_a_track_that_begins_later_is_carried_back(plate) -> None:
-    # The plate slides right by 5 pixels a picture; the last track begins in picture 1.
+    # The plate slides right by 5 pixels a frame; the last track begins in frame 1.
     shift = np.arange(3)[:, None, None] * np.array([5.0, 0.0])
     xy, visible = plate.xy + shift, plate.visible.copy()
     visible[0, -1] = False

@@ -20,7 +20,7 @@ Distance = Callable[[np.ndarray], np.ndarray]
 
 
 def looking_down(degrees: float) -> Camera:
-    """A camera 1 m from the origin that looks at it, so many degrees downwards; the picture's y is down, the world's -y up."""
+    """A camera 1 m from the origin that looks at it, so many degrees downwards; the frame's y is down, the world's -y up."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, c, s], [0, -s, c]]

@@ -1,4 +1,4 @@
-"""Tracks that begin after picture 0, tied to the body's moved surface."""
+"""Tracks that begin after frame 0, tied to the body's moved surface."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from seeing_wind.engine.settings import BuildSettings
 from seeing_wind.engine.stages import build_body
 
 STEP = np.array([3.0, 0.0])
-"""Pixels that the plate slides in a picture."""
+"""Pixels that the plate slides in a frame."""
 
 
 def sliding(plate: Observation, late: list[list[float]]) -> Observation:
-    """The plate on its way, with tracks that begin at the pixels `late` of picture 1 and go along with it."""
+    """The plate on its way, with tracks that begin at the pixels `late` of frame 1 and go along with it."""
     early = plate.xy + np.arange(3)[:, None, None] * STEP
     later = np.array(late)[None] + (np.arange(3)[:, None, None] - 1.0) * STEP
     xy = np.concatenate([early, later], axis=1)

@@ -1,4 +1,4 @@
-"""Tracks to 3D on a plate that turns out of the picture plane."""
+"""Tracks to 3D on a plate that turns out of the frame plane."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_outliers_do_not_pull(scene) -> None:
     bad[6, 5] += 40.0
     visible = np.ones(xy.shape[:2], dtype=bool)
     lifted = lift(camera, bad, visible, np.full(visible.shape, 0.1), truth[0])
-    # 56 pixels, 560 sigma: Huber bounds the pull, and the next pictures forget it.
+    # 56 pixels, 560 sigma: Huber bounds the pull, and the next frames forget it.
     assert np.linalg.norm(lifted[6] - truth[6], axis=1).max() < 0.015
     assert np.median(np.linalg.norm(lifted[8:] - truth[8:], axis=-1)) < 3e-3
 

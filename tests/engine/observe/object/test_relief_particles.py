@@ -98,7 +98,7 @@ def test_small_ball_is_round(ball) -> None:
     radius = np.sqrt(ball.masks[0].sum() / np.pi) / FOCAL
     assert particles.volume.sum() == pytest.approx(4.0 / 3.0 * np.pi * radius**3, rel=0.15)
     centre = np.average(particles.x, axis=0, weights=particles.volume)
-    # Front view from (0, -1, 0): the ball's middle is at distance 1, at the picture's centre plus half a pixel.
+    # Front view from (0, -1, 0): the ball's middle is at distance 1, at the frame's centre plus half a pixel.
     assert centre == pytest.approx([0.5 / FOCAL, 0.0, -0.5 / FOCAL], abs=0.02 * radius)
 
 

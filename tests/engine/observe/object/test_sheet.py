@@ -29,7 +29,7 @@ WIDTH, HEIGHT = 0.4, 0.3
 
 
 def rolled(flat: np.ndarray, t: float) -> np.ndarray:
-    """Points (K, 2) of the sheet laid flat -> (K, 3) [m] in picture t: a cylinder, flat in picture 0."""
+    """Points (K, 2) of the sheet laid flat -> (K, 3) [m] in frame t: a cylinder, flat in frame 0."""
     curvature = 5.0 * np.sin(2.0 * np.pi * t / 20.0) + 1e-9
     s = flat[:, 0]
     return np.stack([np.sin(curvature * s) / curvature, (1.0 - np.cos(curvature * s)) / curvature, flat[:, 1]], axis=1)
@@ -127,8 +127,9 @@ def test_one_camera_tells_where_a_sheet_is():
     assert np.isfinite(places).all()
 
 
+@pytest.mark.slow
 def test_tracks_that_end_and_tracks_that_begin():
-    """Half of them are gone after picture 12, the other half begin in picture 9: these are tied where the sheet is then."""
+    """Half of them are gone after frame 12, the other half begin in frame 9: these are tied where the sheet is then."""
     seen = sight(count=240)
     visible = seen.visible.copy()
     visible[13:, ::2] = visible[:9, 1::2] = False
@@ -141,6 +142,7 @@ def test_tracks_that_end_and_tracks_that_begin():
     assert np.median(away[1::2]) < 0.001 and away.max() < 0.015
 
 
+@pytest.mark.slow
 def test_tracks_that_slide_count_less():
     seen = sight()
     xy = seen.xy.copy()
@@ -148,6 +150,7 @@ def test_tracks_that_slide_count_less():
     assert off(follow(sheet(), [dataclasses.replace(seen, xy=xy)], FPS)[0]) < 2.0
 
 
+@pytest.mark.slow
 def test_two_cameras_tell_more_than_one():
     alone = follow(sheet(), [sight(count=30)], FPS)[0]
     both = follow(sheet(), [sight(count=30), sight((1.0, -0.6, 0.1), 60, seed=1)], FPS)[0]

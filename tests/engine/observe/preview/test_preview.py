@@ -32,7 +32,7 @@ def verdict(seen: Observation, item: str, settings: ObserveSettings = GIVEN) -> 
 
 
 def swaying(seen: Observation) -> Observation:
-    """A post of which the foot stays at the lower edge of the picture while the head swings by 20 px."""
+    """A post of which the foot stays at the lower edge of the frame while the head swings by 20 px."""
     height, width = seen.masks.height, seen.masks.width
     t = np.arange(len(seen.xy))[:, None]
     y = np.linspace(40.0, height - 20.0, 24)

@@ -141,7 +141,7 @@ def dots(body, count=40):
 
 
 def filmed(body, shift):
-    """Two pictures of the Gaussians, the second with the body moved by `shift` (3,) [m]."""
+    """Two frames of the Gaussians, the second with the body moved by `shift` (3,) [m]."""
     gaussians, behind = dots(body), np.full((80, 96, 3), 90, np.uint8)
     pictures, masks = [], []
     for x in (body.x, body.x + shift):

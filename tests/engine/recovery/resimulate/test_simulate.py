@@ -124,7 +124,10 @@ def test_a_body_lands_on_a_floor_and_on_a_mesh(folder):
         assert -0.17 < lowest.min() < -0.13 and lowest[-1] > -0.17, collider.name
 
 
-@pytest.mark.parametrize(("mesh", "material"), [("box.obj", {**SOFT, "youngs_modulus": 1e5}), ("flag.npz", {"material": "cotton"})])
+@pytest.mark.parametrize(
+    ("mesh", "material"),
+    [pytest.param("box.obj", {**SOFT, "youngs_modulus": 1e5}, marks=pytest.mark.slow), ("flag.npz", {"material": "cotton"})],
+)
 def test_a_hammer_that_moves_drives_bodies_before_it(folder, mesh, material):
     """At 2 m/s along +Y, from a tenth of a metre behind them; in the pre-roll it waits."""
     hammer = trimesh.creation.box((1.0, 0.2, 1.0)).apply_translation((0, -0.3, 0))

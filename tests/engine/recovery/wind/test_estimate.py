@@ -9,7 +9,7 @@ import pytest
 
 from seeing_wind.engine.recovery.prior.basis import spatial_basis
 from seeing_wind.engine.recovery.wind.drag import AIR
-from seeing_wind.engine.recovery.wind.estimate import force_problem, solved, wind_of
+from seeing_wind.engine.recovery.wind.estimate import force_problem, places_of, solved, wind_of
 from seeing_wind.engine.recovery.wind.felt import felt_by
 from seeing_wind.engine.recovery.wind.surface import particle_surface
 from tests.engine.recovery.wind.blown_plate import DENSITY, FPS, SPEED
@@ -41,7 +41,7 @@ def test_wind_along_a_sheet_is_left_to_the_prior(found):
 def test_a_wind_is_more_probable_than_a_force_that_happens_to_fade_like_drag(found, blown):
     felt, basis, estimate = found
     start = np.einsum("tdpi,td->tpi", felt.seen, felt.measured)
-    assert estimate.evidence > solved(force_problem(felt), basis, blown[0].x, [start], 20.0).evidence
+    assert estimate.evidence > solved(force_problem(felt), places_of(basis, blown[0].x, 1.0), [start], 20.0).evidence
 
 
 def test_slopes_are_those_of_finite_differences(found):

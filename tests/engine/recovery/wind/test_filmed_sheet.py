@@ -20,6 +20,7 @@ from seeing_wind.engine.records import Camera
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.wind.blown_sheet import AREAL, FPS, FRAMES, THICKNESS, E, blown
 
+pytestmark = pytest.mark.slow  # a minute; .ci/nightly
 WIDTH, HEIGHT, FOCAL, TRACKS = 480, 320, 480.0, 160
 GIVEN = ["--material", "cotton", "--density", f"{AREAL / THICKNESS:g}", "--thickness", f"{THICKNESS:g}", "--youngs-modulus", f"{E:g}"]
 

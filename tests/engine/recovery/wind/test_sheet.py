@@ -73,7 +73,7 @@ def test_a_sheet_that_falls_freely_feels_its_acceleration_and_nothing_else(file)
 
 
 def test_noise_of_the_points_is_that_of_their_second_differences(file):
-    """Another in every picture: D N D' with the matrix D of the differences."""
+    """Another in every frame: D N D' with the matrix D of the differences."""
     balance, rng = problem_of(followed(file)).balance, np.random.default_rng(4)
     count, data = balance.seen.shape
     parts = rng.normal(size=(count + 2, data, data))

@@ -12,7 +12,7 @@ from ...mask.motion import cut, window_of, within
 from ..stored import Frames
 
 LOOKS = 9
-"""Pictures that are looked at, spread over the clip."""
+"""Frames that are looked at, spread over the clip."""
 
 RIM, REACH = 0.03, 0.5
 """How far from the outline a blurred rim may reach and another thing is looked for, in units of the root of the object's area."""
@@ -25,7 +25,7 @@ LEAST = 0.04
 
 
 def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
-    """Said where in most pictures something that is no shadow differs from the background right beside the object.
+    """Said where in most frames something that is no shadow differs from the background right beside the object.
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB; masks: (T+1, H, W) bool, the object in them; plate: the background.

@@ -1,4 +1,4 @@
-"""Interlaced video: the odd rows of a picture were filmed after the even ones, so whatever moves has a comb for a rim."""
+"""Interlaced video: the odd rows of a frame were filmed after the even ones, so whatever moves has a comb for a rim."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 from ....records import Doubt
 
 EVERY, MOST = 6, 8
-"""Pictures from one that is looked at to the next, as what moves does so for longer, and how many with motion in them are enough."""
+"""Frames from one that is looked at to the next, as what moves does so for longer, and how many with motion in them are enough."""
 
 CHANGED = 12.0
-"""Grey levels by which a pixel differs from the picture before for it to move."""
+"""Grey levels by which a pixel differs from the frame before for it to move."""
 
 TOOTH = 10.0
 """Grey levels by which a row differs from both of its neighbours, in the same direction, in a comb."""
@@ -25,7 +25,7 @@ FEWEST = 200
 
 
 class Combing:
-    """Looks at some of the pictures as they are decoded, at the file's own size, which a smaller copy does not keep."""
+    """Looks at some of the frames as they are decoded, at the file's own size, which a smaller copy does not keep."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -33,7 +33,7 @@ class Combing:
         self._found: list[bool] = []
 
     def add(self, picture: np.ndarray) -> None:
-        """The next picture (H, W, 3) uint8 RGB."""
+        """The next frame (H, W, 3) uint8 RGB."""
         turn = self._count % EVERY
         self._count += 1
         if turn > 1 or len(self._found) == MOST:
@@ -51,7 +51,7 @@ class Combing:
                 self._found.append(rows > max(LEAST, TIMES * columns))
 
     def doubt(self) -> Doubt | None:
-        """Said where most pictures with motion in them are combed."""
+        """Said where most frames with motion in them are combed."""
         if not self._found or np.mean(self._found) <= 0.5:
             return None
         return Doubt(

@@ -1,4 +1,4 @@
-"""What an MP4 or QuickTime file says of itself besides its pictures (ISO/IEC 14496-12; Android's and QuickTime's metadata keys)."""
+"""What an MP4 or QuickTime file says of itself besides its frames (ISO/IEC 14496-12; Android's and QuickTime's metadata keys)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _slow_motion(index: bytes, fps: float) -> Doubt | None:
         return None
     return Doubt(
         1.5,
-        f"The phone filmed {captured:.4g} pictures a second and the file plays {fps:.4g}: it is slow motion, and forces are "
+        f"The phone filmed {captured:.4g} frames a second and the file plays {fps:.4g}: it is slow motion, and forces are "
         f"{(captured / fps) ** 2:.3g} times too small.",
         f"Give --fps {captured:.4g}.",
     )

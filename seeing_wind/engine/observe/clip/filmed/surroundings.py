@@ -13,35 +13,35 @@ from ..shake import LEAST_CORNERS, LEAST_PART, surrounding_corners
 from ..stored import Frames
 
 MOST = 20
-"""Pictures that are looked at, spread over the clip."""
+"""Frames that are looked at, spread over the clip."""
 
 BREATHES = 0.004
-"""Relative change of the picture's size from which it is told: two pixels at the rim of a picture of 1000. Corners are tracked ten times
+"""Relative change of the frame's size from which it is told: two pixels at the rim of a frame of 1000. Corners are tracked ten times
 as well."""
 
 ROUND, JUMPS = 5, 4.0
-"""Pictures over whose median it is taken, and how many times as much as they usually differ from that it has to be."""
+"""Frames over whose median it is taken, and how many times as much as they usually differ from that it has to be."""
 
 SLIDES = 0.05
-"""Part of the picture's width by which a picture that grows may slide: a camera that moves does both."""
+"""Part of the frame's width by which a frame that grows may slide: a camera that moves does both."""
 
 LEANS = 0.7
-"""Pixels over the picture's height by which upright things lean, from which it is told."""
+"""Pixels over the frame's height by which upright things lean, from which it is told."""
 
 READ, AGREE = (0.1, 1.2), 0.8
-"""Part of the time between two pictures that a sensor takes to be read, and how closely the leaning has to follow the camera's speed."""
+"""Part of the time between two frames that a sensor takes to be read, and how closely the leaning has to follow the camera's speed."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Of the surroundings, against picture 0, as affine maps, in those pictures in which they could be followed."""
+    """Of the surroundings, against frame 0, as affine maps, in those frames in which they could be followed."""
 
     pictures: np.ndarray
     """(P,) int."""
     affine: np.ndarray
-    """(P, 2, 3) [px], about the picture's middle."""
+    """(P, 2, 3) [px], about the frame's middle."""
     speed: np.ndarray
-    """(P,) [px per picture] to the right."""
+    """(P,) [px per frame] to the right."""
 
 
 def camera_doubts(frames: Frames, around: np.ndarray, progress: Progress) -> list[Doubt]:
@@ -49,7 +49,7 @@ def camera_doubts(frames: Frames, around: np.ndarray, progress: Progress) -> lis
 
     Args:
         frames: (T+1, H, W, 3) uint8 RGB, as filmed.
-        around: (H, W) bool, where the object is in picture 0.
+        around: (H, W) bool, where the object is in frame 0.
     """
     motion = surroundings(frames, around, progress)
     height, width = frames.shape[1:3]
@@ -106,7 +106,7 @@ def _breathing(motion: Motion, width: int) -> Doubt | None:
         return None
     return Doubt(
         0.7,
-        f"All that stands still grows or shrinks by up to {100 * abs(smooth[most]):.1f} %, most in picture {motion.pictures[most]}: "
+        f"All that stands still grows or shrinks by up to {100 * abs(smooth[most]):.1f} %, most in frame {motion.pictures[most]}: "
         "the lens refocuses or zooms, and that is taken for motion.",
         "Lock the focus while filming, or choose a part in which it is still.",
     )
@@ -126,7 +126,7 @@ def _row_by_row(motion: Motion, height: int) -> Doubt | None:
         return None
     return Doubt(
         0.6,
-        f"The camera shakes while its sensor is read row by row ({100 * share:.0f} % of the time between pictures), so the picture wobbles "
+        f"The camera shakes while its sensor is read row by row ({100 * share:.0f} % of the time between frames), so the image wobbles "
         f"by up to {np.abs(lean - np.median(lean)).max():.1f} px.",
         "Hold the camera still, or put it on a tripod.",
     )

@@ -1,4 +1,4 @@
-"""Points that ride on other points with weights fixed in picture 0, by affine moving least squares.
+"""Points that ride on other points with weights fixed in frame 0, by affine moving least squares.
 
 The paper moves every Gaussian with its three nearest key points (Eq. (13) of arXiv 2512.00762). Here the body moves by
 physics, and it is the key points, the Gaussians and the surface that ride on the particles (`attach`): 16 neighbours instead of three
@@ -40,9 +40,9 @@ def attach(points: np.ndarray, particles_x: np.ndarray, neighbours: int = 16, *,
     """
     points, particles_x = np.asarray(points, dtype=np.float64).reshape(-1, 3), np.asarray(particles_x, dtype=np.float64)
     if len(particles_x) == 0:
-        raise ObjectError("There are no particles to attach points to.", "Check the mask of the first picture.")
+        raise ObjectError("There are no particles to attach points to.", "Check the mask of the first frame.")
     if not (np.isfinite(points).all() and np.isfinite(particles_x).all()):
-        raise ObjectError("A point or particle to attach has no finite position.", "Check depth and tracks of the first picture.")
+        raise ObjectError("A point or particle to attach has no finite position.", "Check depth and tracks of the first frame.")
     count = min(neighbours, len(particles_x))
     distance, index = cKDTree(particles_x).query(points, k=count)
     distance, index = distance.reshape(-1, count), index.reshape(-1, count)

@@ -1,4 +1,4 @@
-"""The tracked points in picture 0: where they are on the body, and how they ride on its particles."""
+"""The tracked points in frame 0: where they are on the body, and how they ride on its particles."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ NEIGHBOURS = 16
 
 
 def place(observation: Observation, relief: Relief, particles: Particles) -> np.ndarray:
-    """Key points P^0 = pi^-1(p^0, d), Eq. (10), on the visible surface in picture 0.
+    """Key points P^0 = pi^-1(p^0, d), Eq. (10), on the visible surface in frame 0.
 
     A centroid track is the point behind the silhouette's centroid at the depth of the body's centre of mass. A track that begins later
-    is placed among the tracks of the picture in which it begins (affine moving least squares there) and carried back to picture 0.
+    is placed among the tracks of the frame in which it begins (affine moving least squares there) and carried back to frame 0.
 
     Returns:
-        (K, 3) [m], NaN for a track that is seen in no picture.
+        (K, 3) [m], NaN for a track that is seen in no frame.
     """
     count = observation.xy.shape[1]
     points = np.full((count, 3), np.nan)
@@ -30,7 +30,7 @@ def place(observation: Observation, relief: Relief, particles: Particles) -> np.
     points[on_surface] = _unproject(relief, observation.xy[0, on_surface])
     centre = np.average(particles.x, axis=0, weights=particles.volume)
     for k in np.flatnonzero(observation.on_centroid & (first >= 0)):
-        # The centroid of picture 0 if it is seen there; one that is seen later only stands for the body's centre.
+        # The centroid of frame 0 if it is seen there; one that is seen later only stands for the body's centre.
         depth = observation.camera.project(centre)[1]
         points[k] = observation.camera.unproject(observation.xy[0, k], depth) if first[k] == 0 else centre
     for t in np.unique(first[first > 0]):
@@ -63,7 +63,7 @@ def ride(points: np.ndarray, on_centroid: np.ndarray, particles: Particles) -> A
 
 
 def held(observation: Observation, points: np.ndarray) -> np.ndarray:
-    """(K,) bool: key points that lie in the pinned region of picture 0."""
+    """(K,) bool: key points that lie in the pinned region of frame 0."""
     height, width = observation.pin.shape
     known = np.isfinite(points).all(axis=1)
     xy = observation.camera.project(np.where(known[:, None], points, points[known].mean(axis=0) if known.any() else 0.0))[0]

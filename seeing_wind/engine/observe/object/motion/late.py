@@ -1,9 +1,9 @@
-"""Where on the body the tracks are that begin after picture 0.
+"""Where on the body the tracks are that begin after frame 0.
 
-Such a track is followed from a side of the body that picture 0 did not show, so no depth map tells where it is. The body's surface is
+Such a track is followed from a side of the body that frame 0 did not show, so no depth map tells where it is. The body's surface is
 moved along with the clip (`pose`), and the ray of the track meets it. At first that is done where the track begins, with the body as it
 was believed then; once the whole clip has been gone through, each track is tied anew to where its rays met the surface in all its
-pictures, those that look squarely at the surface counting most (a body seen at a glance tells little of the place on it), and the body
+frames, those that look squarely at the surface counting most (a body seen at a glance tells little of the place on it), and the body
 is moved again.
 """
 
@@ -27,13 +27,13 @@ LATE_SIGMA = 5.0
 """Trust in a later track's tie while the body is moved [px]: the outline can pull it right."""
 
 SQUARELY = 4
-"""Power of the cosine between view and normal by which a picture counts for a tie."""
+"""Power of the cosine between view and normal by which a frame counts for a tie."""
 
 NEAR = 8
 """Triangles over which a normal is averaged."""
 
 GUIDES = 12
-"""Tracks of picture 0 from which on a later one in their midst is placed by them."""
+"""Tracks of frame 0 from which on a later one in their midst is placed by them."""
 
 LEAST_COSINE = 0.1
 """A surface seen at a sharper angle ties nothing."""
@@ -42,17 +42,17 @@ LEAST_COSINE = 0.1
 def tie(
     observation: Observation, surface: Surface, points: np.ndarray, first: np.ndarray, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Places in picture 0 of the tracks that begin later.
+    """Places in frame 0 of the tracks that begin later.
 
     Args:
         observation: the tracks and masks.
-        surface: of the body in picture 0.
-        points: (K, 3) the key points of the tracks that begin in picture 0 [m]; other rows are not used.
-        first: (K,) the picture in which each track begins; negative for those that are not to be tied.
+        surface: of the body in frame 0.
+        points: (K, 3) the key points of the tracks that begin in frame 0 [m]; other rows are not used.
+        first: (K,) the frame in which each track begins; negative for those that are not to be tied.
 
     Returns:
         (K, 3) [m], NaN for a track whose rays miss the surface throughout (and for those that are not later ones); and (K,) the
-        standard deviation [px] of where the body was thought to be: how far the pictures' ties disagree.
+        standard deviation [px] of where the body was thought to be: how far the frames' ties disagree.
     """
     early, later = first == 0, first > 0
     ties = np.where(early[:, None], points, np.nan)
@@ -76,7 +76,7 @@ def _moved(
     span: tuple[int, int],
     progress: Progress,
 ) -> list[np.ndarray]:
-    """The surface's vertices (V, 3) in the pictures from span[0] up to span[1]; tracks without a tie get one as they begin."""
+    """The surface's vertices (V, 3) in the frames from span[0] up to span[1]; tracks without a tie get one as they begin."""
     sigma = np.where(first[None] == 0, observation.sigma, LATE_SIGMA)
     known = np.isfinite(ties).all(axis=1)
     weight = np.zeros((len(first), body.nodes))
@@ -127,7 +127,7 @@ def _tied(
 
 
 def _squarely(rest: np.ndarray, surface: Surface, moved: np.ndarray, camera: Camera, frame: int) -> np.ndarray:
-    """(K,) cosine between the view and the normal where points (K, 3) of the surface in picture 0 are in picture `frame`.
+    """(K,) cosine between the view and the normal where points (K, 3) of the surface in frame 0 are in frame `frame`.
 
     The normal is the mean over the triangles near the point: those of a rough surface scatter.
     """
@@ -144,7 +144,7 @@ def _squarely(rest: np.ndarray, surface: Surface, moved: np.ndarray, camera: Cam
 
 
 def among(observation: Observation, first: np.ndarray) -> np.ndarray:
-    """(K,) bool: later tracks that begin amid enough tracks of picture 0, whose motion says where they are (`keypoints.place`)."""
+    """(K,) bool: later tracks that begin amid enough tracks of frame 0, whose motion says where they are (`keypoints.place`)."""
     inside = np.zeros(len(first), bool)
     for t in np.unique(first[first > 0]):
         late = np.flatnonzero(first == t)

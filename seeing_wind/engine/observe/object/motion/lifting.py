@@ -1,8 +1,8 @@
-"""Key points from pixels to 3D: P^0 by unprojection, then picture by picture reprojection with as-rigid-as-possible motion.
+"""Key points from pixels to 3D: P^0 by unprojection, then frame by frame reprojection with as-rigid-as-possible motion.
 
 Paper, section 3.4: P^0 = pi^-1(p^0, d) (Eq. (10)), then min |pi(P^{t+1}) - p^{t+1}| + lambda L_arap (Eq. (11)). The paper's L_arap compares
-difference vectors of neighbours (Eq. (12), mode "difference"), so a rotation out of the picture plane costs as much as a deformation and
-turns into false depth. The default compares with *rotated* difference vectors of picture 0 (Sorkine and Alexa, As-rigid-as-possible
+difference vectors of neighbours (Eq. (12), mode "difference"), so a rotation out of the frame plane costs as much as a deformation and
+turns into false depth. The default compares with *rotated* difference vectors of frame 0 (Sorkine and Alexa, As-rigid-as-possible
 surface modeling, 2007), the rotation of every neighbourhood being found along with the points.
 
 The result is for display and for a start; forces are fitted to the pixels themselves.
@@ -22,7 +22,7 @@ from ....progress import Journal, NoProgress, Progress
 from ....records import Camera
 
 Arap = Literal["rest", "previous", "difference"]
-"""What neighbours are compared with: rotated picture 0 (elastic bodies), the rotated previous picture (plastic), the paper's Eq. (12)."""
+"""What neighbours are compared with: rotated frame 0 (elastic bodies), the rotated previous frame (plastic), the paper's Eq. (12)."""
 
 NEIGHBOURS = 8
 EDGE_SIGMA = 0.07
@@ -70,7 +70,7 @@ def lift(
         pinned: (K,) points that are held where they are.
 
     Returns:
-        (T+1, K, 3) [m], NaN for a point that is seen in no picture. Where a point is hidden its neighbours carry it.
+        (T+1, K, 3) [m], NaN for a point that is seen in no frame. Where a point is hidden its neighbours carry it.
 
     Raises:
         ObjectError: shapes that do not fit, or a start that is not finite.
@@ -88,7 +88,7 @@ def lift_views(
 ) -> np.ndarray:
     """Lift the tracks of several cameras together: what one does not see, its neighbours' pixels in another hold, through rigidity.
 
-    Arguments, result and errors as `lift`, with one `Sight` per camera over the same pictures and points.
+    Arguments, result and errors as `lift`, with one `Sight` per camera over the same frames and points.
     """
     frames = len(sights[0].xy)
     for one in sights:
@@ -104,7 +104,7 @@ def lift_views(
     if use.size == 0:
         return lifted
     if not np.isfinite(start[use]).all():
-        raise ObjectError("A tracked point has no depth in the first picture.", "Check the depth map.")
+        raise ObjectError("A tracked point has no depth in the first frame.", "Check the depth map.")
     held = np.zeros(use.size, dtype=bool) if pinned is None else pinned[use]
     points = np.empty((frames, use.size, 3))
     points[0] = start[use]
@@ -143,7 +143,7 @@ def neighbour_edges(points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Look:
-    """One camera's pixels in one picture: points `seen` (M,), where (M, 2) and how well (M,) [px]."""
+    """One camera's pixels in one frame: points `seen` (M,), where (M, 2) and how well (M,) [px]."""
 
     camera: Camera
     seen: np.ndarray
@@ -152,7 +152,7 @@ class _Look:
 
 
 class _Picture:
-    """The least-squares problem of one picture: Gauss-Newton, the neighbourhoods' rotations eliminated point by point."""
+    """The least-squares problem of one frame: Gauss-Newton, the neighbourhoods' rotations eliminated point by point."""
 
     def __init__(
         self, looks: Sequence[_Look], frame: int, edges: np.ndarray, rest: np.ndarray, held: np.ndarray, arap: Arap
@@ -166,7 +166,7 @@ class _Picture:
             self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - looks[0].camera.pose(0)[:3, 3]))
 
     def solve(self, ahead: np.ndarray, previous: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Points (K, 3) and rotations (K, 3, 3) of this picture from a start `ahead` and those of the picture before."""
+        """Points (K, 3) and rotations (K, 3, 3) of this frame from a start `ahead` and those of the frame before."""
         if self.arap == "rest":
             reference = self.rest
         else:

@@ -1,4 +1,4 @@
-"""Where the whole body is in every picture, from the tracks tied to it so far and its silhouette: to find what later tracks belong to.
+"""Where the whole body is in every frame, from the tracks tied to it so far and its silhouette: to find what later tracks belong to.
 
 A few nodes on the body's surface move as rigidly as possible (as in `lifting`), drawn by tracked points that ride on them, by the
 outline of the mask, and where both say little by the continuation of the body's motion as a rigid one: through the moment in which a
@@ -31,7 +31,7 @@ OUTLINE_REACH = 20.0
 """Pixels beyond which outline and body are not taken for the same place."""
 HUBER = 2.0
 STEADINESS = 0.05
-"""How far the body strays from the rigid continuation of its motion in a picture, in units of its radius."""
+"""How far the body strays from the rigid continuation of its motion in a frame, in units of its radius."""
 HELD_STILL = 0.05
 """How far what is held strays from its place, in units of the nodes' distance."""
 LEAST_SIGMA = 0.5
@@ -39,12 +39,12 @@ LEAST_SIGMA = 0.5
 
 
 HIDDEN, EDGE_ON = 0.1, 0.35
-"""Where less than this part of the points of picture 0 is seen and the front is this near to edge-on (cosine), it may face away."""
+"""Where less than this part of the points of frame 0 is seen and the front is this near to edge-on (cosine), it may face away."""
 
 
 @dataclass
 class _Pull:
-    """Points that ride on the nodes and where they should be in the picture."""
+    """Points that ride on the nodes and where they should be in the frame."""
 
     weight: np.ndarray
     """(M, N)."""
@@ -57,15 +57,15 @@ class _Pull:
 
 
 class BodyPose:
-    """The body's surface from picture to picture.
+    """The body's surface from frame to frame.
 
     Attributes:
-        vertices: (V, 3) [m] in the newest picture.
+        vertices: (V, 3) [m] in the newest frame.
         nodes: N, how many nodes it moves by.
     """
 
     def __init__(self, rest: np.ndarray, camera: Camera, early: np.ndarray, held: np.ndarray) -> None:
-        """`rest` (V, 3) the surface's vertices in picture 0 [m], `early` (M, 3) the points on it that are tracked there, `held` (V,) bool
+        """`rest` (V, 3) the surface's vertices in frame 0 [m], `early` (M, 3) the points on it that are tracked there, `held` (V,) bool
         which vertices stay where they are."""
         self.rest, self.camera = rest, camera
         self._early = len(early)
@@ -83,11 +83,11 @@ class BodyPose:
         self._now, self._before = self._nodes, self._nodes
 
     def weights(self, points: np.ndarray) -> np.ndarray:
-        """(K, N): how points (K, 3) in picture 0 ride on the nodes."""
+        """(K, N): how points (K, 3) in frame 0 ride on the nodes."""
         return dense(attach(points, self._nodes, NEIGHBOURS), len(self._nodes))
 
     def advance(self, frame: int, weight: np.ndarray, xy: np.ndarray, sigma: np.ndarray, mask: np.ndarray) -> None:
-        """Move the body to picture `frame`.
+        """Move the body to frame `frame`.
 
         Args:
             weight: (M, N) how the tracked points seen there ride on the nodes; xy: (M, 2) [px]; sigma: (M,) [px].
@@ -122,7 +122,7 @@ class BodyPose:
         return (points - points.mean(axis=0)) @ turn.T + points.mean(axis=0)
 
     def _fit(self, ahead: np.ndarray, frame: int, tracks: _Pull, mask: np.ndarray) -> np.ndarray:
-        """The nodes (N, 3) in picture `frame`, from where they are expected."""
+        """The nodes (N, 3) in frame `frame`, from where they are expected."""
         points = ahead
         for _ in range(ITERATIONS):
             pulls = [tracks]

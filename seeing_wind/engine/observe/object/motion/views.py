@@ -17,7 +17,7 @@ from .lifting import Arap, Sight, lift_views
 
 
 def view_targets(body: Body, observation: Observation) -> TrackTargets:
-    """Targets of a further view: every track of picture 0 is followed along its ray to the body's surface.
+    """Targets of a further view: every track of frame 0 is followed along its ray to the body's surface.
 
     Raises:
         ObjectError: when no track of the view meets the body, so camera or scale contradict the first view.
@@ -28,7 +28,7 @@ def view_targets(body: Body, observation: Observation) -> TrackTargets:
     if use.size == 0:
         raise ObjectError(
             f"None of the {int(seen.sum())} points tracked in {observation.clip} lies on the object of the first view.",
-            "Check that both cameras are in the same world and that picture 0 of both clips is the same moment.",
+            "Check that both cameras are in the same world and that frame 0 of both clips is the same moment.",
         )
     return TrackTargets(
         xy=observation.xy[:, use],
@@ -42,11 +42,11 @@ def view_targets(body: Body, observation: Observation) -> TrackTargets:
 def lifted_together(
     observation: Observation, body: Body, targets: Sequence[TrackTargets], progress: Progress | None = None, journal: Journal | None = None
 ) -> Body:
-    """The body with its key points P^t lifted by all views at once: one camera's depth is the other one's picture.
+    """The body with its key points P^t lifted by all views at once: one camera's depth is the other one's frame.
 
     Args:
         observation: the first view, which has the body's key points; targets: of the first view, then of further ones (`view_targets`).
-        journal: keeps the pictures that were lifted so far.
+        journal: keeps the frames that were lifted so far.
 
     Returns:
         The body with `lifted` (T+1, K, 3) of the first view's key points only, for the others are no part of the observation.
@@ -72,11 +72,11 @@ def lifted_together(
 def surface_points(
     vertices: np.ndarray, triangles: np.ndarray, camera: Camera, xy: np.ndarray, frame: int = 0, rest: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """First crossing of the pixels' rays in picture `frame` with a triangle mesh.
+    """First crossing of the pixels' rays in frame `frame` with a triangle mesh.
 
     Args:
-        vertices: (V, 3) in that picture [m]; triangles: (M, 3); xy: (K, 2) [px].
-        rest: (V, 3) the vertices in another picture [m], in which the points are wanted; None takes `vertices`.
+        vertices: (V, 3) in that frame [m]; triangles: (M, 3); xy: (K, 2) [px].
+        rest: (V, 3) the vertices in another frame [m], in which the points are wanted; None takes `vertices`.
 
     Returns:
         points (K, 3) [m] (NaN where the ray misses) and hit (K,) bool. Moeller and Trumbore 1997, all pairs at once.

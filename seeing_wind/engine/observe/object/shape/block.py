@@ -131,7 +131,7 @@ class Block:
         return shown
 
     def _at(self, picture: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Values of a picture (H, W) bool where points (..., 3) are seen; False outside the picture."""
+        """Values of a frame (H, W) bool where points (..., 3) are seen; False outside the frame."""
         xy, depth = self.camera.project(points)
         column, row = (np.round(np.where(depth > 0.0, xy[..., axis], -1.0)).astype(int) for axis in range(2))
         height, width = picture.shape

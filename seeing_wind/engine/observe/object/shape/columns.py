@@ -1,4 +1,4 @@
-"""Columns along the line of sight, on a lattice in the picture: how plates, posts and the parts of a body on a stem are cut up."""
+"""Columns along the line of sight, on a lattice in the frame: how plates, posts and the parts of a body on a stem are cut up."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ def layers_of(thickness: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def surface_metric(relief: Relief) -> np.ndarray:
-    """(2, 2) metres per pixel along the plane that fits the visible surface best: a lattice is to be regular there, not in the picture.
+    """(2, 2) metres per pixel along the plane that fits the visible surface best: a lattice is to be regular there, not in the frame.
 
-    Rows are coordinates in that plane, columns are picture x and y.
+    Rows are coordinates in that plane, columns are frame x and y.
     """
     rows, columns = np.nonzero(relief.mask)
     xy = np.stack([columns, rows], axis=1).astype(float)
     points = relief.points(xy, 0.0 if relief.kind == "plate" else 0.5)
     design = np.column_stack([np.ones(len(xy)), xy])
     slope = np.linalg.lstsq(design, points, rcond=None)[0][1:]  # (2, 3): world metres per pixel
-    # The symmetric square root of the first fundamental form: the picture plane's axes are kept as far as a stretch allows.
+    # The symmetric square root of the first fundamental form: the frame plane's axes are kept as far as a stretch allows.
     values, vectors = np.linalg.eigh(slope @ slope.T)
     metre_per_pixel = np.median(relief.front[relief.mask]) / np.sqrt(relief.camera.fx * relief.camera.fy)
     sizes = np.clip(np.sqrt(np.maximum(values, 0.0)), 0.5 * metre_per_pixel, 4.0 * metre_per_pixel)

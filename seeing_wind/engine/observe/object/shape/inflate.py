@@ -29,7 +29,7 @@ FLATTEST, DEEPEST = 0.3, 1.5
 LEAKED = 0.5
 """A bulge that falls below this share of itself without the pixels along the outline is one of them, not of the body."""
 CLOSEST = 0.5
-"""Radius over distance of what fills the picture; nothing is taken to be nearer."""
+"""Radius over distance of what fills the frame; nothing is taken to be nearer."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ def bulges(front: np.ndarray, mask: np.ndarray, pixel: float, union: Balls) -> t
 
 
 def _blur(image: np.ndarray, sigma: float) -> np.ndarray:
-    """Gaussian; wider than the picture, it is its mean."""
+    """Gaussian; wider than the frame, it is its mean."""
     return ndimage.gaussian_filter(image, sigma, truncate=3.0) if sigma < max(image.shape) else np.full(image.shape, image.mean())
 
 

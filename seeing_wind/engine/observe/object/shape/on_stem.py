@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....materials import CELL_SPACINGS, MAX_SUBSTEPS, Material, substeps_needed
+from ....materials import LIMITS, Material, substeps_needed
 from ....records import Particles
 from .columns import MIN_SPACING_PIXELS, columns_of, layers_of, surface_metric
 from .parts import Parts, sections
@@ -43,15 +43,15 @@ def too_fine(parts: Parts) -> str | None:
 
 
 def widening(relief: Relief, parts: Parts, material: Material, frame_dt: float) -> float:
-    """k: how many times as far from the middle the particles are, so that `MAX_SUBSTEPS` of a frame [s] carry the material."""
-    needed = substeps_needed(material, CELL_SPACINGS * _spacing(relief, parts), frame_dt)
+    """k: how many times as far from the middle the particles are, so that `LIMITS.max_substeps` of a frame [s] carry the material."""
+    needed = substeps_needed(material, LIMITS.cell_spacings * _spacing(relief, parts), frame_dt)
     length = float(np.linalg.norm(np.diff(parts.axis, axis=0), axis=1).sum())
     most = length / (SLENDEREST * 2.0 * stem_spacing(parts))
-    return max(1.0, min(math.sqrt(needed / MAX_SUBSTEPS), most))
+    return max(1.0, min(math.sqrt(needed / LIMITS.max_substeps), most))
 
 
 def fill_parts(relief: Relief, parts: Parts, held: np.ndarray, wider: float = 1.0) -> Particles:
-    """Fill a body on a stem. held: (H, W) bool, where it is held in picture 0; wider: as `widening`."""
+    """Fill a body on a stem. held: (H, W) bool, where it is held in frame 0; wider: as `widening`."""
     pixel, spacing = _pixel(relief), wider * _spacing(relief, parts)
     sheets = [parts.sheets == number for number in range(1, parts.sheets.max() + 1)]
     filled = [_stem(relief, parts, held, pixel, wider), _columns(relief, parts.head, COARSE * spacing, held, 1.0)]

@@ -1,6 +1,6 @@
 """Material points between the visible surface and the back.
 
-Plates and posts: columns on a lattice in the picture, layers along the line of sight. Balls and other solids, whose far side would have
+Plates and posts: columns on a lattice in the frame, layers along the line of sight. Balls and other solids, whose far side would have
 much wider columns than the near one, and blocks, whose sides are known: cells of a cubic lattice.
 """
 
@@ -48,7 +48,7 @@ def fill(
     Args:
         relief: front and back of the body.
         count: wanted number of particles; bodies of few pixels get fewer, and one on a stem gets as many as its stem asks for.
-        pin: (H, W) bool, where the body is held in picture 0; every layer behind a held column is held.
+        pin: (H, W) bool, where the body is held in frame 0; every layer behind a held column is held.
         wider: of a body on a stem, how many times as far from the stem's middle its particles are, see `on_stem.widening`.
 
     Returns:
@@ -62,7 +62,7 @@ def fill(
         raise ObjectError(f"{count} particles cannot stand for a body.", "Ask for some hundreds.")
     held = np.zeros_like(relief.mask) if pin is None else np.asarray(pin, dtype=bool)
     if held.any() and not (held & relief.mask).any():
-        raise ObjectError("The pinned region lies off the object.", "Paint the part of the object that is held in the first picture.")
+        raise ObjectError("The pinned region lies off the object.", "Paint the part of the object that is held in the first frame.")
     if relief.parts is not None:
         return fill_parts(relief, relief.parts, held, wider)
     if relief.kind in SOLID:

@@ -44,7 +44,7 @@ SHEET_PIXELS = 24
 
 @dataclass(frozen=True)
 class Parts:
-    """Stem, head and sheets in picture 0."""
+    """Stem, head and sheets in frame 0."""
 
     axis: np.ndarray
     """(S, 2) the stem's axis [px], from what is held to the head, a pixel apart."""

@@ -1,4 +1,4 @@
-"""What of a solid is held: the painted part of the picture shows the border on the visible side only, and the border runs on inside.
+"""What of a solid is held: the painted part of the frame shows the border on the visible side only, and the border runs on inside.
 
 A pot is held up to its rim, also behind the rim, where the rays of unpainted pixels pass over it and go down. So the border is the plane
 that parts the painted front from the rest, and, as far as that does not say how it is tilted, runs along the view. A block is held
@@ -33,7 +33,7 @@ def held_dots(relief: Relief, held: np.ndarray, dots: np.ndarray, pixel: np.ndar
 
     Args:
         relief: front and back of the body.
-        held: (H, W) bool, painted as held in picture 0.
+        held: (H, W) bool, painted as held in frame 0.
         dots: places [m].
         pixel: (D,) number of each dot's pixel among those of the mask.
     """

@@ -1,6 +1,6 @@
-"""The body in picture 0 as two depth maps: the visible surface and a guessed back.
+"""The body in frame 0 as two depth maps: the visible surface and a guessed back.
 
-One picture shows a front only. The back is a guess by rules that a user can check and override with a thickness:
+One frame shows a front only. The back is a guess by rules that a user can check and override with a thickness:
 
 - a measured front of flat faces that shows the sides of a plate or post is the block that these sides bound (`block`),
 - a silhouette that fills its inscribed circle is a ball (where no measured depth says otherwise), behind it the rest of the sphere;
@@ -91,7 +91,7 @@ class Relief:
 
 
 def relief_of(observation: Observation, thickness: float | None = None) -> Relief:
-    """Front and back of the observed object in picture 0.
+    """Front and back of the observed object in frame 0.
 
     Args:
         thickness: metres between front and back, or None for a guess.
@@ -208,25 +208,25 @@ def clean_mask(mask: np.ndarray) -> np.ndarray:
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     sizes[0] = 0
     if count == 0:
-        raise ObjectError("The mask of the first picture is empty.", "Give a --mask or a --box round the object.")
+        raise ObjectError("The mask of the first frame is empty.", "Give a --mask or a --box round the object.")
     kept = sizes >= SPECK * sizes.max()
     kept[0] = False
     result = kept[labels]
     if result.sum() < MIN_PIXELS:
         raise ObjectError(
-            f"The object has only {int(result.sum())} pixels in the first picture, {MIN_PIXELS} are the least.",
+            f"The object has only {int(result.sum())} pixels in the first frame, {MIN_PIXELS} are the least.",
             "Use a clip of higher resolution, or crop it round the object.",
         )
     return result
 
 
 def sample(image: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Bilinear values of an image (H, W) at pixels (..., 2), clamped to the picture."""
+    """Bilinear values of an image (H, W) at pixels (..., 2), clamped to the frame."""
     return ndimage.map_coordinates(image, [xy[..., 1], xy[..., 0]], order=1, mode="nearest")
 
 
 def slant(front: np.ndarray, camera: Camera) -> np.ndarray:
-    """(H, W) 1 / cos of the angle between the surface and the picture plane, at most `MAX_SLANT`; smoothed over a few pixels."""
+    """(H, W) 1 / cos of the angle between the surface and the frame plane, at most `MAX_SLANT`; smoothed over a few pixels."""
     smooth = ndimage.gaussian_filter(front, 2.0)
     rise_y, rise_x = np.gradient(smooth)
     slope = np.hypot(rise_x * camera.fx / smooth, rise_y * camera.fy / smooth)
@@ -237,7 +237,7 @@ def _front(observation: Observation, mask: np.ndarray) -> tuple[np.ndarray, bool
     """Depth of the visible surface, holes filled, and whether it is one constant (no depth was measured)."""
     depth = np.asarray(observation.depth, dtype=np.float64)
     if depth.shape != mask.shape:
-        raise ObjectError(f"The depth map is {depth.shape[::-1]}, the picture {mask.shape[::-1]}.", "Give a depth map of the clip's size.")
+        raise ObjectError(f"The depth map is {depth.shape[::-1]}, the frame {mask.shape[::-1]}.", "Give a depth map of the clip's size.")
     known = mask & np.isfinite(depth) & (depth > 0.0)
     if known.any():  # what lies far beyond all the rest is no part of the object
         low, high = np.percentile(depth[known], (5.0, 95.0))

@@ -16,7 +16,7 @@ VERTICES = 900
 """About how many vertices front and back have together."""
 
 MIN_STEP = 1.5
-"""Least distance of vertices in the picture [px]."""
+"""Least distance of vertices in the frame [px]."""
 
 BIGGER = "Use a clip of higher resolution, or crop it round the object."
 
@@ -25,7 +25,7 @@ OUTLINE_BLUR = 0.7
 
 
 def surface_of(relief: Relief, particles_x: np.ndarray, count: int = VERTICES) -> Surface:
-    """Mesh of the body in picture 0, normals outward, every edge shared by two triangles.
+    """Mesh of the body in frame 0, normals outward, every edge shared by two triangles.
 
     Args:
         particles_x: (N, 3) what the vertices ride on [m]; count: about how many vertices.

@@ -1,4 +1,4 @@
-"""Which part of a moving triangle mesh every pixel shows: a depth buffer that tells where in picture 0 that part is.
+"""Which part of a moving triangle mesh every pixel shows: a depth buffer that tells where in frame 0 that part is.
 
 Homogeneous rasterisation (M. Olano and T. Greer, Triangle scan conversion using 2D homogeneous coordinates, 1997): with a triangle's
 corners in the camera's axes as the columns of M, a ray d crosses it where M w = d has no negative w. Over their sum these w are the
@@ -25,7 +25,7 @@ SHIFT = 0.1
 
 @dataclass(frozen=True)
 class Seen:
-    """What S pixels show of a mesh, in picture 0."""
+    """What S pixels show of a mesh, in frame 0."""
 
     pixel: np.ndarray
     """(S, 2) int, x y."""
@@ -43,7 +43,7 @@ def seen_surface(vertices: np.ndarray, triangles: np.ndarray, camera: Camera, fr
     """The nearest triangle that faces the camera, in every pixel of `mask` that shows one.
 
     Args:
-        vertices: (V, 3) in picture `frame` [m]; triangles: (M, 3), counter-clockwise from outside; rest: (V, 3) the vertices in picture 0
+        vertices: (V, 3) in frame `frame` [m]; triangles: (M, 3), counter-clockwise from outside; rest: (V, 3) the vertices in frame 0
         [m]; mask: (H, W) bool.
     """
     pose = camera.pose(frame)

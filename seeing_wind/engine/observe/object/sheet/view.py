@@ -22,7 +22,7 @@ tracks are missed by more."""
 LEAVES, OUTLINE = 1.0, 2.0
 """px that a vertex may leave the outline for nothing, and the standard deviation of how far it is beyond that."""
 OUTLINE_PIXELS = 4e5
-"""Outlines are looked at in pictures of no more pixels."""
+"""Outlines are looked at in frames of no more pixels."""
 
 
 class View:

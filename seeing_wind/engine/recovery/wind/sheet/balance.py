@@ -39,7 +39,7 @@ INSTANT = 1e-4
 
 @dataclass(frozen=True)
 class Moments:
-    """When the sheet is looked at, between pictures too: at S points of Gauss's rule in each of T frames."""
+    """When the sheet is looked at, between frames too: at S points of Gauss's rule in each of T frames."""
 
     x: np.ndarray
     """(T, S, V, 3) places [m] and"""
@@ -78,11 +78,11 @@ class Balance:
     bent: np.ndarray
     """(3 Q, 3 Q) that of what is wrong with `bending` in some faces and not in others, which lasts."""
     noise: np.ndarray
-    """(T+1, 3 Q, 3 Q) that of the points' noise in each picture, times mass and fps²: the balance has its second difference."""
+    """(T+1, 3 Q, 3 Q) that of the points' noise in each frame, times mass and fps²: the balance has its second difference."""
 
 
 def balance_of(shell: Shell, seen: Observed, gravity: np.ndarray) -> Balance:
-    """The balance of a sheet that was seen in at least three pictures; gravity: (3,) [m/s²]."""
+    """The balance of a sheet that was seen in at least three frames; gravity: (3,) [m/s²]."""
     tests, squared = _modes(shell, max(1, min(TESTS, MOST_DATA // (3 * max(1, seen.frames - 1)))), seen.fps)
     at = Moments.of(seen)
     acceleration = np.diff(seen.x, 2, axis=0) * seen.fps**2 - gravity

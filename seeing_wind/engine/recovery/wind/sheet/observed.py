@@ -1,4 +1,4 @@
-"""What was seen of a sheet: where its vertices went, between pictures as well, and its shape at rest."""
+"""What was seen of a sheet: where its vertices went, between frames as well, and its shape at rest."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from scipy.signal import savgol_filter
 from ...targets.channels import noise_of
 
 FLAT = 0.02
-"""A sheet that in picture 0 leaves a plane by less than this part of its size, root mean square, or by three times its noise, is flat
+"""A sheet that in frame 0 leaves a plane by less than this part of its size, root mean square, or by three times its noise, is flat
 at rest: noise of half a millimetre would otherwise be creases."""
 STILL = 3.0
 """What is held and moves by less than this many deviations of its noise stands still."""
 SMOOTH = 7
-"""Pictures over which a parabola smooths the path of what is held and moves."""
+"""Frames over which a parabola smooths the path of what is held and moves."""
 
 
 @dataclass(frozen=True)
 class Observed:
-    """A sheet in T+1 pictures."""
+    """A sheet in T+1 frames."""
 
     x: np.ndarray
     """(T+1, V, 3) [m]."""
@@ -47,7 +47,7 @@ class Observed:
 
     @cached_property
     def rest(self) -> np.ndarray:
-        """(V, 3) the shape at rest [m]: that of picture 0, without what noise there is across a flat sheet."""
+        """(V, 3) the shape at rest [m]: that of frame 0, without what noise there is across a flat sheet."""
         first = self.x[0]
         centre = first.mean(axis=0)
         across = np.linalg.svd(first - centre, full_matrices=False)[2][2]
@@ -86,7 +86,7 @@ def observed(x: np.ndarray, faces: np.ndarray, pinned: np.ndarray, fps: float, s
 
 
 def _noise(x: np.ndarray, faces: np.ndarray) -> float:
-    """Standard deviation of a coordinate [m]: what differences in time leave of it, or, where a sheet flaps too fast for the pictures,
+    """Standard deviation of a coordinate [m]: what differences in time leave of it, or, where a sheet flaps too fast for the frames,
     how much its edges change their lengths, which they hardly do."""
     lengths = np.linalg.norm(x[:, np.roll(faces, -1, axis=1)] - x[:, faces], axis=-1)
     return min(noise_of(x[1:].reshape(len(x) - 1, -1)), float(np.median(lengths.std(axis=0))) / math.sqrt(2.0))

@@ -221,7 +221,7 @@ def _stray(follower: Follower, found: SheetEstimate, filmed: bool) -> str:
     try:
         path = replace(follower, pull=0.0).path(found.velocity)
     except SimulationError:
-        return f"{said} A simulation of its own breaks down."
+        return f"{said} Without that pull the simulation breaks down."
     away = np.linalg.norm(path - follower.seen.x, axis=-1)
     travel = np.linalg.norm(follower.seen.x - follower.seen.x[0], axis=-1).max(axis=0).mean()
     share = 100 * away.mean() / max(travel, 1e-12)

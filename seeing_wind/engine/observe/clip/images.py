@@ -26,7 +26,7 @@ def read_picture(path: str | os.PathLike[str], flags: int = cv2.IMREAD_COLOR) ->
     except cv2.error as error:
         raise ValueError(_too_large("its header states") if "CV_IO_MAX_IMAGE" in str(error) else "it is damaged") from error
     if picture is None:
-        raise ValueError("it is no picture, or is damaged")
+        raise ValueError("it is no image, or is damaged")
     check_size(picture.shape[1], picture.shape[0])
     return picture
 

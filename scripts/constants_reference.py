@@ -1,0 +1,54 @@
+"""docs/reference/constants.md from the records of constants: every tuned number with its unit, reason and source.
+
+    python scripts/constants_reference.py            writes the page
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from seeing_wind.engine.conventions import constants_of  # noqa: E402
+from seeing_wind.engine.materials import LIMITS  # noqa: E402
+from seeing_wind.engine.recovery.prior.constants import PRIOR  # noqa: E402
+from seeing_wind.engine.recovery.solve.constants import PACE  # noqa: E402
+from seeing_wind.engine.recovery.targets.constants import NOISE  # noqa: E402
+
+PAGE = ROOT / "docs" / "reference" / "constants.md"
+RECORDS = {"prior": PRIOR, "noise": NOISE, "pace": PACE, "limits": LIMITS}
+TITLES = {
+    "prior": ("Prior", "recovery/prior/constants.py", "What is believed before the clip is seen."),
+    "noise": ("Noise", "recovery/targets/constants.py", "Errors of what was observed, and of the solver's body."),
+    "pace": ("Pace", "recovery/solve/constants.py", "How far and how finely the solve goes."),
+    "limits": ("Solver", "materials.py", "Grid, substeps and damping of the material point method."),
+}
+HEAD = """# Constants
+
+Written by `make references` from the records of constants, and by a test held to them. *Chosen* means by
+judgement, on development scenes at most. [What each is worth](../notebook/sensitivity.md) was measured.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    parts = [HEAD]
+    for name, record in RECORDS.items():
+        title, file, what = TITLES[name]
+        parts.append(f"## {title}\n\n{what} `seeing_wind/engine/{file}`.\n")
+        parts.append("| name | value | unit | what it is | source |\n|---|---|---|---|---|")
+        for one in constants_of(record):
+            parts.append(f"| `{name}.{one.name}` | {_shown(one.value)} | {one.unit} | {one.reason} | {one.source} |")
+        parts.append("")
+    return "\n".join(parts)
+
+
+def _shown(value: float | tuple[float, ...]) -> str:
+    return ", ".join(f"{one:g}" for one in (value if isinstance(value, tuple) else (value,)))
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
+    print(PAGE)
