@@ -40,8 +40,8 @@ from seeing_wind.engine.recovery.resimulate import simulate_bodies  # noqa: E402
 from seeing_wind.engine.settings import Edit  # noqa: E402
 from seeing_wind.engine.settings.tables import read_edit  # noqa: E402
 
-FIRST = 3
-"""Frames over which the first acceleration of a body is taken: after more, the lighter one is where the wind is another."""
+FIRST = 5
+"""Frames over which the first acceleration of a body is taken."""
 FIGURES = "demo.json"
 """What was measured, for check.py."""
 LEAVES, PICTURE = 3, 256

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from seeing_wind.engine.settings import toml_text
 
 from .calls import ARRAYS, EXPORT, READERS, RECOVER, SAMPLE, SIMULATE, SOLVE, STOP, TAKE_FILES, prepared
-from .images import pictures_say, ranges_say
+from .pictures import pictures_say, ranges_say
 from .seeds import blown
 
 EXTREMES = (0, 1, -1, 2**31, 2**63, -(2**63), 10**400, 1e300, -1e300, 1e-300, float("nan"), float("inf"), -float("inf"), 0.5, True, "", "a")
