@@ -70,7 +70,7 @@ def check_figures(folder: Path) -> list[Row]:
 def check_files(folder: Path, blender: str | None) -> list[Row]:
     """The clip and all results, each opened."""
     rows: list[Row] = []
-    clip = attempt(rows, "clip.mp4", folder / "clip" / "clip.mp4", pictures_in, lambda count: count > 1, "pictures")
+    clip = attempt(rows, "clip.mp4", folder / "clip" / "clip.mp4", pictures_in, lambda count: count > 1, "frames")
     for path in (folder / "wind.take" / "overlay.mp4", folder / "edited.mp4"):
         attempt(rows, path.name, path, pictures_in, lambda count: count == clip, f"frames, as many as the clip ({clip})")
     attempt(rows, "report.png", folder / "wind.take" / "report.png", pixels_in, lambda count: count > 0, "pixels")
