@@ -24,8 +24,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from scripts.constants_reference import RECORDS  # noqa: E402
-from seeing_wind.engine.conventions import constants_of  # noqa: E402
+from scripts.constants_reference import RECORDS, constants_of  # noqa: E402
 
 FACTORS = (0.5, 2.0)
 SWINGS = 0.1

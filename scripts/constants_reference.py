@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from seeing_wind.engine.conventions import constants_of  # noqa: E402
 from seeing_wind.engine.materials import LIMITS  # noqa: E402
 from seeing_wind.engine.recovery.prior.constants import PRIOR  # noqa: E402
 from seeing_wind.engine.recovery.solve.constants import PACE  # noqa: E402
@@ -30,6 +32,23 @@ HEAD = """# Constants
 Written by `make references` from the records of constants, and by a test held to them. *Chosen* means by
 judgement, on development scenes at most. [What each is worth](../notebook/sensitivity.md) was measured.
 """
+
+
+@dataclass(frozen=True)
+class Constant:
+    """One number of a record, as the docs and the sensitivity table show it."""
+
+    name: str
+    value: float | tuple[float, ...]
+    unit: str
+    reason: str
+    source: str
+
+
+def constants_of(record: Any) -> Iterator[Constant]:
+    """All fields of a record, in the order in which they stand there."""
+    for one in fields(record):
+        yield Constant(one.name, getattr(record, one.name), one.metadata["unit"], one.metadata["reason"], one.metadata["source"])
 
 
 def page() -> str:

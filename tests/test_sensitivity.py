@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks import sensitivity
 from benchmarks.sensitivity import changed, numbers, table
-from scripts.constants_reference import PAGE, RECORDS, page
-from seeing_wind.engine.conventions import constants_of
+from scripts.constants_reference import PAGE, RECORDS, constants_of, page
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -32,8 +32,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -123,20 +122,3 @@ UNHELD = "Nothing was marked as held"
 def constant(value: Any, unit: str, reason: str, source: str) -> Any:
     """A field of a record of constants: a number or a tuple of them, its unit ("1" for none), what it is for, and where it is from."""
     return field(default=value, metadata={"unit": unit, "reason": reason, "source": source})
-
-
-@dataclass(frozen=True)
-class Constant:
-    """One number of a record, as the docs and the sensitivity table show it."""
-
-    name: str
-    value: float | tuple[float, ...]
-    unit: str
-    reason: str
-    source: str
-
-
-def constants_of(record: Any) -> Iterator[Constant]:
-    """All fields of a record, in the order in which they stand there."""
-    for one in fields(record):
-        yield Constant(one.name, getattr(record, one.name), one.metadata["unit"], one.metadata["reason"], one.metadata["source"])

@@ -32,7 +32,7 @@ from ..user_paths import absolute
 from .fill import fill
 from .renew_in_place import can_renew, renew
 from .request import RecoverRequest
-from .sampling import own_caches, places
+from .sampling import Places, own_caches, places
 from .shown import LEGEND, POINTERS, SAMPLES_OBJECT, made_before
 
 COLLECTION = "Seeing Wind"
@@ -69,22 +69,9 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
         ClipError: when Blender cannot read the clip; likewise.
     """
     settings, take = scene.seeing_wind, Take(folder)
-    field, where, samples = field_summary(take), places(take), take.read_arrays(own_caches()[1])
-    shape = (field.frames, where.rows().shape[1])
-    if [np.shape(samples.get(name)) for name in ("force_density", "confidence")] != [(*shape, 3), shape]:
-        raise TakeError(f"The samples in {folder} do not fit its field.", "Load the results again.")
-    if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence")):
-        raise TakeError(f"The field in {folder} is not finite everywhere.", "Run Recover again.")
-    told = wind_told(take)
+    field, where, told = field_summary(take), places(take), wind_told(take)
     blown = told if told is not None and told.is_wind else None
-    at_nodes, at_arrows, at_riding = where.split(samples["force_density"])
-    sure_nodes, sure_arrows, sure_riding = where.split(samples["confidence"])
-    wind_at_nodes = None
-    if blown is not None:
-        if np.shape(samples.get("wind_velocity")) != (*shape, 3) or not np.isfinite(samples["wind_velocity"]).all():
-            raise TakeError(f"The samples in {folder} hold no wind.", "Load the results again.")
-        wind_at_nodes, at_arrows, at_riding = where.split(samples["wind_velocity"])
-        sure_nodes, sure_arrows, sure_riding = where.split(samples["wind_confidence"])
+    at_nodes, at_arrows, sure_arrows = _sampled(take, where, field.frames, blown is not None)
     seen = read_seen(take, field)
     if seen is not None:
         path = clip or _clip(settings, field)
@@ -100,16 +87,15 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     former, followers, groups = made_before(settings), physics_nodes.companions(settings.field_object), _groups(settings.recovered_object)
     collection = collection_of(scene, settings.field_object)
     wind = create_field_object(
-        scene, "Recovered Wind", SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes), fps=field.fps, density=field.density,
+        scene, "Recovered Wind", at_nodes, fps=field.fps, density=field.density,
         frame_start=settings.frame_start, reach=settings.field_reach, take=folder,
         kind=settings.field_kind, speeds=(blown.mean, blown.gust) if blown else (0.0, 0.0), drag=blown.drag if blown else 0.0,
         collection=collection,
     )  # fmt: skip
-    standing = np.broadcast_to(where.arrows, at_arrows.shape)
+    standing = np.broadcast_to(where.arrows, (field.frames, *where.arrows.shape))
     arrows = create_arrows(
-        scene, "Recovered Wind Arrows", np.concatenate([standing, where.riding], axis=1), np.concatenate([at_arrows, at_riding], axis=1),
-        np.concatenate([sure_arrows, sure_riding], axis=1), settings.frame_start, parent=wind, collection=collection,
-        units="N/m³" if blown is None else "m/s",
+        scene, "Recovered Wind Arrows", np.concatenate([standing, where.riding], axis=1), at_arrows, sure_arrows, settings.frame_start,
+        parent=wind, collection=collection, units="N/m³" if blown is None else "m/s",
     )  # fmt: skip
     low, high = field.box / metres_per_unit(scene)
     # so far to the left that its plate hides nothing of the field
@@ -135,6 +121,29 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     if settings.recovered_object is not None:
         _restore_groups(settings.recovered_object, groups)
     return filled
+
+
+def _sampled(take: Take, where: Places, frames: int, wind: bool) -> tuple[SampledField, np.ndarray, np.ndarray]:
+    """What the engine answered: the field at its nodes, and the arrows' vectors (T, M, 3) and confidence (T, M).
+
+    Raises:
+        TakeError: when the answer is not that of this field, or not finite; with `wind`, when it has none.
+    """
+    samples, shape = take.read_arrays(own_caches()[1]), (frames, where.rows().shape[1])
+    if [np.shape(samples.get(name)) for name in ("force_density", "confidence")] != [(*shape, 3), shape]:
+        raise TakeError(f"The samples in {take.path} do not fit its field.", "Load the results again.")
+    if not all(np.isfinite(samples[name]).all() for name in ("force_density", "confidence")):
+        raise TakeError(f"The field in {take.path} is not finite everywhere.", "Run Recover again.")
+    at_nodes, *at_arrows = where.split(samples["force_density"])
+    sure_nodes, *sure_arrows = where.split(samples["confidence"])
+    wind_at_nodes = None
+    if wind:
+        if np.shape(samples.get("wind_velocity")) != (*shape, 3) or not np.isfinite(samples["wind_velocity"]).all():
+            raise TakeError(f"The samples in {take.path} hold no wind.", "Load the results again.")
+        wind_at_nodes, *at_arrows = where.split(samples["wind_velocity"])
+        _, *sure_arrows = where.split(samples["wind_confidence"])
+    nodes = SampledField(where.nodes, at_nodes, sure_nodes, wind_at_nodes)
+    return nodes, np.concatenate(at_arrows, axis=1), np.concatenate(sure_arrows, axis=1)
 
 
 def digest_of_loaded(scene: bpy.types.Scene, filled: bool) -> str:

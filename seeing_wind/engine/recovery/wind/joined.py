@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import ObjectError, TakeError, UsageError
 from ...field import ForceField, distill
 from ...progress import Progress
-from ...record_arrays import TRAJECTORY, read_body, read_recovery
+from ...record_arrays import TRAJECTORY, from_arrays, read_body
 from ...records import Body, Particles, Recovery
 from ...settings import RecoverSettings, from_mapping
 from ...take import Take, stamp_of
@@ -51,10 +51,11 @@ class Taken:
                 "Recover it with --form solid to join it.",
             )
         stage = take.description().get("stages", {}).get("recover", {})
-        fps = take.read_arrays("observation.npz").get("fps")
-        if "settings" not in stage or fps is None:
+        arrays = take.read_arrays(TRAJECTORY)
+        if "settings" not in stage or "fps" not in arrays:
             raise TakeError(f"{take.path} does not say how it was recovered.", "Run `recover` with --take for this folder again.")
-        return Taken(take, body, read_recovery(take), float(str(fps)), from_mapping(RecoverSettings, stage["settings"], str(take.path)))
+        solving = from_mapping(RecoverSettings, stage["settings"], str(take.path))
+        return Taken(take, body, from_arrays(Recovery, arrays), float(arrays["fps"]), solving)
 
     @property
     def name(self) -> str:
