@@ -221,7 +221,7 @@ class Clip:
         for one in self.objective.channels:
             if isinstance(one, PointChannels):
                 missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
-                deviation = np.hypot(deviation, missed[:, None])
+                deviation = np.hypot(deviation, missed[:, None, None])
         if held_up:  # how much of the force is what holds the body up the clip does not tell
             deviation = np.hypot(deviation, np.linalg.norm(self.settings.gravity))
         self.notes += remark(self.stiffness, self.model, self.particles)

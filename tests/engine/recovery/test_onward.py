@@ -48,7 +48,6 @@ def recovered(blown):
 
 def test_a_held_body_is_followed_once_and_goes_on_with_the_force_so_far(blown, followed):
     error = recovered(blown)
-    print(error)
     assert followed == [0]
     assert error < 0.1
 
@@ -58,12 +57,12 @@ def test_where_that_field_loses_the_body_it_is_followed_again(blown, followed, m
     if refused == "astray":
         monkeypatch.setattr(onward, "PACE", replace(PACE, refollow_misfit=0.0))
     else:
+
         def broken(*arguments):
             raise SimulationError("The body was torn.", "Nothing.")
 
         monkeypatch.setattr(onward, "prior_along", broken)
     error = recovered(blown)
-    print(error)
     assert followed == [0, 8]
     assert error < 0.1
 

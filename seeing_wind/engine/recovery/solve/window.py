@@ -194,7 +194,9 @@ class WindowSolver:
                 break
             self.stiffness, forward, theta = changed
             self.joint = joint
-            solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", point=solution.point, tolerance=tolerance)
+            solution = self.solve(
+                forward, prior, theta, 1, (done, done), "Finding the stiffness", point=solution.point, tolerance=tolerance
+            )
             used += solution.iterations
             wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
             if wanted @ np.linalg.solve(joint.covariance, wanted) < PACE.stiffness_settled**2 or not known:
