@@ -56,6 +56,9 @@ class PaceConstants:
         (1.0, 0.5, 0.25, 0.125), "1", "Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what "
         "the step takes it for.", "Chosen.",
     )  # fmt: skip
+    stiffness_kept: float = constant(
+        0.25, "1", "Of these largest steps: a Jacobian is renewed where the body has changed by more since it was taken.", "Chosen."
+    )
     stiffness_settled: float = constant(
         0.25, "deviations", "Steps of the stiffness below this need no other after them.", "Chosen."
     )

@@ -174,7 +174,7 @@ class WindowSolver:
         A stiffness that the clip does not tell goes back to the one given. Returns the forward model with the stiffness that was found,
         the solution, and the Jacobians used on the way.
         """
-        used, self.joint = 0, None
+        used, self.joint, linearised = 0, None, self.stiffness.q
         if not self.stiffness.free or track_misfit(self.objective, self.basis.up_to(2).phi, solution.residual) > PACE.stiffness_lost:
             rounds = 0
         for _ in range(rounds):
@@ -194,9 +194,10 @@ class WindowSolver:
                 break
             self.stiffness, forward, theta = changed
             self.joint = joint
-            solution = self.solve(
-                forward, prior, theta, 1, (done, done), "Finding the stiffness", point=solution.point, tolerance=tolerance
-            )
+            kept = np.all(np.abs(self.stiffness.q - linearised) <= PACE.stiffness_kept * np.array(PACE.stiffness_steps))
+            point = solution.point if kept else None
+            solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", point=point, tolerance=tolerance)
+            linearised = self.stiffness.q if solution.iterations else linearised
             used += solution.iterations
             wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
             if wanted @ np.linalg.solve(joint.covariance, wanted) < PACE.stiffness_settled**2 or not known:
