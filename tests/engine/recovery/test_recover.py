@@ -103,6 +103,17 @@ def test_one_centroid_of_a_small_ball_gives_a_uniform_force():
     assert (found.deviation > 0.2 * np.abs(found.force_density).mean(axis=(1, 2))[:, None, None]).all()
 
 
+def test_a_direction_with_more_noise_is_known_less():
+    body = plate((3, 3, 2))
+    x, _ = blow(body, lambda X, t: np.zeros_like(X) + [3.0 * np.sin(0.5 * t), 3.0 * np.cos(0.5 * t), 2.0], 12)
+    sizes = np.array([2e-4, 5e-3, 2e-4])
+    x[1:] += sizes * np.random.default_rng(0).standard_normal(x[1:].shape)
+    targets = replace(points(body, x), covariance=np.tile(np.diag(sizes**2), (len(body.x), 1, 1)))
+    deviation = recover(body, RUBBER, targets, FPS, WEIGHTLESS, NoProgress()).deviation.mean(axis=(0, 1))
+    along, across = deviation[1], deviation[0]
+    assert along > 2.0 * across
+
+
 def test_a_sudden_change_of_the_force_is_named():
     body = plate((3, 3, 2))
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0 if t < 10 else -3.0, 0.0, 0.0], 20)

@@ -38,6 +38,16 @@ def test_wind_along_a_sheet_is_left_to_the_prior(found):
     assert along.mean() > 0.05 * SPEED and along.mean() > 3.0 * across.mean()
 
 
+def test_a_component_of_the_force_that_is_hardly_known_is_a_datum_that_counts_for_little(blown):
+    recovery, particles, _ = blown
+    deviation = recovery.deviation * [1.0, 10.0, 1.0]
+    basis = spatial_basis(particles.x, particles.volume, 16).up_to(1)
+    felt = felt_by(replace(recovery, deviation=deviation), particles, DENSITY, particle_surface(particles), basis, FPS)
+    net = felt.deviation[:, :3]
+    np.testing.assert_allclose(net[:, 1], 10.0 * net[:, 0])
+    np.testing.assert_allclose(net[:, 2], net[:, 0])
+
+
 def test_a_wind_is_more_probable_than_a_force_that_happens_to_fade_like_drag(found, blown):
     felt, basis, estimate = found
     start = np.einsum("tdpi,td->tpi", felt.seen, felt.measured)
