@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import SimulationError
-from ..prior.kernel import Kernel, Prior
-from ..prior.learning import prior_along, track_misfit, whitened_anew
+from ..prior.constants import PRIOR
+from ..prior.kernel import Kernel, Prior, modes_for_variance
+from ..prior.learning import prior_along, track_misfit
 from .constants import PACE
 from .forward import Forward
 from .gauss_newton import Solution
@@ -31,13 +32,14 @@ class Onward:
 
 
 def carried_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution, int] | None:
-    """Forward model, prior, solution with all modes of the window before, and the Jacobians used; None where the body strays so.
+    """Forward model, prior, solution with the modes of the window before, or more, and the Jacobians used; None where the body strays so.
 
     The force of the last frame that was solved is held to the window's end, as the first guess.
     """
     what, objective, frames = "Going on with the force so far", solver.objective, solver.objective.frames
     overlap, modes = before.coefficients.shape[:2]
-    forward = solver.forward(solver.basis.first(modes), solver.knot(PACE.knot), frames)
+    worth = modes_for_variance(before.kernel, solver.basis, solver.particles.x, PRIOR.unexpected)
+    forward = solver.forward(solver.basis.first(max(modes, worth)), solver.knot(PACE.knot), frames)
     held_on = np.concatenate([before.coefficients, np.repeat(before.coefficients[-1:], max(0, frames - overlap), axis=0)])[:frames]
     theta = forward.pack(held_on, np.zeros(0))
     try:
@@ -46,9 +48,8 @@ def carried_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution
         first = solver.solve(forward, prior, theta, most, (0.02, 0.5), what, tolerance=PACE.coarse_tolerance)
         path = forward.trajectory(first.theta)
         solver.objective = objective.reweighted(objective.residual(path.x[None])[0])
-        point = whitened_anew(first.point, objective, solver.objective)
         prior = prior_along(before.kernel, forward, path, solver.expected, solver.objective)
-        found = solver.solve(forward, prior, first.theta, 1, (0.5, 0.8), what, point=point)
+        found = solver.solve(forward, prior, first.theta, 1, (0.5, 0.8), what)
     except SimulationError:
         misfit = math.inf
     else:

@@ -9,18 +9,20 @@ import numpy as np
 from ...mpm.model import Model
 from ...mpm.state import State
 from ...progress import Journal
+from ...records import Particles
 from ..prior.basis import SpatialBasis
 from ..prior.kernel import Prior
 from ..prior.learning import Expected
 from ..targets.objective import Objective
 from .constants import PACE
 from .forward import Forward
-from .gauss_newton import Linearisation, Solution
+from .gauss_newton import Solution
 
 
 class Solver(Protocol):
     """One window of a clip, with what is observed in it and what is believed of its force."""
 
+    particles: Particles
     objective: Objective
     """Of the window alone."""
     basis: SpatialBasis
@@ -54,7 +56,6 @@ class Solver(Protocol):
         share: tuple[float, float],
         what: str,
         active: np.ndarray | None = None,
-        point: Linearisation | None = None,
         tolerance: float = PACE.tolerance,
     ) -> Solution:
         """Gauss-Newton from theta over the frames that `forward` has, of the unknowns that are `active`."""
