@@ -16,7 +16,7 @@ from typing import Any
 def hasten() -> None:
     """Once, before the first kernel is declared."""
     importlib.import_module("taichi.lang.ast.ast_transformer_utils").ASTTransformerContext.get_pos_info = _place
-    kernels = importlib.import_module("taichi.lang.kernel_impl")
+    kernels: Any = importlib.import_module("taichi.lang.kernel_impl")
     kernels._inside_class = lambda level_of_class_stackframe: False
     for name in ("getsourcefile", "getsourcelines"):
         setattr(kernels, name, functools.cache(getattr(kernels, name)))
