@@ -221,7 +221,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "keypoints.weight": "K L", "lifted": "P K 3", "path": "P N 3", "path_sigma": "P N",
     },
     "Recovery": {
-        "force_density": "T N 3", "deviation": "T N", "x": "P N 3", "F": "P N 3 3", "v0": "N 3", "residual": "P", "stiffness": "N",
+        "force_density": "T N 3", "deviation": "T N 3", "x": "P N 3", "F": "P N 3 3", "v0": "N 3", "residual": "P", "stiffness": "N",
         "section": "2", "section_axes": "2 3", "held_covariance": "4 4", "wild": "T",
     },
 }  # fmt: skip

@@ -96,4 +96,11 @@ def read_body(take: Take) -> Body:
 
 def read_recovery(take: Take) -> Recovery:
     """The recovery of a take."""
-    return from_arrays(Recovery, take.read_arrays(TRAJECTORY))
+    return recovery_of(take.read_arrays(TRAJECTORY))
+
+
+def recovery_of(arrays: dict[str, np.ndarray]) -> Recovery:
+    """The recovery of a trajectory's file. Raises as `from_arrays`."""
+    if "deviation" in arrays and arrays["deviation"].ndim == 2:  # of a take from before each component had its own
+        arrays["deviation"] = np.repeat(arrays["deviation"][..., None], 3, axis=-1)
+    return from_arrays(Recovery, arrays)

@@ -284,7 +284,7 @@ class Recovery:
     force_density: np.ndarray
     """(T, N, 3) [N/m³] on the particles, held over frame t, queried at x[t]."""
     deviation: np.ndarray
-    """(T, N) posterior standard deviation of one component of the force density [N/m³]."""
+    """(T, N, 3) posterior standard deviation of the force density [N/m³]."""
     x: np.ndarray
     """(T+1, N, 3) simulated positions under that force [m]."""
     F: np.ndarray

@@ -19,7 +19,7 @@ from seeing_wind.engine.take import Take, stamp_of
 
 def recovery() -> Recovery:
     rng = np.random.default_rng(0)
-    shape = dict(force_density=(2, 4, 3), deviation=(2, 4), x=(3, 4, 3), F=(3, 4, 3, 3), v0=(4, 3), residual=(3,))
+    shape = dict(force_density=(2, 4, 3), deviation=(2, 4, 3), x=(3, 4, 3), F=(3, 4, 3, 3), v0=(4, 3), residual=(3,))
     arrays = {key: rng.normal(size=size) for key, size in shape.items()}
     return Recovery(outcome=Outcome.CONVERGED, residual_unit="px", iterations=3, seconds=1.5, notes=["capped", "ä"], **arrays)
 

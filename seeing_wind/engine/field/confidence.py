@@ -85,12 +85,12 @@ class ConfidenceMap:
 
 def confidence_map(recovery: Recovery, particles: Particles) -> ConfidenceMap:
     """Confidence of a recovery's force, with at most `SUPPORTS` particles standing for all."""
-    frames, count = recovery.deviation.shape
+    frames, count = recovery.deviation.shape[:2]
     x = recovery.x[:frames]
     chosen = farthest_points(x[0], min(SUPPORTS, count))
     squared = (recovery.force_density**2).sum(axis=-1)
     signal = 0.5 * (squared + squared.mean())
-    value = signal / (signal + 3 * recovery.deviation**2 + np.finfo(float).tiny)
+    value = signal / (signal + (recovery.deviation**2).sum(axis=-1) + np.finfo(float).tiny)
     # supports are sparser than particles, so their reach covers the gaps between them
     gap = float(cKDTree(x[0][chosen]).query(x[0])[0].max())
     origin = x[0].mean(axis=0)

@@ -151,8 +151,8 @@ def _nodes(cells: np.ndarray, fewest: int, most: int) -> tuple[int, int, int]:
 
 
 def _samples(recovery: Recovery, x: np.ndarray, box: np.ndarray, scale: float, seed: int) -> Samples:
-    frames, count = recovery.deviation.shape
-    force, deviation = recovery.force_density / scale, recovery.deviation / scale
+    frames, count = recovery.deviation.shape[:2]
+    force, deviation = recovery.force_density / scale, np.sqrt((recovery.deviation**2).mean(axis=-1)) / scale
     size = np.linalg.norm(force, axis=-1)
     # accuracy counts relative to the force itself; samples known worse than the typical one give way
     typical = float(np.median(deviation)) or 1.0

@@ -35,6 +35,7 @@ from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.constants import PRIOR
 from .prior.learning import Expected
 from .solve.constants import PACE
+from .solve.onward import Onward
 from .solve.section import section_axes
 from .solve.stiffness import Stiffness, covariance_with, remark, scaled, youngs_modulus
 from .solve.window import Found, WindowSolver
@@ -92,6 +93,8 @@ class Kept:
     stiffness: Stiffness
     wild: np.ndarray
     """(T,) bool, see `solve.window.Found`."""
+    onward: Onward
+    """For the next window."""
 
 
 @dataclass
@@ -131,9 +134,12 @@ class Clip:
                 self.progress.update(at + share * fraction, what + where, **figures)
 
             start = kept[-1].trajectory.state(-1) if kept else None
+            springy = self.particles.pinned.any() and not self.model.plastic and not self.stiffness.free
+            before = kept[-1].onward if kept and springy else None
             solver = WindowSolver(
                 self.particles, self.model.from_frame(begin), self.objective.between(begin, end), basis, expected, start,
-                self.settings.iterations, self.progress, tell, self.still[begin:end], self.stiffness, journal=self.journal,
+                self.settings.iterations, self.progress, tell, self.still[begin:end], self.stiffness, before=before,
+                journal=self.journal,
             )  # fmt: skip
             frames = cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin
             found = self.journal.once("window", Kept, partial(_solved, solver, frames), begin, end, start, self.stiffness)
@@ -215,7 +221,7 @@ class Clip:
         for one in self.objective.channels:
             if isinstance(one, PointChannels):
                 missed = np.where(self.still, 0.0, missed_acceleration(one.targets, x, self.fps))
-                deviation = np.hypot(deviation, missed[:, None])
+                deviation = np.hypot(deviation, missed[:, None, None])
         if held_up:  # how much of the force is what holds the body up the clip does not tell
             deviation = np.hypot(deviation, np.linalg.norm(self.settings.gravity))
         self.notes += remark(self.stiffness, self.model, self.particles)
@@ -265,4 +271,5 @@ def _keep(found: Found, frames: int) -> Kept:
         found.forward.knots.spacing,
         found.stiffness,
         found.wild[:frames],
+        Onward(found.prior.kernel, found.forward.per_frame(found.last.theta)[frames:]),
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from .. import systems
 from ..progress import Journal, Progress
-from ..record_arrays import TRAJECTORY, from_arrays, read_recovery, to_arrays
+from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, to_arrays
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings, to_mapping
 from ..take import VERSION, Take, require_take, stamp_of
@@ -136,4 +136,4 @@ def _fitted(
 
 def _read_solve(take: Take) -> Recovery:
     """The last solve: in its own file while it has no field, else that of the field."""
-    return from_arrays(Recovery, take.read_arrays(SOLVED if take.file(SOLVED).is_file() else TRAJECTORY))
+    return recovery_of(take.read_arrays(SOLVED if take.file(SOLVED).is_file() else TRAJECTORY))

@@ -32,7 +32,7 @@ def recovery_of(force: np.ndarray, x: np.ndarray, deviation: np.ndarray | float 
     recovery = Recovery(
         outcome=Outcome.CONVERGED,
         force_density=force,
-        deviation=np.broadcast_to(np.asarray(deviation, dtype=np.float64), (frames, count)).copy(),
+        deviation=np.repeat(np.broadcast_to(np.asarray(deviation, dtype=np.float64), (frames, count))[..., None], 3, axis=-1),
         x=x,
         F=np.tile(np.eye(3), (frames + 1, count, 1, 1)),
         v0=np.zeros((count, 3)),

@@ -48,7 +48,7 @@ def motion(turns: np.ndarray = TURN) -> Recovery:
     rotation = Rotation.from_euler("z", -turns[:, None]).as_matrix()
     x, count = lattice(), len(turns)
     return Recovery(
-        outcome=Outcome.CONVERGED, force_density=np.zeros((count - 1, len(x), 3)), deviation=np.zeros((count - 1, len(x))),
+        outcome=Outcome.CONVERGED, force_density=np.zeros((count - 1, len(x), 3)), deviation=np.zeros((count - 1, len(x), 3)),
         x=np.einsum("tab,nb->tna", rotation, x), F=np.repeat(rotation[:, None], len(x), axis=1), v0=np.zeros_like(x),
         residual=np.zeros(count), residual_unit="px", iterations=1, seconds=0.0,
     )  # fmt: skip

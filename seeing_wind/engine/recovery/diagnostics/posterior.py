@@ -20,21 +20,22 @@ SMOOTHED = 5
 
 
 def posterior_deviation(forward: Forward, covariance: np.ndarray) -> np.ndarray:
-    """Standard deviation of one component of the acceleration on the particles, (T, N) [m/s²].
+    """Standard deviation of the acceleration on the particles, (T, N, 3) [m/s²].
 
     Args:
         forward: basis and hats.
         covariance: (n, n) posterior covariance of the unknowns.
     """
     knots, modes, _ = forward.shape
-    nothing = np.zeros((modes, modes))  # where the air is still
+    nothing = np.zeros((3, modes, modes))  # where the air is still
     field = covariance[: forward.size, : forward.size].reshape(knots, modes, 3, knots, modes, 3)
-    per_component = np.einsum("kmilni->kmln", field) / 3.0
+    of_components = np.einsum("kmilni->klimn", field)
     deviation = []
     for weights in forward.hats:
         active = np.flatnonzero(weights)
-        block = sum((weights[k] * weights[j] * per_component[k, :, j] for k in active for j in active), nothing)
-        deviation.append(np.sqrt(np.maximum(np.einsum("pm,mn,pn->p", forward.basis.phi, block, forward.basis.phi), 0.0)))
+        block = sum((weights[k] * weights[j] * of_components[k, j] for k in active for j in active), nothing)
+        variance = np.einsum("pm,imn,pn->pi", forward.basis.phi, block, forward.basis.phi, optimize=True)
+        deviation.append(np.sqrt(np.maximum(variance, 0.0)))
     return np.stack(deviation)
 
 
@@ -61,9 +62,9 @@ def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.
 
 
 def unseen_variation(acceleration: np.ndarray) -> np.ndarray:
-    """Standard deviation (T, N) [m/s²] of what a force on the particles (T, N, 3) varies by over a body that is seen as a point.
+    """Standard deviation (T, N, 3) [m/s²] of what a force on the particles (T, N, 3) varies by over a body that is seen as a point.
 
     The posterior is that of a uniform force, as more could not be told: a plain sheet of which only the outline's middle is followed.
     """
     size = np.sqrt((acceleration**2).mean(axis=(1, 2)))
-    return np.repeat(VARYING * size[:, None], acceleration.shape[1], axis=1)
+    return np.broadcast_to(VARYING * size[:, None, None], acceleration.shape)

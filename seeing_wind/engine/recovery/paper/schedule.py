@@ -221,7 +221,7 @@ def _weights(parameters: list[torch.nn.Parameter]) -> np.ndarray:
 
 
 def deviation(acceleration: np.ndarray, residual: np.ndarray, fps: float) -> np.ndarray:
-    """(T, N) standard deviation of one component of the acceleration [m/s²], estimated.
+    """(T, N, 3) standard deviation of the acceleration [m/s²], estimated, the same in all directions.
 
     Two parts: the acceleration that a frame's residual (T+1,) [m] stands for, 2 r / dt²; and the part of the force that alternates from
     frame to frame, which no wind does and matching single frames leaves behind: its second difference in time, sd times sqrt(6).
@@ -232,7 +232,7 @@ def deviation(acceleration: np.ndarray, residual: np.ndarray, fps: float) -> np.
         inner = np.sqrt((second**2).mean(axis=-1) / 6.0)
         alternating = np.concatenate([inner[:1], inner, inner[-1:]])
     missed = 2.0 * residual[1:, None] * fps**2 / np.sqrt(3.0)
-    return np.hypot(alternating, missed)
+    return np.repeat(np.hypot(alternating, missed)[..., None], 3, axis=-1)
 
 
 def _metres_per_pixel(targets: Targets, particles: Particles) -> float:

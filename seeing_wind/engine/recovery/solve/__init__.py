@@ -2,6 +2,7 @@
 
     window.py        one window of the clip, from a rough start to the final solve
     first_field.py   a first field for it, segment by segment
+    onward.py        or the field of the window before, where the body is held
     warm_start.py    receding-horizon control, where a segment begins
     problem.py       what one solve minimises         gauss_newton.py  the dense solve
     forward.py       unknowns in, trajectories and Jacobians out

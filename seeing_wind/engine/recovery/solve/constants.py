@@ -33,6 +33,8 @@ class PaceConstants:
         "Seen: 0.1 to 0.4 for leaves, posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost.",
     )  # fmt: skip
 
+    onward_iterations: int = constant(2, "Jacobians", "From the force that the window before ended with, until outliers are weighed.", COST)
+
     chord_steps: int = constant(6, "steps", "With one Jacobian, at most.", COST)
     stale: float = constant(0.2, "1", "A Jacobian is renewed when a step wins less than this share of what it promised.", COST)
     tolerance: float = constant(2e-3, "1", "Converged when a step promises to lower the cost by less than this share,", COST)
@@ -54,6 +56,9 @@ class PaceConstants:
         (1.0, 0.5, 0.25, 0.125), "1", "Of a joint step, tried in turn until one lowers the cost: where a body buckles it is far from what "
         "the step takes it for.", "Chosen.",
     )  # fmt: skip
+    stiffness_kept: float = constant(
+        0.25, "1", "Of these largest steps: a Jacobian is renewed where the body has changed by more since it was taken.", "Chosen."
+    )
     stiffness_settled: float = constant(
         0.25, "deviations", "Steps of the stiffness below this need no other after them.", "Chosen."
     )

@@ -13,8 +13,9 @@ from ..prior.basis import SpatialBasis
 from ..prior.kernel import Prior
 from ..prior.learning import Expected
 from ..targets.objective import Objective
+from .constants import PACE
 from .forward import Forward
-from .gauss_newton import Solution
+from .gauss_newton import Linearisation, Solution
 
 
 class Solver(Protocol):
@@ -53,5 +54,7 @@ class Solver(Protocol):
         share: tuple[float, float],
         what: str,
         active: np.ndarray | None = None,
+        point: Linearisation | None = None,
+        tolerance: float = PACE.tolerance,
     ) -> Solution:
         """Gauss-Newton from theta over the frames that `forward` has, of the unknowns that are `active`."""

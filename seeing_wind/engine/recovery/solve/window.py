@@ -31,6 +31,7 @@ from .first_field import FINELY, FLOWING, USUAL, Pace, follow
 from .forward import Forward
 from .gauss_newton import Linearisation, Solution, cost_of
 from .gauss_newton import solve as gauss_newton
+from .onward import Onward, carried_on
 from .problem import Problem, whitened
 from .stiffness import Joint, Stiffness, shortened, stiffest
 
@@ -75,11 +76,32 @@ class WindowSolver:
     stiffness: Stiffness = field(default_factory=partial(Stiffness, free=False))
     joint: Joint | None = None
     """Of the last solve with the stiffness free."""
+    before: Onward | None = None
+    """What the window before knows of this one."""
     journal: Journal = Journal()
     """Keeps what is found on the way."""
 
     def run(self) -> Found:
         """All parts in order; where one iteration is all that is allowed, without the fine one."""
+        carried = carried_on(self, self.before) if self.before is not None else None
+        if carried is not None:
+            forward, prior, found, used = carried
+            most, draft = min(max(0, self.iterations - used), USUAL.last_iterations), False
+        else:
+            forward, prior, found, used, most, draft = self._from_the_start()
+        prior, point, self.objective = learn_hyperparameters(
+            prior, forward, found, self.objective, self.expected, self.progress.check, self.journal
+        )
+        last = self.solve(
+            forward, prior, found.theta, most, (0.8, 0.98), "Solving with what was learnt",
+            point=point, tolerance=PACE.last_tolerance, per_unknown=PACE.last_per_unknown,
+        )  # fmt: skip
+        last = replace(last, converged=last.converged and not draft)
+        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint, self._wild())
+
+    def _from_the_start(self) -> tuple[Forward, Prior, Solution, int, int, bool]:
+        """Forward model, prior and solution of a window that knows nothing beforehand, the Jacobians used and those left to the last
+        solve, and whether there were none for the fine one."""
         pace, forward, prior, found, used = self._followed()
         left = max(0, self.iterations - found.iterations)
         rounds = min(left, PACE.stiffness_coarse_rounds)
@@ -91,15 +113,7 @@ class WindowSolver:
         else:
             forward, prior, found, more = self._finely(forward, prior, found, min(left, pace.fine_iterations), left)
             left, used = max(0, left - more), used + more
-        prior, point, self.objective = learn_hyperparameters(
-            prior, forward, found, self.objective, self.expected, self.progress.check, self.journal
-        )
-        last = self.solve(
-            forward, prior, found.theta, min(left, pace.last_iterations), (0.8, 0.98), "Solving with what was learnt",
-            point=point, tolerance=PACE.last_tolerance, per_unknown=PACE.last_per_unknown,
-        )  # fmt: skip
-        last = replace(last, converged=last.converged and not draft)
-        return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint, self._wild())
+        return forward, prior, found, used, min(left, pace.last_iterations), draft
 
     def _wild(self) -> np.ndarray:
         """(T,) bool, see `Found`."""
@@ -160,7 +174,7 @@ class WindowSolver:
         A stiffness that the clip does not tell goes back to the one given. Returns the forward model with the stiffness that was found,
         the solution, and the Jacobians used on the way.
         """
-        used, self.joint = 0, None
+        used, self.joint, linearised = 0, None, self.stiffness.q
         if not self.stiffness.free or track_misfit(self.objective, self.basis.up_to(2).phi, solution.residual) > PACE.stiffness_lost:
             rounds = 0
         for _ in range(rounds):
@@ -180,7 +194,10 @@ class WindowSolver:
                 break
             self.stiffness, forward, theta = changed
             self.joint = joint
-            solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", tolerance=tolerance)
+            kept = np.all(np.abs(self.stiffness.q - linearised) <= PACE.stiffness_kept * np.array(PACE.stiffness_steps))
+            point = solution.point if kept else None
+            solution = self.solve(forward, prior, theta, 1, (done, done), "Finding the stiffness", point=point, tolerance=tolerance)
+            linearised = self.stiffness.q if solution.iterations else linearised
             used += solution.iterations
             wanted = after - before.q  # not what was taken of it: a step cut short says that more is to come
             if wanted @ np.linalg.solve(joint.covariance, wanted) < PACE.stiffness_settled**2 or not known:

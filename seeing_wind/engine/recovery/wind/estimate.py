@@ -48,7 +48,7 @@ class Estimate:
     velocity: np.ndarray
     """(T, N, 3) u at the particles [m/s]."""
     deviation: np.ndarray
-    """(T, N) posterior standard deviation of one of its components [m/s]."""
+    """(T, N, 3) its posterior standard deviation [m/s]."""
     mean: np.ndarray
     """(3,) [m/s]."""
     kernel: Kernel
@@ -285,7 +285,7 @@ def _filled(uniform: np.ndarray, felt: Observed) -> np.ndarray:
 
 
 def deviation_of(precision: np.ndarray, hats: np.ndarray, basis: SpatialBasis, uniform_modes: Sequence[int] = (0,)) -> np.ndarray:
-    """(T, N) standard deviation of a component [m/s] at the particles, from the precision (n, n) of gusts and mean."""
+    """(T, N, 3) standard deviation [m/s] at the particles, from the precision (n, n) of gusts and mean."""
     covariance = np.linalg.inv(precision)
     knots, modes = hats.shape[1], basis.phi.shape[1]
     # the mean counts in every frame, as a further knot of the uniform modes
@@ -294,5 +294,5 @@ def deviation_of(precision: np.ndarray, hats: np.ndarray, basis: SpatialBasis, u
         for mode in range(modes):
             rows[:, mode, component, np.arange(knots) * 3 * modes + 3 * mode + component] = hats
         rows[:, list(uniform_modes), component, -3 + component] = 1.0
-    block = np.einsum("tpai,ij,tqaj->tpq", rows, covariance, rows, optimize=True) / 3.0
-    return np.sqrt(np.maximum(np.einsum("np,tpq,nq->tn", basis.phi, block, basis.phi, optimize=True), 0.0))
+    block = np.einsum("tpai,ij,tqaj->tapq", rows, covariance, rows, optimize=True)
+    return np.sqrt(np.maximum(np.einsum("np,tapq,nq->tna", basis.phi, block, basis.phi, optimize=True), 0.0))

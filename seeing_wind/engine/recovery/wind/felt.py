@@ -124,14 +124,14 @@ def felt_by(
     acceleration = recovery.force_density / density
     modes = np.einsum("np,tni->tpi", mass[:, None] * basis.phi, acceleration) / total
     seen = _seen(stretch_rows(basis, particles.x, recovery.F, np.arange(len(modes))))
-    deviation = np.sqrt(((recovery.deviation / density) ** 2 @ mass) / total / basis.phi.shape[1])
+    variance = np.einsum("n,tni->ti", mass, (recovery.deviation / density) ** 2) / total / basis.phi.shape[1]  # of a mode
     places = [surface.normals(x, F) for x, F in zip(recovery.x, recovery.F, strict=True)]
     attachment = surface.attachment
     free = (~particles.pinned).astype(float)[None, :, None]
     return Felt(
         measured=np.einsum("tdpi,tpi->td", seen, modes),
         seen=seen,
-        deviation=np.repeat(deviation[:, None], seen.shape[1], axis=1),
+        deviation=np.sqrt(np.einsum("tdpi,ti->td", seen**2, variance)),
         phi=np.einsum("ej,ejp->ep", attachment.weight, basis.phi[attachment.index]),
         share=attachment.follow(free)[0, :, 0],
         velocity=fps * np.diff(np.stack([attachment.follow(x) for x in recovery.x]), axis=0),  # all at once takes too much memory

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import ObjectError, TakeError, UsageError
 from ...field import ForceField, distill
 from ...progress import Progress
-from ...record_arrays import TRAJECTORY, from_arrays, read_body
+from ...record_arrays import TRAJECTORY, read_body, recovery_of
 from ...records import Body, Particles, Recovery
 from ...settings import RecoverSettings, from_mapping
 from ...take import Take, stamp_of
@@ -55,7 +55,7 @@ class Taken:
         if "settings" not in stage or "fps" not in arrays:
             raise TakeError(f"{take.path} does not say how it was recovered.", "Run `recover` with --take for this folder again.")
         solving = from_mapping(RecoverSettings, stage["settings"], str(take.path))
-        return Taken(take, body, from_arrays(Recovery, arrays), float(arrays["fps"]), solving)
+        return Taken(take, body, recovery_of(arrays), float(arrays["fps"]), solving)
 
     @property
     def name(self) -> str:
@@ -104,7 +104,7 @@ def _estimated(seen: Sequence[Taken], progress: Progress) -> tuple[Estimate, Par
     path = np.concatenate([one.recovery.x for one in seen], axis=1)
     found = wind_of(FeltTogether(tuple(felt for felt, _, _ in parts)), union, path, progress, counts)
     moving = np.concatenate([np.repeat(~still[:, None], count, axis=1) for (_, _, still), count in zip(parts, counts)], axis=1)
-    found = replace(found, velocity=found.velocity * moving[..., None], deviation=found.deviation * moving)
+    found = replace(found, velocity=found.velocity * moving[..., None], deviation=found.deviation * moving[..., None])
     for one, begin, count in zip(seen, np.cumsum([0, *counts]), counts):
         rows = slice(begin, begin + count)
         own = replace(found, velocity=found.velocity[:, rows], deviation=found.deviation[:, rows])

@@ -118,8 +118,8 @@ def _found(
 ) -> tuple[Estimate, dict[str, Any]]:
     felt, basis, still = felt_in(body, particles, material, recovery, fps, solving)
     found = journal.once("wind", Estimate, lambda: wind_of(felt, basis, recovery.x, progress), felt.measured)
-    moving = ~still[:, None]
-    found = replace(found, velocity=found.velocity * moving[..., None], deviation=found.deviation * moving)
+    moving = ~still[:, None, None]
+    found = replace(found, velocity=found.velocity * moving, deviation=found.deviation * moving)
     against = objection(found, recovery, particles, material.density, fps, solving.gravity)
     if against and settings.field == "wind":
         raise ObjectError(f"No wind can be recovered. {against}", "Use --field force, or check material, scale, gravity and what is held.")

@@ -29,7 +29,7 @@ class Found(Protocol):
 
     @property
     def deviation(self) -> np.ndarray:
-        """(T, N) [m/s]."""
+        """(T, N, 3) [m/s]."""
 
     @property
     def unexplained(self) -> float:

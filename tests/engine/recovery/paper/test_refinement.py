@@ -30,7 +30,7 @@ def known():
     body = plate((6, 4, 2))
     x, wind = blow(body, lambda X, t: [2.0 * np.cos(0.3 * t), 0.5, 1.0] + X @ SLOPE, FRAMES)
     eye = np.tile(np.eye(3), (*x.shape[:2], 1, 1))
-    deviation, residual = np.full(wind.shape[:2], 4.0), np.zeros(len(x))
+    deviation, residual = np.full(wind.shape, 4.0), np.zeros(len(x))
     return body, Recovery(Outcome.CONVERGED, 400.0 * wind, deviation, x, eye, np.zeros_like(body.x), residual, "m", 1, 0.1)
 
 

@@ -37,6 +37,6 @@ def blown_plate() -> tuple[Recovery, Particles, Material]:
     force[..., 2] = DENSITY * FPS * np.diff(velocity)[:, None]
     x = particles.x + np.stack([0.0 * t, 0.0 * t, travelled(t)], axis=1)[:, None]
     F = np.tile(np.eye(3), (FRAMES + 1, len(particles.x), 1, 1))
-    deviation = np.full(force.shape[:2], 0.02 * DENSITY)
+    deviation = np.full(force.shape, 0.02 * DENSITY)
     recovery = Recovery(Outcome.CONVERGED, force, deviation, x, F, np.zeros_like(particles.x), np.zeros(FRAMES + 1), "m", 1, 1.0)
     return recovery, particles, Material("plate", "corotated", DENSITY, 1e5, 0.3, source="test")

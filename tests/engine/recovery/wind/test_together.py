@@ -49,7 +49,7 @@ def blown(seed: int, centre: tuple[float, float, float], normal_to: np.ndarray):
     density = np.repeat(force[:, None] / np.prod(SIDES), len(particles.x), axis=1)
     path = np.repeat(particles.x[None], FRAMES + 1, axis=0)
     still = np.tile(np.eye(3), (FRAMES + 1, len(particles.x), 1, 1))
-    deviation = np.full(density.shape[:2], np.sqrt(3.0) * NOISE * DENSITY)
+    deviation = np.full(density.shape, np.sqrt(3.0) * NOISE * DENSITY)
     recovery = Recovery(
         Outcome.CONVERGED, density, deviation, path, still, np.zeros_like(particles.x), np.zeros(FRAMES + 1), "m", 1, 1.0
     )

@@ -53,13 +53,13 @@ class SheetEstimate:
     velocity: np.ndarray
     """(T, V, 3) at the vertices: wind [m/s]; of a force of its own the acceleration [m/s²]."""
     deviation: np.ndarray
-    """(T, V) posterior standard deviation of a component."""
+    """(T, V, 3) its posterior standard deviation."""
     mean: np.ndarray
     """(3,)."""
     force: np.ndarray
     """(T, V, 3) on the vertices, mean over each frame's ends [N]."""
     force_deviation: np.ndarray
-    """(T, V) [N] of a component."""
+    """(T, V, 3) [N]."""
     x: np.ndarray
     """(T+1, V, 3) where the simulation went that followed the sheet [m]."""
     unexplained: float
@@ -157,25 +157,25 @@ def _told(problem: SheetProblem, prior: Prior, solution: Solution, follower: Fol
     fields, point = problem.fields(solution.theta), problem.linearise(solution.theta)
     path = follower.path(fields, problem.check)
     deviation = deviation_of(point.normal + prior.precision(), problem.hats, problem.basis)
-    force, slope = _forces(follower, fields, path)
+    force, slopes = _forces(follower, fields, path)
+    force_deviation = np.sqrt(np.einsum("atvi,tva->tvi", slopes**2, deviation**2))
     missed, still = (float(np.linalg.norm(problem.residual(theta))) for theta in (solution.theta, np.zeros_like(solution.theta)))
     left = missed / max(still, 1e-300)
     cause = "force" if isinstance(follower.cause, Push) else "wind"
     evidence = _log_evidence(problem, prior, solution.theta)
     return SheetEstimate(
-        cause, fields, deviation, solution.theta[-3:], force, slope * deviation, path, left, evidence, used, solution.converged
+        cause, fields, deviation, solution.theta[-3:], force, force_deviation, path, left, evidence, used, solution.converged
     )
 
 
 def _forces(follower: Follower, fields: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Forces (T, V, 3) [N] in the middle of each frame, and (T, V) how much a component changes with one of the field."""
+    """Forces (T, V, 3) [N] in the middle of each frame, and (3, T, V, 3) how much they change with each component of the field."""
     v = np.diff(path, axis=0) * follower.seen.fps
     middle = 0.5 * (path[1:] + path[:-1])
     force = np.stack([follower.cause.force(*one) for one in zip(fields, middle, v, strict=True)])
     step = 1e-3 * max(float(np.abs(fields).max()), 1e-6)
     moved = [[follower.cause.force(f + step * axis, x, u) for f, x, u in zip(fields, middle, v, strict=True)] for axis in np.eye(3)]
-    change = (np.array(moved) - force) / step
-    return force, np.sqrt((change**2).sum(axis=(0, -1)) / 3.0)
+    return force, (np.array(moved) - force) / step
 
 
 def _log_evidence(problem: SheetProblem, prior: Prior, theta: np.ndarray) -> float:

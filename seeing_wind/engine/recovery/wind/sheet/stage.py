@@ -19,7 +19,7 @@ from ....materials import Sheet
 from ....mpm.shell import Shell, shell_of
 from ....mpm.shell.membrane import deformation, plane_axes
 from ....progress import Journal, Progress
-from ....record_arrays import from_arrays, to_arrays
+from ....record_arrays import read_recovery, to_arrays
 from ....records import Outcome, Particles, Recovery, TrackTargets
 from ....settings import RecoverSettings, WindSettings
 from ....take import Take, stamp_of
@@ -89,7 +89,7 @@ def sheet_stage(
     stamp = stamp_of("sheet", VERSION, upstream, settings.gravity, settings.representation, settings.seed, blown)
     if take.is_done("recover", stamp) and take.file("trajectory.npz").is_file() and take.file(TOLD).is_file():
         progress.begin("recover", "already done")
-        recovery, told = from_arrays(Recovery, take.read_arrays("trajectory.npz")), take.read_json(TOLD)
+        recovery, told = read_recovery(take), take.read_json(TOLD)
         field = load_field(take.file(FIELD)) if told["field"] == "wind" else None
         return SheetFound(recovery, particles, load_field(take.file("field.safetensors")), Wind(field, told, told["notes"]), {})
     began = time.perf_counter()
@@ -181,14 +181,14 @@ def _recovery(
     # The simulation is drawn to what was seen, and lags by some pixels: over a clip the sheet is where it was seen.
     x = seen.x if targets else found.x
     residual = residual_in_pixels(targets, x) if targets else np.sqrt(((x - seen.x) ** 2).sum(axis=-1).mean(axis=1))
-    volume, weight = particles.volume[:, None], shell.mass * np.linalg.norm(gravity)
+    volume, weight = particles.volume[:, None], shell.mass[:, None] * np.linalg.norm(gravity)
     held_up = reaction_remarks(particles, found.force / shell.mass[:, None], x, gravity)
     # how much of the force is what holds the sheet up the clip does not tell
     deviation = np.hypot(found.force_deviation, weight) if held_up else found.force_deviation
     return Recovery(
         outcome=Outcome.CONVERGED if found.converged else Outcome.MAX_ITERATIONS,
         force_density=found.force / volume,
-        deviation=deviation / particles.volume,
+        deviation=deviation / volume,
         x=x,
         F=np.stack([_deformations(shell, one) for one in x]),
         v0=np.where(shell.pinned[:, None], 0.0, seen.at(0.0)[1]),

@@ -1,0 +1,60 @@
+"""From one window of a clip to the next: a held body's first field is the one that the window before ended with.
+
+A body that is held comes back to where it was seen, so a field that is wrong for a few frames does not lose it, and Gauss-Newton finds
+the right one without the receding horizon (`first_field`). How the force varies in space and time is known from the window before, too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...errors import SimulationError
+from ..prior.kernel import Kernel, Prior
+from ..prior.learning import prior_along, track_misfit, whitened_anew
+from .constants import PACE
+from .forward import Forward
+from .gauss_newton import Solution
+from .solver import Solver
+
+
+@dataclass(frozen=True)
+class Onward:
+    """What a window knows of the one after it."""
+
+    kernel: Kernel
+    """The hyperparameters learnt."""
+    coefficients: np.ndarray
+    """(overlap, modes, 3) of the force in the frames that the next window solves again [m/s²]."""
+
+
+def carried_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution, int] | None:
+    """Forward model, prior, solution with all modes of the window before, and the Jacobians used; None where the body strays so.
+
+    The force of the last frame that was solved is held to the window's end, as the first guess.
+    """
+    what, objective, frames = "Going on with the force so far", solver.objective, solver.objective.frames
+    overlap, modes = before.coefficients.shape[:2]
+    forward = solver.forward(solver.basis.first(modes), solver.knot(PACE.knot), frames)
+    held_on = np.concatenate([before.coefficients, np.repeat(before.coefficients[-1:], max(0, frames - overlap), axis=0)])[:frames]
+    theta = forward.pack(held_on, np.zeros(0))
+    try:
+        prior = prior_along(before.kernel, forward, forward.trajectory(theta), solver.expected, solver.objective)
+        most = min(solver.iterations, PACE.onward_iterations)
+        first = solver.solve(forward, prior, theta, most, (0.02, 0.5), what, tolerance=PACE.coarse_tolerance)
+        path = forward.trajectory(first.theta)
+        solver.objective = objective.reweighted(objective.residual(path.x[None])[0])
+        point = whitened_anew(first.point, objective, solver.objective)
+        prior = prior_along(before.kernel, forward, path, solver.expected, solver.objective)
+        found = solver.solve(forward, prior, first.theta, 1, (0.5, 0.8), what, point=point)
+    except SimulationError:
+        misfit = math.inf
+    else:
+        of_tracks = track_misfit(solver.objective, solver.basis.up_to(2).phi, found.residual)
+        misfit = max(of_tracks, math.sqrt((found.residual**2).sum() / max(int(solver.objective.used.sum()), 1)))
+    if misfit >= PACE.refollow_misfit:
+        solver.objective = objective
+        return None
+    return forward, prior, found, first.iterations + found.iterations

@@ -1,0 +1,74 @@
+"""From one window of a clip of a held body to the next."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.errors import SimulationError
+from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.recovery.recover import recover
+from seeing_wind.engine.recovery.solve import onward
+from seeing_wind.engine.recovery.solve import window as windows
+from seeing_wind.engine.recovery.solve.constants import PACE
+from seeing_wind.engine.settings import RecoverSettings
+from tests.engine.recovery.bodies import FPS, RUBBER, blow, plate, points, relative
+
+FRAMES = 20
+GIVEN = RecoverSettings(gravity=(0.0, 0.0, 0.0), stiffness="given")
+
+
+def gusts(X, t):
+    """Two gusts across the post, one in each window, from different sides."""
+    return np.zeros_like(X) + [3.0 * np.sin(0.4 * t), 2.0 * (t > 11), 0.0]
+
+
+@pytest.fixture(scope="module")
+def blown():
+    body = plate((2, 2, 9), pinned=lambda X: X[:, 2] < -0.07)
+    return (body, *blow(body, gusts, FRAMES))
+
+
+@pytest.fixture
+def followed(monkeypatch):
+    """Windows of ten or so frames; the first frames of those that were followed from the start."""
+    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.clip"], "PACE", replace(PACE, window=12, overlap=4))
+    found, follow = [], windows.follow
+    monkeypatch.setattr(windows, "follow", lambda solver, *rest: found.append(solver.objective.first) or follow(solver, *rest))
+    return found
+
+
+def recovered(blown):
+    body, x, wind = blown
+    found = recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress())
+    free = ~body.pinned
+    return relative(found.force_density[:, free] / RUBBER.density, wind[:, free])
+
+
+def test_a_held_body_is_followed_once_and_goes_on_with_the_force_so_far(blown, followed):
+    error = recovered(blown)
+    assert followed == [0]
+    assert error < 0.1
+
+
+@pytest.mark.parametrize("refused", ["astray", "broken"])
+def test_where_that_field_loses_the_body_it_is_followed_again(blown, followed, monkeypatch, refused):
+    if refused == "astray":
+        monkeypatch.setattr(onward, "PACE", replace(PACE, refollow_misfit=0.0))
+    else:
+
+        def broken(*arguments):
+            raise SimulationError("The body was torn.", "Nothing.")
+
+        monkeypatch.setattr(onward, "prior_along", broken)
+    error = recovered(blown)
+    assert followed == [0, 8]
+    assert error < 0.1
+
+
+def test_a_free_body_is_followed_in_every_window(followed):
+    body = plate()
+    x, _ = blow(body, gusts, FRAMES)
+    recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress())
+    assert followed == [0, 8]
