@@ -119,6 +119,8 @@ build/kernels/.complete: $(TESTS)/.complete $(wildcard seeing_wind/engine/mpm/*.
 	@touch $@
 
 test quick-recover demo scenes: export TI_OFFLINE_CACHE_FILE_PATH := $(KERNELS)
+# Compiled modules are kept, also where the shell forbids it: four seconds of every process of the tests.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Linting and compiling take a core each. A lock that a killed process left would keep the cache as it is for good.
 test: setup

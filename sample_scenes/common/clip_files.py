@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from backdrop import make_backdrop
-from in_blender import BlenderFailed, run
+from in_blender import BlenderFailed, command, run
 
 from seeing_wind.engine.conventions import GRAVITY, front_view
 from seeing_wind.engine.errors import SeeingWindError
@@ -87,6 +87,8 @@ def build(chosen: argparse.Namespace, film: Callable[[], Filmed], summary: Calla
     out.mkdir(parents=True, exist_ok=True)
     started = time.perf_counter()
     try:
+        if not chosen.no_render:
+            command(RENDER, [], chosen.blender)  # a Blender that is missing is told before the work
         filmed = film()
         write(out, filmed, chosen.seed, chosen.samples)
         simulated = time.perf_counter()

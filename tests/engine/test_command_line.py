@@ -46,9 +46,9 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., l
     home = tmp_path_factory.mktemp("home")
     with Worker() as worker:
 
-        def run(*arguments: object, expect: int) -> list[dict]:
-            done = worker.run([str(word) for word in arguments], home, seconds=300.0)
-            assert done.code == expect, (done.code, done.messages[-2:], done.stderr[-2000:])
+        def run(*arguments: object, expect: int, file_bytes: int | None = None) -> list[dict]:
+            done = worker.run([str(word) for word in arguments], home, seconds=300.0, file_bytes=file_bytes)
+            assert done.code == expect and not done.traceback, (done.code, done.messages[-2:], done.stderr[-2000:])
             return done.messages
 
         yield run
@@ -190,18 +190,11 @@ def test_results_do_not_replace_what_is_no_file(engine, windy: Path, tmp_path: P
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no limit of a file's size")
-def test_a_full_disk_leaves_no_traceback(windy: Path, tmp_path: Path) -> None:
+def test_a_full_disk_leaves_no_traceback(engine, windy: Path, tmp_path: Path) -> None:
     """A limit of the file's size stops a write half-way, as a full disk does."""
-    limited = (
-        "import resource, runpy, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000));"
-        "sys.argv[0] = 'engine'; runpy.run_module('seeing_wind.engine', run_name='__main__')"
-    )
     out = tmp_path / "o.npz"
-    command = [sys.executable, "-c", limited, "sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", out]
-    run = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=300)
-    error = json.loads(run.stdout.splitlines()[-2])
-    assert run.returncode == 1 and "Cannot write" in error["message"] and error["hint"]
-    assert "Traceback" not in run.stderr and not out.exists()
+    error = engine("sample", windy, "--points", tmp_path / "p.npy", "--frame", 0, "--out", out, expect=1, file_bytes=50_000)[-2]
+    assert "Cannot write" in error["message"] and error["hint"] and not out.exists()
 
 
 BLANK = [

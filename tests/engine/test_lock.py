@@ -13,7 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.command.lock import NAME, TakeInUse, held
+from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import TakeError
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.take import Take
@@ -83,14 +85,13 @@ def test_the_worker_refuses_a_take_that_is_held_and_reads_one_all_the_same(tmp_p
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     np.save(tmp_path / "points.npy", np.zeros((1, 3)))
 
-    def engine(*arguments: object) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "seeing_wind.engine", *map(str, arguments)]
-        return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
-
+    reading = ["sample", folder, "--points", tmp_path / "points.npy", "--frame", 0, "--out", tmp_path / "out.npz"]
+    writing = ["resimulate", folder, "--edit", tmp_path / "edit.toml", "--take", folder]
     with other_process(folder):
-        reads = engine("sample", folder, "--points", tmp_path / "points.npy", "--frame", 0, "--out", tmp_path / "out.npz")
-        writes = engine("resimulate", folder, "--edit", tmp_path / "edit.toml", "--take", folder)
-    assert reads.returncode == 0 and (tmp_path / "out.npz").is_file()
+        VERBS["sample"](parser().parse_args([*map(str, reading)]), NoProgress())
+        command = [sys.executable, "-m", "seeing_wind.engine", *map(str, writing)]
+        writes = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert (tmp_path / "out.npz").is_file()
     assert writes.returncode == 1 and "in use" in json.loads(writes.stdout.splitlines()[-1])["message"]
     assert "Traceback" not in writes.stderr and not (folder / "bodies").exists()
 

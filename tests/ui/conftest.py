@@ -47,7 +47,7 @@ def workplace(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("work") / "ein Wind è 风"
     folder.mkdir()
     extension.make_clip(folder / "clip.mp4")
-    extension.fake_python(folder)
+    extension.fake_python(folder, warm=True)
     return folder
 
 

@@ -23,6 +23,8 @@ EDGE = 0.33
 TINT = (0.5, 1.5)
 """Channels of the sun's colour over their mean, at most."""
 SUN, SKY = "Seeing Wind Sun", "Seeing Wind Sky"
+SKY_MAP = 64
+"""Pixels across the map by which Cycles samples the sky: it has no detail finer than its soft edge of some 20 degrees."""
 SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
 """High, over the camera's left shoulder: a guess to be turned to the clip's own light."""
 
@@ -133,6 +135,8 @@ def _sky(light: Light) -> bpy.types.World:
     link(parts.outputs["Z"], ramp.inputs[0])
     link(ramp.outputs[0], background.inputs["Color"])
     background.inputs["Strength"].default_value = 1.0
+    # As smooth as it is, it needs no fine map of where it is bright; Cycles makes one anew for every frame, which may take a second.
+    world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", SKY_MAP
     for column, node in enumerate((way, parts, ramp)):
         node.location = (220 * (column - 4), 300)
     return world

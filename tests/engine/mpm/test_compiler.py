@@ -52,6 +52,17 @@ def test_the_worker_says_that_there_is_no_such_compiler(tmp_path):
     assert done.returncode == 2 and said["message"] == "There is no compiler 'abacus'." and "taichi or quadrants" in said["hint"]
 
 
+def test_a_wrong_kernel_is_told_with_its_place():
+    @ti.kernel
+    def wrong():
+        print(1.0 + unknown)  # noqa: F821
+
+    device.start()
+    place = rf'File "{Path(__file__)}", line \d+, in wrong:\n +print\(1\.0 \+ unknown\)(.|\n)*Name "unknown" is not defined'
+    with pytest.raises(Exception, match=place):  # of the compiler's own kind, which each calls otherwise
+        wrong()
+
+
 def test_precision_and_settings_are_put_back_also_after_an_error():
     device.start()
     before = default_real(), ti.cfg.fast_math, ti.cfg.real_matrix_scalarize

@@ -50,7 +50,7 @@ def test_a_lift_carries_what_lies_on_it():
     assert path.v[4:, :, 2].mean() == pytest.approx(0.3, abs=0.03)
 
 
-@pytest.mark.parametrize("speed", [0.3, -0.3])
+@pytest.mark.parametrize("speed", [0.3, pytest.param(-0.3, marks=pytest.mark.slow)])
 def test_what_lies_on_a_lift_sinks_no_deeper_than_on_a_floor(speed):
     frames, body, floor = 40, slab(), table(line((0, 0, 0), 40))
     stood, model = run(body, [MeshCollider(floor.vertices, floor.faces)], frames)
@@ -72,7 +72,7 @@ def test_a_hammer_drives_what_it_meets_before_it():
     assert path.v[-1, :, 0].mean() > 0.95
 
 
-@pytest.mark.parametrize("friction", [0.2, 0.4])
+@pytest.mark.parametrize("friction", [0.2, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_a_table_that_is_drawn_away_takes_things_along_by_friction(friction):
     """With 1 m/s: what lies there gains mu g a second until it is as fast."""
     frames = 12

@@ -80,7 +80,7 @@ def clay_by_descent(journal: Journal) -> Recovery:
     return recover_by_descent(body, CLAY, targets, FPS, replace(WEIGHTLESS, frame_iterations=5), NoProgress(), None, journal)
 
 
-def killed_until_done(take: Take, work: Callable[[Journal], R], seed: int, most: int = 12) -> tuple[R, int]:
+def killed_until_done(take: Take, work: Callable[[Journal], R], seed: int, most: int = 24) -> tuple[R, int]:
     """The result of `work`, and how often it was killed on the way, each time after less than `most` checkpoints."""
     random = np.random.default_rng(seed)
     for kills in range(1000):
@@ -106,7 +106,7 @@ def assert_equal(got: Recovery, want: Recovery) -> None:
 
 @pytest.mark.parametrize("work", [held, by_descent, *(pytest.param(work, marks=pytest.mark.slow) for work in (free, flowing))])
 def test_a_solve_that_is_killed_again_and_again_finds_the_same(tmp_path: Path, eager: None, work: Callable[[Journal], Recovery]) -> None:
-    got, kills = killed_until_done(Take(tmp_path), work, 0, 4 if work is by_descent else 12)
+    got, kills = killed_until_done(Take(tmp_path), work, 0, 4 if work is by_descent else 24)
     assert kills > 2
     assert_equal(got, work(Journal()))
 

@@ -81,9 +81,15 @@ def swing():
     return body, [filmed(body, x)], wind, recover(body, TOO_STIFF, [filmed(body, x)], FPS, WEIGHTLESS, NoProgress())
 
 
-def test_the_stiffness_of_a_post_that_swings_is_found_with_the_force(swing):
-    body, tracks, wind, found = swing
-    given = recover(body, TOO_STIFF, tracks, FPS, GIVEN, NoProgress())
+@pytest.fixture(scope="module")
+def given(swing):
+    """The recovery that keeps to that material."""
+    body, tracks, _, _ = swing
+    return recover(body, TOO_STIFF, tracks, FPS, GIVEN, NoProgress())
+
+
+def test_the_stiffness_of_a_post_that_swings_is_found_with_the_force(swing, given):
+    body, _, wind, found = swing
     assert given.youngs_modulus is None and given.stiffness_deviation is None
     off = np.log(found.youngs_modulus / RUBBER.youngs_modulus)
     assert abs(off) < 3.0 * found.stiffness_deviation and found.stiffness_deviation < PRIOR.stiffness_told * PRIOR.stiffness_spread
@@ -166,9 +172,8 @@ def test_a_stiffness_that_the_clip_does_not_tell_stays():
     assert any("does not tell how stiff" in note for note in found.notes)
 
 
-def test_a_step_that_makes_it_worse_is_not_taken(swing, monkeypatch):
+def test_a_step_that_makes_it_worse_is_not_taken(swing, given, monkeypatch):
     body, tracks, _, _ = swing
-    given = recover(body, TOO_STIFF, tracks, FPS, GIVEN, NoProgress())
     monkeypatch.setattr(stiffness.Joint, "step", lambda self: np.array([0.4, 0.0, 0.0, 0.0]))  # stiffer still
     misled = recover(body, TOO_STIFF, tracks, FPS, WEIGHTLESS, NoProgress())
     assert misled.youngs_modulus is None and not any("Young's modulus" in note for note in misled.notes)

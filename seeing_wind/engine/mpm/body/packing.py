@@ -5,13 +5,14 @@ Positions are kept relative to the lattice, so that single precision has its dig
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
 
 from ..compiler import device
+from ..compiler.launch import Launcher
 from ..compiler.precision import dtype_of
-from ..compiler.settings import compiled_in
 from ..kernels import packed, parallel
 from ..kernels.native import aligned
 from ..kernels.pack import combine_forces, pack, pack_forces, unpack
@@ -144,14 +145,10 @@ def tasks_for(count: int) -> int:
     return max(1, min(cores, count // _LEAST_PER_TASK), spare)
 
 
-def launched_in(real: np.dtype, kernel: Callable[..., None]) -> Callable[..., None]:
-    """The kernel, traced in the precision `real`."""
-
-    def launch(*args: object) -> None:
-        with compiled_in(real):
-            kernel(*args)
-
-    return launch
+@functools.cache
+def launched_in(real: np.dtype, kernel: Callable[..., None]) -> Launcher:
+    """The kernel, traced in the precision `real`; one for all bodies."""
+    return Launcher(kernel, real, native=False, keeps=False)
 
 
 def float64(array: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import os
 from typing import Any
 
 from ...errors import UsageError
+from .tracing import hasten
 
 NAMES = ("taichi", "quadrants")
 DEFAULT = "taichi"
@@ -32,6 +33,8 @@ NAME = chosen()
 for variable, value in (("ENABLE_TAICHI_HEADER_PRINT", "0"), ("TI_SKIP_VERSION_CHECK", "ON"), ("ENABLE_QUADRANTS_HEADER_PRINT", "0")):
     os.environ.setdefault(variable, value)
 ti: Any = importlib.import_module(NAME)
+if NAME == "taichi":
+    hasten()
 _runtime = importlib.import_module(f"{NAME}.lang.impl").get_runtime
 
 

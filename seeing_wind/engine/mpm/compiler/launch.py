@@ -7,6 +7,7 @@ are those of its own `Kernel.launch_kernel`.
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 from typing import Any
 
@@ -23,9 +24,12 @@ class Launcher:
     its identity: what is in it may change.
     """
 
-    def __init__(self, kernel: Any, real: np.dtype) -> None:
-        """kernel: a function decorated with ti.kernel; real: the precision to trace it in."""
-        self.kernel, self.real = kernel, real
+    def __init__(self, kernel: Any, real: np.dtype, native: bool = True, keeps: bool = True) -> None:
+        """kernel: a function decorated with ti.kernel; real: the precision to trace it in; native: with `native_vectors`.
+
+        keeps: the arrays, until others come in their place. One for a whole process that sees each array once had better not.
+        """
+        self.kernel, self.real, self.native, self.keeps = kernel, real, native, keeps
         self.last: list[Any] = []
 
     def __call__(self, *args: Any) -> None:
@@ -34,12 +38,13 @@ class Launcher:
         for slot, (old, new) in enumerate(zip(self.last, args)):
             if old is not new:
                 self._set(slot, new)
-        self.last = list(args)
+        if self.keeps:
+            self.last = list(args)
         self.program.launch_kernel(self.compiled, self.context)
 
     def _prepare(self, args: tuple[Any, ...]) -> None:
         self.program = _runtime().prog
-        with native_vectors(), compiled_in(self.real):
+        with native_vectors() if self.native else contextlib.nullcontext(), compiled_in(self.real):
             self.compiled, self.context = _compiled(self.program, self.kernel._primal, args)
         self.last = [None] * len(args)
         annotations = [parameter.annotation for parameter in inspect.signature(self.kernel).parameters.values()]

@@ -7,7 +7,6 @@ on a held body a drift and what leaks from one direction into another.
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from ...records import Particles
 from .constants import NOISE
@@ -43,6 +42,8 @@ def point_mismatch(particles: Particles, moved: np.ndarray, plastic: bool, along
         drift = np.where(first, NOISE.drift_along, NOISE.drift) * whole
         white = NOISE.motion_white * slow
         if len(moved) >= NOISE.swift:
+            from scipy.signal import savgol_filter  # slow to import, and edits and samples need none
+
             white = np.hypot(white, _sizes(moved - savgol_filter(moved, NOISE.swift, 3, axis=0), parts))
     factor = NOISE.plastic_factor if plastic and not held else 1.0
     swings = [mismatch_covariance(len(moved), *one, NOISE.slow_time, factor) for one in zip(white.ravel(), slow.ravel())]

@@ -34,7 +34,10 @@ def folds(x, faces, moved):
     return peaks[(peaks >= 360) & (peaks < 720)] - 360
 
 
-@pytest.mark.parametrize(("kind", "columns"), [("grid", 16), ("grid", 24), ("grid", 32), ("irregular", 24), ("irregular", 32)])
+@pytest.mark.parametrize(("kind", "columns"), [
+    ("grid", 16), ("grid", 24), pytest.param("grid", 32, marks=pytest.mark.slow), pytest.param("irregular", 24, marks=pytest.mark.slow),
+    ("irregular", 32),
+])  # fmt: skip
 def test_a_square_on_a_square_table_has_a_fold_at_each_corner(make, kind, columns):
     x, faces = make[kind](SIDE, SIDE, columns, columns)
     x = x - [0.5 * SIDE, 0.5 * SIDE, 0.0]

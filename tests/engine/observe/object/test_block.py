@@ -23,12 +23,13 @@ def drawn(sides, turn, rounding=0.0, noise=0.0, middle=(0.02, -0.01, 1.0)):
     """Mask and depth of a box with these sides [m], its axes the columns of `turn`, edges rounded with a radius."""
     rows, columns = np.mgrid[: EYE.height, : EYE.width]
     xy = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float)
-    z = np.full(len(xy), 0.5)
+    z, gap, going = np.full(len(xy), 0.5), np.full(len(xy), np.inf), np.arange(len(xy))
     inner = np.array(sides) / 2 - rounding
     for _ in range(80):
-        q = np.abs((EYE.unproject(xy, z) - middle) @ turn) - inner
-        gap = np.linalg.norm(np.maximum(q, 0.0), axis=1) + np.minimum(q.max(axis=1), 0.0) - rounding
-        z = z + gap
+        q = np.abs((EYE.unproject(xy[going], z[going]) - middle) @ turn) - inner
+        gap[going] = np.linalg.norm(np.maximum(q, 0.0), axis=1) + np.minimum(q.max(axis=1), 0.0) - rounding
+        z[going] += gap[going]
+        going = going[(np.abs(gap[going]) > 1e-9) & (z[going] < 2.0 * middle[2])]  # neither there nor past it
     mask = (gap < 2e-4).reshape(rows.shape)
     depth = z.reshape(rows.shape) + noise * np.random.default_rng(0).standard_normal(rows.shape)
     return mask, np.where(mask, depth, np.inf)

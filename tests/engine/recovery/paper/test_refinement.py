@@ -34,7 +34,7 @@ def known():
     return body, Recovery(Outcome.CONVERGED, 400.0 * wind, deviation, x, eye, np.zeros_like(body.x), residual, "m", 1, 0.1)
 
 
-@pytest.fixture(scope="module", params=["causal_triplane", "kplanes"])
+@pytest.fixture(scope="module", params=["causal_triplane", pytest.param("kplanes", marks=pytest.mark.slow)])
 def rough(request, known):
     """A field that was distilled in haste."""
     body, recovery = known

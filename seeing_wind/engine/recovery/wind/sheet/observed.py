@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import savgol_filter
 
 from ...targets.channels import noise_of
 
@@ -67,6 +66,8 @@ class Observed:
         if float(np.abs(path - path.mean(axis=0)).max()) < 1e-9 or float(path.std(axis=0).mean()) < STILL * self.noise:
             return np.broadcast_to(begun, path.shape)
         if self.noise and len(path) >= SMOOTH:
+            from scipy.signal import savgol_filter  # slow to import, and edits and samples need none
+
             path = savgol_filter(path, SMOOTH, 2, axis=0)
         return path - path[0] + begun
 
