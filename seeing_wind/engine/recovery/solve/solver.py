@@ -56,6 +56,7 @@ class Solver(Protocol):
         share: tuple[float, float],
         what: str,
         active: np.ndarray | None = None,
+        *,
         tolerance: float = PACE.tolerance,
     ) -> Solution:
         """Gauss-Newton from theta over the frames that `forward` has, of the unknowns that are `active`."""
