@@ -127,7 +127,7 @@ def test_only_regular_files_are_opened(tmp_path: Path) -> None:
 def recovery(**changes: np.ndarray) -> Recovery:
     x = np.zeros((4, 5, 3))
     sound = Recovery(
-        Outcome.CONVERGED, x[:3], x[:3, :, 0], x, np.zeros((4, 5, 3, 3)), x[0], np.zeros(4), "m", 1, 0.1, stiffness=np.ones(5)
+        Outcome.CONVERGED, x[:3], x[:3], x, np.zeros((4, 5, 3, 3)), x[0], np.zeros(4), "m", 1, 0.1, stiffness=np.ones(5)
     )
     return dataclasses.replace(sound, **changes)
 

@@ -49,7 +49,7 @@ class PaceConstants:
     )
 
     stiffness_offsets: tuple[float, ...] = constant(
-        (0.02, 0.05, 0.03, 0.03), "1, cells, 1, 1", "Half the central difference's step of s, d, a and b.", "Smooth to a percent there."
+        (0.02, 0.05, 0.03, 0.03), "1, cells, 1, 1", "The difference's step of s, d, a and b.", "Smooth to a percent there."
     )
     stiffness_steps: tuple[float, ...] = constant((0.4, 0.5, 0.2, 0.2), "1, cells, 1, 1", "Largest step of each at a time.", "Chosen.")
     stiffness_shares: tuple[float, ...] = constant(

@@ -9,7 +9,7 @@ J (n, m) their derivatives by the other unknowns theta, P the precision of theta
 
     q = (s, d, a, b)    s = log(E / E given) ~ N(0, stiffness_spread²)      d ~ N(0, clamp_spread²), cells by which the clamp begins deeper
                         a, b ~ N(0, section_spread²), sizes of the section's two shapes
-    C = dr/dq           (m, 4), central differences through the simulator
+    C = dr/dq           (m, 4), differences through the simulator
     Q                   the precision of q's prior: diagonal, or what another clip of the same body left (`known_body`)
 
 a Gauss-Newton step for all
@@ -184,8 +184,8 @@ class Joint:
         def white(dq: np.ndarray) -> np.ndarray:
             return forward.journal.array("white", partial(_white, forward, body, objective, solution.theta, dq), solution.theta, dq)
 
-        here, rough = solution.residual.astype(np.float64), white(np.zeros(len(there.q)))
-        C = np.stack([(white(step) - rough) / step.sum() for step in np.diag(PACE.stiffness_offsets)], axis=1)
+        here = solution.residual.astype(np.float64)
+        C = np.stack([(white(step) - here) / step.sum() for step in np.diag(PACE.stiffness_offsets)], axis=1)
         jacobian = solution.point.jacobian.astype(np.float64)
         pull = np.concatenate([jacobian @ here + precision @ solution.theta, C.T @ here + there.precision @ (there.q - there.expected)])
         return Joint(solution.point.normal + precision, jacobian @ C, C.T @ C + there.precision, pull, there.precision)
@@ -231,8 +231,8 @@ def covariance_with(normal: np.ndarray, joint: Joint | None) -> np.ndarray:
 
 
 def _white(forward: Forward, body: Particles, objective: Objective, theta: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """(m,) whitened residuals of the rough model a step dq (4,) away. The substeps stay, or the difference would be one of substeps too."""
+    """(m,) whitened residuals a step dq (4,) away. The substeps stay, or the difference would be one of substeps too."""
     factor = np.exp(dq[0] + dq[2:] @ section_shapes(body))
-    model = with_clamp_depth(forward.rough, body, forward.rough.clamp_depth + float(dq[1]))
+    model = with_clamp_depth(forward.model, body, forward.model.clamp_depth + float(dq[1]))
     other = replace(forward, model=stiffer(model, factor))
     return objective.whiten(objective.residual(other.positions(theta[None])))[0].astype(np.float64)
