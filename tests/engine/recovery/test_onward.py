@@ -8,12 +8,13 @@ import pytest
 
 from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.records import TrackTargets
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve import onward
 from seeing_wind.engine.recovery.solve import window as windows
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.settings import RecoverSettings
-from tests.engine.recovery.bodies import FPS, RUBBER, blow, plate, points, relative
+from tests.engine.recovery.bodies import FPS, RUBBER, blow, camera, every, plate, points, relative
 
 FRAMES = 20
 GIVEN = RecoverSettings(gravity=(0.0, 0.0, 0.0), stiffness="given")
@@ -39,17 +40,32 @@ def followed(monkeypatch):
     return found
 
 
-def recovered(blown):
+def recovered(blown, seen=points):
     body, x, wind = blown
-    found = recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress())
+    found = recover(body, RUBBER, [seen(body, x)], FPS, GIVEN, NoProgress())
     free = ~body.pinned
-    return relative(found.force_density[:, free] / RUBBER.density, wind[:, free])
+    return relative(found.force_density[:, free, 0] / RUBBER.density, wind[:, free, 0])
+
+
+def filmed(body, x, noise=0.05):
+    xy = np.stack([camera().project(one, t)[0] for t, one in enumerate(x)])
+    xy[1:] += noise * np.random.default_rng(0).standard_normal(xy[1:].shape)
+    return TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], noise), camera(), every(body))
 
 
 def test_a_held_body_is_followed_once_and_goes_on_with_the_force_so_far(blown, followed):
     error = recovered(blown)
     assert followed == [0]
     assert error < 0.1
+
+
+def test_so_does_one_that_is_filmed(blown, followed, monkeypatch):
+    error = recovered(blown, filmed)
+    assert followed == [0]
+    monkeypatch.setattr(onward, "PACE", replace(PACE, refollow_misfit=0.0))
+    again = recovered(blown, filmed)
+    assert followed == [0, 0, 8]
+    assert error < 1.25 * again
 
 
 @pytest.mark.parametrize("refused", ["astray", "broken"])
