@@ -23,6 +23,7 @@ from seeing_wind.engine.reading import (
     read_toml,
     regular,
 )  # fmt: skip
+from seeing_wind.engine.record_arrays import recovery_of, to_arrays
 from seeing_wind.engine.records import Outcome, Recovery
 
 
@@ -130,6 +131,14 @@ def recovery(**changes: np.ndarray) -> Recovery:
         Outcome.CONVERGED, x[:3], x[:3], x, np.zeros((4, 5, 3, 3)), x[0], np.zeros(4), "m", 1, 0.1, stiffness=np.ones(5)
     )
     return dataclasses.replace(sound, **changes)
+
+
+def test_a_take_from_before_each_component_had_a_deviation_is_read() -> None:
+    arrays = to_arrays(recovery())
+    arrays["deviation"] = np.arange(15.0).reshape(3, 5)
+    read = recovery_of(arrays).deviation
+    assert read.shape == (3, 5, 3)
+    assert (read == np.arange(15.0).reshape(3, 5, 1)).all()
 
 
 def test_records_whose_arrays_contradict_each_other() -> None:
