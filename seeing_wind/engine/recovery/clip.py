@@ -135,7 +135,7 @@ class Clip:
 
             start = kept[-1].trajectory.state(-1) if kept else None
             springy = self.particles.pinned.any() and not self.model.plastic and not self.stiffness.free
-            before = kept[-1].onward if kept and springy else None
+            before = kept[-1].onward if kept and springy and self.settings.iterations > 1 else None  # it takes two
             solver = WindowSolver(
                 self.particles, self.model.from_frame(begin), self.objective.between(begin, end), basis, expected, start,
                 self.settings.iterations, self.progress, tell, self.still[begin:end], self.stiffness, before=before,

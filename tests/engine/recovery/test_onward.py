@@ -8,7 +8,7 @@ import pytest
 
 from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.progress import NoProgress
-from seeing_wind.engine.records import TrackTargets
+from seeing_wind.engine.records import Outcome, TrackTargets
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve import onward
 from seeing_wind.engine.recovery.solve import window as windows
@@ -88,3 +88,9 @@ def test_a_free_body_is_followed_in_every_window(followed):
     x, _ = blow(body, gusts, FRAMES)
     recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress())
     assert followed == [0, 8]
+
+
+def test_a_draft_of_one_iteration_does_not_take_the_two_of_going_on(blown, followed):
+    body, x, _ = blown
+    found = recover(body, RUBBER, [points(body, x)], FPS, replace(GIVEN, iterations=1), NoProgress())
+    assert followed == [0, 8] and found.outcome is Outcome.MAX_ITERATIONS
