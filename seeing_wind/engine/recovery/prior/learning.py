@@ -82,16 +82,12 @@ def learn_hyperparameters(
     scale = _mismatch_factor(prior, forward, solution, objective)
     if scale is not None:
         other = objective.mismatched(scale)
-        objective, point = other, whitened_anew(point, objective, other)
+        white = other.whiten(objective.unwhitened(np.concatenate([point.jacobian, point.residual[None]])))
+        point = Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
         pull = point.normal @ point.theta - point.jacobian @ point.residual
+        objective = other
         prior = prior_along(learn_kernel(prior, point.normal, pull, expected, check, journal), forward, path, expected, objective)
     return _with_stretch_belief(prior, forward, path, point, objective), point, objective
-
-
-def whitened_anew(point: Linearisation, before: Objective, after: Objective) -> Linearisation:
-    """The same linearisation with its residuals as `after` weighs them, which `before` has whitened."""
-    white = after.whiten(before.unwhitened(np.concatenate([point.jacobian, point.residual[None]])))
-    return Linearisation.at(point.theta, white[-1].astype(np.float64), white[:-1])
 
 
 def _mismatch_factor(prior: Prior, forward: Forward, solution: Solution, objective: Objective) -> float | None:

@@ -33,8 +33,6 @@ class PaceConstants:
         "Seen: 0.1 to 0.4 for leaves, posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost.",
     )  # fmt: skip
 
-    onward_iterations: int = constant(1, "Jacobians", "From the force that the window before ended with, until outliers are weighed.", COST)
-
     chord_steps: int = constant(6, "steps", "With one Jacobian, at most.", COST)
     stale: float = constant(0.2, "1", "A Jacobian is renewed when a step wins less than this share of what it promised.", COST)
     tolerance: float = constant(2e-3, "1", "Converged when a step promises to lower the cost by less than this share,", COST)

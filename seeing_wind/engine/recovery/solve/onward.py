@@ -34,7 +34,8 @@ class Onward:
 def carried_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution, int] | None:
     """Forward model, prior, solution with the modes of the window before, or more, and the Jacobians used; None where the body strays so.
 
-    The force of the last frame that was solved is held to the window's end, as the first guess.
+    The force of the last frame that was solved is held to the window's end, as the first guess. Takes two Jacobians: one there, and one
+    where that leads, with outliers weighed.
     """
     what, objective, frames = "Going on with the force so far", solver.objective, solver.objective.frames
     overlap, modes = before.coefficients.shape[:2]
@@ -44,8 +45,7 @@ def carried_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution
     theta = forward.pack(held_on, np.zeros(0))
     try:
         prior = prior_along(before.kernel, forward, forward.trajectory(theta), solver.expected, solver.objective)
-        most = min(solver.iterations, PACE.onward_iterations)
-        first = solver.solve(forward, prior, theta, most, (0.02, 0.5), what, tolerance=PACE.coarse_tolerance)
+        first = solver.solve(forward, prior, theta, 1, (0.02, 0.5), what, tolerance=PACE.coarse_tolerance)
         path = forward.trajectory(first.theta)
         solver.objective = objective.reweighted(objective.residual(path.x[None])[0])
         prior = prior_along(before.kernel, forward, path, solver.expected, solver.objective)
