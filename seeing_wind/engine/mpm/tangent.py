@@ -36,8 +36,8 @@ of one a weight that is rounding, and its inverse is beyond single precision."""
 MOST_NUMBERS = 2**29
 """In any one array: kernels index with 32 bits, and 2 GB is more than any body asks for that has not flown apart."""
 FLOWN, BESIDE = 2.0, 5.0
-"""Times its diagonal at the start, and nodes beside it, that the grid of an elastic body may be long in all three directions. One that needs
-more has flown apart: what is carried along says nothing then, and costs as many times more as the grid has grown."""
+"""Times its diagonal at the start, and nodes beside it, that the grid of an elastic body may be long in all three directions. One that
+needs more has flown apart: what is carried along says nothing then, and costs as many times more as the grid has grown."""
 _WORK_PER_CALL = 6_000_000
 """Changes of a particle in a substep between two safe points."""
 
