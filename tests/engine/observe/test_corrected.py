@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from interrupted import assert_same, in_pieces
 from scenes import HEIGHT, WIDTH, Scene, noise, painted_scene
 
 from seeing_wind.engine.command.arguments import parser, settings_of
@@ -75,9 +76,13 @@ def test_an_outline_of_the_first_frame_is_where_the_object_is_followed_from(tmp_
     found = overlaps(observe(scene.path, boxed, NoProgress()).masks, scene.masks)
     assert cv2.imwrite(str(tmp_path / "true.png"), scene.masks[0].astype(np.uint8) * 255)
     drawn = replace(boxed, outline=str(tmp_path / "true.png"))
-    better = overlaps(observe(scene.path, drawn, NoProgress()).masks, scene.masks)
+    seen = observe(scene.path, drawn, NoProgress())
+    better = overlaps(seen.masks, scene.masks)
     assert better[0] == 1.0 and better.min() > 0.7
     assert (better - found)[1:].min() > 0.15
+    again, kills, _ = in_pieces(scene.path, drawn, tmp_path, 7)
+    assert kills > 3
+    assert_same(again, seen)
 
 
 def two_halves() -> tuple[np.ndarray, np.ndarray]:

@@ -97,5 +97,5 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress,
     if scale < 1.0:
         flows = Flows(lambda t: cv2.cvtColor(small(frames[t]), cv2.COLOR_RGB2GRAY), (full[0] / size[0], full[1] / size[1]))
     follower = MaskFollower(small(frames[0]), first, behind, progress, kept=flows)
-    found = followed(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly", mask))
+    found = followed(lambda t: small(frames[t]), len(frames), follower, progress.part(0.1, 0.3), journal.loop("follow roughly"))
     return (found if scale == 1.0 else Masks.of(large(found[t]) if t else mask for t in range(len(found)))), flows
