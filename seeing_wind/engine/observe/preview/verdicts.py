@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -53,8 +54,11 @@ class Verdict:
         return {"verdict": self.verdict, **asdict(self)}
 
 
-def judged(seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None) -> list[Verdict]:
-    """All verdicts on `seen`, the worst first. `proposed` (H, W) bool: where the object seems to be held, None where nowhere."""
+def judged(
+    seen: Observation, settings: ObserveSettings, proposed: np.ndarray | None, more: Sequence[Verdict] = ()
+) -> list[Verdict]:
+    """All verdicts on `seen`, the worst first, with `more` among them. `proposed` (H, W) bool: where the object seems to be held, None
+    where nowhere."""
     found = [
         _outline(seen, settings, proposed),
         _sight(seen),
@@ -65,6 +69,7 @@ def judged(seen: Observation, settings: ObserveSettings, proposed: np.ndarray | 
         _scale(settings),
         _depth_motion(seen),
         *_clip(seen),
+        *more,
     ]
     return sorted(found, key=lambda one: -one.severity)
 
