@@ -83,8 +83,11 @@ def test_the_speed_is_measured_by_the_kernels_and_kept_for_this_machine(place: P
     assert known_speed(plastic=False) is None
 
 
-@pytest.mark.parametrize("content", ["", "[]", "{", '{"machine": 1}', '{"machine": "here", "elastic": {"copy": -1.0, "base": 1.0, "change": 1.0}}',
-                                     '{"machine": "here", "elastic": 3}'])  # fmt: skip
+WRONG = ("", "[]", "{", '{"machine": 1}', '{"machine": "here", "elastic": 3}',
+         '{"machine": "here", "elastic": {"copy": -1.0, "base": 1.0, "change": 1.0}}')  # fmt: skip
+
+
+@pytest.mark.parametrize("content", WRONG)
 def test_a_damaged_file_tells_nothing_and_is_written_anew(place: Path, content: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cost, "_machine", lambda: "here")
     monkeypatch.setattr(cost, "_measured", lambda plastic: SPEED)

@@ -64,6 +64,14 @@ def window_of(mask: np.ndarray, margin: int) -> Window:
     return int(columns[0]) - margin, int(rows[0]) - margin, int(columns[-1]) + margin + 1, int(rows[-1]) + margin + 1
 
 
+def joined(window: Window, other: Window | None, margin: int) -> Window:
+    """The smallest window that holds `window` and `other`, if there is one, with `margin` pixels on each side of the latter."""
+    if other is None:
+        return window
+    low, high = np.minimum(window[:2], np.subtract(other[:2], margin)), np.maximum(window[2:], np.add(other[2:], margin))
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
+
+
 def within(window: Window, picture: np.ndarray) -> Window:
     """The part of `window` that lies in `picture` (H, W, ...); without area where none does."""
     height, width = picture.shape[:2]
