@@ -10,8 +10,8 @@ from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
 from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out, trimmed
 from .flows import Flows
-from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, window_of, within
-from .veil import Veil, thick
+from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
+from .veil import Veil, out_again
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -76,7 +76,7 @@ class MaskFollower:
         self._template = cut(picture, self._shape_window).copy()
         self._steps = 0
         self._missed = 0
-        self._veil = Veil()
+        self._veil = Veil(mask)
         self.mask = mask
         self.velocity = np.zeros(2)
         self.hidden = False
@@ -100,8 +100,10 @@ class MaskFollower:
         motion = self._motion(shift)
         self._veil.move(motion)
         carried, where = self._carry(shift, margin)
-        found = self._silhouette(picture, carried, self._moved(motion, where), where)
-        self._remember(picture, gray, shift, carried, found, where, motion)
+        carried, where = self._with_what_is_out_again(picture, carried, where)
+        found, background = self._silhouette(picture, carried, where)
+        self._veil.keep(self._moved(motion, where), found, background, where)
+        self._remember(picture, gray, shift, carried, found, where)
         mask = np.zeros(gray.shape, bool)
         if not self.hidden:
             paste(mask, found, where)
@@ -162,15 +164,30 @@ class MaskFollower:
         flow is that of what stands still."""
         dx, dy = (int(value) for value in np.round(motion))
         x0, y0, x1, y1 = self._shape_window
-        moved = np.zeros((where[3] - where[1], where[2] - where[0]), bool)
-        paste(moved, self._shape, (x0 + dx - where[0], y0 + dy - where[1], x1 + dx - where[0], y1 + dy - where[1]))
-        return moved
+        return placed(self._shape, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where)
+
+    def _with_what_is_out_again(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
+        """The carried silhouette with what was hidden and now looks like the object, in a window that holds both."""
+        if self._veil.window is None:
+            return carried, where
+        around = within(self._veil.window, picture)
+        seen = self._against_plate(picture, around)
+        if seen is None:
+            return carried, where
+        behind, known = seen
+        looks = known & (behind > 0.0) & (self._colors.odds(cut(picture, around)) > 0.0)
+        again = out_again(self._veil.over(around) & looks, placed(carried, where, around), band_of(float(carried.sum())))
+        if not again.any():
+            return carried, where
+        x0, y0, x1, y1 = window_of(again, FILTERS)
+        both = joined(where, (x0 + around[0], y0 + around[1], x1 + around[0], y1 + around[1]))
+        return placed(carried, where, both) | placed(again, around, both), both
 
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""
         dx, dy = (int(value) for value in np.round(shift))
         x0, y0, x1, y1 = self._shape_window
-        where = joined((x0 + dx - margin, y0 + dy - margin, x1 + dx + margin, y1 + dy + margin), self._veil.window, margin)
+        where = (x0 + dx - margin, y0 + dy - margin, x1 + dx + margin, y1 + dy + margin)
         carried = np.zeros((where[3] - where[1], where[2] - where[0]), np.uint8)
         if self.flow is None or self._shape.sum() < SMALL:
             return self._moved(shift, where), where
@@ -184,29 +201,28 @@ class MaskFollower:
         carried = cv2.morphologyEx(carried, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
         return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
 
-    def _silhouette(self, picture: np.ndarray, carried: np.ndarray, whole: np.ndarray, where: Window) -> np.ndarray:
-        """The object (h, w) bool in the window `where`, by its `carried` silhouette; what of the `whole` is hidden goes into the veil."""
-        hidden, found = self._veil.over(where), np.zeros_like(carried)
-        if not (carried | hidden).any():
-            return found
+    def _silhouette(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, np.ndarray]:
+        """The object by its `carried` silhouette, and where nothing but the background is seen, (h, w) bool in the window `where`."""
+        found, background = np.zeros_like(carried), np.zeros_like(carried)
+        if not carried.any():
+            return found, background
         band = band_of(float(carried.sum()))
         # Farther away than three bands, no evidence outweighs the silhouette's.
-        near = window_of(carried | hidden, int(3 * band) + FILTERS)
+        near = window_of(carried, int(3 * band) + FILTERS)
         around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), picture)
         if around[0] < around[2] and around[1] < around[3]:
             near = (around[0] - where[0], around[1] - where[1], around[2] - where[0], around[3] - where[1])
-            carried, whole, veiled = (cut(one, near, cv2.BORDER_CONSTANT) for one in (carried, whole, hidden))
-            if self._plate is None or self._looks is None:
-                paste(found, self._cut_out(picture, carried, around, band, None), near)
-            else:
-                behind, known = against_plate(picture, self._plate, around, self._looks)
-                # What was hidden differs from the background again.
-                carried = carried | thick(veiled & known & (behind > 0.0))
-                seen = self._cut_out(picture, carried, around, band, (behind, known))
-                paste(found, seen, near)
-                paste(hidden, veiled | whole & ~seen & known & (behind < 0.0), near)
-        self._veil.keep(hidden & ~found, where)
-        return found
+            seen = self._against_plate(picture, around)
+            if seen is not None:
+                paste(background, seen[1] & (seen[0] < 0.0), near)
+            paste(found, self._cut_out(picture, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
+        return found, background
+
+    def _against_plate(self, picture: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
+        """What `against_plate` says in a window; None where no background is known, or in a window without area."""
+        if self._plate is None or self._looks is None or around[0] >= around[2] or around[1] >= around[3]:
+            return None
+        return against_plate(picture, self._plate, around, self._looks)
 
     def _cut_out(
         self, picture: np.ndarray, carried: np.ndarray, where: Window, band: float, plate: tuple[np.ndarray, np.ndarray] | None
@@ -223,9 +239,8 @@ class MaskFollower:
         return tidy(cut_out(odds, crop), carried)
 
     def _remember(
-        self, picture: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window,
-        motion: np.ndarray,
-    ) -> None:  # fmt: skip
+        self, picture: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window
+    ) -> None:
         area = float(found.sum())
         self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
         self._missed = self._missed + 1 if self.hidden else 0
@@ -237,8 +252,7 @@ class MaskFollower:
             dx, dy = (int(value) for value in np.round(self.velocity if self._steps > 1 else shift))
             self._shape_window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
             return
-        shifted = (middle_of(found) + where[:2]) - (middle_of(self._shape) + self._shape_window[:2])
-        self.velocity = motion if thick(self._veil.over(where)).any() else shifted
+        self.velocity = (middle_of(found) + where[:2]) - (middle_of(self._shape) + self._shape_window[:2])
         local = window_of(found, 0)
         self._shape_window = (local[0] + where[0], local[1] + where[1], local[2] + where[0], local[3] + where[1])
         self._shape = cut(found, local)
