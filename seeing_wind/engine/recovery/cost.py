@@ -43,8 +43,7 @@ EXPECTED = "recover_expected"
 """Among the seconds of the stages: what the solve was expected to take before it began."""
 
 OTHER = 1.5
-"""Everything else of a solve, such as learning the prior's sizes and linear algebra, in units of the simulations: 1.15 to 1.9 on
-development clips."""
+"""What a solve takes, learning the prior's sizes and linear algebra too, in units of its simulations: 1.15 to 1.9 on development clips."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class Usual:
-    """What a window usually takes; seen on the falling leaf, the potted plant and the squeezed clay."""
+    """What a window usually takes; chosen on the falling leaf, the potted plant, and the first view of the rendered post, plate and clay."""
 
     copies: float
     """Simulations of the whole window."""
@@ -70,8 +69,8 @@ class Usual:
     """Whether the body is led through the window first."""
 
 
-FREE = Usual(copies=20.0, coarse=1.3, fine=1.5)
-HELD = Usual(copies=65.0, coarse=3.0, fine=3.0)
+FREE = Usual(copies=30.0, coarse=1.3, fine=1.8)
+HELD = Usual(copies=60.0, coarse=3.0, fine=2.6)
 FLOWING = Usual(copies=60.0, coarse=3.0, fine=3.0)
 ONWARD = Usual(copies=10.0, coarse=0.0, fine=2.5, follows=False)
 """A later window of a held body."""
