@@ -57,7 +57,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class Usual:
-    """What a window usually takes; chosen on the falling leaf, the potted plant, and the first view of the rendered post, plate and clay."""
+    """What a window usually takes; chosen on the falling leaf, the potted plant, and rendered clips of a post, a plate and clay."""
 
     copies: float
     """Simulations of the whole window."""
