@@ -113,7 +113,8 @@ def _outline(seen: Observation, settings: ObserveSettings, proposed: np.ndarray 
     if early.shape[1] >= LEAST and (life := float(np.median(early.mean(axis=0)))) < LIVES:
         return Verdict(
             "outline", 0.7, f"Half of the points on it are lost within {100 * life:.0f} % of the clip: either the object turns, or a part "
-            "of the outline does not move with it.", "Look at it in the film. If it is wrong, correct it, or give that of frame 0 by --mask.",
+            "of the outline does not move with it.",
+            "Look at it in the film. If it is wrong, correct it, or give that of frame 0 by --mask.",
         )  # fmt: skip
     return Verdict("outline", 0.0, "It lies within the box and the frame.")
 
