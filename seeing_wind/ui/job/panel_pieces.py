@@ -11,7 +11,7 @@ from collections.abc import Callable
 import blf
 import bpy
 
-from . import status
+from . import notes, status
 from .status import State
 
 CATEGORY = "Seeing Wind"
@@ -216,7 +216,7 @@ def draw_preview_mark(layout, context, step: str) -> None:
 
 def _draw_warnings(layout, context, name: str) -> None:
     now = status.of(context.scene.session_uid)
-    warnings = now.warnings if now.warned == name else []
+    warnings = (now.warnings if now.warned == name else []) or notes.kept(context.scene.seeing_wind, name)
     for warning in warnings[:WARNINGS]:
         draw_text(layout, context, warning, "INFO")
     more = warnings[WARNINGS:]
