@@ -101,6 +101,8 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
             self.folder = Path(absolute(self.take))
         else:
             self.folder = takes.shown(settings) if settings.recovered_take else takes.take_folder(settings)
+        if not self.folder.is_dir():
+            raise TakeError(*takes.gone(self.folder))
         if not (self.folder / "field.safetensors").is_file():
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
         from .sampling import sampling  # needs NumPy
