@@ -16,7 +16,7 @@ from ...job.operator import JobOperator
 from ...job.status import digest_of
 from ...job.worker_command import ROOT, command, environment
 from ...option_properties import values_of
-from ..inputs.clips import files_of
+from ..inputs.clips import content_of, files_of
 from ..options import View, clip_options
 from .options import object_options
 
@@ -79,12 +79,12 @@ def preview_digest(clip: Clip, marked: Marked) -> str:
     # files that are made from the scene count by what they are made of
     made = {each.option: each.stamp for each in marked[1] if each.option != "pin"}
     given = [path for name, path in named.items() if path is not None and name not in made]
-    files = [os.stat(path) for path in (*files_of(clip[0]), *given, *(path for view in clip[2] for path in view))]
+    files = (*files_of(clip[0]), *given, *(path for view in clip[2] for path in view))
     names = {name: os.path.basename(path) if path is not None else None for name, path in named.items()}
     views = [os.path.basename(path) for view in clip[2] for path in view]
     return digest_of(
         os.path.basename(clip[0]), dataclasses.replace(asked, **names), views,
-        [(entry.st_size, entry.st_mtime_ns) for entry in files], tuple(made.values()),
+        [content_of(path) for path in files], tuple(made.values()),
     )  # fmt: skip
 
 
