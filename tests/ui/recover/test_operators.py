@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from types import SimpleNamespace
-from typing import Any
 
 import bpy
 import numpy as np
@@ -18,6 +17,7 @@ from seeing_wind.ui.bake.plan import MARK, mark_of
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status
 from seeing_wind.ui.recover.panel import RecoverTab
+from tests.ui.drawn import Drawn
 from tests.ui.jobs import notes_of, now, recover
 from tests.ui.meshes import cube
 
@@ -59,24 +59,6 @@ def test_what_the_recovery_says_of_itself_is_in_the_panel(workplace, scene) -> N
         bpy.ops.wm.save_as_mainfile(filepath=str(workplace / name))
         bpy.ops.wm.open_mainfile(filepath=str(workplace / name))
         assert notes_of(bpy.context.scene) == expected and drawn().endswith(" ".join(expected))
-
-
-class Drawn:
-    """A layout that remembers the operators and the labels that were put into it."""
-
-    def __init__(self) -> None:
-        self.operators: list[SimpleNamespace] = []
-        self.labels: list[str] = []
-
-    def label(self, text: str = "", **_: object) -> None:
-        self.labels.append(text)
-
-    def operator(self, name: str, **_: object) -> SimpleNamespace:
-        self.operators.append(SimpleNamespace(name=name))
-        return self.operators[-1]
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *arguments, **options: self
 
 
 def drawn() -> str:

@@ -13,6 +13,7 @@ from ....engine.settings import ObserveSettings, options_of, words_of
 from ...job import takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
+from ...job.panel_words import in_panel_words
 from ...job.status import digest_of
 from ...job.worker_command import ROOT, command, environment
 from ...option_properties import values_of
@@ -60,7 +61,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         settings.verdicts.clear()
         for each in result.get("verdicts", []):
             verdict = settings.verdicts.add()
-            verdict.name, verdict.because, verdict.advice = (each[key] for key in ("item", "because", "do"))
+            verdict.name, verdict.because, verdict.advice = (in_panel_words(each[key]) for key in ("item", "because", "do"))
             verdict.doubtful = each["severity"] > 0.0
         settings.previewed_take, settings.previewed_digest = str(self.folder), self.digest
         settings.proposed_pin = str(self.folder / HELD) if HELD in result.get("files", []) else ""
