@@ -61,7 +61,10 @@ def test_what_is_wrong_with_the_object_stands_above_what_is_seen_of_it(scene, ma
     marked.held_mode, layout = "BOX", Drawn()
     ObjectTab.fill(SimpleNamespace(bl_space_type="VIEW_3D"), bpy.context, layout)
     said = " ".join(layout.labels)
-    assert 0 <= said.find("No box is drawn round the held part") < said.find("Scale:")
+    assert 0 <= said.find("No box is drawn round the held part") < said.find("Scale:") and "It is marked" not in said
+    marked.held_box, layout = (20, 20, 44, 30), Drawn()
+    ObjectTab.fill(SimpleNamespace(bl_space_type="VIEW_3D"), bpy.context, layout)
+    assert "Held place: It is marked." in " ".join(layout.labels)
 
 
 def test_recover_is_asked_for_the_same(scene, marked) -> None:

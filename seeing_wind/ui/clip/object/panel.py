@@ -130,10 +130,11 @@ def _draw_preview(layout, context, settings) -> None:
     row = body.row(align=True)
     for name, text, icon in ((PICTURE, "Image", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
         row.operator("wm.path_open", text=text, icon=icon).filepath = f"{settings.previewed_take}/{name}"
+    marked = bool(settings.pin) if settings.held_mode == "FILE" else ready
     for verdict in settings.verdicts:
         words, doubtful = f"{verdict.because} {verdict.advice}".strip(), verdict.doubtful
         proposed = settings.proposed_pin if verdict.name == HELD_PLACE else ""
-        if proposed and (settings.held_mode != "FILE" or settings.pin):  # since then
+        if proposed and marked:  # since then
             words, doubtful = "It is marked.", False
         draw_text(body, context, f"{verdict.name.capitalize()}: {words}", "ERROR" if doubtful else "CHECKMARK")
         if proposed and settings.pin != proposed:
