@@ -1,11 +1,13 @@
-"""The outline from a box alone against known outlines: benchmarks/outlines.py SHARED [CASE ...] [--frames DIR] [--corrected]
+"""The outline from a box alone against known outlines: benchmarks/outlines.py SHARED [CASE ...] [--pictures DIR] [--corrected]
 
-Three kinds of clips: real ones of SHARED/clips in frames outlined by hand (outlines.toml), rendered ones of SHARED/truth/rendered with
-their masks, and painted ones (outline_scenes.py). The box is drawn round the object's true bounds in the first frame with a margin of
-5 % or 4 px. Prints a row per clip: intersection over union in the first frame, the median and the worst over all outlined frames, seconds
-of one processor. The last rows sum up the clips that settings were chosen on and the others; exit code 1 says that a bar is missed. With
---frames, found (green) and true (red) outlines are drawn into DIR. With --corrected, the worst frame is corrected as a person might,
-once by one point in the middle of the largest mistake and once by its true outline, and a row for each gives all other frames after it.
+Three kinds of clips: real ones of SHARED/clips in frames outlined by hand (outlines.toml, and outlines_held_out.toml for those on which
+nothing was chosen), rendered ones of SHARED/truth/rendered with their masks, and painted ones (outline_scenes.py). The box is drawn round
+the object's true bounds in the first frame with a margin of 5 % or 4 px. Prints a row per clip: intersection over union in the first frame,
+the median and the worst over all outlined frames, and seconds of one processor; then how many tracks the first frame has, how many per cent
+of them are seen in the last, the least number seen in any frame, and how many per cent of all lie within the outlines, or 1 px beside. The
+last rows sum up the kinds of clips; exit code 1 says that a bar is missed. With --pictures, found (green) and true (red) outlines are drawn
+into DIR. With --corrected, the worst frame is corrected as a person might, once by one point in the middle of the largest mistake and once
+by its true outline, and a row for each gives all other frames after it.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from outline_scenes import SCENES as PAINTED
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.progress import NoProgress
+from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import ObserveSettings
 
 CHOSEN_ON = ("carnation", "hanging_toy", "pendulum", "puck_pulled", "sheet_v0", "pole_v0")
@@ -32,6 +35,8 @@ CHOSEN_ON = ("carnation", "hanging_toy", "pendulum", "puck_pulled", "sheet_v0", 
 RENDERED = ("sheet_v0", "pole_v0", "clay_v0", "banner_v0", "sheet_v1", "pole_v1", "clay_v1")
 MEDIAN, WORST = 0.9, 0.75
 """The bars over all outlined frames of a kind of clips."""
+BESIDE = 1
+"""Pixels beside an outline at which a track still counts as on the object: as far as an outline drawn by hand may be off."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,14 @@ class Case:
     truth: dict[int, np.ndarray]
     """Frame, counted from the first of `frames`, -> (H, W) bool."""
     fps: float = 25.0
+
+
+def by_hand(name: str) -> dict[str, Any]:
+    """The clips of a file beside this one that are outlined by hand."""
+    return tomllib.loads((Path(__file__).parent / name).read_text(encoding="utf-8"))
+
+
+DRAWN, HELD_OUT = by_hand("outlines.toml"), by_hand("outlines_held_out.toml")
 
 
 def hand_drawn(entry: dict, shape: tuple[int, int]) -> np.ndarray:
@@ -67,10 +80,11 @@ def shape_of(clip: Path) -> tuple[int, int]:
 
 def case_of(name: str, shared: Path, folder: Path) -> Case:
     """One case by its name; a painted one is written to `folder`."""
-    real = tomllib.loads((Path(__file__).parent / "outlines.toml").read_text(encoding="utf-8"))
-    if name in real:
-        entry, first = real[name], real[name]["frames"][0]
-        clip = shared / "clips" / entry["file"]
+    if entry := (DRAWN | HELD_OUT).get(name):
+        clip, first = shared / "clips" / entry["file"], entry["frames"][0]
+        if not clip.exists():
+            where = "outlines_held_out.toml" if name in HELD_OUT else "its README"
+            sys.exit(f"{name}: there is no clip at {clip}; {where} says where it is from.")
         truth = {one["frame"] - first: hand_drawn(one, shape_of(clip)) for one in entry["outline"]}
         return Case(clip, tuple(entry["frames"]), truth)
     if name in PAINTED:
@@ -121,11 +135,28 @@ def draw(folder: Path, name: str, case: Case, masks: dict[int, np.ndarray], pict
     cv2.imwrite(str(folder / f"{name}.png"), np.hstack(tiles))
 
 
-def seen_in(case: Case, **marked: Any) -> tuple[dict[int, np.ndarray], float]:
-    """The masks in every outlined frame of a case, and the seconds that they took."""
-    started = time.process_time()
-    seen = observe(case.path, ObserveSettings(frames=case.frames, fps=case.fps, distance=1.0, **marked), NoProgress())
-    return {t: np.asarray(seen.masks[t]) for t in case.truth}, time.process_time() - started
+def seen_in(case: Case, **marked: Any) -> Observation:
+    """What `observe` makes of a case."""
+    return observe(case.path, ObserveSettings(frames=case.frames, fps=case.fps, distance=1.0, **marked), NoProgress())
+
+
+def masks_of(case: Case, seen: Observation) -> dict[int, np.ndarray]:
+    """The masks in every outlined frame of a case."""
+    return {t: np.asarray(seen.masks[t]) for t in case.truth}
+
+
+def tracks_of(case: Case, seen: Observation) -> str:
+    """How the tracks of the first frame live on, and how many of all lie on the object where it is outlined."""
+    on_object = []
+    for t, true in case.truth.items():
+        near = cv2.dilate(true.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * BESIDE + 1,) * 2)) > 0
+        column, row = np.round(seen.xy[t][seen.visible[t]]).astype(int).T
+        inside = (column >= 0) & (row >= 0) & (column < near.shape[1]) & (row < near.shape[0])
+        on_object += [*near[row[inside], column[inside]], *[False] * int((~inside).sum())]
+    first = seen.visible[0]
+    kept = 100 * float((first & seen.visible[-1]).sum() / max(first.sum(), 1))
+    on = f"{100 * np.mean(on_object):.0f} % on it" if on_object else "none where it is outlined"
+    return f"{first.sum()} tracks, {kept:.0f} % to the end, at least {seen.visible.sum(axis=1).min()}, {on}"
 
 
 def mistake(found: np.ndarray, true: np.ndarray) -> tuple[float, float, float]:
@@ -141,19 +172,22 @@ def after_correction(case: Case, masks: dict[int, np.ndarray], folder: Path) -> 
     others = [t for t in sorted(case.truth) if t != worst]
     cv2.imwrite(str(folder / "truth.png"), case.truth[worst].astype(np.uint8) * 255)
     box = box_round(case.truth[0])
-    pointed, _ = seen_in(case, box=box, correct=(float(worst + first), *mistake(masks[worst], case.truth[worst])))
-    outlined, _ = seen_in(case, box=box, outline=str(folder / "truth.png"), outline_frame=worst + first)
-    kinds = {"as found": masks, "one point": pointed, "an outline": outlined}
+    pointed = seen_in(case, box=box, correct=(float(worst + first), *mistake(masks[worst], case.truth[worst])))
+    outlined = seen_in(case, box=box, outline=str(folder / "truth.png"), outline_frame=worst + first)
+    kinds = {"as found": masks, "one point": masks_of(case, pointed), "an outline": masks_of(case, outlined)}
     return {kind: [overlap(found[t], case.truth[t]) for t in others] for kind, found in kinds.items()}
 
 
 def figures_of(
     name: str, shared: Path, pictures: Path | None, corrected: bool
-) -> tuple[list[float], float, dict[str, list[float]]]:
-    """Overlap in every outlined frame of a case, the seconds that it took, and what `after_correction` says if asked."""
+) -> tuple[list[float], str, dict[str, list[float]]]:
+    """Overlap in every outlined frame of a case, its seconds and tracks, and what `after_correction` says if asked."""
     with tempfile.TemporaryDirectory() as folder:
         case = case_of(name, shared, Path(folder))
-        masks, seconds = seen_in(case, box=box_round(case.truth[0]))
+        started = time.process_time()
+        seen = seen_in(case, box=box_round(case.truth[0]))
+        told = f"{time.process_time() - started:5.1f} s; {tracks_of(case, seen)}"
+        masks = masks_of(case, seen)
         if pictures is not None:
             video, first = cv2.VideoCapture(str(case.path)), (case.frames or (0, 0))[0]
             shown: dict[int, np.ndarray] = {}
@@ -163,7 +197,7 @@ def figures_of(
                     shown[index - first] = cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)
             draw(pictures, name, case, masks, shown)
         after = after_correction(case, masks, Path(folder)) if corrected else {}
-    return [overlap(masks[t], case.truth[t]) for t in sorted(case.truth)], seconds, after
+    return [overlap(masks[t], case.truth[t]) for t in sorted(case.truth)], told, after
 
 
 def main() -> int:
@@ -171,33 +205,31 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("shared", type=Path, metavar="SHARED")
     parser.add_argument("--pictures", type=Path, metavar="DIR")
-    real = list(tomllib.loads((Path(__file__).parent / "outlines.toml").read_text(encoding="utf-8")))
-    names = [*real, *PAINTED, *RENDERED]
+    names = [*DRAWN, *HELD_OUT, *PAINTED, *RENDERED]
     parser.add_argument("case", nargs="*", metavar="CASE", default=names)
     parser.add_argument("--corrected", action="store_true")
     arguments = parser.parse_intermixed_args()
     found: dict[str, list[float]] = {}
     after: dict[str, list[float]] = {}
     for name in arguments.case:
-        found[name], seconds, corrections = figures_of(name, arguments.shared.resolve(), arguments.pictures, arguments.corrected)
+        found[name], told, corrections = figures_of(name, arguments.shared.resolve(), arguments.pictures, arguments.corrected)
         row = found[name]
-        print(
-            f"{name:13} first {row[0]:.3f}  median {np.median(row):.3f}  worst {min(row):.3f}  {len(row):3} frames  {seconds:5.1f} s",
-            flush=True,
-        )
+        print(f"{name:13} first {row[0]:.3f}  median {np.median(row):.3f}  worst {min(row):.3f}  {len(row):3} frames  {told}", flush=True)
         for kind, values in corrections.items():
             print(f"  {kind:11} median {np.median(values):.3f}  worst {min(values):.3f}", flush=True)
-            after[kind] = after.get(kind, []) + (values if name in real else [])
+            for title, group in (("real", DRAWN), ("held out", HELD_OUT)):
+                if name in group:
+                    after[f"{title}, {kind}"] = after.get(f"{title}, {kind}", []) + values
     for kind, values in after.items():
-        if values:
-            print(f"real, {kind:11} median {np.median(values):.3f}  worst {min(values):.3f}  {len(values)} frames")
+        print(f"{kind:20} median {np.median(values):.3f}  worst {min(values):.3f}  {len(values)} frames")
     missed = 0
     for title, group in (
-        ("real, by hand", real),
+        ("real, by hand", DRAWN),
+        ("held out", HELD_OUT),
         ("painted", PAINTED),
         ("rendered", RENDERED),
         ("chosen on", CHOSEN_ON),
-        ("others", [name for name in names if name not in CHOSEN_ON]),
+        ("others", [name for name in names if name not in {*CHOSEN_ON, *HELD_OUT}]),
     ):
         values = [value for name in group if name in found for value in found[name]]
         if values:

@@ -35,6 +35,9 @@ LEAST_MASS = 1e-12
 of one a weight that is rounding, and its inverse is beyond single precision."""
 MOST_NUMBERS = 2**29
 """In any one array: kernels index with 32 bits, and 2 GB is more than any body asks for that has not flown apart."""
+FLOWN, BESIDE = 2.0, 5.0
+"""Times its diagonal at the start, and nodes beside it, that the grid of an elastic body may be long in all three directions. One that
+needs more has flown apart: what is carried along says nothing then, and costs as many times more as the grid has grown."""
 _WORK_PER_CALL = 6_000_000
 """Changes of a particle in a substep between two safe points."""
 
@@ -95,7 +98,8 @@ class _Carrier:
     def __init__(self, model: Model, start: State, phi: np.ndarray, dphi: np.ndarray, changes: Changes, progress: Progress) -> None:
         check_state(model.particles, model.offset, model.dx, start.x, start.v, start.C, start.F)
         self.model, self.state, self.progress = model, start, progress
-        self.body = CopiesRun(model, MOST_NUMBERS // (2 * 4 * WIDTHS[-1]))
+        longest = np.inf if model.plastic else FLOWN * np.linalg.norm(np.ptp(start.x, axis=0)) / model.dx + BESIDE
+        self.body = CopiesRun(model, int(min(MOST_NUMBERS // (2 * 4 * WIDTHS[-1]), longest**3)))
         self.body.make_room_for(start.x[None])
         self.active, self.count = self.body.packing.active, len(self.body.packing.active)
         self.phi, self.dphi = torch.from_numpy(np.ascontiguousarray(phi)), torch.from_numpy(np.ascontiguousarray(dphi))

@@ -100,12 +100,19 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         # Nothing else says where it is: it is sought in frame 0 where it is followed back to.
         settings = replace(settings, box=box_round(carried_to_first(clip.frames, shown, plate, progress)))
         around = _marked_area(settings, height, width)
-    mask = first_outline(settings, clip.frames, plate, moving, lens, progress)
+    unaided = first_outline(settings, clip.frames, plate, moving, lens, progress)
+    mask = shown.get(0, unaided)
     progress.update(0.1, "following the object")
     looks, flows = None, None
     if plate is not None and moving is not None:
-        mask, plate, looks, flows = with_background(clip.frames, mask, plate, moving, settings, around, progress, journal)
-    outlines = with_corrections(clip.frames, mask, shown, marks, plate, looks, flows, progress, journal)
+        behind = plate
+        unaided, plate, looks, flows = with_background(clip.frames, unaided, behind, moving, settings, around, progress, journal)
+        mask = unaided
+        if 0 in shown:
+            # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
+            drawn = replace(settings, box=None)
+            mask, plate, looks, flows = with_background(clip.frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
+    outlines = with_corrections(clip.frames, mask, unaided, shown, marks, plate, looks, flows, progress, journal)
     mask = mask if outlines is None else outlines[0]
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)

@@ -204,3 +204,21 @@ def test_a_body_that_has_flown_apart_is_told_before_its_grid_fills_the_memory():
             model, replace(start, x=apart), basis.phi, basis.gradient, np.zeros((FRAMES, 4, 3)),
             Changes(np.ones((8, FRAMES, 4, 3))), NoProgress(),
         )  # fmt: skip
+
+
+def test_a_body_that_flies_apart_on_the_way_is_told_long_before_that():
+    """A stem whose head comes off kept the solve busy for minutes, with gigabytes of grid."""
+    model, start, basis = body()
+    x, v = start.x.copy(), start.v.copy()
+    x[-1] += 3.0 * model.dx  # one particle leaves the others
+    v[-1] += 10.0 * model.dx * FPS
+
+    def carried(of):
+        force, changes = np.zeros((FRAMES, 4, 3)), Changes(np.ones((8, FRAMES, 4, 3)))
+        return tangents(of, replace(start, x=x, v=v), basis.phi, basis.gradient, force, changes, NoProgress())[0]
+
+    with pytest.raises(SimulationError, match="flew off"):
+        carried(model)
+    # What flows may spread as far as it will.
+    flows, _, _ = body("von_mises")
+    assert np.ptp(carried(flows), axis=1).max() > 40.0 * model.dx

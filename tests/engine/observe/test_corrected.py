@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from interrupted import assert_same, in_pieces
 from scenes import HEIGHT, WIDTH, Scene, noise, painted_scene
 
 from seeing_wind.engine.command.arguments import parser, settings_of
@@ -60,6 +61,28 @@ def test_an_outline_of_a_later_picture_alone_marks_the_object(disc: Scene, tmp_p
     # Frames are counted in the file, whatever part of it is chosen.
     part = observe(disc.path, replace(alone, frames=(4, 10)), NoProgress())
     assert overlaps(part.masks, disc.masks[4:11]).min() > 0.93
+
+
+def test_an_outline_of_the_first_frame_is_where_the_object_is_followed_from(tmp_path: Path) -> None:
+    """A falling drop: one sees the wall through it, but for a dark rim and lower part."""
+    wall = noise(np.random.default_rng(6), (HEIGHT, WIDTH), (110, 106, 100), (140, 136, 130), 4.0)
+
+    def drop(t: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        return wall * np.where(np.hypot(dx, dy) > 31, 0.75, 1.0)[..., None] * np.where(dy > 18, 0.6, 1.0)[..., None]
+
+    t = np.arange(12.0)
+    scene = painted_scene(tmp_path, np.stack([90 + 1.5 * t, 50 + 5.0 * t], axis=1), 0.0 * t, 34.0, drop)
+    boxed = ObserveSettings(box=tuple(np.add(scene.box, (-5, -5, 5, 5))), distance=1.0)
+    found = overlaps(observe(scene.path, boxed, NoProgress()).masks, scene.masks)
+    assert cv2.imwrite(str(tmp_path / "true.png"), scene.masks[0].astype(np.uint8) * 255)
+    drawn = replace(boxed, outline=str(tmp_path / "true.png"))
+    seen = observe(scene.path, drawn, NoProgress())
+    better = overlaps(seen.masks, scene.masks)
+    assert better[0] == 1.0 and better.min() > 0.7
+    assert (better - found)[1:].min() > 0.15
+    again, kills, _ = in_pieces(scene.path, drawn, tmp_path, 7)
+    assert kills > 3
+    assert_same(again, seen)
 
 
 def two_halves() -> tuple[np.ndarray, np.ndarray]:

@@ -62,6 +62,20 @@ def test_what_stands_still_in_a_loose_box_is_background(tmp_path: Path) -> None:
     assert (first & ~masks[0]).sum() < 0.1 * masks[0].sum()
 
 
+def test_the_background_in_a_ring_s_hole_is_not_the_ring(tmp_path: Path) -> None:
+    rng = np.random.default_rng(4)
+    wall = noise(rng, (HEIGHT, WIDTH), (120, 112, 100), (170, 160, 142), 3.0)
+    skin = noise(rng, (HEIGHT, WIDTH), (150, 40, 30), (240, 120, 60), 1.5)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    away = [np.hypot(columns - 45 - 7 * t, rows - 80) for t in range(18)]
+    rings = np.stack([(one < 30) & (one >= 12) for one in away])
+    frames = [np.where(ring[..., None], np.roll(skin, 7 * t, 1), wall) + rng.normal(0, 1.5, wall.shape) for t, ring in enumerate(rings)]
+    write_video(tmp_path / "clip.avi", [np.clip(one, 0, 255).astype(np.uint8) for one in frames], 30.0)
+    found = np.asarray(observe(tmp_path / "clip.avi", ObserveSettings(box=box_of(rings[0]), distance=1.0), NoProgress()).masks)
+    assert ((found & rings).sum(axis=(1, 2)) / (found | rings).sum(axis=(1, 2))).min() > 0.9
+    assert not (found & (np.stack(away) < 9)).any()
+
+
 def test_motion_tells_the_object_from_what_stands_still(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     wall, thing = noise(rng, (100, 140), (60, 60, 60), (200, 200, 200), 1.5), noise(rng, (40, 40), (60, 60, 60), (200, 200, 200), 1.5)

@@ -272,6 +272,7 @@ def _moved(mask: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 def with_corrections(
     frames: Frames,
     mask: np.ndarray,
+    unaided: np.ndarray,
     shown: dict[int, np.ndarray],
     marks: dict[int, Marks],
     plate: Plate | None,
@@ -283,11 +284,13 @@ def with_corrections(
     """The masks (T+1, H, W) followed from `mask` (H, W) bool in frame 0, then mended by what the user showed; None without that.
 
     Args:
+        unaided: (H, W) bool, what was found in frame 0 without what the user showed there: it tells what goes wrong.
         shown: outlines (H, W) bool by frame; marks: by frame; flows: how it moves, as far as that is known.
     """
     if not shown and not marks:
         return None
     follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True, known=flows)
     found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
+    found = Masks.of(found[t] if t else unaided for t in range(len(found)))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}
     return corrected(frames, found, shown | marked, progress)
