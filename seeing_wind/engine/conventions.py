@@ -117,6 +117,8 @@ def frame_named(t: int) -> str:
 
 UNHELD = "Nothing was marked as held"
 """How the note begins on a force that only answers gravity: the panel offers what mends it."""
+HELD_PLACE = "held place"
+"""What a preview's verdict on it is about: likewise."""
 
 
 def constant(value: Any, unit: str, reason: str, source: str) -> Any:

@@ -52,6 +52,7 @@ from .field import properties as field_properties
 from .field.library import copies as library_copies
 from .field.library import operators as library_operators
 from .field.library import panel as library_panel
+from .job import notes as job_notes
 from .job import operator as job_operator
 from .job import status, takes
 from .job.install import environment
@@ -74,7 +75,7 @@ FEATURES = (
 )  # fmt: skip
 """What is switched on, in the order of the work; the scene's settings come last, being made of theirs."""
 
-CLASSES = tuple(cls for door in (job_operator, *FEATURES, scene_properties) for cls in door.CLASSES)
+CLASSES = tuple(cls for door in (job_operator, job_notes, *FEATURES, scene_properties) for cls in door.CLASSES)
 
 HANDLERS = (scene_properties, freshness, job_operator, takes, user_paths, library_copies, commands)
 """What is more than classes."""

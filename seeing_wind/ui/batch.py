@@ -15,7 +15,7 @@ import bpy
 
 from ..engine.errors import CANCELLED, DONE_WITH_WARNINGS, SeeingWindError, UsageError
 from ..engine.progress import Cancelled
-from .job import console, takes, worker
+from .job import console, notes, takes, worker
 from .job.install.choices import asked_model
 from .job.install.environment import engine_python
 from .job.worker_command import command, environment
@@ -133,6 +133,7 @@ def build(python: str, source: Path, clip: str, edit: Path | None, show: Show) -
         return CANCELLED if last["outcome"] == "cancelled" else 1
     filled = results.build(scene, source, clip)
     takes.show(settings, source, results.digest_of_loaded(scene, filled))
+    notes.keep(settings, "recover", results.notes(scene, source))
     if edit is not None:
         simulated.import_bodies(scene, edit, settings.frame_start)
     return 0

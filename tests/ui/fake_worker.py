@@ -1,9 +1,9 @@
 """Speaks the worker's protocol without an engine: `fake_worker.py BEHAVIOUR [arguments ignored]`, standard library only.
 
 Behaviours: done, warned (a video is missing, exit 3), error, crash (Python exception), die (kills itself), mute (exit 1, says nothing),
-hang (stops when it is asked), stubborn (no request and no SIGTERM stops it), chatty (lines that are no messages), offspring (leaves a child
-that holds the pipes).
-SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` take.
+hang (works, and then waits until it is asked to stop), stubborn (no request and no SIGTERM stops it), chatty (lines that are no messages),
+offspring (leaves a child that holds the pipes).
+SEEING_WIND_FAKE_SECONDS sets how long `done` and `hang` work.
 """
 
 from __future__ import annotations
@@ -34,14 +34,19 @@ def listen() -> None:
     stopped = True
 
 
+def cancelled() -> None:
+    """End as the engine does at a safe point."""
+    send(type="result", outcome="cancelled", seconds=1.0)
+    sys.exit(130)
+
+
 def work(seconds: float) -> None:
     """Progress through all stages, stopping at a safe point when asked."""
     rounds = 8
     for stage in STAGES:
         for k in range(rounds + 1):
             if stopped:
-                send(type="result", outcome="cancelled", seconds=1.0)
-                sys.exit(130)
+                cancelled()
             send(type="progress", stage=stage, fraction=k / rounds, message=f"{stage} part {k} of {rounds}", residual=1.0 / (k + 1))
             rest = time.monotonic() + seconds / (len(STAGES) * (rounds + 1))
             while not stopped and (left := rest - time.monotonic()) > 0.0:
@@ -80,7 +85,10 @@ def main() -> int:
     elif behaviour == "mute":
         return 1
     elif behaviour == "hang":
-        work(SECONDS if "SEEING_WIND_FAKE_SECONDS" in os.environ else 60.0)
+        work(SECONDS)
+        while not stopped:  # a caller that is slow to ask must find it running
+            time.sleep(0.02)
+        cancelled()
     elif behaviour == "stubborn":
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         send(type="progress", stage="recover", fraction=0.5, message="not listening")

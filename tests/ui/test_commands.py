@@ -9,8 +9,10 @@ import extension
 import pytest
 
 from seeing_wind.engine.command.arguments import parser
+from seeing_wind.engine.take import Take
 from seeing_wind.ui import commands
 from seeing_wind.ui.job import status
+from tests.ui.jobs import notes_of
 
 
 @pytest.fixture(autouse=True)
@@ -34,6 +36,8 @@ def test_recover_with_relative_paths_saves_a_file(workplace, capsys) -> None:
 
 def test_resimulate_saves_the_bodies_with_their_motion(workplace) -> None:
     assert commands.main(["recover", "clip.mp4", "--take", "out.take", "--box", "20", "20", "44", "44"]) == 0
+    report = Take(workplace / "out.take").read_json("report.json")
+    Take(workplace / "out.take").write_json("report.json", {**report, "notes": ["Nothing was marked as held."]})
     (workplace / "edit.toml").write_text(
         'gravity = [0, 0, -9.81]\n[[body]]\nname = "leaf"\nmesh = "recovered"\nmass_scale = 2.0\n', encoding="utf-8"
     )
@@ -43,6 +47,7 @@ def test_resimulate_saves_the_bodies_with_their_motion(workplace) -> None:
     assert len(leaf.data.shape_keys.key_blocks) == 13
     drop = leaf.data.shape_keys.key_blocks[12].data[0].co.z - leaf.data.shape_keys.key_blocks[0].data[0].co.z
     assert drop == pytest.approx(-0.5 * 9.81 * 0.25 / 2.0, rel=1e-5)
+    assert notes_of(bpy.context.scene) == ["Nothing was marked as held."]
 
 
 def test_a_preview_is_saved_as_one(workplace) -> None:

@@ -1,4 +1,4 @@
-"""The light of a clip: a sun from the shading of its object, a sky and a ground from what is around it."""
+"""The light of a clip: a sun from the shading of its object, a sky and a ground from what is around it, each part at its elevation."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ HAZY = 1.9
 """Light of the sun over that of the sky where the shading does not tell: a sunny day with some haze."""
 RATIOS = (0.3, 4.0)
 """Of the two, as far as they are believed."""
-EDGE = 0.33
-"""Of the frame's height: what stands in its upper part lights from above, what stands in its lower part from below."""
+BANDS = 12
+"""Parts of the frame's height, of a colour each."""
 TINT = (0.5, 1.5)
 """Channels of the sun's colour over their mean, at most."""
 SUN, SKY = "Seeing Wind Sun", "Seeing Wind Sky"
 SKY_MAP = 64
-"""Pixels across the map by which Cycles samples the sky: it has no detail finer than its soft edge of some 20 degrees."""
+"""Pixels across the map by which Cycles samples the sky: there is no small bright place in it that a ray could miss."""
 SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
 """High, over the camera's left shoulder: a guess to be turned to the clip's own light."""
 
@@ -33,32 +33,50 @@ SUN_ANGLES = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
 class Light:
     """What lights a clip. Colours are linear; a white matt card lit by a sky of one colour alone has that colour in the frame."""
 
-    above: np.ndarray
-    """(3,) of the sky."""
-    below: np.ndarray
-    """(3,) of the ground."""
+    heights: np.ndarray
+    """(B,) sines of elevations, ascending,"""
+    around: np.ndarray
+    """(B, 3) and what lights from there. Above the highest and below the lowest it goes on as there."""
     energy: float
     """Of the sun [W/m²], as Blender counts it."""
     colour: np.ndarray
     """(3,) of the sun, its mean is 1."""
 
 
-def light_of(picture: np.ndarray, ratio: float) -> Light:
+def light_of(picture: np.ndarray, heights: np.ndarray, ratio: float) -> Light:
     """What lights a scene whose surroundings are seen in a frame (H, W, 3) uint8 sRGB.
 
-    The frame's upper and lower parts stand for the sky and ground that the camera does not see. The sun's colour is what the camera's
-    white balance leaves for it: both together light a white card white.
+    What the frame shows at an elevation stands for all that is at that elevation, also where the camera does not look, and its upper and
+    lower edge for what is above and below. The sun's colour is what the camera's white balance leaves for it: with the rest it lights a
+    white card, upright and turned to it, white.
 
     Args:
+        heights: of `bands_of`, one for each part of the frame from its upper edge to its lower one.
         ratio: light of the sun over that of sky and ground, on a surface that faces it.
     """
-    rows = max(1, round(EDGE * len(picture)))
-    above, below = (linear(part).mean(axis=(0, 1)) for part in (picture[:rows], picture[-rows:]))
-    around = 0.5 * (above + below)
-    ambient = max(float(around @ LUMINANCE), 1e-3)
-    colour = (1.0 + ratio - around / ambient) / ratio
+    order = np.argsort(heights, kind="stable")
+    around = np.stack([linear(part).mean(axis=(0, 1)) for part in np.array_split(picture, len(heights))])[order]
+    card = _on_a_card(heights[order], around)
+    ambient = max(float(card @ LUMINANCE), 1e-3)
+    colour = (1.0 + ratio - card / ambient) / ratio
     colour = np.clip(colour / colour.mean(), *TINT)
-    return Light(above, below, math.pi * ambient * ratio, colour / colour.mean())
+    return Light(heights[order], around, math.pi * ambient * ratio, colour / colour.mean())
+
+
+def bands_of(scene: bpy.types.Scene, count: int) -> np.ndarray:
+    """Sines (B,) of the elevations at which the camera sees `count` parts of its frame, from the upper edge to the lower one."""
+    corners = [np.array(corner) for corner in scene.camera.data.view_frame(scene=scene)]
+    high, low = (0.5 * sum(sorted(corners, key=lambda corner: sign * corner[1])[:2]) for sign in (-1.0, 1.0))
+    share = (np.arange(count) + 0.5)[:, None] / count
+    rays = (high + share * (low - high)) @ np.array(scene.camera.matrix_world.normalized().to_3x3()).T
+    return rays[:, 2] / np.linalg.norm(rays, axis=1)
+
+
+def _on_a_card(heights: np.ndarray, around: np.ndarray) -> np.ndarray:
+    """The light (3,) on an upright surface of what is `around` (B, 3) at `heights` (B,): equal solid angles lie between equal heights."""
+    z = np.linspace(-1.0, 1.0, 513)
+    facing = np.sqrt(1.0 - z**2)
+    return np.array([facing @ np.interp(z, heights, channel) for channel in around.T]) / facing.sum()
 
 
 def sun_of(obj: bpy.types.Object | None) -> tuple[Vector, float] | None:
@@ -92,15 +110,15 @@ def sun_of(obj: bpy.types.Object | None) -> tuple[Vector, float] | None:
 
 
 def set_light(scene: bpy.types.Scene, picture: np.ndarray | None, seen: tuple[Vector, float] | None) -> None:
-    """Make the sun, and a sky in place of a new file's own, which is nearly black: shadows would be, too.
+    """Make the sun, and a sky in place of a new file's own, which is nearly black: shadows would be, too. The scene has a camera.
 
     Args:
         picture: what is around the object (H, W, 3) uint8 sRGB; None: it is not known.
         seen: as `sun_of` gives it.
     """
     if picture is None:
-        picture = np.broadcast_to(np.array([[[170, 184, 206]]], dtype=np.uint8), (3, 1, 3))
-    light = light_of(picture, HAZY if seen is None else seen[1])
+        picture = np.broadcast_to(np.array([[[170, 184, 206]]], dtype=np.uint8), (BANDS, 1, 3))
+    light = light_of(picture, bands_of(scene, min(BANDS, len(picture))), HAZY if seen is None else seen[1])
     lamp = bpy.data.lights.new(SUN, "SUN")
     lamp.energy, lamp.color, lamp.angle = light.energy, light.colour, math.radians(2.0)
     sun = bpy.data.objects.new(SUN, lamp)
@@ -123,22 +141,29 @@ def linear(picture: np.ndarray) -> np.ndarray:
 
 
 def _sky(light: Light) -> bpy.types.World:
-    """A sky of one colour above the horizon and another one below, with a soft edge."""
+    """What is around the scene, by elevation."""
     world = bpy.data.worlds.new(SKY)
     world.use_nodes = True
     nodes, link = world.node_tree.nodes, world.node_tree.links.new
     background = nodes.get("Background")
-    way, parts, ramp = (nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "ValToRGB"))
-    for element, at, colour in zip(ramp.color_ramp.elements, (0.0, 0.3), (light.below, light.above), strict=True):
-        element.position, element.color = at, (*colour, 1.0)
+    way, parts, share, ramp = (nodes.new(f"ShaderNode{kind}") for kind in ("TexCoord", "SeparateXYZ", "MapRange", "ValToRGB"))
+    stops = ramp.color_ramp.elements
+    while len(stops) < len(light.heights):
+        stops.new(1.0)
+    while len(stops) > max(len(light.heights), 1):
+        stops.remove(stops[-1])
+    for element, height, colour in zip(stops, light.heights, light.around, strict=True):
+        element.position, element.color = 0.5 * (height + 1.0), (*colour, 1.0)
     link(way.outputs["Generated"], parts.inputs[0])
-    link(parts.outputs["Z"], ramp.inputs[0])
+    share.inputs["From Min"].default_value = -1.0
+    link(parts.outputs["Z"], share.inputs["Value"])
+    link(share.outputs[0], ramp.inputs[0])
     link(ramp.outputs[0], background.inputs["Color"])
     background.inputs["Strength"].default_value = 1.0
     # As smooth as it is, it needs no fine map of where it is bright; Cycles makes one anew for every frame, which may take a second.
     world.cycles.sampling_method, world.cycles.sample_map_resolution = "MANUAL", SKY_MAP
-    for column, node in enumerate((way, parts, ramp)):
-        node.location = (220 * (column - 4), 300)
+    for column, node in enumerate((way, parts, share, ramp)):
+        node.location = (220 * (column - 5), 300)
     return world
 
 

@@ -52,6 +52,8 @@ def duplicate(scene: bpy.types.Scene) -> str:
     _keep(settings, new)
     new.edit_folder = new.name.lower().replace(" ", "_")
     new.simulated_digest = new.simulated_take = new.coarse_digest = new.coarse_take = new.baked_digest = ""
+    new.simulated_notes.clear()
+    new.coarse_notes.clear()
     step = Vector((_width(settings) * GAP, 0.0, 0.0))
     new.offset = Vector(new.offset) + step
     collection = bpy.data.collections.new(new.name)

@@ -12,7 +12,6 @@ from ...engine.errors import TakeError
 from ...engine.reading import read_array, read_arrays, read_toml
 from ...engine.settings import BodyEdit, ColliderEdit, Edit, options_of
 from ...engine.take import Take
-from ..job import status
 from ..option_properties import give, panel_options
 from ..scene_units import metres_per_unit
 
@@ -20,7 +19,7 @@ PINNED = "Pinned"
 """Name of the vertex group that is made of an edit's pins."""
 
 
-def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.Object]) -> bool:
+def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.Object]) -> list[str] | None:
     """Fill the Edit list of a scene that has none.
 
     Args:
@@ -28,7 +27,7 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
         objects: the simulated bodies in the scene, by their names in the edit.
 
     Returns:
-        Whether the list says now what was simulated.
+        What of it the list cannot say, in words: empty where it says now what was simulated. None where it was left as it is.
 
     Raises:
         TakeError: when the edit does not say what the panel can hold.
@@ -36,7 +35,7 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
     settings = scene.seeing_wind
     named = take.description().get("stages", {}).get("resimulate", {}).get("settings", {}).get("edit", "")
     if len(settings.bodies) or not Path(named).is_file():
-        return False
+        return None
     try:
         edit = read_toml(named)
         folder = Path(named).parent
@@ -44,7 +43,6 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
             _add(settings, entry, objects.get(entry["name"]), folder)
         left = [each for each in edit.get("collider", []) if not _add_collider(scene, each, folder)]
         told = _left_out(edit, left)
-        status.of(scene.session_uid).warnings += told
         strength, gravity = edit.get("field_strength", 1.0), edit.get("gravity")
         if "preroll" in edit:
             give(settings, options_of(Edit)["preroll"], edit["preroll"])
@@ -59,7 +57,7 @@ def fill_edit(scene: bpy.types.Scene, take: Take, objects: dict[str, bpy.types.O
             settings.edit_gravity_mode, settings.edit_gravity = "CUSTOM", gravity
     except (AttributeError, KeyError, OSError, TypeError, ValueError) as error:
         raise TakeError(f"The edit {named} cannot be taken into the panel ({error}).", "Correct it, or insert the meshes anew.") from error
-    return not told
+    return told
 
 
 def _add(settings: bpy.types.PropertyGroup, entry: dict[str, Any], obj: bpy.types.Object | None, folder: Path) -> None:

@@ -7,6 +7,7 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, FloatVectorProperty, IntProperty, PointerProperty, StringProperty
 
 from ...engine.settings import BodyEdit, BuildSettings, ColliderEdit, Edit, options_of
+from ..job.notes import SEEING_WIND_PG_note
 from ..option_properties import property_of, with_options
 from ..property_kinds import KEPT, MATERIAL_ITEMS, changed, choice, is_mesh, number, toggle
 from .sheet_label import measure
@@ -81,8 +82,10 @@ class EditOptions:
     edit_folder: StringProperty(options={"HIDDEN"})
     simulated_digest: StringProperty(options={"HIDDEN"})
     simulated_take: StringProperty(options={"HIDDEN"})
+    simulated_notes: CollectionProperty(type=SEEING_WIND_PG_note)
     coarse_digest: StringProperty(options={"HIDDEN"}, description="Of the settings of the last preview")
     coarse_take: StringProperty(options={"HIDDEN"}, description="Folder that the last preview is in")
+    coarse_notes: CollectionProperty(type=SEEING_WIND_PG_note)
     baked_digest: StringProperty(options={"HIDDEN"})
 
 

@@ -14,7 +14,7 @@ from bpy.app.handlers import persistent
 
 from ...engine.errors import SeeingWindError
 from ..clip.inputs.pace import pace_of_scene
-from . import console, status, worker
+from . import console, notes, status, worker
 from .panel_words import in_scene_frames
 from .steps_shown import fold_past
 
@@ -75,6 +75,10 @@ class JobOperator:
     def finish(self, scene: bpy.types.Scene, result: worker.Message) -> str:
         """Take in the results of a job that was neither cancelled nor failed; returns what to tell the user."""
         raise NotImplementedError
+
+    def owner(self, scene: bpy.types.Scene) -> bpy.types.PropertyGroup | None:
+        """With what the notes of a finished job are kept; None where that is gone. Asked only of a step in `notes.KEPT`."""
+        return scene.seeing_wind
 
     def execute(self, context):
         """Start the job: with a window return at once, without one wait for it."""
@@ -190,6 +194,11 @@ class JobOperator:
         self.report({"INFO"}, said)
         for warning in now.warnings:
             self.report({"WARNING"}, warning)
+        if self.step in notes.KEPT:
+            owner, said = self.owner(scene), now.warnings
+            now.warnings = []
+            if owner is not None:
+                notes.keep(owner, self.step, said)
         return {"FINISHED"}
 
     def _fail(self, scene: bpy.types.Scene, message: str, hint: str = "", mend: str = "", log: str = "") -> set[str]:

@@ -12,7 +12,7 @@ import blf
 import bpy
 
 from ...engine.progress import in_words
-from . import status
+from . import notes, status
 from .status import State
 
 CATEGORY = "Seeing Wind"
@@ -220,6 +220,8 @@ def draw_preview_mark(layout, context, step: str) -> None:
 def _draw_warnings(layout, context, name: str) -> None:
     now = status.of(context.scene.session_uid)
     warnings = now.warnings if now.warned == name else []
+    if not warnings and now.steps[name].state != State.FAILED:
+        warnings = notes.kept(context.scene.seeing_wind, name)
     for warning in warnings[:WARNINGS]:
         draw_text(layout, context, warning, "INFO")
     more = warnings[WARNINGS:]

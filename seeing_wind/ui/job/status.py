@@ -83,7 +83,7 @@ class SceneStatus:
     title: str = ""
     """What runs, for jobs that are no step (installing the engine)."""
     warnings: list[str] = field(default_factory=list)
-    """Of the last job, which belonged to the step `warned`."""
+    """Of the last job, which belonged to the step `warned`; empty once they are kept with its result (see `notes`)."""
     warned: str = ""
     previewed: list[str] = field(default_factory=list)
     """Bodies whose objects carry the motion of a preview."""

@@ -139,6 +139,11 @@ def shown(settings: bpy.types.PropertyGroup) -> Path:
     return _moved(settings.recovered_take, settings.recovered_stamp)
 
 
+def gone(folder: Path) -> tuple[str, str]:
+    """What to say of a take that is not there, and what to do."""
+    return f"There is no folder {folder}.", "Put it beside the .blend file, or run Recover again."
+
+
 def recovered(settings: bpy.types.PropertyGroup) -> Path:
     """As `shown`, for work that needs the very field that the scene shows.
 
@@ -147,7 +152,7 @@ def recovered(settings: bpy.types.PropertyGroup) -> Path:
     """
     folder = shown(settings)
     if not folder.is_dir():
-        raise TakeError(f"There is no folder {folder}.", "Put it beside the .blend file, or run Recover again.")
+        raise TakeError(*gone(folder))
     if settings.recovered_stamp and stamp_of_field(folder) != settings.recovered_stamp:
         raise TakeError(
             f"{folder} was recovered anew since this scene took it in.",

@@ -14,6 +14,7 @@ from ..property_kinds import PATH
 from ..user_paths import absolute
 from .properties import RecoverOptions, adopt
 from .request import RecoverRequest
+from .shown import said_of_view
 
 
 class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
@@ -61,8 +62,8 @@ class SEEING_WIND_OT_recover(JobOperator, RecoverOptions, bpy.types.Operator):
 
         results.build(scene, self.folder, self.clip)
         takes.show(scene.seeing_wind, self.folder, self.digest)
-        now = status.of(scene.session_uid)
-        now.warnings = results.notes(scene, self.folder) + now.warnings  # what has befallen the scene is the least of it
+        status.of(scene.session_uid).warnings = results.notes(scene, self.folder)
+        _say_what_is_not_seen(self, scene)
         return f"Recovered into {self.folder.name}. Next: play it, then insert a mesh (step 4)"
 
 
@@ -72,6 +73,12 @@ def _found(pool, name: str):
     if found is None:
         raise UsageError(f"There is no {name!r} in this file.", "Check the name.")
     return found
+
+
+def _say_what_is_not_seen(operator: bpy.types.Operator, scene: bpy.types.Scene) -> None:
+    """The panel says it as long as it is so; a script is told once."""
+    for each in said_of_view(scene):
+        operator.report({"WARNING"}, each)
 
 
 class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
@@ -94,6 +101,8 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
             self.folder = Path(absolute(self.take))
         else:
             self.folder = takes.shown(settings) if settings.recovered_take else takes.take_folder(settings)
+        if not self.folder.is_dir():
+            raise TakeError(*takes.gone(self.folder))
         if not (self.folder / "field.safetensors").is_file():
             raise TakeError(f"{self.folder} holds no recovered field.", "Run Recover first, or choose another folder.")
         from .sampling import sampling  # needs NumPy
@@ -108,8 +117,8 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         settings = scene.seeing_wind
         if not takes.is_shown(settings, self.folder):
             takes.show(settings, self.folder, results.digest_of_loaded(scene, filled))
-        now = status.of(scene.session_uid)
-        now.warnings = results.notes(scene, self.folder) + now.warnings  # what has befallen the scene is the least of it
+        status.of(scene.session_uid).warnings = results.notes(scene, self.folder)
+        _say_what_is_not_seen(self, scene)
         return f"Loaded {self.folder.name}"
 
 
@@ -153,6 +162,7 @@ class SEEING_WIND_OT_join(JobOperator, bpy.types.Operator):
 
         results.build(scene, self.folder)
         field, now = scene.seeing_wind.field_object, status.of(scene.session_uid)
+        now.warnings = results.notes(scene, self.folder)
         others = [obj.name for obj in scene.objects if obj.get("seeing_wind_take") and obj != field]
         if others:
             now.warnings.insert(0, f"{field.name} is the wind of all objects: delete {', '.join(others)}, or solvers feel it twice")

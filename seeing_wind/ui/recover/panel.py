@@ -3,6 +3,7 @@
 from ..job import status
 from ..job.panel_pieces import Tab, columns, draw_job, draw_text, panels
 from ..job.status import State
+from .shown import said_of_view
 
 
 class RecoverTab(Tab):
@@ -22,8 +23,10 @@ class RecoverTab(Tab):
         now = status.of(context.scene.session_uid)
         undone = [text for name, text in (("clip", "choose a clip"), ("object", "mark the object")) if now.steps[name].state != State.DONE]
         missing = f"First {' and '.join(undone)}" if undone else ""
-        above = _offer_to_hold if settings.answers_gravity else None
-        draw_job(layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing, above=above)
+        draw_job(
+            layout, context, "recover", "seeing_wind.recover", "Recover", "FORCE_WIND", missing,
+            above=lambda layout: _draw_first(layout, context),
+        )  # fmt: skip
         if settings.field_verdict and now.running != "recover":
             draw_text(layout, context, settings.field_verdict, "FORCE_WIND")
         if settings.recovered_take and now.running != "recover":
@@ -32,8 +35,17 @@ class RecoverTab(Tab):
             row.operator_menu_enum("seeing_wind.open_report", "which", text="Open", icon="FILE_FOLDER")
 
 
+def _draw_first(layout, context) -> None:
+    """What comes before all else that is said of a result: in red the ways out of a force that only answers gravity, and why nothing is
+    seen of it."""
+    if context.scene.seeing_wind.answers_gravity:
+        _offer_to_hold(layout)
+    for text in said_of_view(context.scene):
+        draw_text(layout, context, text, "INFO")
+
+
 def _offer_to_hold(layout) -> None:
-    """The ways out of a force that only answers gravity, in red above all else that is said of it."""
+    """The ways out of a force that only answers gravity."""
     box = layout.box()
     box.alert = True
     box.label(text="This is only the answer to gravity", icon="ERROR")

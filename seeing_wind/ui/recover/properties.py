@@ -4,11 +4,12 @@ No postponed annotations here: Blender reads these annotations as property defin
 """
 
 import bpy
-from bpy.props import BoolProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, PointerProperty, StringProperty
 
 from ...engine.settings import RecoverSettings, WindSettings
 from ..clip.object.properties import ObjectOptions
 from ..clip.properties import ClipOptions
+from ..job.notes import SEEING_WIND_PG_note
 from ..option_properties import with_options
 from ..property_kinds import PATH, changed, choice
 
@@ -52,6 +53,7 @@ class RecoverResults:
     field_verdict: StringProperty(
         options={"HIDDEN"}, description="What the recovery says about its field: a force or a wind, how strong, and why"
     )
+    recovered_notes: CollectionProperty(type=SEEING_WIND_PG_note)
     answers_gravity: BoolProperty(
         options={"HIDDEN"}, description="The field is what holds up an object of which nothing was marked as held, not a wind"
     )

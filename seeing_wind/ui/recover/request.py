@@ -12,7 +12,7 @@ import bpy
 
 from ...engine.errors import UsageError
 from ...engine.settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings, options_of, words_of
-from ..clip.inputs.clips import files_of
+from ..clip.inputs.clips import content_of, files_of
 from ..clip.object.options import object_options
 from ..clip.options import View, clip_options
 from ..job.status import digest_of
@@ -82,15 +82,14 @@ class RecoverRequest:
         return [*files_of(self.clip), *given, *(Path(path) for view in self.views for path in view)]
 
     def digest(self) -> str:
-        """Changes whenever the recovery would be another one. Files count by name only, so that a project can be moved."""
+        """Changes whenever the recovery would be another one. Files count by name and content, so that a project can be moved or copied."""
         names = {name: os.path.basename(getattr(self.observe, name) or "") or None for name in FILES}
         body = os.path.basename(self.recover.body or "") or None
-        files = [os.stat(path) for path in self.files()]
         views = [os.path.basename(path) for view in self.views for path in view]
         return digest_of(
             os.path.basename(self.clip), dataclasses.replace(self.observe, **names), self.build,
             dataclasses.replace(self.recover, body=body), views,
-            [(entry.st_size, entry.st_mtime_ns) for entry in files],
+            [content_of(path) for path in self.files()],
             tuple(each.stamp for each in self.inputs),  # what is made from the scene counts by what it is made of
             *([self.wind] if self.wind != WindSettings() else []),  # so that what was recovered before there was a choice stays done
         )  # fmt: skip

@@ -14,14 +14,13 @@ from ..bake.motion import bake_shape_keys
 from ..clip.clip_scene import create_recovered_object, setup_clip_scene
 from ..clip.inputs.clips import as_pattern, found_clip, opened_by, start_of
 from ..clip.inputs.pace import pace_of_scene
-from ..clip.match import followed, hide_default_cube, said_of_range
+from ..clip.match import followed, hide_default_cube
 from ..field.arrows import create_arrows
 from ..field.conform import conform
-from ..field.display import is_field, said_of_unseen
+from ..field.display import is_field
 from ..field.field_object import create_field_object
 from ..field.lattice import SampledField
 from ..field.legend import create_legend
-from ..field.node_groups import get_input
 from ..field.samples import samples_of
 from ..field.solvers import physics_nodes
 from ..job import status
@@ -41,16 +40,12 @@ LOADED = "loaded"
 
 
 def notes(scene: bpy.types.Scene, folder: Path) -> list[str]:
-    """What the recovery in `folder`, which the scene shows, says of itself, the worst first: that there is nothing to be seen, and the
-    rest without the verdict on its wind, which the scene keeps."""
-    take, arrows = Take(folder), scene.seeing_wind.arrows_object
-    modifier = next((each for each in arrows.modifiers if each.type == "NODES"), None) if arrows is not None else None
-    unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
-    told, field, first = wind_told(take), scene.seeing_wind.field_object, scene.seeing_wind.frame_start
-    beside = said_of_range(scene, first, first + int(field["seeing_wind_frames"])) if field is not None else ""
-    frame_of = pace_of_scene(scene).frame_of
-    others = [in_panel_words(in_scene_frames(note, frame_of)) for note in recovery_notes(take) if told is None or note not in told.notes]
-    return [each for each in (beside, unseen) if each] + others
+    """What there is to say of the recovery in `folder`, which the scene shows: what it says of itself, the worst first, without the
+    verdict on its wind, which the scene keeps, and then what has befallen the scene."""
+    take = Take(folder)
+    told, frame_of = wind_told(take), pace_of_scene(scene).frame_of
+    own = [in_panel_words(in_scene_frames(note, frame_of)) for note in recovery_notes(take) if told is None or note not in told.notes]
+    return own + status.of(scene.session_uid).warnings
 
 
 def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:

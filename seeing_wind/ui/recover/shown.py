@@ -1,10 +1,15 @@
-"""The objects by which a scene shows a recovered field. Without NumPy: what the user selects is held against them."""
+"""The objects by which a scene shows a recovered field, and why they may not be seen.
+
+Without NumPy: what the user selects is held against them.
+"""
 
 from __future__ import annotations
 
 import bpy
 
-from ..field.display import LEGEND_MARK, SAMPLES_MARK
+from ..clip.match import said_of_range
+from ..field.display import LEGEND_MARK, SAMPLES_MARK, said_of_unseen
+from ..field.node_groups import get_input
 
 POINTERS = ("field_object", "arrows_object", "recovered_object")
 """Results that the scene's settings name."""
@@ -31,3 +36,13 @@ def made_before(settings: bpy.types.PropertyGroup) -> dict[str, bpy.types.Object
 def shows_field(obj: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
     """Whether an object is one of those by which the scene shows the field: no body and no obstacle, whatever is selected."""
     return any(obj == each for name, each in made_before(settings).items() if name != "recovered_object")
+
+
+def said_of_view(scene: bpy.types.Scene) -> list[str]:
+    """Why nothing of the field is seen, as the scene stands now, and what to do; empty where it is seen."""
+    settings = scene.seeing_wind
+    field, arrows, first = settings.field_object, settings.arrows_object, settings.frame_start
+    beside = said_of_range(scene, first, first + int(field["seeing_wind_frames"])) if field is not None else ""
+    modifier = next((each for each in arrows.modifiers if each.type == "NODES"), None) if arrows is not None else None
+    unseen = said_of_unseen(arrows, get_input(modifier, "Confidence Shown") or 0.0) if modifier is not None else ""
+    return [each for each in (beside, unseen) if each]

@@ -13,6 +13,8 @@ from ..bake.plan import stamp_of_bakes
 from ..edit.from_file import fill_edit
 from ..edit.resimulate.preview import digest_of_preview
 from ..edit.resimulate.request import EditRequest
+from ..job import status
+from ..job.notes import keep
 from ..job.take_reading import is_preview, simulated_motion
 from .results import LOADED, collection_of
 
@@ -32,8 +34,9 @@ def import_bodies(scene: bpy.types.Scene, folder: Path, frame_start: int) -> dic
         made[path.stem] = obj
     settings, kind = scene.seeing_wind, "coarse" if preview else "simulated"
     setattr(settings, f"{kind}_take", str(folder))
-    now = LOADED
-    if fill_edit(scene, take, made):
+    now, left_out = LOADED, fill_edit(scene, take, made)
+    keep(settings, status.EDIT_PREVIEW if preview else "resimulate", left_out or [])
+    if left_out == []:
         now = EditRequest.of(scene).digest()
         now = digest_of_preview(scene, now) if preview else now
         settings.baked_digest = now + stamp_of_bakes(scene)

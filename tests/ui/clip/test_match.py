@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import pytest
 
-from seeing_wind.ui.recover.results import notes
+from seeing_wind.ui.recover.shown import said_of_view
 from tests.ui.jobs import recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -87,8 +85,8 @@ def test_a_clip_stands_where_the_user_put_it(scene, workplace, start: int, offse
 
 def test_a_clip_outside_the_shots_range_is_told(own, workplace) -> None:
     recover(workplace)
-    take = Path(own.seeing_wind.recovered_take)
-    assert any("at frames 1 to 13" in note and "1001 to 1100" in note for note in notes(own, take))
+    (note,) = said_of_view(own)
+    assert "at frames 1 to 13" in note and "1001 to 1100" in note
     own.seeing_wind.frame_start = 1001
     bpy.ops.seeing_wind.build_scene()
-    assert not any("outside the scene's range" in note for note in notes(own, take))
+    assert not said_of_view(own)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import pytest
 
+from seeing_wind.ui.clip.object.panel import ObjectTab
 from seeing_wind.ui.job import status
 from seeing_wind.ui.job.status import State
 from seeing_wind.ui.recover.request import RecoverRequest
+from tests.ui.drawn import Drawn
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -31,12 +34,37 @@ def state(scene) -> State:
 def test_what_is_seen_is_shown_the_worst_first(scene, marked) -> None:
     assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
     shown = [(each.name, each.doubtful, each.advice) for each in marked.verdicts]
-    assert shown == [("scale", True, "Give one."), ("outline", False, "")]
-    assert status.of(scene.session_uid).steps["preview"].message == "Doubtful: scale" and state(scene) == State.DONE
+    assert shown == [("scale", True, "Give one."), ("held place", True, "Give it with Held Places."), ("outline", False, "")]
+    assert status.of(scene.session_uid).steps["preview"].message == "Doubtful: scale, held place" and state(scene) == State.DONE
     picture = marked.previewed_picture
     assert Path(bpy.path.abspath(picture.filepath)) == Path(marked.take) / "preview.png" and tuple(picture.size) == (1, 1)
     assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
-    assert len(marked.verdicts) == 2 and marked.previewed_picture == picture and len(bpy.data.images) == 1
+    assert len(marked.verdicts) == 3 and marked.previewed_picture == picture and len(bpy.data.images) == 1
+
+
+def test_the_panel_offers_the_held_place_that_was_seen_until_one_is_marked(scene, marked) -> None:
+    def drawn() -> Drawn:
+        layout = Drawn()
+        ObjectTab.fill(SimpleNamespace(bl_space_type="VIEW_3D"), bpy.context, layout)
+        return layout
+
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    said, offered = " ".join(drawn().labels), [each.name for each in drawn().operators]
+    assert "Held place: None is marked. Give it with Held Places." in said and "seeing_wind.use_held" in offered
+    assert bpy.ops.seeing_wind.use_held() == {"FINISHED"}
+    said, offered = " ".join(drawn().labels), [each.name for each in drawn().operators]
+    assert "Held place: It is marked." in said and "None is marked" not in said and "seeing_wind.use_held" not in offered
+
+
+def test_what_is_wrong_with_the_object_stands_above_what_is_seen_of_it(scene, marked) -> None:
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    marked.held_mode, layout = "BOX", Drawn()
+    ObjectTab.fill(SimpleNamespace(bl_space_type="VIEW_3D"), bpy.context, layout)
+    said = " ".join(layout.labels)
+    assert 0 <= said.find("No box is drawn round the held part") < said.find("Scale:") and "It is marked" not in said
+    marked.held_box, layout = (20, 20, 44, 30), Drawn()
+    ObjectTab.fill(SimpleNamespace(bl_space_type="VIEW_3D"), bpy.context, layout)
+    assert "Held place: It is marked." in " ".join(layout.labels)
 
 
 def test_recover_is_asked_for_the_same(scene, marked) -> None:

@@ -14,9 +14,8 @@ from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import read_samples, samples_of
-from seeing_wind.ui.job import status
 from tests.ui.composite.pictures import red_cube, render
-from tests.ui.jobs import recover
+from tests.ui.jobs import notes_of, recover
 
 
 def test_the_edit_is_rendered_over_the_clip(scene, tmp_path):
@@ -179,7 +178,7 @@ def test_the_first_look_after_recover(workplace):
     scene = bpy.context.scene
     recover(workplace)
     cube = scene.objects["Cube"]
-    assert cube.hide_get() and cube.hide_render and any("Alt H" in text for text in status.of(scene.session_uid).warnings)
+    assert cube.hide_get() and cube.hide_render and any("Alt H" in text for text in notes_of(scene))
     mesh = scene.seeing_wind.recovered_object.data
     assert mesh.color_attributes.active_color_name == PICTURE_COLOUR
     # the stand-in's frame is a grey of 90

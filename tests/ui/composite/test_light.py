@@ -8,7 +8,7 @@ import pytest
 
 from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR
 from seeing_wind.ui.composite import composite
-from seeing_wind.ui.composite.light import SKY, light_of, sun_of
+from seeing_wind.ui.composite.light import BANDS, SKY, bands_of, light_of, linear, set_light, sun_of
 from tests.ui.jobs import recover
 
 
@@ -19,7 +19,7 @@ def test_blenders_default_light_counts_as_none_and_motion_is_blurred(workplace):
     said = composite.set_up(scene)
     assert scene.objects["Light"].hide_render and scene.objects["Seeing Wind Sun"].data.type == "SUN"
     assert "default light is off" in str(said)
-    assert scene.world.name == "Seeing Wind Sky", "in the dark grey of a new file shadows are black"
+    assert scene.world.name == SKY and "sky of the clip" in str(said), "in the dark grey of a new file shadows are black"
     assert scene.render.use_motion_blur and scene.render.motion_blur_shutter == 0.5 and "motion blur" in str(said)
     assert composite.set_up(scene, shutter=0.0).light == "" and not scene.render.use_motion_blur
     own = bpy.data.objects.new("Key", bpy.data.lights.new("Key", "AREA"))
@@ -56,12 +56,35 @@ def test_the_sun_stands_where_a_matt_object_is_brightest(scene, way):
 
 def test_sun_and_sky_light_a_white_card_white_and_are_as_bright_as_the_clips_surroundings(scene):
     """A blue sky over a brown ground: a white wall between them, turned to the sun, is neutral and brighter than the sky alone makes it."""
-    picture = np.zeros((9, 4, 3), np.uint8)
-    picture[:3], picture[3:6], picture[6:] = (120, 160, 220), (128, 128, 128), (110, 90, 60)
-    light = light_of(picture, 2.0)
-    assert light.above[2] > 1.5 * light.above[0] and light.below[0] > light.below[2]
+    picture = np.zeros((8, 4, 3), np.uint8)
+    picture[:4], picture[4:] = (120, 160, 220), (110, 90, 60)
+    light = light_of(picture, np.linspace(0.21, -0.21, 8), 2.0)
+    below, above = light.around[0], light.around[-1]
+    assert above[2] > 1.5 * above[0] and below[0] > below[2] and light.heights[0] == -0.21
     assert light.colour[0] > 1.0 > light.colour[2] and light.colour.mean() == pytest.approx(1.0)
-    around = 0.5 * (light.above + light.below)
+    around = 0.5 * (above + below)
     card = around + light.energy / np.pi * light.colour
     assert np.ptp(card) < 0.06 * card.mean() and card.mean() > 2.5 * around.mean()
-    assert "sky of the clip" in composite.set_up(scene).light and scene.world.name.startswith(SKY)
+
+
+def test_what_the_camera_sees_at_an_elevation_lights_from_there(workplace):
+    """A camera that looks 30 degrees up, and one that lies on its side; the sky of the world has the frame's rows at their elevations."""
+    scene = bpy.context.scene
+    recover(workplace)
+    half = np.degrees(scene.camera.data.angle_y) / 2
+    scene.camera.rotation_mode = "XYZ"
+    scene.camera.rotation_euler = (np.radians(120.0), 0.0, 0.3)
+    bpy.context.view_layer.update()
+    seen = np.degrees(np.arcsin(bands_of(scene, 64)))
+    assert np.all(np.diff(seen) < 0.0) and seen[[0, -1]] == pytest.approx([30.0 + half, 30.0 - half], abs=half / 30.0)
+    scene.camera.rotation_euler = (np.radians(90.0), np.radians(90.0), 0.0)
+    bpy.context.view_layer.update()
+    assert bands_of(scene, 5) == pytest.approx(np.zeros(5), abs=1e-6)
+    scene.camera.rotation_euler = (np.radians(90.0), 0.0, 0.0)
+    bpy.context.view_layer.update()
+    rows = np.repeat(np.linspace(250, 20, 60).astype(np.uint8)[:, None, None], 3, axis=2)
+    set_light(scene, rows, None)
+    ramp = next(node for node in scene.world.node_tree.nodes if node.type == "VALTORGB").color_ramp
+    assert len(ramp.elements) == BANDS
+    for z, row in ((0.999, 3), (-0.999, 56), (0.0, 29)):
+        assert ramp.evaluate(0.5 * (z + 1.0))[0] == pytest.approx(linear(rows[row, 0, 0]), abs=0.08)

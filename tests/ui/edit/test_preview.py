@@ -10,6 +10,7 @@ from seeing_wind.ui import freshness
 from seeing_wind.ui.bake.plan import mark_of
 from seeing_wind.ui.job import status
 from tests.ui.edit.edits import state, written
+from tests.ui.jobs import notes_of
 from tests.ui.meshes import cube, group, shown
 
 PREVIEW = "out.edit_preview.take"
@@ -163,6 +164,6 @@ def test_failures_of_the_engine_and_of_the_edit_are_told_as_those_of_the_full_on
     bpy.context.view_layer.objects.active = obj
     bpy.ops.object.mode_set(mode="EDIT")
     assert bpy.ops.seeing_wind.preview_edit() == {"FINISHED"}
-    assert any("It is not baked" in said and "Edit Mode" in said for said in status.of(recovered.session_uid).warnings)
+    assert any("It is not baked" in note and "Edit Mode" in note for note in notes_of(recovered, "edit_preview"))
     bpy.ops.object.mode_set(mode="OBJECT")
     assert bpy.ops.seeing_wind.bake() == {"FINISHED"} and previewed() == ["Box"]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bpy
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from seeing_wind.engine.errors import UsageError
 from seeing_wind.ui.field.arrows import CONFIDENCE_SHOWN, create_arrows, ramp_colours
 from seeing_wind.ui.field.display import SURE, said_of_unseen
 from seeing_wind.ui.field.node_groups import set_input
-from seeing_wind.ui.recover.results import notes
+from seeing_wind.ui.recover.shown import said_of_view
 from tests.ui.jobs import recover
 
 
@@ -112,7 +110,6 @@ def test_it_is_said_when_the_clip_tells_too_little_for_any_arrow(scene):
 
 def test_it_is_said_after_recover_too(scene, stand_in, workplace):
     recover(workplace)
-    take = Path(scene.seeing_wind.recovered_take)
-    assert not any("Arrows are drawn" in note for note in notes(scene, take))
+    assert not said_of_view(scene)
     scene.seeing_wind.arrows_object[SURE] = [0.01] * 12
-    assert "Arrows are drawn in none of 12 frames" in notes(scene, take)[0]
+    assert "Arrows are drawn in none of 12 frames" in said_of_view(scene)[0]

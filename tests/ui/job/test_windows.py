@@ -50,8 +50,8 @@ def calls(on_windows: pytest.MonkeyPatch) -> list[tuple[list[str], dict]]:
     return asked
 
 
-def ended_by_cancel(behaviour: str) -> list[dict]:
-    messages = job.run([sys.executable, str(WORKER), behaviour], cwd=str(WORKER.parent), env=environment(), grace=0.4)
+def ended_by_cancel(behaviour: str, grace: float = 0.4) -> list[dict]:
+    messages = job.run([sys.executable, str(WORKER), behaviour], cwd=str(WORKER.parent), env=environment(), grace=grace)
     seen: list[dict] = []
     while not any(message["type"] == "progress" for message in seen):
         seen += next(messages)
@@ -61,7 +61,7 @@ def ended_by_cancel(behaviour: str) -> list[dict]:
 
 
 def test_a_worker_opens_no_console_and_stops_when_the_pipe_says_so(calls) -> None:
-    seen = ended_by_cancel("hang")
+    seen = ended_by_cancel("hang", grace=60.0)
     assert seen[-1]["outcome"] == "cancelled" and seen[-1]["code"] == 130
     ((_, options),) = calls
     assert options["creationflags"] == systems.NO_WINDOW | systems.NEW_GROUP and "start_new_session" not in options

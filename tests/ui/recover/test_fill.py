@@ -12,10 +12,10 @@ from seeing_wind.engine.reading import read_arrays
 from seeing_wind.engine.take import Take
 from seeing_wind.ui import freshness
 from seeing_wind.ui.composite import composite
-from seeing_wind.ui.job import status, takes
+from seeing_wind.ui.job import takes
 from seeing_wind.ui.recover.simulated import import_bodies
 from tests.ui.edit.edits import written
-from tests.ui.jobs import now, recover
+from tests.ui.jobs import notes_of, now, recover
 from tests.ui.meshes import cube, group
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -172,8 +172,8 @@ def test_what_the_panel_cannot_take_over_is_said(take) -> None:
     bpy.ops.seeing_wind.build_scene(take=str(take))
     scene = bpy.context.scene
     import_bodies(scene, folder, scene.seeing_wind.frame_start)
-    (said,) = [one for one in status.of(scene.session_uid).warnings if one.startswith("Re-simulate would leave out")]
-    assert said.endswith("how the collider Table moves")
+    (note,) = notes_of(scene, "resimulate")
+    assert note.startswith("Re-simulate would leave out") and note.endswith("how the collider Table moves")
 
 
 def test_a_take_whose_settings_the_panel_has_is_not_called_out_of_date(take) -> None:

@@ -8,8 +8,7 @@ import bpy
 import pytest
 
 from seeing_wind.engine.take import Take
-from seeing_wind.ui.job import status
-from tests.ui.jobs import recover
+from tests.ui.jobs import notes_of, recover
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -32,7 +31,7 @@ def test_the_winds_of_a_scene_become_one(two) -> None:
     scene = bpy.context.scene
     field = scene.seeing_wind.field_object
     assert Path(field["seeing_wind_take"]).name == "twig.take" and "seeing_wind_speeds" in field
-    assert "delete" in status.of(scene.session_uid).warnings[0]
+    assert "delete" in notes_of(scene)[0]
 
 
 def test_another_take_can_be_named(workplace, two) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from types import SimpleNamespace
-from typing import Any
 
 import bpy
 import numpy as np
@@ -18,7 +17,8 @@ from seeing_wind.ui.bake.plan import MARK, mark_of
 from seeing_wind.ui.job import operator as job_operator
 from seeing_wind.ui.job import status
 from seeing_wind.ui.recover.panel import RecoverTab
-from tests.ui.jobs import now, recover
+from tests.ui.drawn import Drawn
+from tests.ui.jobs import notes_of, now, recover
 from tests.ui.meshes import cube
 
 pytestmark = pytest.mark.usefixtures("stand_in")
@@ -48,22 +48,39 @@ def test_what_the_recovery_says_of_itself_is_in_the_panel(workplace, scene) -> N
     scene.seeing_wind.frame_start = 101
     bpy.ops.seeing_wind.build_scene(take=str(workplace / "out.take"))
     first = scene.seeing_wind.frame_start
-    assert status.of(scene.session_uid).warnings == ["Nothing was marked as held.", f"In frame {first + 3} it is far off."]
-    assert status.of(scene.session_uid).warned == "recover"
+    expected = ["Nothing was marked as held.", f"In frame {first + 3} it is far off."]
+    assert notes_of(scene) == expected and drawn().endswith(" ".join(expected))
+    # another job has notes of its own
+    cube("Cube", (0.0, 0.0, 0.0))
+    bpy.ops.seeing_wind.insert_mesh(object="Cube")
+    bpy.ops.seeing_wind.resimulate()
+    assert notes_of(scene) == expected
+    for name in ("notes.blend", "again.blend"):
+        bpy.ops.wm.save_as_mainfile(filepath=str(workplace / name))
+        bpy.ops.wm.open_mainfile(filepath=str(workplace / name))
+        assert notes_of(bpy.context.scene) == expected and drawn().endswith(" ".join(expected))
 
 
-class Drawn:
-    """A layout that remembers the operators that were put into it."""
+def drawn() -> str:
+    """All that the panel *Recover* says now."""
+    layout = Drawn()
+    RecoverTab.fill(SimpleNamespace(), bpy.context, layout)
+    return " ".join(layout.labels)
 
-    def __init__(self) -> None:
-        self.operators: list[SimpleNamespace] = []
 
-    def operator(self, name: str, **_: object) -> SimpleNamespace:
-        self.operators.append(SimpleNamespace(name=name))
-        return self.operators[-1]
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *arguments, **options: self
+def test_notes_follow_undo(workplace, scene) -> None:
+    bpy.ops.ed.undo_push(message="start")
+    recover(workplace)
+    report = workplace / "out.take" / "report.json"
+    report.write_text(json.dumps({**json.loads(report.read_text()), "notes": ["Nothing was marked as held."]}))
+    bpy.ops.ed.undo_push(message="recover")
+    bpy.ops.seeing_wind.build_scene(take=str(workplace / "out.take"))
+    bpy.ops.ed.undo_push(message="load")
+    assert "held" in drawn()
+    bpy.ops.ed.undo()
+    assert "held" not in drawn()
+    bpy.ops.ed.redo()
+    assert drawn().endswith("Nothing was marked as held.")
 
 
 def test_the_answer_to_gravity_has_two_ways_out(workplace, scene) -> None:

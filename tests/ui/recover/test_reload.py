@@ -10,7 +10,8 @@ import pytest
 
 from seeing_wind.ui.field.node_groups import get_input, set_input
 from seeing_wind.ui.field.samples import SAMPLE_WIND, samples_of
-from seeing_wind.ui.job import status, takes
+from seeing_wind.ui.job import takes
+from tests.ui.jobs import notes_of
 
 pytestmark = pytest.mark.usefixtures("stand_in")
 
@@ -95,7 +96,7 @@ def test_a_second_take_leaves_the_first_ones_field_alone(recovered, workplace: P
     assert all(obj.name in recovered.objects for obj in first + second)
     assert {Path(obj["seeing_wind_take"]).name for obj in (first[0], second[0])} == {"one.take", "two.take"}
     assert first[0].users_collection != second[0].users_collection
-    assert any("stays" in text for text in status.of(recovered.session_uid).warnings)
+    assert any("stays" in text for text in notes_of(recovered))
     # the next run of the second goes into its own objects
     bpy.ops.seeing_wind.recover(take=str(workplace / "two.take"))
     assert made(recovered) == second

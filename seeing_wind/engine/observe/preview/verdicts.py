@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ...conventions import frame_named
+from ...conventions import HELD_PLACE, frame_named
 from ...masks import areas
 from ...records import Observation
 from ...settings import ObserveSettings
@@ -152,16 +152,16 @@ def _tracks(seen: Observation) -> Verdict:
 
 def _held(seen: Observation, proposed: np.ndarray | None) -> Verdict:
     if seen.pin.any():
-        return Verdict("held place", 0.0, "It is marked.")
+        return Verdict(HELD_PLACE, 0.0, "It is marked.")
     if proposed is None:
-        return Verdict("held place", 0.0, "The object seems to be free.")
+        return Verdict(HELD_PLACE, 0.0, "The object seems to be free.")
     rows, columns = np.nonzero(proposed)
     at = f"{columns.mean():.0f}, {rows.mean():.0f}"
     return Verdict(
-        "held place",
+        HELD_PLACE,
         1.2,
         f"The object never leaves the place at {at} px, and none is marked.",
-        "Add --pin held.png of this take, if it is held.",
+        "If it is held, give held.png of this take with --pin.",
     )
 
 

@@ -120,7 +120,8 @@ def simulate_bodies(
         for actor, body, x in moved:
             torn = _torn_note(body.vertices, body.triangles, edit.preroll)
             beyond = forces.outside_note(x[edit.preroll :]) if forces is not None else []
-            remarks = [*body.notes, *around.outside_note(x[edit.preroll :]), *beyond, *torn]
+            # the worst first
+            remarks = [*torn, *around.outside_note(x[edit.preroll :]), *beyond, *body.notes]
             for note in remarks:
                 progress.warn(f"{actor.edit.name}: {note}")
             done[actor.edit.name] = dataclasses.replace(body, vertices=body.vertices[edit.preroll :], notes=remarks)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import os
 import re
 from pathlib import Path
@@ -17,6 +19,8 @@ PLACED = "seeing_wind_placed"
 """Custom property of the clips that we have loaded."""
 
 PICTURES = {*PICTURE_SUFFIXES, ".dpx"}
+PIECES, PIECE = 16, 4096
+"""Of a file, by which a changed one is known from a copy, and bytes of each."""
 
 
 def clip_of(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip | None:
@@ -101,3 +105,29 @@ def files_of(path: str) -> list[Path]:
 def opened_by(path: str) -> str:
     """The path by which Blender opens a clip: a sequence by its first frame, from which the engine counts too."""
     return str(files_of(path)[0])
+
+
+def content_of(path: str | os.PathLike[str]) -> str:
+    """What stands for a file in a digest of settings: pieces spread over its content, whatever its date, which a copy may not keep.
+
+    The engine reads files whole before it calls a stage done; a panel that is drawn at every change cannot.
+
+    Raises:
+        OSError: it is not there.
+    """
+    entry = os.stat(path)
+    return _pieces(os.fspath(path), entry.st_size, entry.st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=1 << 14)
+def _pieces(path: str, size: int, changed: int) -> str:
+    """Read once as long as the file is not written to, which `changed` tells. A job says what is wrong with one that cannot be read."""
+    digest = hashlib.sha256(str(size).encode())
+    try:
+        with open(path, "rb") as file:
+            for number in range(PIECES):
+                file.seek(max(size - PIECE, 0) * number // (PIECES - 1))
+                digest.update(file.read(PIECE))
+    except OSError:
+        digest.update(str(changed).encode())
+    return digest.hexdigest()[:16]

@@ -2,6 +2,7 @@
 
 import bpy
 
+from ....engine.conventions import HELD_PLACE
 from ....engine.materials import MATERIALS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
@@ -32,12 +33,12 @@ class ObjectTab(Tab):
         _draw_material(column, settings)
         _draw_corrections(column, settings)
         _draw_held(column, context, settings)
+        step = status.of(context.scene.session_uid).steps["object"]
+        if step.state == State.FAILED:  # above a preview's many lines, which would push it out of sight
+            draw_failure(layout, context, step)
         _draw_preview(layout, context, settings)
         _draw_guesses(layout, context, settings, self.bl_space_type)
         _draw_more(layout, settings)
-        step = status.of(context.scene.session_uid).steps["object"]
-        if step.state == State.FAILED:
-            draw_failure(layout, context, step)
 
 
 def _draw_object(column, settings) -> None:
@@ -129,11 +130,15 @@ def _draw_preview(layout, context, settings) -> None:
     row = body.row(align=True)
     for name, text, icon in ((PICTURE, "Image", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
         row.operator("wm.path_open", text=text, icon=icon).filepath = f"{settings.previewed_take}/{name}"
+    marked = bool(settings.pin) if settings.held_mode == "FILE" else ready
     for verdict in settings.verdicts:
-        words = f"{verdict.name.capitalize()}: {verdict.because} {verdict.advice}".strip()
-        draw_text(body, context, words, "ERROR" if verdict.doubtful else "CHECKMARK")
-    if settings.proposed_pin and settings.pin != settings.proposed_pin:
-        body.operator("seeing_wind.use_held", icon="PINNED")
+        words, doubtful = f"{verdict.because} {verdict.advice}".strip(), verdict.doubtful
+        proposed = settings.proposed_pin if verdict.name == HELD_PLACE else ""
+        if proposed and marked:  # since then
+            words, doubtful = "It is marked.", False
+        draw_text(body, context, f"{verdict.name.capitalize()}: {words}", "ERROR" if doubtful else "CHECKMARK")
+        if proposed and settings.pin != proposed:
+            body.operator("seeing_wind.use_held", icon="PINNED")
 
 
 class SEEING_WIND_UL_guesses(bpy.types.UIList):

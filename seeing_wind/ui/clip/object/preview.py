@@ -13,10 +13,11 @@ from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings,
 from ...job import takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
+from ...job.panel_words import in_panel_words
 from ...job.status import digest_of
 from ...job.worker_command import ROOT, command, environment
 from ...option_properties import part_of, values_of
-from ..inputs.clips import files_of
+from ..inputs.clips import content_of, files_of
 from ..options import View, clip_options
 from .options import object_options
 
@@ -62,7 +63,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         settings.verdicts.clear()
         for each in result.get("verdicts", []):
             verdict = settings.verdicts.add()
-            verdict.name, verdict.because, verdict.advice = (each[key] for key in ("item", "because", "do"))
+            verdict.name, verdict.because, verdict.advice = (in_panel_words(each[key]) for key in ("item", "because", "do"))
             verdict.doubtful = each["severity"] > 0.0
         settings.previewed_take, settings.previewed_digest = str(self.folder), self.digest
         settings.proposed_pin = str(self.folder / HELD) if HELD in result.get("files", []) else ""
@@ -81,12 +82,12 @@ def preview_digest(clip: Clip, marked: Marked) -> str:
     # files that are made from the scene count by what they are made of
     made = {each.option: each.stamp for each in marked[1] if each.option != "pin"}
     given = [path for name, path in named.items() if path is not None and name not in made]
-    files = [os.stat(path) for path in (*files_of(clip[0]), *given, *(path for view in clip[2] for path in view))]
+    files = (*files_of(clip[0]), *given, *(path for view in clip[2] for path in view))
     names = {name: os.path.basename(path) if path is not None else None for name, path in named.items()}
     views = [os.path.basename(path) for view in clip[2] for path in view]
     return digest_of(
         os.path.basename(clip[0]), dataclasses.replace(asked, **names), views,
-        [(entry.st_size, entry.st_mtime_ns) for entry in files], tuple(made.values()),
+        [content_of(path) for path in files], tuple(made.values()),
     )  # fmt: skip
 
 

@@ -53,17 +53,22 @@ class Simulation(JobOperator):
         gone = [name for uid, name in self.simulated if uid not in here]
         said = [f"{name} was deleted while it was simulated: take it off the list, or undo its deletion" for name in gone]
         status.of(scene.session_uid).warnings.extend(said + self.remarks)
-        # another edit may be worked on by now
-        worked_on = settings.edit_folder == self.of_edit
-        for edit in (settings, *settings.edits) if worked_on else settings.edits:
-            if edit.edit_folder == self.of_edit:
-                for body in edit.bodies:  # an undo while it ran has taken the names back
-                    body.result = self.names.get(_who(body), "")
-                setattr(edit, self.digest_kept, self.digest)
-                setattr(edit, self.take, str(self.folder))
-                break
+        edit = self.owner(scene)
+        worked_on = edit == settings
+        if edit is not None:
+            for body in edit.bodies:  # an undo while it ran has taken the names back
+                body.result = self.names.get(_who(body), "")
+            setattr(edit, self.digest_kept, self.digest)
+            setattr(edit, self.take, str(self.folder))
         baked = self._bake(scene) if worked_on else False
         return f"{'Previewed' if self.coarse else 'Simulated'} into {self.folder.name}{', and baked' if baked else ''}"
+
+    def owner(self, scene):
+        """The edit that was simulated; another one may be worked on by now."""
+        settings = scene.seeing_wind
+        if settings.edit_folder == self.of_edit:
+            return settings
+        return next((edit for edit in settings.edits if edit.edit_folder == self.of_edit), None)
 
     def _bake(self, scene) -> bool:
         """Give the bodies their new motion, a full one only in place of a preview. What cannot be is told. Returns whether all have it."""

@@ -1,0 +1,27 @@
+"""What a panel draws, without a window."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+
+class Drawn:
+    """A layout that remembers the operators and the labels that were put into it."""
+
+    def __init__(self) -> None:
+        self.operators: list[SimpleNamespace] = []
+        self.labels: list[str] = []
+
+    def label(self, text: str = "", **_: object) -> None:
+        self.labels.append(text)
+
+    def operator(self, name: str, **_: object) -> SimpleNamespace:
+        self.operators.append(SimpleNamespace(name=name))
+        return self.operators[-1]
+
+    def panel(self, *_: object, **__: object) -> tuple[Drawn, Drawn]:
+        return self, self
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *arguments, **options: self
