@@ -70,7 +70,7 @@ class Usual:
 
 
 FREE = Usual(copies=30.0, coarse=1.3, fine=1.8)
-HELD = Usual(copies=60.0, coarse=3.0, fine=2.6)
+HELD = Usual(copies=50.0, coarse=2.5, fine=2.1)
 FLOWING = Usual(copies=60.0, coarse=3.0, fine=3.0)
 ONWARD = Usual(copies=10.0, coarse=0.0, fine=2.5, follows=False)
 """A later window of a held body."""
