@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -88,6 +89,7 @@ def recover(
     model, model_notes = model_for(
         particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth,
         speed=min([LIMITS.default_speed, *(PACE.haste * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
+        least_substeps=math.ceil(PACE.held_substeps / fps) if particles.pinned.any() and not plastic else LIMITS.min_substeps,
     )  # fmt: skip
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))

@@ -18,6 +18,11 @@ class PaceConstants:
     knot: float = constant(2.0, "frames", "Between knots of the last solves.", "docs/notebook/sensitivity.md.")
     unknowns: int = constant(900, "unknowns", "Of a dense solve, at most; beyond them the knots get sparser.", "Cost.")
     rough: float = constant(0.5, "1", "Substeps of the rough model, in those of the fine one.", "The fine ones have a margin of three.")
+    held_substeps: float = constant(
+        3000.0, "1/s", "Of a held elastic body, at least. What bends inside a grid cell relaxes a little in every substep, and the more, the "
+        "longer the step: a reed that has swung by half its length no longer unbends quite, and a force is found that holds it so.",
+        "Development scenes, docs/notebook/held_bodies.md.",
+    )  # fmt: skip
     haste: float = constant(3.0, "1", "How much faster than the points were seen to move the simulated body may be.", "Chosen.")
 
     horizon: int = constant(4, "frames", "Looked ahead.", COST)
