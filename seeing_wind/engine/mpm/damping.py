@@ -35,12 +35,6 @@ def substeps_for(model: Model, retardation: float) -> int:
     return max(model.substeps, math.ceil((lean + math.hypot(lean, LIMITS.viscous_courant * cells)) / LIMITS.viscous_courant**2))
 
 
-def fewest_substeps(model: Model) -> int:
-    """Substeps per frame that the model's waves and its damping need, whatever it has."""
-    waves = replace(model, substeps=math.ceil(cells_per_frame(model) / LIMITS.courant))
-    return substeps_for(waves, retardation_of(model))
-
-
 def retardation_of(model: Model) -> float:
     """The longest retardation time [s] of the model's elastic particles; 0 without damping."""
     return float(np.where(model.law < VON_MISES, model.viscosity / model.mu, 0.0).max())

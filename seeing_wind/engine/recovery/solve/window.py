@@ -16,7 +16,6 @@ from functools import partial
 import numpy as np
 
 from ...errors import SimulationError
-from ...mpm.damping import fewest_substeps
 from ...mpm.model import Model
 from ...mpm.state import State, Trajectory
 from ...progress import Journal, Progress
@@ -230,9 +229,7 @@ class WindowSolver:
 
     def _rough(self, stiffness: Stiffness | None = None) -> Model:
         model = (stiffness or self.stiffness).of(self.model, self.particles)
-        held = self.particles.pinned.any() and not model.plastic  # it may have more than it needs, see `PACE.held_substeps`
-        fine = min(model.substeps, fewest_substeps(model)) if held else model.substeps
-        return replace(model, substeps=math.ceil(PACE.rough * fine))
+        return replace(model, substeps=math.ceil(PACE.rough * model.substeps / model.refined))
 
     def _flows(self) -> bool:
         return self.model.plastic and any(isinstance(one, TrackChannels) for one in self.objective.channels)
