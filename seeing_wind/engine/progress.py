@@ -116,3 +116,13 @@ class Journal:
     def loop(self, name: str, *inputs: Any) -> Loop:
         """The loop that begins here; arguments as for `once`."""
         return Loop()
+
+
+def in_words(seconds: float) -> str:
+    """A time as people say it, no more exact than an estimate is."""
+    if seconds < 55.0:
+        return f"{max(5, 5 * round(seconds / 5))} seconds"
+    if seconds < 5400.0:
+        minutes = round(seconds / 60)
+        return "a minute" if minutes == 1 else f"{minutes} minutes"
+    return f"{seconds / 3600:.1f} hours"

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..progress import Progress
+from ..errors import MaterialError, ObjectError
+from ..progress import Progress, in_words
 from ..records import Observation
-from ..settings import ObserveSettings
+from ..settings import BuildSettings, ObserveSettings, RecoverSettings
 from ..stages import observe_stage
 from ..take import Take
 from .arguments import settings_of
@@ -20,6 +21,7 @@ from .lock import held
 
 if TYPE_CHECKING:
     from ..observe.clip.stored import Frames
+    from ..observe.preview.verdicts import Verdict
 
 PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 
@@ -40,7 +42,7 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
         seen, _ = observe_stage(take, arguments.clip, settings, progress)
         frames = beside.submit(_film_frames, seen, progress)
         proposed = None if seen.pin.any() else proposed_place(seen)
-        verdicts = judged(seen, settings, proposed)
+        verdicts = judged(seen, settings, proposed, _time(seen, arguments))
         progress.begin("preview", "drawing")
         _draw(take, seen, proposed, verdicts, frames, progress)
         for one in verdicts:
@@ -51,6 +53,26 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
         take.write_json("preview.json", found)
     progress.update(1.0, "done")
     return {"outcome": "converged", "take": str(take.path), **found, "seconds": time.perf_counter() - started}
+
+
+def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
+    """What the solve of the body that would be built takes on this machine; nothing while that is not known."""
+    from ..observe.object.body import unmoved
+    from ..observe.preview.verdicts import Verdict
+    from ..recovery.cost import known_speed, work_of
+
+    try:
+        body = unmoved(seen, settings_of(BuildSettings, arguments))
+    except (MaterialError, ObjectError) as error:
+        return [Verdict("body", 1.0, f"It cannot be built. {error.message}", error.hint)]
+    if body is None:
+        return []
+    material, particles = body
+    work = work_of(particles, material, seen.fps, seen.frames, seen.xy.shape[1], settings_of(RecoverSettings, arguments))
+    speed = known_speed(work.plastic) if work is not None else None
+    if work is None or speed is None:
+        return []
+    return [Verdict("time", 0.0, f"The solve takes about {in_words(work.seconds(speed))} on this machine.")]
 
 
 def _film_frames(seen: Observation, progress: Progress) -> Frames:

@@ -17,7 +17,8 @@ from .clip.stored import Frames
 from .mask.background import Plate
 from .mask.evidence import Looks
 from .mask.flows import Flows
-from .mask.follow import Follower, MaskFollower, followed
+from .mask.follow import MaskFollower
+from .mask.through import Follower, followed
 from .networks import Outlined, network_masks, network_tracks
 from .tracks.centroid import centroid_track
 from .tracks.file import read_tracks

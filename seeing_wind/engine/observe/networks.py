@@ -113,7 +113,7 @@ def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progres
 
 
 class Outlined:
-    """Follows an object whose `masks` (T+1, H, W) are known already (see `mask.follow.Follower`): seeks the flow between them."""
+    """Follows an object whose `masks` (T+1, H, W) are known already (see `mask.through.Follower`): seeks the flow between them."""
 
     def __init__(self, picture: np.ndarray, masks: Masks, known: Flows | None) -> None:
         """`picture` (H, W, 3) uint8 RGB: number 0; `known`: motion that was found before."""

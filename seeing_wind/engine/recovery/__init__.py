@@ -2,7 +2,8 @@
 
     stage.py        the stage: a force and its field         journal.py    what a crash does not cost
     recover.py      body, targets and settings to a force
-    clip.py         the whole clip, window by window         diagnostics/  what the user should know about a solution
+    clip.py         the whole clip, window by window         windows.py     how it is cut
+    cost.py         how long it takes, told beforehand       diagnostics/  what the user should know about a solution
     solve/          Gauss-Newton through the simulator       resimulate/   a recovered field on other bodies
     prior/          what is believed of a force beforehand
     targets/        what was observed, as residuals          wind/         the force as a wind, and bodies in it

@@ -5,7 +5,6 @@ Each window starts from the state that the one before reached well before its en
 
 from __future__ import annotations
 
-import math
 import time
 from dataclasses import dataclass, replace
 from functools import partial
@@ -42,20 +41,7 @@ from .solve.window import Found, WindowSolver
 from .targets.objective import Objective
 from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
-
-
-def windows(frames: int) -> list[tuple[int, int]]:
-    """First and last frame of each window; they are equally long, and neighbours share OVERLAP frames."""
-    count = 1 if frames <= PACE.window else math.ceil((frames - PACE.overlap) / (PACE.window - PACE.overlap))
-    hop = (frames - PACE.overlap) / count if count > 1 else frames
-    return [(round(hop * k), min(frames, round(hop * (k + 1)) + (PACE.overlap if count > 1 else 0))) for k in range(count)]
-
-
-def most_modes(body: Particles) -> int:
-    """The modes that the force on a body may have."""
-    if body.stiffness is None:
-        return PRIOR.full_modes
-    return min(PRIOR.full_modes, max(PRIOR.fewest_modes, len(body.x) // PRIOR.particles_a_mode))
+from .windows import most_modes, windows
 
 
 def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:

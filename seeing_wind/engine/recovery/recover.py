@@ -65,7 +65,7 @@ def recover(
         Cancelled: when the user asked to stop.
     """
     began = time.monotonic()
-    _check(particles, fps)
+    check_body(particles, fps)
     progress.update(0.0, "Preparing the body")
     plastic = material.law in ("von_mises", "viscoplastic")
     sources: list[PointTargets | TrackTargets] = [targets] if isinstance(targets, PointTargets) else list(targets)
@@ -130,7 +130,8 @@ def _fastest(targets: PointTargets, fps: float) -> float:
     return fps * float(np.where(targets.visible[1:] & targets.visible[:-1], step, 0.0).max(initial=0.0))
 
 
-def _check(particles: Particles, fps: float) -> None:
+def check_body(particles: Particles, fps: float) -> None:
+    """Refuse what cannot be simulated. Raises as `recover`."""
     if not (np.isfinite(particles.x).all() and np.isfinite(particles.volume).all() and (particles.volume > 0.0).all()):
         raise ObjectError("A particle of the body has no finite position or no volume.", "Build the body again.")
     if not 0.0 < particles.spacing < np.inf:

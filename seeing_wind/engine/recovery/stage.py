@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import systems
-from ..progress import Journal, Progress
+from ..progress import Journal, Progress, in_words
 from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, to_arrays
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings, to_mapping
 from ..take import VERSION, Take, require_take, stamp_of
+from .cost import EXPECTED, measure_speed, points_in, work_of
 from .journal import TakeJournal
-from .recover import recover
+from .recover import check_body, recover
 from .solve.known_body import KnownBody
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def recover_stage(
 
     Returns:
         the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds
-        that solve, distillation and refinement took.
+        that solve, distillation and refinement took, with `cost.EXPECTED` where that could be foreseen.
     """
     from ..field import load_field
     from .paper.schedule import recover_by_descent
@@ -68,6 +69,7 @@ def recover_stage(
     recovery = take.kept("solve", solved, lambda: _read_solve(take), progress)
     if recovery is None:
         progress.begin("recover", "recovering the force")
+        _foretell(particles, material, targets, fps, settings, progress, seconds)
         started = time.perf_counter()
         with TakeJournal(take, solved, progress) as journal:
             if settings.schedule == "paper":
@@ -93,6 +95,25 @@ def recover_stage(
         systems.replace(take.file(FITTED), take.file("field.safetensors"))
         take.finish("recover", stamp, to_mapping(told))
     return recovery, field, seconds
+
+
+def _foretell(
+    particles: Particles,
+    material: Material,
+    targets: PointTargets | list[TrackTargets],
+    fps: float,
+    settings: RecoverSettings,
+    progress: Progress,
+    seconds: dict[str, float],
+) -> None:
+    """Say how long the solve will take on this machine, and add it to the seconds."""
+    check_body(particles, fps)
+    frames = len(targets.visible if isinstance(targets, PointTargets) else targets[0].visible) - 1
+    work = work_of(particles, material, fps, frames, points_in(targets), settings)
+    if work is None:
+        return
+    seconds[EXPECTED] = work.seconds(measure_speed(work.plastic))
+    progress.update(0.0, f"recovering the force, about {in_words(seconds[EXPECTED])} on this machine", expected_seconds=seconds[EXPECTED])
 
 
 def known_body(folder: str) -> KnownBody:

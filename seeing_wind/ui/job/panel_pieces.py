@@ -11,6 +11,7 @@ from collections.abc import Callable
 import blf
 import bpy
 
+from ...engine.progress import in_words
 from . import notes, status
 from .status import State
 
@@ -144,12 +145,14 @@ def draw_progress(layout, step: status.Step, cancelling: bool) -> None:
     """The bar of a running job, what it does, and the way to stop it."""
     column = layout.column(align=True)
     left = status.remaining(step)
-    text = f"{100 * step.fraction:.0f} %" + (f", about {status.in_words(left)} left" if left is not None else "")
+    text = f"{100 * step.fraction:.0f} %" + (f", about {in_words(left)} left" if left is not None else "")
     column.progress(factor=step.fraction, text=text, type="BAR")
     lines = column.column(align=True)
     lines.active = False
     lines.scale_y = 0.8
     lines.label(text=step.message[:60])
+    if step.expected is not None:
+        lines.label(text=f"The solve takes about {in_words(step.expected)} on this machine")
     if step.residual is not None:
         lines.label(text=f"Residual {step.residual:.3g}")
     row = column.row()

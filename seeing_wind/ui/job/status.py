@@ -68,6 +68,8 @@ class Step:
     """While running: the part of `fraction` that an earlier run had finished."""
     residual: float | None = None
     """While running: the recovery's latest."""
+    expected: float | None = None
+    """While running: what the solve takes on this machine, as it was foreseen [s]."""
 
 
 @dataclass
@@ -144,6 +146,8 @@ def receive(status: SceneStatus, step: str, message: dict[str, Any]) -> bool:
             entry.started = time.monotonic()
         if "residual" in message:
             entry.residual = float(message["residual"])
+        if "expected_seconds" in message:
+            entry.expected = float(message["expected_seconds"])
     elif kind == "warning":
         status.warnings.append(in_panel_words(str(message.get("message", ""))))
     elif kind == "error":
@@ -170,13 +174,6 @@ def remaining(step: Step, now: float | None = None) -> float | None:
         return None
     passed = (time.monotonic() if now is None else now) - step.started
     return passed * (1.0 - step.fraction) / done
-
-
-def in_words(seconds: float) -> str:
-    """A time as people say it, no more exact than an estimate is."""
-    if seconds < 55.0:
-        return f"{max(5, 5 * round(seconds / 5))} s"
-    return f"{round(seconds / 60)} min" if seconds < 5400.0 else f"{seconds / 3600:.1f} h"
 
 
 def fail(status: SceneStatus, step: str, message: str, hint: str = "", mend: str = "", *, digest: str = "", log: str = "") -> None:

@@ -25,6 +25,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[3]), str(Path(__file__).res
 from marking import check, correct, draw_box, escape, largest_area, mouse, override  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
+from seeing_wind.engine.progress import in_words  # noqa: E402
 from seeing_wind.ui.job import operator as job_operator  # noqa: E402
 from seeing_wind.ui.job import status  # noqa: E402
 
@@ -157,7 +158,7 @@ def resume_a_real_one(area: bpy.types.Area) -> Iterator[float]:
     yield from until(built, 400.0)
     check(now.running == "recover" and ticks > 5, f"the window lives while the engine works: {now.steps['recover'].message}")
     left = status.remaining(now.steps["recover"])
-    check(left is not None and left > 0.0, f"the panel knows that about {status.in_words(left or 0.0)} are left")
+    check(left is not None and left > 0.0, f"the panel knows that about {in_words(left or 0.0)} are left")
     with bpy.context.temp_override(**override(area)):
         bpy.ops.seeing_wind.cancel()
     yield from until(lambda: not now.running)

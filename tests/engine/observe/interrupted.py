@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.mask.follow import Follower, MaskFollower
+from seeing_wind.engine.observe.mask.follow import MaskFollower
+from seeing_wind.engine.observe.mask.through import Follower
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.record_arrays import to_arrays
 from seeing_wind.engine.records import Observation

@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scenes import HEIGHT, WIDTH, Scene, ball_scene, moving_body, noise, painted_scene
+from scenes import HEIGHT, WIDTH, Scene, ball_scene, moving_body, noise, painted_scene, write_video
 
 from seeing_wind.engine.command.arguments import parser
 from seeing_wind.engine.errors import ObjectError, UsageError
@@ -218,3 +218,19 @@ def test_background_is_known_where_the_object_comes_to_turn(tmp_path: Path) -> N
     assert np.abs(better.color[place].astype(int) - scene.frames[0][place]).mean() < 3
     seen = observe(scene.path, ObserveSettings(box=scene.box, distance=1.0), NoProgress())
     assert overlap(seen.masks, scene.masks).min() > 0.9
+
+
+@pytest.mark.parametrize(("radius", "post"), [(30.0, 12), (30.0, 20), (20.0, 12)])
+def test_what_passes_behind_a_still_post_is_known_again_beside_it(tmp_path: Path, radius: float, post: int) -> None:
+    centers = np.stack([45.0 + 6.0 * np.arange(25.0), np.full(25, 80.0)], axis=1)
+    pattern = noise(np.random.default_rng(7), (90, 90), (120, 40, 20), (255, 200, 110), 1.6)
+    disc = moving_body(tmp_path, centers, np.zeros(25), radius, pattern)
+    wood = noise(np.random.default_rng(5), (HEIGHT, post), (45, 105, 45), (75, 135, 75), 2.0)
+    frames, masks = disc.frames.copy(), disc.masks.copy()
+    frames[:, :, 100 : 100 + post], masks[:, :, 100 : 100 + post] = wood, False
+    write_video(disc.path, list(frames), 30.0)
+    box = (41.0 - radius, 76.0 - radius, 49.0 + radius, 84.0 + radius)
+    seen = observe(str(disc.path), ObserveSettings(box=box, distance=1.0), NoProgress())
+    alike = overlap(np.asarray(seen.masks), masks)
+    # On both sides of the post: before, it was lost to the last pixel, and then grew back by 20 px a frame.
+    assert min(alike) > 0.8 and np.median(alike) > 0.95

@@ -9,11 +9,11 @@ from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
-from seeing_wind.engine.recovery.clip import windows
 from seeing_wind.engine.recovery.diagnostics.remarks import distrusted, far_off
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.targets.points import point_channels
+from seeing_wind.engine.recovery.windows import windows
 from seeing_wind.engine.settings import RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 

@@ -13,7 +13,6 @@ from seeing_wind.engine.mpm.model_for import model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found, body_as_found
-from seeing_wind.engine.recovery.clip import most_modes
 from seeing_wind.engine.recovery.diagnostics.remarks import wider_remarks
 from seeing_wind.engine.recovery.prior.constants import PRIOR
 from seeing_wind.engine.recovery.recover import recover
@@ -23,6 +22,7 @@ from seeing_wind.engine.recovery.solve import window as windows
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.solve.section import section_shapes
 from seeing_wind.engine.recovery.solve.stiffness import is_free, scaled, stiffest, youngs_modulus
+from seeing_wind.engine.recovery.windows import most_modes
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 

@@ -76,6 +76,15 @@ def test_recover_is_asked_for_the_same(scene, marked) -> None:
     assert words == request.arguments()[: len(words)] and "--box" in words
 
 
+def test_the_body_that_would_be_solved_for_is_asked_for_too(scene, marked) -> None:
+    marked.material, marked.use_particles, marked.particles = "steel", True, 300
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"} and state(scene) == State.DONE
+    asked = json.loads((Path(marked.take) / "asked.json").read_text(encoding="utf-8"))
+    assert asked[asked.index("--material") + 1] == "steel" and asked[asked.index("--particles") + 1] == "300"
+    marked.particles = 400
+    assert state(scene) == State.DONE, "what is seen is the same"
+
+
 def test_a_box_drawn_anew_makes_it_stale_and_a_held_place_does_not(scene, marked) -> None:
     assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
     assert bpy.ops.seeing_wind.use_held() == {"FINISHED"}

@@ -8,6 +8,7 @@ import pytest
 
 from seeing_wind.engine.conventions import frame_named
 from seeing_wind.engine.observe.mask.from_box import NEITHER
+from seeing_wind.engine.progress import in_words
 from seeing_wind.ui.clip.inputs.pace import Pace
 from seeing_wind.ui.job import operator, status
 from seeing_wind.ui.job.panel_words import in_panel_words, in_scene_frames
@@ -18,7 +19,8 @@ def test_the_time_that_is_left_is_said_once_it_can_be() -> None:
     assert status.remaining(step, 130.0) == pytest.approx(90.0)
     step.fraction = 0.01
     assert status.remaining(step, 130.0) is None and status.remaining(status.Step(), 130.0) is None
-    assert [status.in_words(seconds) for seconds in (2.0, 42.0, 89.0, 600.0, 9000.0)] == ["5 s", "40 s", "1 min", "10 min", "2.5 h"]
+    said = [in_words(seconds) for seconds in (2.0, 42.0, 89.0, 600.0, 9000.0)]
+    assert said == ["5 seconds", "40 seconds", "a minute", "10 minutes", "2.5 hours"]
 
 
 def test_the_time_that_is_left_after_a_resume_counts_this_run_only() -> None:
@@ -33,6 +35,15 @@ def test_the_time_that_is_left_after_a_resume_counts_this_run_only() -> None:
     assert status.remaining(step, 102.0) is None, "nothing is done yet in this run"
     status.receive(of_scene, "recover", {"type": "progress", "stage": "recover", "fraction": 0.25, "message": "going"})
     assert status.remaining(step, 130.0) == pytest.approx(30.0 / 0.15 * 0.6)
+
+
+def test_what_the_solve_takes_is_known_while_it_runs() -> None:
+    of_scene = status.SceneStatus()
+    status.begin(of_scene, "recover", "Recover")
+    told = {"type": "progress", "stage": "recover", "fraction": 0.0, "message": "recovering the force", "expected_seconds": 170.0}
+    assert status.receive(of_scene, "recover", told) and of_scene.steps["recover"].expected == 170.0
+    status.begin(of_scene, "recover", "Recover")
+    assert of_scene.steps["recover"].expected is None, "it was another solve"
 
 
 def test_flags_are_called_as_the_panel_calls_them() -> None:

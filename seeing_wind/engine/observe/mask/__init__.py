@@ -5,7 +5,9 @@
     cutting.py     a region by its colours, and without specks
     evidence.py    what speaks for each pixel, in log odds
     corrected.py   the user's corrections in any frame, taken along to the others
-    follow.py      carried through the clip
+    follow.py      carried from one frame to the next
+    through.py     that through the whole clip
+    veil.py        what a still thing in front hides of it
     motion.py      how the object moved between two frames
     flows.py       that of a whole clip, found in one pass over it for the next
     by_turns.py    frame 0 and the background, each found by the other

@@ -12,9 +12,10 @@ from ..clip.stored import Frames
 from .background import Plate, plate_behind, seen_first
 from .evidence import Looks, trimmed
 from .flows import Flows
-from .follow import MaskFollower, followed
+from .follow import MaskFollower
 from .from_box import NEARBY, Moving, refined
 from .motion import window_of, within
+from .through import followed
 
 ROUGH_PIXELS = 40_000
 """Pixels of the object's bounding box beyond which it is followed in smaller frames first, to see what is behind it."""

@@ -17,9 +17,10 @@ from .cutting import LEAST_PIXELS, grab_cut, tidy
 from .evidence import RIM, Looks
 from .first_mask import SEED
 from .flows import Flows
-from .follow import MaskFollower, followed
+from .follow import MaskFollower
 from .from_box import FEW
 from .motion import FlowSolver, cut, middle_of, paste, window_of, within
+from .through import followed
 
 LOCAL = 0.6
 """How far from a mark the outline is found again, in units of the root of the object's area: elsewhere it is as it was."""

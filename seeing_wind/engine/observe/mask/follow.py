@@ -1,25 +1,17 @@
-"""Carrying the object's mask through the clip, one frame at a time."""
+"""Carrying the object's mask from one frame to the next."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
 
-from ...masks import Masks, Packing
-from ...progress import Loop, Progress
-from ...record_arrays import from_arrays, to_arrays
+from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
 from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out, trimmed
 from .flows import Flows
-from .motion import Flow, FlowSolver, Window, body_shift, cut, middle_of, paste, window_of, within
-
-if TYPE_CHECKING:
-    from ..tracks.reseed import Generations
+from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
+from .veil import Veil, out_again
 
 SMALL = 400
 """Pixels below which an object has too few colours and too small an inside for flow and GrabCut."""
@@ -40,25 +32,6 @@ FILTERS = 8
 
 BESIDE_PLATE = 0.3
 """Weight of colours where the background is known."""
-
-
-class Follower(Protocol):
-    """What knows where the object is in one frame after the other. `flow` leads to the newest, None where it is hidden in either."""
-
-    mask: np.ndarray
-    flow: Flow | None
-
-    def advance(self, picture: np.ndarray) -> np.ndarray:
-        """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
-
-    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """The `mask` that `advance` gave for `picture`, as it is handed on. Nothing of what follows depends on it, so it may run beside."""
-
-    def state(self) -> dict[str, np.ndarray]:
-        """All that the frames to come depend on, besides the newest frame and its mask."""
-
-    def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
-        """Go on behind `picture` with its `mask`, as what gave `state` would have."""
 
 
 class MaskFollower:
@@ -103,6 +76,7 @@ class MaskFollower:
         self._template = cut(picture, self._shape_window).copy()
         self._steps = 0
         self._missed = 0
+        self._veil = Veil(mask)
         self.mask = mask
         self.velocity = np.zeros(2)
         self.hidden = False
@@ -123,8 +97,12 @@ class MaskFollower:
         if self._kept is not None:
             self._kept.add(self.flow, wide, shift)
         self._progress.check()
+        motion = self._motion(shift)
+        self._veil.move(motion)
         carried, where = self._carry(shift, margin)
-        found = self._silhouette(picture, carried, where)
+        carried, where = self._with_what_is_out_again(picture, carried, where)
+        found, background = self._silhouette(picture, carried, where)
+        self._veil.keep(self._moved(motion, where), found, background, where)
         self._remember(picture, gray, shift, carried, found, where)
         mask = np.zeros(gray.shape, bool)
         if not self.hidden:
@@ -133,26 +111,27 @@ class MaskFollower:
         return mask
 
     def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """See `Follower.finished`."""
+        """See `through.Follower.finished`."""
         return trimmed(picture, mask, self._plate) if self._trim and self._plate is not None else mask
 
     def state(self) -> dict[str, np.ndarray]:
-        """See `Follower.state`."""
+        """See `through.Follower.state`."""
         return {
             "shape": self._shape,
             "shape_window": np.array(self._shape_window),
             "template": self._template,
             "velocity": self.velocity,
             "counts": np.array([self._steps, self._missed, self.hidden]),
-        } | (self._kept.state() if self._kept is not None else {})
+        } | self._veil.state() | (self._kept.state() if self._kept is not None else {})
 
     def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
-        """See `Follower.resume`."""
+        """See `through.Follower.resume`."""
         x0, y0, x1, y1 = (int(value) for value in state["shape_window"])
         steps, missed, hidden = (int(value) for value in state["counts"])
         self._shape, self._shape_window, self._template = state["shape"], (x0, y0, x1, y1), state["template"]
         self._steps, self._missed, self.hidden, self.velocity = steps, missed, hidden > 0, state["velocity"]
         self._gray, self.mask, self.flow = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), mask, None
+        self._veil.resume(state)
         if self._kept is not None:
             self._kept.resume(state)
 
@@ -174,6 +153,36 @@ class MaskFollower:
         changed = self._changed(picture) if clean else None
         return body_shift(self._template, self._shape, origin, picture, changed, self.velocity, min(reach, 200.0))
 
+    def _motion(self, shift: np.ndarray) -> np.ndarray:
+        """(2,) [px], of the whole object: what it lost or gained on a side moves its middle, too, but not its points."""
+        if self.flow is None or self._shape.sum() < SMALL:
+            return self.velocity if self.hidden else shift
+        return np.median(self.flow.over(self._shape_window)[self._shape], axis=0).astype(np.float64)
+
+    def _moved(self, motion: np.ndarray, where: Window) -> np.ndarray:
+        """The last silhouette (h, w) bool in the window `where`, moved by `motion` (2,) [px] as a whole: near what hides a part of it, the
+        flow is that of what stands still."""
+        dx, dy = (int(value) for value in np.round(motion))
+        x0, y0, x1, y1 = self._shape_window
+        return placed(self._shape, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where)
+
+    def _with_what_is_out_again(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
+        """The carried silhouette with what was hidden and now looks like the object, in a window that holds both."""
+        if self._veil.window is None:
+            return carried, where
+        around = within(self._veil.window, picture)
+        seen = self._against_plate(picture, around)
+        if seen is None:
+            return carried, where
+        behind, known = seen
+        looks = known & (behind > 0.0) & (self._colors.odds(cut(picture, around)) > 0.0)
+        again = out_again(self._veil.over(around) & looks, placed(carried, where, around), band_of(float(carried.sum())))
+        if not again.any():
+            return carried, where
+        x0, y0, x1, y1 = window_of(again, FILTERS)
+        both = joined(where, (x0 + around[0], y0 + around[1], x1 + around[0], y1 + around[1]))
+        return placed(carried, where, both) | placed(again, around, both), both
+
     def _carry(self, shift: np.ndarray, margin: int) -> tuple[np.ndarray, Window]:
         """The last silhouette moved by the flow (or the shift), in a window round its new place."""
         dx, dy = (int(value) for value in np.round(shift))
@@ -181,8 +190,7 @@ class MaskFollower:
         where = (x0 + dx - margin, y0 + dy - margin, x1 + dx + margin, y1 + dy + margin)
         carried = np.zeros((where[3] - where[1], where[2] - where[0]), np.uint8)
         if self.flow is None or self._shape.sum() < SMALL:
-            carried[margin : margin + y1 - y0, margin : margin + x1 - x0] = self._shape
-            return carried > 0, where
+            return self._moved(shift, where), where
         rows, columns = np.nonzero(self._shape)
         motion = self.flow.over(self._shape_window)[self._shape]
         column = np.rint(motion[:, 0]).astype(np.int64) + columns + (x0 - where[0])
@@ -193,27 +201,40 @@ class MaskFollower:
         carried = cv2.morphologyEx(carried, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
         return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
 
-    def _silhouette(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> np.ndarray:
+    def _silhouette(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, np.ndarray]:
+        """The object by its `carried` silhouette, and where nothing but the background is seen, (h, w) bool in the window `where`."""
+        found, background = np.zeros_like(carried), np.zeros_like(carried)
         if not carried.any():
-            return carried
+            return found, background
         band = band_of(float(carried.sum()))
         # Farther away than three bands, no evidence outweighs the silhouette's.
         near = window_of(carried, int(3 * band) + FILTERS)
         around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), picture)
-        found = np.zeros_like(carried)
         if around[0] < around[2] and around[1] < around[3]:
             near = (around[0] - where[0], around[1] - where[1], around[2] - where[0], around[3] - where[1])
-            paste(found, self._cut_out(picture, cut(carried, near, cv2.BORDER_CONSTANT), around, band), near)
-        return found
+            seen = self._against_plate(picture, around)
+            if seen is not None:
+                paste(background, seen[1] & (seen[0] < 0.0), near)
+            paste(found, self._cut_out(picture, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
+        return found, background
 
-    def _cut_out(self, picture: np.ndarray, carried: np.ndarray, where: Window, band: float) -> np.ndarray:
+    def _against_plate(self, picture: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
+        """What `against_plate` says in a window; None where no background is known, or in a window without area."""
+        if self._plate is None or self._looks is None or around[0] >= around[2] or around[1] >= around[3]:
+            return None
+        return against_plate(picture, self._plate, around, self._looks)
+
+    def _cut_out(
+        self, picture: np.ndarray, carried: np.ndarray, where: Window, band: float, plate: tuple[np.ndarray, np.ndarray] | None
+    ) -> np.ndarray:
+        """`plate`: what `against_plate` says in the window `where`, if a background is known."""
         crop = cut(picture, where)
         odds = against_shape(carried, band)
         colors = self._colors.odds(crop)
-        if self._plate is None or self._looks is None:
+        if plate is None:
             odds = np.minimum(odds, CARRIED_BLIND) + colors
         else:
-            behind, known = against_plate(picture, self._plate, where, self._looks)
+            behind, known = plate
             odds = np.where(known, np.minimum(odds, CARRIED) + behind + BESIDE_PLATE * colors, np.minimum(odds, CARRIED_BLIND) + colors)
         return tidy(cut_out(odds, crop), carried)
 
@@ -236,54 +257,3 @@ class MaskFollower:
         self._shape_window = (local[0] + where[0], local[1] + where[1], local[2] + where[0], local[3] + where[1])
         self._shape = cut(found, local)
         self._template = cut(picture, self._shape_window).copy()
-
-
-def followed(
-    picture: Callable[[int], np.ndarray],
-    count: int,
-    follower: Follower,
-    progress: Progress,
-    loop: Loop,
-    points: Generations | None = None,
-) -> Masks:
-    """The masks (T+1, H, W) of `count` frames, all False where the object is hidden or gone.
-
-    Args:
-        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
-        points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the next frame.
-    """
-    packing = Packing()
-    packing.add(follower.mask)
-    done, kept = loop.resume()
-    if done:
-        masks = from_arrays(Masks, kept, "masks.")
-        packing = Packing(masks)
-        follower.resume(picture(done), masks[done], kept)
-        if points is not None:
-            points.resume(picture, masks, kept)
-
-    with ThreadPoolExecutor(1) as beside:
-        behind: Future[None] | None = None
-
-        def finish(now: np.ndarray, flow: Flow | None, found: np.ndarray) -> None:
-            mask = follower.finished(now, found)
-            packing.add(mask)
-            if points is not None:
-                points.advance(now, flow, mask)
-
-        def state() -> dict[str, np.ndarray]:
-            if behind is not None:
-                behind.result()
-            return to_arrays(packing.masks(), "masks.") | follower.state() | (points.state() if points is not None else {})
-
-        for t in range(done + 1, count):
-            progress.update(t / count, f"following the object, frame {t} of {count - 1}")
-            now = picture(t)
-            found = follower.advance(now)
-            if behind is not None:
-                behind.result()
-            behind = beside.submit(finish, now, follower.flow, found)
-            loop.reached(t, state)
-        if behind is not None:
-            behind.result()
-    return packing.masks()

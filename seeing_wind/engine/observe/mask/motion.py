@@ -64,6 +64,22 @@ def window_of(mask: np.ndarray, margin: int) -> Window:
     return int(columns[0]) - margin, int(rows[0]) - margin, int(columns[-1]) + margin + 1, int(rows[-1]) + margin + 1
 
 
+def joined(window: Window, other: Window | None) -> Window:
+    """The smallest window that holds `window` and `other`, if there is one."""
+    if other is None:
+        return window
+    (x0, y0, x1, y1), (a0, b0, a1, b1) = window, other
+    return min(x0, a0), min(y0, b0), max(x1, a1), max(y1, b1)
+
+
+def placed(part: np.ndarray, window: Window, where: Window) -> np.ndarray:
+    """`part` (h, w) bool of `window` in the window `where`, False beyond."""
+    values = np.zeros((where[3] - where[1], where[2] - where[0]), bool)
+    if part.size:
+        paste(values, part, (window[0] - where[0], window[1] - where[1], window[2] - where[0], window[3] - where[1]))
+    return values
+
+
 def within(window: Window, picture: np.ndarray) -> Window:
     """The part of `window` that lies in `picture` (H, W, ...); without area where none does."""
     height, width = picture.shape[:2]

@@ -59,27 +59,11 @@ def build(
         Cancelled: at a safe point, when the user asked to stop.
     """
     settings, progress = settings or BuildSettings(), progress or NoProgress()
-    material = adjusted(
-        find(settings.material),
-        law=settings.law,
-        density=settings.density,
-        youngs_modulus=settings.youngs_modulus,
-        poisson_ratio=settings.poisson_ratio,
-        yield_stress=settings.yield_stress,
-        viscosity=settings.viscosity,
-    )
-    if settings.estimated_material is not None:
-        source = f"estimated for {settings.estimated_by}"
-        material = dataclasses.replace(material, name=settings.estimated_material, source=source)
+    material = material_of(settings)
     sheet = _sheet(observation, settings, material, progress)
     if sheet is not None:
         return build_sheet(observation, sheet, material.name, settings.particles or SHEET_VERTICES, progress, journal)
-    relief = relief_of(observation, settings.thickness)
-    flows = material.law in PLASTIC_LAWS
-    count = settings.particles if settings.particles is not None else FLOWING_PARTICLES if flows else PARTICLES
-    progress.update(0.05, f"filling a {relief.kind if relief.parts is None else 'body on a stem'} with particles")
-    wider = 1.0 if relief.parts is None else widening(relief, relief.parts, material, 1.0 / observation.fps)
-    particles = fill(relief, count, observation.pin, progress, wider)
+    relief, particles = filled(observation, settings, material, progress)
     fine = None if relief.parts is None else too_fine(relief.parts)
     if fine is not None:
         progress.warn(fine)
@@ -88,7 +72,7 @@ def build(
     points, tie_sigma = _key_points(observation, relief, particles, surface, progress)
     keypoints = ride(points, observation.on_centroid, particles)
     # A body that flows forgets frame 0: its neighbourhoods are compared with the previous frame.
-    arap: Arap = "previous" if flows else "rest"
+    arap: Arap = "previous" if material.law in PLASTIC_LAWS else "rest"
     visible = observation.visible & np.isfinite(points).all(axis=1)
     sigma = np.hypot(observation.sigma, tie_sigma)
     lifted = lift(observation.camera, observation.xy, visible, sigma, points, held(observation, points), arap, progress, journal)
@@ -102,6 +86,44 @@ def build(
         tie_sigma=tuple(tie_sigma.tolist()),
         relief=relief,
     )
+
+
+def material_of(settings: BuildSettings) -> Material:
+    """What the body is made of.
+
+    Raises:
+        MaterialError: an unknown material or numbers that are not physical.
+    """
+    material = adjusted(
+        find(settings.material),
+        law=settings.law,
+        density=settings.density,
+        youngs_modulus=settings.youngs_modulus,
+        poisson_ratio=settings.poisson_ratio,
+        yield_stress=settings.yield_stress,
+        viscosity=settings.viscosity,
+    )
+    if settings.estimated_material is None:
+        return material
+    return dataclasses.replace(material, name=settings.estimated_material, source=f"estimated for {settings.estimated_by}")
+
+
+def filled(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> tuple[Relief, Particles]:
+    """Front and back of a solid in frame 0, and the particles between them. Raises ObjectError as `build`."""
+    relief = relief_of(observation, settings.thickness)
+    usual = FLOWING_PARTICLES if material.law in PLASTIC_LAWS else PARTICLES
+    count = usual if settings.particles is None else settings.particles
+    progress.update(0.05, f"filling a {relief.kind if relief.parts is None else 'body on a stem'} with particles")
+    wider = 1.0 if relief.parts is None else widening(relief, relief.parts, material, 1.0 / observation.fps)
+    return relief, fill(relief, count, observation.pin, progress, wider)
+
+
+def unmoved(observation: Observation, settings: BuildSettings) -> tuple[Material, Particles] | None:
+    """Material and particles of the body that `build` would make, without their motion; None of a thin sheet. Raises as `build`."""
+    material = material_of(settings)
+    if _sheet(observation, settings, material, NoProgress()) is not None:
+        return None
+    return material, filled(observation, settings, material, NoProgress())[1]
 
 
 def _sheet(observation: Observation, settings: BuildSettings, material: Material, progress: Progress) -> Sheet | None:

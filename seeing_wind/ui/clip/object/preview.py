@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
-from ....engine.settings import ObserveSettings, options_of, words_of
+from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings, options_of, words_of
 from ...job import takes, worker
 from ...job.install.environment import engine_python
 from ...job.operator import JobOperator
 from ...job.panel_words import in_panel_words
 from ...job.status import digest_of
 from ...job.worker_command import ROOT, command, environment
-from ...option_properties import values_of
+from ...option_properties import part_of, values_of
 from ..inputs.clips import content_of, files_of
 from ..options import View, clip_options
 from .options import object_options
@@ -43,14 +43,16 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         """The clip and the object, as Recover is asked for them."""
         settings = scene.seeing_wind
         self.folder, python = takes.take_folder(settings), engine_python()
-        values = values_of(settings, ObserveSettings)
+        values = values_of(settings, ObserveSettings, BuildSettings, RecoverSettings)
+        # How long the solve takes hangs on the body, too; what is seen does not.
+        solved = BuildSettings(**part_of(values, BuildSettings)), RecoverSettings(iterations=values["iterations"])
         clip = clip_options(settings, values)
         marked = object_options(settings, values, self.folder / takes.INPUTS)
         self.digest = preview_digest(clip, marked)
         takes.bring_along(settings, self.folder)
         for each in marked[1]:
             each.write(self.folder / takes.INPUTS / each.name)
-        words = [*words_of(_asked(clip, marked)), *(word for view in clip[2] for word in ("--view", *view))]
+        words = [*words_of(_asked(clip, marked), *solved), *(word for view in clip[2] for word in ("--view", *view))]
         return worker.run(
             command(python, "observe", clip[0], *words, "--take", str(self.folder)), cwd=str(ROOT), env=environment()
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -19,6 +20,7 @@ from seeing_wind.engine.observe.preview.verdicts import Verdict, doubted, judged
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Doubt, Doubts, Observation
+from seeing_wind.engine.recovery import cost
 from seeing_wind.engine.settings import ObserveSettings
 from seeing_wind.engine.stages import observe_stage
 from seeing_wind.engine.take import Take
@@ -81,6 +83,20 @@ def test_few_tracks(disc_seen: Observation) -> None:
     assert found.severity > 0.0 and "6 points" in found.because
 
 
+def test_an_outline_whose_points_are_soon_lost(disc_seen: Observation) -> None:
+    own = disc_seen.visible[0] & ~disc_seen.on_centroid
+    lost = disc_seen.visible.copy()
+    lost[5:, np.flatnonzero(own)[: int(0.6 * own.sum())]] = False
+    found = verdict(dataclasses.replace(disc_seen, visible=lost), "outline")
+    assert found.severity > 0.0 and f"{round(100 * 5 / len(lost))} % of the clip" in found.because and "film" in found.do
+    lost = disc_seen.visible.copy()
+    lost[5:, np.flatnonzero(own)[: int(0.4 * own.sum())]] = False
+    assert verdict(dataclasses.replace(disc_seen, visible=lost), "outline").severity == 0.0, "a side that turns away"
+    few = np.zeros_like(disc_seen.visible)
+    few[:4, np.flatnonzero(own)[:5]] = True
+    assert verdict(dataclasses.replace(disc_seen, visible=few), "outline").severity == 0.0, "too few to say"
+
+
 def test_the_centroid_alone(disc_seen: Observation) -> None:
     assert verdict(dataclasses.replace(disc_seen, on_centroid=np.ones(disc_seen.xy.shape[1], bool)), "tracks").severity > 0.0
 
@@ -128,6 +144,23 @@ def shown(disc: Scene, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     take = tmp_path_factory.mktemp("shown") / "a.take"
     box = [str(value) for value in np.add(disc.box, (-5, -5, 5, 5))]
     return take, observe(parser().parse_args(["observe", str(disc.path), "--take", str(take), "--box", *box]), NoProgress())
+
+
+def test_the_verb_says_how_long_the_solve_takes(disc: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def said(*more: str) -> dict[str, dict]:
+        box = [str(value) for value in np.add(disc.box, (-5, -5, 5, 5))]
+        words = ["observe", str(disc.path), "--take", str(tmp_path / "a.take"), "--box", *box, *more]
+        return {one["item"]: one for one in observe(parser().parse_args(words), NoProgress())["verdicts"]}
+
+    monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path / "kernels"))
+    assert "time" not in said(), "nothing was measured here"
+    monkeypatch.setattr(cost, "_measured", lambda plastic: cost.Speed(copy=2e-7, base=2e-6, change=2e-8))
+    cost.measure_speed(plastic=False)
+    told = said()["time"]
+    assert told["verdict"] == "good" and re.fullmatch(r"The solve takes about (\d+ seconds|a minute) on this machine\.", told["because"])
+    assert "time" not in said("--form", "sheet", "--material", "cotton"), "a sheet has a solver of its own"
+    found = said("--form", "sheet", "--material", "ice")["body"]
+    assert found["severity"] > 0.0 and "not known as a sheet" in found["because"] and found["do"]
 
 
 def test_the_verb_leaves_picture_film_and_verdicts(disc: Scene, shown: tuple[Path, dict]) -> None:

@@ -1,0 +1,87 @@
+"""The masks of a whole clip, one frame after the other, by something that follows the object."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from ...masks import Masks, Packing
+from ...progress import Loop, Progress
+from ...record_arrays import from_arrays, to_arrays
+from .motion import Flow
+
+if TYPE_CHECKING:
+    from ..tracks.reseed import Generations
+
+
+class Follower(Protocol):
+    """What knows where the object is in one frame after the other. `flow` leads to the newest, None where it is hidden in either."""
+
+    mask: np.ndarray
+    flow: Flow | None
+
+    def advance(self, picture: np.ndarray) -> np.ndarray:
+        """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
+
+    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """The `mask` that `advance` gave for `picture`, as it is handed on. Nothing of what follows depends on it, so it may run beside."""
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the frames to come depend on, besides the newest frame and its mask."""
+
+    def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+        """Go on behind `picture` with its `mask`, as what gave `state` would have."""
+
+
+def followed(
+    picture: Callable[[int], np.ndarray],
+    count: int,
+    follower: Follower,
+    progress: Progress,
+    loop: Loop,
+    points: Generations | None = None,
+) -> Masks:
+    """The masks (T+1, H, W) of `count` frames, all False where the object is hidden or gone.
+
+    Args:
+        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
+        points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the next frame.
+    """
+    packing = Packing()
+    packing.add(follower.mask)
+    done, kept = loop.resume()
+    if done:
+        masks = from_arrays(Masks, kept, "masks.")
+        packing = Packing(masks)
+        follower.resume(picture(done), masks[done], kept)
+        if points is not None:
+            points.resume(picture, masks, kept)
+
+    with ThreadPoolExecutor(1) as beside:
+        behind: Future[None] | None = None
+
+        def finish(now: np.ndarray, flow: Flow | None, found: np.ndarray) -> None:
+            mask = follower.finished(now, found)
+            packing.add(mask)
+            if points is not None:
+                points.advance(now, flow, mask)
+
+        def state() -> dict[str, np.ndarray]:
+            if behind is not None:
+                behind.result()
+            return to_arrays(packing.masks(), "masks.") | follower.state() | (points.state() if points is not None else {})
+
+        for t in range(done + 1, count):
+            progress.update(t / count, f"following the object, frame {t} of {count - 1}")
+            now = picture(t)
+            found = follower.advance(now)
+            if behind is not None:
+                behind.result()
+            behind = beside.submit(finish, now, follower.flow, found)
+            loop.reached(t, state)
+        if behind is not None:
+            behind.result()
+    return packing.masks()

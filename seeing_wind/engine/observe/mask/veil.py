@@ -1,0 +1,89 @@
+"""What something still in front of the object hides of it, carried along with what is seen, so that it is known again on the other side.
+
+Such a thing, a post or a branch, is a part of the background. Where it hides the object, the frame looks as the background does, and
+the carried silhouette ends. What comes out behind it lies farther away than a silhouette can be off, and would grow back slowly.
+
+Where the object has been seen, nothing stands before it: background that is seen there again was let go of, not hidden.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from .motion import Window, cut, joined, paste, placed, window_of
+
+THICK = 5
+"""Pixels across from which something hides a part: less is a rim that was carried on too far."""
+
+
+class Veil:
+    """The hidden part of the object."""
+
+    def __init__(self, mask: np.ndarray) -> None:
+        """`mask` (H, W) bool: the object in frame 0."""
+        self._clear = mask.copy()
+        self._part, self._window = np.zeros((0, 0), bool), (0, 0, 0, 0)
+        self._rest = np.zeros(2)
+
+    @property
+    def window(self) -> Window | None:
+        """The box round it, None where nothing is hidden."""
+        return self._window if self._part.any() else None
+
+    def move(self, motion: np.ndarray) -> None:
+        """Along with the object, by `motion` (2,) [px]."""
+        whole = np.round(motion + self._rest)
+        self._rest = motion + self._rest - whole
+        x0, y0, x1, y1 = self._window
+        dx, dy = int(whole[0]), int(whole[1])
+        self._window = (x0 + dx, y0 + dy, x1 + dx, y1 + dy)
+
+    def over(self, where: Window) -> np.ndarray:
+        """(h, w) bool in a window."""
+        return placed(self._part, self._window, where)
+
+    def keep(self, whole: np.ndarray, found: np.ndarray, background: np.ndarray, where: Window) -> None:
+        """After a frame: what was to be expected, what was found and where it looks like the background, (h, w) bool in the window `where`.
+
+        `whole` is the silhouette before, moved without its hidden part.
+        """
+        inside = np.zeros_like(self._clear)
+        paste(inside, cv2.erode(found.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0, where)
+        self._clear |= inside
+        both = joined(where, self.window)
+        whole, found, background = (placed(one, where, both) for one in (whole, found, background))
+        clear = cut(self._clear, both, cv2.BORDER_CONSTANT)
+        hidden = (self.over(both) | whole & background) & ~found & ~(background & clear)
+        if not hidden.any():
+            self._part, self._window = np.zeros((0, 0), bool), (0, 0, 0, 0)
+            return
+        x0, y0, x1, y1 = window_of(hidden, 0)
+        self._part = hidden[y0:y1, x0:x1].copy()
+        self._window = (x0 + both[0], y0 + both[1], x1 + both[0], y1 + both[1])
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that the frames to come depend on."""
+        clear = np.packbits(self._clear)
+        return {"veil": self._part, "veil_window": np.array(self._window), "veil_rest": self._rest, "veil_clear": clear}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Go on from what `state` gave."""
+        x0, y0, x1, y1 = (int(value) for value in state["veil_window"])
+        self._part, self._window, self._rest = state["veil"], (x0, y0, x1, y1), state["veil_rest"]
+        self._clear = np.unpackbits(state["veil_clear"], count=self._clear.size).reshape(self._clear.shape) > 0
+
+
+def out_again(differs: np.ndarray, carried: np.ndarray, band: float) -> np.ndarray:
+    """The parts of `differs` (h, w) bool, what was hidden and looks like no background any more, that the silhouette does not reach.
+
+    What lies within `band` [px] of the `carried` silhouette (h, w) bool is found from there, with all that is known of its rim.
+    """
+    core = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_OPEN, np.ones((THICK, THICK), np.uint8))
+    if not core.any():
+        return core > 0
+    count, labels = cv2.connectedComponents(core, connectivity=8)
+    reached = cv2.distanceTransform(1 - carried.astype(np.uint8), cv2.DIST_L2, 5) <= band
+    apart = np.bincount(labels[reached], minlength=count) == 0
+    apart[0] = False
+    return apart[labels]

@@ -1,0 +1,23 @@
+"""How a clip is cut for the solve, and how finely the force may be written: known before anything is solved, and without the solver."""
+
+from __future__ import annotations
+
+import math
+
+from ..records import Particles
+from .prior.constants import PRIOR
+from .solve.constants import PACE
+
+
+def windows(frames: int) -> list[tuple[int, int]]:
+    """First and last frame of each window; they are equally long, and neighbours share OVERLAP frames."""
+    count = 1 if frames <= PACE.window else math.ceil((frames - PACE.overlap) / (PACE.window - PACE.overlap))
+    hop = (frames - PACE.overlap) / count if count > 1 else frames
+    return [(round(hop * k), min(frames, round(hop * (k + 1)) + (PACE.overlap if count > 1 else 0))) for k in range(count)]
+
+
+def most_modes(body: Particles) -> int:
+    """The modes that the force on a body may have."""
+    if body.stiffness is None:
+        return PRIOR.full_modes
+    return min(PRIOR.full_modes, max(PRIOR.fewest_modes, len(body.x) // PRIOR.particles_a_mode))

@@ -1,0 +1,108 @@
+"""How long a solve takes, told beforehand: by its size, at the speed of this machine, and nothing where nothing is known."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from seeing_wind.engine.materials import Material, find
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.recovery import cost
+from seeing_wind.engine.recovery.cost import Speed, Work, known_speed, measure_speed, substeps_of, work_of
+from seeing_wind.engine.settings import RecoverSettings
+from tests.engine.recovery.bodies import FPS, RUBBER, plate
+
+SPEED = Speed(copy=2e-7, base=2e-6, change=2e-8)
+CLAY = dataclasses.replace(RUBBER, law="von_mises", yield_stress=2e3)
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty place for what is measured."""
+    monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", str(tmp_path / "kernels"))
+    return tmp_path / "kernels" / cost.FILE
+
+
+def seconds(body=None, material: Material = RUBBER, frames: int = 24, points: int = 40, **settings) -> float:
+    """Of a solve on a machine of known speed."""
+    work = work_of(plate() if body is None else body, material, FPS, frames, points, RecoverSettings(**settings))
+    assert work is not None
+    return work.seconds(SPEED)
+
+
+def held(body):
+    """The body with its particles on one side held."""
+    return dataclasses.replace(body, pinned=body.x[:, 0] < -0.05)
+
+
+def test_a_solve_takes_longer_with_more_of_everything() -> None:
+    twice = dataclasses.replace(plate(), x=np.concatenate([plate().x, plate().x + 1e-4]), volume=np.tile(plate().volume, 2) / 2,
+                                pinned=np.tile(plate().pinned, 2))  # fmt: skip
+    assert seconds(twice) == pytest.approx(2.0 * seconds(), rel=0.05)
+    stiffer = dataclasses.replace(RUBBER, youngs_modulus=4.0 * RUBBER.youngs_modulus)
+    ratio = substeps_of(plate(), stiffer, FPS) / substeps_of(plate(), RUBBER, FPS)
+    assert 1.5 < ratio <= 2.1 and seconds(material=stiffer) == pytest.approx(ratio * seconds())
+    # Within a window the unknowns grow with the frames, and each is carried further; a window more is only one more.
+    assert 2.0 < seconds(frames=32) / seconds(frames=16) < 4.0
+    assert 1.5 < seconds(frames=168) / seconds(frames=88) < 2.2
+
+
+def test_what_is_looked_for_counts() -> None:
+    assert seconds(held(plate())) > 1.3 * seconds(), "its stiffness is found, too"
+    assert seconds(points=1) < 0.8 * seconds(), "a body that is seen as one point has a uniform force"
+    assert seconds(iterations=1) < 0.7 * seconds(), "a draft"
+    slower = seconds(held(plate()), frames=88) / seconds(held(plate()), frames=32)
+    assert slower < 0.8 * seconds(frames=88) / seconds(frames=32), "later windows of a held body know its stiffness"
+
+
+def test_nothing_is_said_of_what_nobody_has_measured() -> None:
+    assert work_of(plate(), RUBBER, FPS, 24, 40, RecoverSettings(schedule="paper")) is None
+
+
+@pytest.mark.parametrize("material", [RUBBER, CLAY, find("steel"), find("leaf"), dataclasses.replace(RUBBER, youngs_modulus=1.0)])
+@pytest.mark.parametrize("pinned", [False, True])
+@pytest.mark.parametrize("stiffness", [None, 0.25])
+def test_the_substeps_are_those_of_the_solver(material: Material, pinned: bool, stiffness: float | None) -> None:
+    body = held(plate()) if pinned else plate()
+    if stiffness is not None:
+        body = dataclasses.replace(body, stiffness=np.full(len(body.x), stiffness))
+    assert substeps_of(body, material, FPS) == model_for(body, material, FPS)[0].substeps
+
+
+def test_the_speed_is_measured_by_the_kernels_and_kept_for_this_machine(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert known_speed(plastic=False) is None
+    measured = measure_speed(plastic=False)
+    assert 0.0 < measured.change < measured.copy < measured.base, "a change costs a part of a copy, keeping a run several times as much"
+    assert known_speed(plastic=False) == measured and known_speed(plastic=True) is None
+    flowing = measure_speed(plastic=True)
+    assert known_speed(plastic=True) == flowing and known_speed(plastic=False) == measured
+    monkeypatch.setattr(cost, "_machine", lambda: "another")
+    assert known_speed(plastic=False) is None
+
+
+WRONG = ("", "[]", "{", '{"machine": 1}', '{"machine": "here", "elastic": 3}',
+         '{"machine": "here", "elastic": {"copy": -1.0, "base": 1.0, "change": 1.0}}')  # fmt: skip
+
+
+@pytest.mark.parametrize("content", WRONG)
+def test_a_damaged_file_tells_nothing_and_is_written_anew(place: Path, content: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "_machine", lambda: "here")
+    monkeypatch.setattr(cost, "_measured", lambda plastic: SPEED)
+    place.parent.mkdir()
+    place.write_text(content)
+    assert known_speed(plastic=False) is None
+    assert measure_speed(plastic=False) == SPEED == known_speed(plastic=False)
+
+
+def test_a_place_that_cannot_be_written_stops_nothing(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "_measured", lambda plastic: SPEED)
+    place.parent.write_text("a file where the folder should be")
+    assert measure_speed(plastic=False) == SPEED and known_speed(plastic=False) is None
+
+
+def test_the_kernels_of_what_flows_are_others() -> None:
+    assert work_of(plate(), CLAY, FPS, 24, 40, RecoverSettings()).plastic
+    assert Work(3.0, 2.0, 1.0, False).seconds(Speed(1.0, 10.0, 100.0)) == pytest.approx(cost.OTHER * 123.0)
