@@ -65,6 +65,8 @@ class Model:
     axes: np.ndarray | None = None
     """(3, 3) the lattice's axes as columns, None for the world's. What says where nodes are (offset, clamp, pin_path, pin_rest,
     collider_grid) is in coordinates along them; `rollout` and its kin turn what they get and what they give back."""
+    refined: float = 1.0
+    """How many times as many substeps it has as it would need to be stable."""
 
     def upright(self) -> Model:
         """The same in the lattice's own coordinates."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -89,6 +90,8 @@ def recover(
         particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth,
         speed=min([LIMITS.default_speed, *(PACE.haste * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
     )  # fmt: skip
+    if particles.pinned.any() and not plastic:
+        model = _refined(model, channels)
     if moving is not None:
         model = replace(model, gravity=moving.gravity(particles, model.gravity))
     objective = Objective(channels)
@@ -108,6 +111,17 @@ def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, kn
     if not particles.pinned.any():
         raise UsageError("--body is for a held body; this one is free.", "Leave it out, or mark what is held.")
     return known.believed(particles, model, free)
+
+
+def _refined(model: Model, channels: Sequence[Channels]) -> Model:
+    """A held body with the substeps that it wants where points in 3D swing far."""
+    for one in channels:
+        if isinstance(one, PointChannels):
+            away = np.linalg.norm(one.targets.x - one.targets.x[0], axis=2)
+            if np.where(one.targets.visible & one.targets.visible[0], away, 0.0).max() > PACE.held_far * model.dx:
+                times = min(PACE.held_substeps * model.frame_dt / model.substeps, PACE.held_refined)
+                return replace(model, substeps=math.ceil(times * model.substeps), refined=times) if times > 1.0 else model
+    return model
 
 
 def _fastest(targets: PointTargets, fps: float) -> float:

@@ -11,6 +11,7 @@ from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
 from seeing_wind.engine.recovery.diagnostics.remarks import distrusted, far_off
 from seeing_wind.engine.recovery.recover import recover
+from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.targets.points import point_channels
 from seeing_wind.engine.recovery.windows import windows
 from seeing_wind.engine.settings import RecoverSettings
@@ -163,6 +164,19 @@ def test_a_held_body_keeps_its_foot():
     free = ~body.pinned
     assert np.abs(found.x[:, body.pinned] - body.x[body.pinned]).max() < 1e-12
     assert relative(found.force_density[:, free, 0].mean(axis=1), 400.0 * wind[:, free, 0].mean(axis=1)) < 0.3
+
+
+def test_a_held_body_that_swings_far_is_simulated_in_finer_steps():
+    body = plate((2, 2, 16), pinned=lambda X: X[:, 2] < X[0, 2] + 0.03)
+
+    def substeps(push):
+        x, _ = blow(body, lambda X, t: np.zeros_like(X) + [push, 0.0, 0.0], 8)
+        found = recover(body, RUBBER, points(body, x), FPS, replace(WEIGHTLESS, iterations=1, stiffness="given"), NoProgress())
+        return found.substeps, np.abs(x - x[0]).max() / found.cell
+
+    (usual, near), (finer, far) = substeps(1.0), substeps(12.0)
+    assert near < PACE.held_far < far
+    assert finer == pytest.approx(min(PACE.held_refined * usual, PACE.held_substeps / FPS), abs=1.0)
 
 
 def test_pins_on_what_moves_in_the_clip_are_named():

@@ -18,6 +18,19 @@ class PaceConstants:
     knot: float = constant(2.0, "frames", "Between knots of the last solves.", "docs/notebook/sensitivity.md.")
     unknowns: int = constant(900, "unknowns", "Of a dense solve, at most; beyond them the knots get sparser.", "Cost.")
     rough: float = constant(0.5, "1", "Substeps of the rough model, in those of the fine one.", "The fine ones have a margin of three.")
+    held_substeps: float = constant(
+        3000.0, "1/s", "Of a held elastic body that swings far. What bends within a cell gives way a little as it crosses others, the more "
+        "the longer the substeps: a reed that had swung by half its length did not unbend, and a force was found that held it so.",
+        "Development scenes, docs/notebook/held_bodies.md.",
+    )  # fmt: skip
+    held_refined: float = constant(
+        3.0, "1", "But at most so many times what its waves need: the rough model has half of these, and must be like the fine one.",
+        "Chosen.",
+    )  # fmt: skip
+    held_far: float = constant(
+        8.0, "cells", "Swings from which that is worth it, of points in 3D: pixels show nothing that small.",
+        "Between development scenes: stalks that swing 5 cells, reeds that swing 10 to 20.",
+    )  # fmt: skip
     haste: float = constant(3.0, "1", "How much faster than the points were seen to move the simulated body may be.", "Chosen.")
 
     horizon: int = constant(4, "frames", "Looked ahead.", COST)

@@ -229,7 +229,7 @@ class WindowSolver:
 
     def _rough(self, stiffness: Stiffness | None = None) -> Model:
         model = (stiffness or self.stiffness).of(self.model, self.particles)
-        return replace(model, substeps=math.ceil(PACE.rough * model.substeps))
+        return replace(model, substeps=math.ceil(PACE.rough * model.substeps / model.refined))
 
     def _flows(self) -> bool:
         return self.model.plastic and any(isinstance(one, TrackChannels) for one in self.objective.channels)
