@@ -115,13 +115,17 @@ def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, kn
 
 def _refined(model: Model, channels: Sequence[Channels]) -> Model:
     """A held body with the substeps that it wants where points in 3D swing far."""
-    for one in channels:
-        if isinstance(one, PointChannels):
-            away = np.linalg.norm(one.targets.x - one.targets.x[0], axis=2)
-            if np.where(one.targets.visible & one.targets.visible[0], away, 0.0).max() > PACE.held_far * model.dx:
-                times = min(PACE.held_substeps * model.frame_dt / model.substeps, PACE.held_refined)
-                return replace(model, substeps=math.ceil(times * model.substeps), refined=times) if times > 1.0 else model
-    return model
+    seen = (one.targets for one in channels if isinstance(one, PointChannels))
+    times = max((refinement(one, model.dx, model.frame_dt, model.substeps) for one in seen), default=1.0)
+    return replace(model, substeps=math.ceil(times * model.substeps), refined=times) if times > 1.0 else model
+
+
+def refinement(targets: PointTargets, dx: float, frame_dt: float, substeps: int) -> float:
+    """How many times its substeps a held elastic body wants, on a grid of dx [m] and in frames of frame_dt [s]."""
+    away = np.linalg.norm(targets.x - targets.x[0], axis=2)
+    if np.where(targets.visible & targets.visible[0], away, 0.0).max() <= PACE.held_far * dx:
+        return 1.0
+    return max(1.0, min(PACE.held_substeps * frame_dt / substeps, PACE.held_refined))
 
 
 def _fastest(targets: PointTargets, fps: float) -> float:

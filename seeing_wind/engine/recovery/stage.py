@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import systems
+from ..materials import LIMITS
 from ..progress import Journal, Progress, in_words
 from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, to_arrays
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings, to_mapping
 from ..take import VERSION, Take, require_take, stamp_of
-from .cost import EXPECTED, measure_speed, points_in, work_of
+from .cost import EXPECTED, measure_speed, points_in, substeps_of, work_of
 from .journal import TakeJournal
-from .recover import check_body, recover
+from .recover import check_body, recover, refinement
 from .solve.known_body import KnownBody
 
 if TYPE_CHECKING:
@@ -112,6 +113,10 @@ def _foretell(
     work = work_of(particles, material, fps, frames, points_in(targets), settings)
     if work is None:
         return
+    if isinstance(targets, PointTargets) and particles.pinned.any() and not work.plastic:
+        dx = LIMITS.cell_spacings * particles.spacing
+        times = refinement(targets, dx, 1.0 / fps, substeps_of(particles, material, fps))
+        work = dataclasses.replace(work, copies=times * work.copies)  # changes are carried along the rough model
     seconds[EXPECTED] = work.seconds(measure_speed(work.plastic))
     progress.update(0.0, f"recovering the force, about {in_words(seconds[EXPECTED])} on this machine", expected_seconds=seconds[EXPECTED])
 

@@ -10,10 +10,12 @@ import pytest
 
 from seeing_wind.engine.materials import Material, find
 from seeing_wind.engine.mpm.model_for import model_for
-from seeing_wind.engine.recovery import cost
+from seeing_wind.engine.progress import Cancelled, Progress
+from seeing_wind.engine.recovery import cost, stage
 from seeing_wind.engine.recovery.cost import Speed, Work, known_speed, measure_speed, substeps_of, work_of
 from seeing_wind.engine.settings import RecoverSettings
-from tests.engine.recovery.bodies import FPS, RUBBER, plate
+from seeing_wind.engine.take import Take
+from tests.engine.recovery.bodies import FPS, RUBBER, plate, points
 
 SPEED = Speed(copy=2e-7, base=2e-6, change=2e-8)
 CLAY = dataclasses.replace(RUBBER, law="von_mises", yield_stress=2e3)
@@ -106,3 +108,27 @@ def test_a_place_that_cannot_be_written_stops_nothing(place: Path, monkeypatch: 
 def test_the_kernels_of_what_flows_are_others() -> None:
     assert work_of(plate(), CLAY, FPS, 24, 40, RecoverSettings()).plastic
     assert Work(3.0, 2.0, 1.0, False).seconds(Speed(1.0, 10.0, 100.0)) == pytest.approx(cost.OTHER * 123.0)
+
+
+def test_the_stage_says_it_before_the_solve_and_hands_it_on(place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cost, "_measured", lambda plastic: SPEED)
+    body, told = held(plate()), []
+
+    def expected(swing: float) -> float:
+        x = np.repeat(body.x[None], 9, axis=0)
+        x[1:, :, 2] += swing * np.maximum(body.x[:, 0] + 0.05, 0.0)
+
+        def solve(*arguments: object, **more: object) -> None:
+            raise Cancelled
+
+        monkeypatch.setattr(stage, "recover", solve)
+        take = Take(tmp_path / f"{swing}.take")
+        take.prepare()
+        with pytest.raises(Cancelled):
+            progress = Progress(told.append)
+            stage.recover_stage(take, body, RUBBER, points(body, x), FPS, "here", RecoverSettings(), progress)
+        return next(one for one in reversed(told) if "expected_seconds" in one)["expected_seconds"]
+
+    near, far = expected(0.1), expected(5.0)
+    assert near == pytest.approx(seconds(body, frames=8, points=len(body.x))) and far > 1.2 * near, "what swings far is simulated finely"
+    assert "on this machine" in told[-1]["message"]
