@@ -34,7 +34,7 @@ def blown():
 @pytest.fixture
 def followed(monkeypatch):
     """Windows of ten or so frames; the first frames of those that were followed from the start."""
-    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.clip"], "PACE", replace(PACE, window=12, overlap=4))
+    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.windows"], "PACE", replace(PACE, window=12, overlap=4))
     found, follow = [], windows.follow
     monkeypatch.setattr(windows, "follow", lambda solver, *rest: found.append(solver.objective.first) or follow(solver, *rest))
     return found

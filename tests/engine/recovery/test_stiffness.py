@@ -246,7 +246,7 @@ def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
 
 
 def test_one_stiffness_for_all_windows_of_a_clip(monkeypatch):
-    stage = sys.modules["seeing_wind.engine.recovery.clip"]
+    stage = sys.modules["seeing_wind.engine.recovery.windows"]
     monkeypatch.setattr(stage, "PACE", replace(PACE, window=10, overlap=4))
     body, fractions, solved = post(), [], []
     x, _ = blow(body, lambda X, t: gust(X, t - 9), 16)
