@@ -29,7 +29,7 @@ class PaceConstants:
     )  # fmt: skip
     held_far: float = constant(
         8.0, "cells", "Swings from which that is worth it, of points in 3D: pixels show nothing that small.",
-        "Between development scenes: stalks that swing 5 cells, reeds that swing 10 to 20.",
+        "Between development scenes: stalks that swing 5 to 7.6 cells, reeds that swing 9.5 to 20.",
     )  # fmt: skip
     haste: float = constant(3.0, "1", "How much faster than the points were seen to move the simulated body may be.", "Chosen.")
 
