@@ -119,6 +119,8 @@ UNHELD = "Nothing was marked as held"
 """How the note begins on a force that only answers gravity: the panel offers what mends it."""
 HELD_PLACE = "held place"
 """What a preview's verdict on it is about: likewise."""
+BODY, TIME = "body", "time"
+"""What its verdicts on the solve are about: they hold only for the material and the held place that it was told."""
 
 
 def constant(value: Any, unit: str, reason: str, source: str) -> Any:

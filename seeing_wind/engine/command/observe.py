@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..conventions import BODY, TIME
 from ..errors import MaterialError, ObjectError
 from ..progress import Progress, in_words
 from ..records import Observation
@@ -64,7 +65,7 @@ def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
     try:
         body = unmoved(seen, settings_of(BuildSettings, arguments))
     except (MaterialError, ObjectError) as error:
-        return [Verdict("body", 1.0, f"It cannot be built. {error.message}", error.hint)]
+        return [Verdict(BODY, 1.0, f"It cannot be built. {error.message}", error.hint)]
     if body is None:
         return []
     material, particles = body
@@ -72,7 +73,7 @@ def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
     speed = known_speed(work.plastic) if work is not None else None
     if work is None or speed is None:
         return []
-    return [Verdict("time", 0.0, f"The solve takes about {in_words(work.seconds(speed))} on this machine.")]
+    return [Verdict(TIME, 0.0, f"The solve takes about {in_words(work.seconds(speed))} on this machine.")]
 
 
 def _film_frames(seen: Observation, progress: Progress) -> Frames:

@@ -85,6 +85,8 @@ class SceneStatus:
     warnings: list[str] = field(default_factory=list)
     """Of the last job, which belonged to the step `warned`; empty once they are kept with its result (see `notes`)."""
     warned: str = ""
+    foreseen: bool = False
+    """Whether what *Preview* said of the solve still holds."""
     previewed: list[str] = field(default_factory=list)
     """Bodies whose objects carry the motion of a preview."""
 

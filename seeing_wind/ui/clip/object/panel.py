@@ -2,7 +2,7 @@
 
 import bpy
 
-from ....engine.conventions import HELD_PLACE
+from ....engine.conventions import BODY, HELD_PLACE, TIME
 from ....engine.materials import MATERIALS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
@@ -115,7 +115,8 @@ def _draw_corners(column, settings, name: str) -> None:
 
 def _draw_preview(layout, context, settings) -> None:
     """What is seen, before the solve: an image, and what can be trusted."""
-    steps = status.of(context.scene.session_uid).steps
+    now = status.of(context.scene.session_uid)
+    steps, foreseen = now.steps, now.foreseen
     ready = steps["clip"].state == State.DONE and steps["object"].state == State.DONE
     missing = "" if ready else "Mark the object in a clip first"
     draw_job(layout, context, "preview", "seeing_wind.preview", "Preview", "HIDE_OFF", missing, warned=not len(settings.verdicts))
@@ -136,7 +137,10 @@ def _draw_preview(layout, context, settings) -> None:
         proposed = settings.proposed_pin if verdict.name == HELD_PLACE else ""
         if proposed and marked:  # since then
             words, doubtful = "It is marked.", False
-        draw_text(body, context, f"{verdict.name.capitalize()}: {words}", "ERROR" if doubtful else "CHECKMARK")
+        icon = "ERROR" if doubtful else "CHECKMARK"
+        if verdict.name in (BODY, TIME) and not foreseen:
+            words, icon = "Settings have changed since. Press Preview again.", "FILE_REFRESH"
+        draw_text(body, context, f"{verdict.name.capitalize()}: {words}", icon)
         if proposed and settings.pin != proposed:
             body.operator("seeing_wind.use_held", icon="PINNED")
 

@@ -97,6 +97,7 @@ class ObjectSettings:
     previewed_take: StringProperty(name="Previewed Take", subtype="FILE_PATH", description="Folder that the preview is in")
     previewed_picture: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
     previewed_digest: StringProperty(description="Of the settings that the preview was made with")
+    foreseen_digest: StringProperty(description="Of those that it foresaw the solve with")
     proposed_pin: StringProperty(name="Proposed Held Place", subtype="FILE_PATH", description="Where the object seems to be held")
 
     guesses: CollectionProperty(type=SEEING_WIND_PG_guess)
