@@ -168,6 +168,8 @@ def bake_bodies(
     if preview is None:
         preview = goes_before(scene, EditRequest.of(scene).digest())
     folder = takes.simulated(settings, preview)
+    if not folder.is_dir():
+        raise TakeError(f"There is no folder {folder}.", "Put it back, or run Re-simulate again.")
     chosen = _named(bodies, name)
     missing = [body.name for body in chosen if not (folder / "bodies" / f"{body.result}.npz").is_file()]
     if missing:

@@ -13,8 +13,8 @@ from mathutils import Matrix
 from ...engine.errors import ClipError, UsageError
 from ..composite.mattes import narrowed
 from ..scene_units import metres_per_unit
-from .inputs.clips import found_clip, load_clip
-from .inputs.pace import Pace, set_pace
+from .inputs.clips import found_clip, load_clip, place_clip
+from .inputs.pace import Pace
 from .match import ALL, OURS, follow
 
 CAMERA = "Seeing Wind Camera"
@@ -61,7 +61,7 @@ def setup_clip_scene(
     """
     camera = dict(camera)
     _check_camera(camera, frames)
-    clip = _load_clip(clip_path, first_frame, frame_start)
+    clip = _load_clip(scene, clip_path, first_frame, frame_start)
     scene.active_clip = clip
     obj = _camera_object(scene)
     _set_lens(obj.data, camera)
@@ -142,15 +142,14 @@ def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
         raise UsageError("The camera's size and focal length must be above zero.", "Correct the camera's JSON.")
 
 
-def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
-    clip = found_clip(str(path)) or load_clip(str(path))
+def _load_clip(scene: bpy.types.Scene, path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
+    clip = found_clip(str(path), scene) or load_clip(str(path))
     # a file that is no video loads without a complaint, as a clip of no frames
     if clip.frame_duration < 1:
         if clip.users == 0:
             bpy.data.movieclips.remove(clip)
         raise ClipError(f"{path} has no frames that Blender can read.", "Convert it to MP4 (H.264).")
-    set_pace(clip, first_frame, Pace(frame_start))
-    return clip
+    return place_clip(scene, clip, first_frame, Pace(frame_start))
 
 
 def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:

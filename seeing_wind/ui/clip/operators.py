@@ -11,7 +11,7 @@ from ...engine.errors import ClipError
 from ..direct_operator import DirectOperator
 from ..property_kinds import PATH
 from ..user_paths import absolute, relate
-from .inputs.clips import first_picture, loaded_clip, start_of
+from .inputs.clips import first_picture, follow_moved, loaded_clip, start_of
 from .match import OURS, PARTS, follow, followed, hide_default_cube, left_alone
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
@@ -48,7 +48,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
             path = clip.filepath
         if not path:
             raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
-        another = absolute(path) != absolute(settings.clip)
+        another = absolute(path) != absolute(settings.clip) and not follow_moved(settings, absolute(path))
         former, settings.clip = settings.clip, path
         try:
             clip = loaded_clip(settings)

@@ -70,9 +70,10 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     seen = read_seen(take, field)
     if seen is not None:
         path = clip or _clip(settings, field)
-        known = found_clip(path)
+        known = found_clip(path, scene)
         if known is not None:
             settings.frame_start = start_of(known, field.first_frame, settings.frame_start)
+        _forget_deleted_camera(settings)
         settings.camera_object = setup_clip_scene(
             scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start, followed(scene)
         )
@@ -171,6 +172,16 @@ def _in_place(
         if name in kept:  # one that the user had deleted kept its name until now
             kept[name].name = called
     return kept
+
+
+def _forget_deleted_camera(settings: bpy.types.PropertyGroup) -> None:
+    """One that the user has deleted: only the settings still hold it, and its name."""
+    camera = settings.camera_object
+    if camera is not None and not camera.users_scene and camera.library is None:
+        data = camera.data
+        bpy.data.objects.remove(camera)
+        if data.users == 0:
+            bpy.data.cameras.remove(data)
 
 
 def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:

@@ -13,7 +13,7 @@ import bpy
 from ....engine.conventions import PICTURE_SUFFIXES, is_sequence, pictures_of
 from ....engine.errors import ClipError
 from ...user_paths import absolute
-from .pace import pace_of
+from .pace import Pace, pace_of, set_pace
 
 PLACED = "seeing_wind_placed"
 """Custom property of the clips that we have loaded."""
@@ -25,13 +25,60 @@ PIECES, PIECE = 16, 4096
 
 def clip_of(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip | None:
     """The movie clip of the file that the settings name, None while Blender has not loaded it."""
-    return found_clip(absolute(settings.clip)) if settings.clip else None
+    return found_clip(absolute(settings.clip), settings.id_data) if settings.clip else None
 
 
-def found_clip(path: str) -> bpy.types.MovieClip | None:
-    """The movie clip of a file, however its own path is written; None while Blender has not loaded it."""
+def found_clip(path: str, scene: bpy.types.Scene) -> bpy.types.MovieClip | None:
+    """The movie clip of a file, however its own path is written; None while Blender has not loaded it.
+
+    Where several show the file at different frames, that of the scene.
+    """
     wanted = os.path.realpath(opened_by(path))
-    return next((clip for clip in bpy.data.movieclips if os.path.realpath(absolute(clip.filepath, clip.library)) == wanted), None)
+    found = [clip for clip in bpy.data.movieclips if os.path.realpath(absolute(clip.filepath, clip.library)) == wanted]
+    return scene.active_clip if scene.active_clip in found else next(iter(found), None)
+
+
+def place_clip(scene: bpy.types.Scene, clip: bpy.types.MovieClip, picture: int, pace: Pace) -> bpy.types.MovieClip:
+    """Let a scene show a clip at a pace, one frame of its file as the first; returns the clip that it shows.
+
+    A clip has one place in time, whichever scene shows it: where another one shows it at other frames, this scene gets a copy, with the
+    tracks and solves of the original.
+
+    Raises:
+        UsageError: for a clip of another file, whose frames would not last a scene frame each.
+    """
+    first, now = pace_of(clip)
+    there = (now.stride, now.frame_of(picture - first)) == (pace.stride, pace.at)
+    if not there and any(other.active_clip == clip for other in bpy.data.scenes if other != scene):
+        clip = _show_instead(scene, clip, clip.copy())
+    set_pace(clip, picture, pace)
+    return clip
+
+
+def _show_instead(scene: bpy.types.Scene, former: bpy.types.MovieClip, clip: bpy.types.MovieClip) -> bpy.types.MovieClip:
+    """Put a clip wherever only this scene shows a former one: on cameras that no other scene has, and in the compositor."""
+    cameras = [obj.data for obj in scene.objects if obj.type == "CAMERA" and obj.users_scene == (scene,)]
+    tree = getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)
+    shows = [*(each for camera in cameras for each in camera.background_images), *(tree.nodes if tree is not None else ())]
+    for each in shows:
+        if getattr(each, "clip", None) == former:
+            each.clip = clip
+    if scene.active_clip == former:
+        scene.active_clip = clip
+    return clip
+
+
+def follow_moved(settings: bpy.types.PropertyGroup, path: str) -> bool:
+    """Whether a path is where the clip of the settings has been moved to: it has its name, and where the clip was there is none any more.
+
+    Blender's movie clips of it follow, with their tracks, masks and solves.
+    """
+    former = opened_by(absolute(settings.clip)) if settings.clip else ""
+    if not former or os.path.isfile(former) or os.path.basename(former) != os.path.basename(opened_by(path)):
+        return False
+    while (clip := found_clip(former, settings.id_data)) is not None and clip.library is None:
+        clip.filepath = bpy.path.relpath(opened_by(path)) if clip.filepath.startswith("//") else opened_by(path)
+    return True
 
 
 def load_clip(path: str) -> bpy.types.MovieClip:
