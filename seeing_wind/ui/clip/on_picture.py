@@ -19,12 +19,9 @@ class OnPicture:
         """Show the clip and wait; False, and a report, where there is none to show."""
         scene, space = context.scene, context.space_data
         try:
-            clip = loaded_clip(scene.seeing_wind) if scene.seeing_wind.clip else None
+            clip = loaded_clip(scene.seeing_wind)
         except (ClipError, UsageError) as error:
             self.report({"ERROR"}, str(error))
-            return False
-        if clip is None:
-            self.report({"ERROR"}, "No clip is chosen. Choose one first.")
             return False
         # names and numbers, no datablocks: a job that ends meanwhile may make them anew
         self.clip, self.size, self.former = clip.name, tuple(clip.size), None

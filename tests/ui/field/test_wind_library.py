@@ -109,6 +109,13 @@ def test_solvers_go_round_with_geometry_nodes(library) -> None:
     assert np.array(pushed) / pushed[0] == pytest.approx([1.0, 2.0, 3.0, 4.0, 1.0, 2.0], rel=0.02)
 
 
+def test_a_wind_is_no_body_and_no_obstacle(library) -> None:
+    assert bpy.ops.seeing_wind.add_wind() == {"FINISHED"} and bpy.context.active_object is not None
+    for insert in (bpy.ops.seeing_wind.insert_mesh, bpy.ops.seeing_wind.insert_collider):
+        with pytest.raises(RuntimeError, match="No mesh is selected|no mesh to collide"):
+            insert()
+
+
 def test_a_wind_goes_by_at_its_own_speed_and_what_it_carries_is_whole(library) -> None:
     scene = bpy.context.scene
     scene.render.fps, scene.cursor.location = 48, (1.0, 2.0, 3.0)

@@ -104,9 +104,11 @@ def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     """`clip_of`, loaded now if need be.
 
     Raises:
-        ClipError: when Blender cannot read it.
+        ClipError: when none is chosen, or Blender cannot read it.
     """
     clip = clip_of(settings)
+    if not settings.clip:
+        raise ClipError("No clip is chosen.", "Choose one first.")
     if clip is None:
         clip = load_clip(absolute(settings.clip))
     if clip.size[0] < 1 or clip.frame_duration < 1:

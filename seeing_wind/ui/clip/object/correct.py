@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, FloatVectorProperty, IntProperty
 
-from ....engine.errors import ClipError, ObjectError, UsageError
+from ....engine.errors import ObjectError, UsageError
 from ...direct_operator import DirectOperator
 from ..inputs.clips import loaded_clip, pace_of
 from ..on_picture import LOOKING, OnPicture, draw_rectangle
@@ -40,8 +40,6 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
     def act(self, context):
         """One more correction."""
         scene, settings = context.scene, context.scene.seeing_wind
-        if not settings.clip:
-            raise ClipError("No clip is chosen.", "Choose one first.")
         clip = loaded_clip(settings)
         first, pace = pace_of(clip)
         picture = first + pace.shown(scene.frame_current) if self.picture == NOW else self.picture
