@@ -3,7 +3,7 @@
     blender -b --factory-startup --python render.py -- DIR         or         python render.py DIR
 
 DIR holds what make.py wrote: scene.npz (vertices (T+1,V,3) m, triangles, uv, fps, samples; perhaps stand_vertices,
-stand_triangles and stand_colour of what stands still beside it), camera.json, texture.png, backdrop.png.
+stand_triangles and stand_colour of what stands still beside it), camera.json, texture.png, and backdrop.png of meadow.py.
 The result is DIR/clip.mp4.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 SUN = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
 """Euler angles of the sun: high, over the camera's left shoulder."""
 BACKDROP_DEPTH = 9.0
-"""Metres from the camera to the painted backdrop."""
+"""Metres from the camera to the backdrop."""
 
 
 def main(folder: Path) -> None:

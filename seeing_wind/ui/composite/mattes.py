@@ -18,6 +18,7 @@ from ...engine.take import Take
 from ..bake.animation import curves_of, make_linear, remove_curves, retime
 from ..clip.inputs.pace import Pace, pace_of_scene, set_pace_of_images
 from ..scene_units import metres_per_unit
+from .own import drop_unused, is_called, own_object
 
 FOLDER, IMAGE, CARD = "mattes", "Seeing Wind Mattes", "Seeing Wind Holdout"
 HELD_OUT, COVERED = "Red", "Green"
@@ -109,29 +110,27 @@ def png(picture: np.ndarray) -> bytes:
 
 
 def _loaded(first: Path) -> bpy.types.Image:
-    former = bpy.data.images.get(IMAGE)
-    if former is not None:
-        bpy.data.images.remove(former)
     try:
-        image = bpy.data.images.load(bpy.path.relpath(str(first)) if bpy.data.filepath else str(first))
+        image = bpy.data.images.load(bpy.path.relpath(str(first)) if bpy.data.filepath else str(first), check_existing=True)
     except RuntimeError as error:
         raise TakeError(f"Blender cannot read the matte {first}.", "Delete the folder and set the composite up again.") from error
-    image.name, image.source, image.colorspace_settings.name = IMAGE, "SEQUENCE", "Non-Color"
+    image.reload()
+    if not is_called(image, IMAGE):
+        image.name = IMAGE
+    image.source, image.colorspace_settings.name = "SEQUENCE", "Non-Color"
     return image
 
 
 def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:
     """Let the mattes that a scene has, in the compositor and on its card, go by at another pace."""
-    card, image = scene.objects.get(CARD), bpy.data.images.get(IMAGE)
-    if image is None:
-        return
+    card = own_object(scene, CARD)
     pictures = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
     trees = [getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)]
     if card is not None:
         retime(curves_of(card), pace.at, pace.at + pace.stride * (pictures - 1))
         trees += [material.node_tree for material in card.data.materials]
     for node in (node for tree in trees if tree is not None for node in tree.nodes):
-        if getattr(node, "image", None) == image:
+        if getattr(node, "image", None) is not None and is_called(node.image, IMAGE):
             set_pace_of_images(getattr(node, "image_user", node), pictures, pace)
 
 
@@ -142,7 +141,7 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
         mattes: None removes it.
         depths: of the object along the camera's axis, one per frame [m].
     """
-    card = scene.objects.get(CARD)
+    card = own_object(scene, CARD)
     if mattes is None:
         if card is not None:
             bpy.data.objects.remove(card)
@@ -177,9 +176,7 @@ def _shape(card: bpy.types.Object, scene: bpy.types.Scene) -> None:
 
 
 def _card_material(mattes: Mattes) -> bpy.types.Material:
-    former = bpy.data.materials.get(CARD)
-    if former is not None:
-        bpy.data.materials.remove(former)
+    drop_unused(bpy.data.materials, CARD)
     material = bpy.data.materials.new(CARD)
     material.use_nodes = True
     nodes, link = material.node_tree.nodes, material.node_tree.links.new

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..clip.inputs.pace import set_pace_of_images
-from .lens import Lens
+from .film import Lens
 from .mattes import COVERED, Mattes
 
 TREE = "Seeing Wind Composite"

@@ -22,6 +22,7 @@ from ..bake.shapes import evaluation_time_curves
 from ..clip.clip_scene import set_poses
 from ..clip.inputs.clips import clip_of, first_picture, place_clip
 from ..clip.inputs.pace import Pace
+from ..composite.film import keep_focus
 from ..composite.mattes import keep_pace
 from ..edit.resimulate.preview import digest_of_preview, frames_of_clip_seen, shown_as_preview
 from ..edit.resimulate.request import EditRequest
@@ -109,6 +110,7 @@ def _conform_clip(scene: bpy.types.Scene, stride: float, poses: np.ndarray | Non
         shown = [min(pace.shown(frame), len(poses) - 1) for frame in frames]
         set_poses(settings.camera_object, poses[shown], metres_per_unit(scene), pace.at)
     keep_pace(scene, pace)
+    keep_focus(scene, pace)
     scene.frame_set(scene.frame_current)
 
 

@@ -66,6 +66,22 @@ def test_set_up_again_makes_nothing_twice(scene):
     assert len([obj for obj in scene.objects if obj.name.startswith(CARD)]) == 1
 
 
+def test_two_scenes_of_a_file_keep_their_composites(scene, workplace):
+    other = bpy.data.scenes.new("Other")
+    with bpy.context.temp_override(scene=other, view_layer=other.view_layers[0]):
+        recover(workplace, take=str(workplace / "other.take"))
+    for _ in range(2):
+        for each in (scene, other):
+            composite.set_up(each, plate="PLATE", samples=1, floor=False)
+            composite.set_up(each, plate="CLIP", samples=1)
+    for each, take in ((scene, "out.take"), (other, "other.take")):
+        (card,) = (obj for obj in each.objects if obj.name.startswith(CARD))
+        (image,) = (node.image for node in card.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE")
+        assert take in image.filepath
+        assert len([obj for obj in each.objects if obj.type == "LIGHT"]) == 1
+    assert len(bpy.data.images) == len({image.filepath or image.name for image in bpy.data.images})
+
+
 def test_a_clip_or_a_take_that_is_gone_is_told(scene, tmp_path, workplace):
     bpy.ops.seeing_wind.set_up_composite(samples=1)
     take = workplace / "out.take"

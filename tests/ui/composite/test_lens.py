@@ -15,7 +15,7 @@ from seeing_wind.engine.records import Camera
 from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.inputs.lens import straightened
 from seeing_wind.ui.composite.composite import set_up
-from seeing_wind.ui.composite.lens import OUTSIDE, WIDEST, overscan_of, st_map, widened
+from seeing_wind.ui.composite.film.lens import OUTSIDE, WIDEST, overscan_of, st_map, widened
 from seeing_wind.ui.job.take_reading import field_summary, read_seen
 from tests.ui.composite.pictures import red_cube, render
 
