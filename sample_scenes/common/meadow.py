@@ -59,7 +59,8 @@ def main(folder: Path, seed: int, distance: float) -> None:
 
 def sow(middle: np.ndarray, half: float, rng: np.random.Generator) -> None:
     """The ground, and grass wherever the camera sees it nearer than FAR; `half` is half of the frame's width at a distance of one."""
-    ground = mesh_of("Ground", np.array([[-900.0, -50.0, 0.0], [900.0, -50.0, 0.0], [900.0, 1500.0, 0.0], [-900.0, 1500.0, 0.0]]), [[0, 1, 2, 3]])
+    corners = np.array([[-900.0, -50.0, 0.0], [900.0, -50.0, 0.0], [900.0, 1500.0, 0.0], [-900.0, 1500.0, 0.0]])
+    ground = mesh_of("Ground", corners, [[0, 1, 2, 3]])
     ground.data.materials.append(ground_material())
     patches = [patch(f"Grass {kind}", rng) for kind in range(KINDS)]
     for y in np.arange(NEAR, FAR, PATCH):

@@ -57,7 +57,7 @@ def matter_of(given: Any) -> dict[str, Any]:
 
 
 class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
-    """Make the native force field anew from the values that it carries, with the reach and the kind that are set here"""
+    """Rebuild the force field that Blender's solvers feel, with the settings above"""
 
     bl_idname = "seeing_wind.apply_to_field"
     bl_label = "Apply to Field"
@@ -74,7 +74,7 @@ class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_turn_override(DirectOperator, bpy.types.Operator):
-    """Let Blender's solvers feel a library override of a linked wind turned as it stands: it gets a texture in this file"""
+    """Let Blender's solvers feel a turned override of a linked wind in its new direction: it gets a texture in this file"""
 
     bl_idname = "seeing_wind.turn_override"
     bl_label = "Turn the Wind Too"

@@ -100,7 +100,7 @@ def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> Non
     times = np.array([0.0, 0.1, 0.2, 0.33, 0.5])
     before = [[shown(obj, t) for t in times] for obj in (settings.recovered_object, box)]
     scene.render.fps = 30
-    assert said_of_speed(settings.field_object, scene).startswith("Goes by at 1.25 times")
+    assert said_of_speed(settings.field_object, scene).startswith("Plays at 1.25 times")
     assert bpy.ops.seeing_wind.conform() == {"FINISHED"}
     assert np.allclose([[shown(obj, t) for t in times] for obj in (settings.recovered_object, box)], before, atol=1e-4)
     assert scene.frame_end == settings.frame_start + 15

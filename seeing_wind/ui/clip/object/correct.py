@@ -29,12 +29,14 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
     picture: IntProperty(
         name="Frame", default=NOW, min=NOW, options={"SKIP_SAVE"}, description="Counted from 0 in the file; -1: the one shown now"
     )
-    beside: BoolProperty(name="Beside", options={"SKIP_SAVE"}, description="The point is not on the object, but the outline takes it in")
+    beside: BoolProperty(
+        name="Off the Object", options={"SKIP_SAVE"}, description="The point is not on the object, but the outline takes it in"
+    )
 
     @classmethod
     def description(cls, context, properties):
         """The two buttons say what they are for."""
-        what = "beside the object that the outline takes in" if properties.beside else "on the object that the outline leaves out"
+        what = "off the object that the outline takes in" if properties.beside else "on the object that the outline leaves out"
         return f"Click a point {what}, in the frame that is shown now; Esc cancels"
 
     def act(self, context):
@@ -58,7 +60,7 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
         """Wait for a click in the area's frame."""
         if self.properties.is_property_set("place"):
             return self.execute(context)
-        where = "beside" if self.beside else "on"
+        where = "off" if self.beside else "on"
         return {"RUNNING_MODAL"} if self.begin(context, f"Click a point {where} the object", "EYEDROPPER") else {"CANCELLED"}
 
     def modal(self, context, event):

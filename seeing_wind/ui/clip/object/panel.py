@@ -90,9 +90,9 @@ def _draw_corrections(column, settings) -> None:
         return
     row = body.row(align=True)
     row.operator("seeing_wind.correct_outline", icon="ADD")
-    row.operator("seeing_wind.correct_outline", text="Point Beside", icon="REMOVE").beside = True
+    row.operator("seeing_wind.correct_outline", text="Point off Object", icon="REMOVE").beside = True
     for point in settings.corrections[-3:]:
-        where = f"{'beside' if point.beside else 'on it'} at {point.place[0]:.0f}, {point.place[1]:.0f} px"
+        where = f"{'off' if point.beside else 'on'} the object at {point.place[0]:.0f}, {point.place[1]:.0f} px"
         body.label(text=f"Clip frame {point.picture}: {where}", icon="REMOVE" if point.beside else "ADD")
     if count:
         body.operator("seeing_wind.clear_corrections", icon="X")

@@ -37,10 +37,10 @@ class ObjectOptions:
         name="Held Box (px)", size=4, options=KEPT, update=changed,
         description="Left, top, right, bottom of the held part in pixels of the first frame",
     )  # fmt: skip
-    use_tracks: toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of by our own")
+    use_tracks: toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of the engine's own")
 
     scale_mode: choice("Scale", "What gives the size of things", [
-        ("AUTO", "Automatic", "A camera solve or scene camera sees the object as far away as the world's origin; else the distance below"),
+        ("AUTO", "Automatic", "As far away as the world's origin with a camera solve or a scene camera, else at the distance below"),
         ("DISTANCE", "Distance", "The distance from the camera to the object is known"),
         ("PIXELS", "Pixels per Metre", "The image scale in the object's plane is known"),
         ("PROXY", "Proxy Mesh", "A mesh of the scene stands where the object is in the first frame and gives the depth of each pixel"),
@@ -70,7 +70,7 @@ class SEEING_WIND_PG_correction(bpy.types.PropertyGroup):
 
     picture: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
     place: FloatVectorProperty(name="Place (px)", size=2, description="From the left and from the top")
-    beside: BoolProperty(name="Beside", description="The point is not on the object")
+    beside: BoolProperty(name="Off the Object", description="The point is not on the object")
 
 
 class ObjectSettings:

@@ -48,7 +48,7 @@ def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
     count = math.ceil((scene.frame_end - first) / stride)
     if not 0 < count <= MOST:
         begins = f"{field.name} begins at frame {first}, and the scene ends at {scene.frame_end}."
-        raise UsageError(begins, f"Let the scene last for 1 to {MOST} of its frames.")
+        raise UsageError(begins, f"Let the scene last for 1 to {MOST} frames of the wind.")
     sampled, metres = read_samples(samples), metres_per_unit(scene)
     counts, pictures, fps = sampled.counts, len(sampled.force), frames_per_second(scene) / stride
     t = np.arange(count)
