@@ -98,3 +98,27 @@ def recovered(scene, workplace, tmp_path) -> Path:
     options = {"clip": str(workplace / "clip.mp4"), "box": (20, 20, 44, 44), "distance": 2.0, "take": str(take)}
     assert bpy.ops.seeing_wind.recover(**options) == {"FINISHED"}
     return take
+
+
+def test_a_failure_is_forgotten_once_its_cause_is_mended(scene, workplace) -> None:
+    ops, settings = bpy.ops.seeing_wind, scene.seeing_wind
+
+    def state(step: str) -> str:
+        return status.of(scene.session_uid).steps[step].state
+
+    refused(ops.recover, "No clip is chosen")
+    refused(ops.preview, "No clip is chosen")
+    assert state("recover") == state("preview") == "failed"
+    ops.choose_clip(filepath=str(workplace / "clip.mp4"))
+    assert state("recover") == state("preview") == "idle", "there is a clip now"
+    refused(ops.recover, "No box is drawn")
+    settings.box = (20, 20, 44, 44)
+    assert state("recover") == "idle"
+    assert ops.recover(take=str(workplace / "out.take")) == {"FINISHED"}
+    refused(ops.resimulate, "No mesh is inserted")
+    ops.insert_mesh(object=mesh("Edge", [(0, 0, 0), (1, 0, 0)], []))
+    assert state("resimulate") == "idle"
+    refused(ops.resimulate, "no faces")
+    assert state("resimulate") == "failed"
+    settings.edit_gravity_mode = "NONE"
+    assert state("resimulate") == "idle", "another edit"
