@@ -82,7 +82,7 @@ def test_results_that_were_deleted_or_damaged_are_told_and_what_is_shown_stays(s
     ops.insert_mesh(object="Leaf")
     ops.resimulate()
     shutil.rmtree(Path(scene.seeing_wind.simulated_take))
-    refused(ops.bake, "Re-simulate again")
+    refused(ops.bake, "There is no folder .*Re-simulate again")
     (recovered / "trajectory.npz").write_bytes(b"broken")
     refused(ops.build_scene, "trajectory.npz")
     shutil.rmtree(recovered)

@@ -244,7 +244,8 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         settings, vdb = scene.seeing_wind, self.format == "VDB"
         if field == settings.field_object and settings.recovered_take:
             return takes.shown(settings) if vdb else takes.recovered(settings)
-        take = Path(absolute(field.get("seeing_wind_take", "") or takes.home_of(scene, field.name)))
+        named = field.get("seeing_wind_take", "")
+        take = Path(absolute(named)) if named else takes.home_of(scene, field.name)
         if not vdb and not take.is_dir():
             raise UsageError(f"{field.name} was added without its take, which {self.format} is made from.", "Export OpenVDB instead.")
         return take
