@@ -43,7 +43,7 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         description="Factor on how softly the clip shows the object's rim, which is measured and given to the render; 0: Blender's filter",
     )  # fmt: skip
     fstop: FloatProperty(
-        name="F-Stop", default=0.0, min=0.0, soft_max=22.0, precision=1,
+        name="Aperture (f-stop)", default=0.0, min=0.0, soft_max=22.0, precision=1,
         description="Of the clip's lens, as on a sensor 36 mm wide: what is nearer or farther than the clip's object blurs; 0: none does",
     )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")

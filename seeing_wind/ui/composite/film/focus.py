@@ -32,7 +32,7 @@ def set_focus(scene: bpy.types.Scene, depths: np.ndarray | None, fstop: float, p
             bpy.data.objects.remove(focus)
         return
     if depths is None:
-        raise UsageError("There is no object to focus on.", "Run Recover on a clip, or set F-Stop to 0.")
+        raise UsageError("There is no object to focus on.", "Run Recover on a clip, or set Aperture to 0.")
     if focus is None:
         focus = bpy.data.objects.new(FOCUS, None)
         scene.collection.objects.link(focus)
