@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty, Int
 from ....engine.settings import BuildSettings, ObserveSettings, options_of
 from ....engine.settings.build import MADE
 from ...option_properties import with_options
-from ...property_kinds import KEPT, MATERIAL_ITEMS, changed, choice, is_mesh, toggle
+from ...property_kinds import KEPT, MATERIAL_ITEMS, PATH, changed, choice, is_mesh, toggle
 from ..properties import OF_THE_CLIP
 
 NUMBERS = [one.name for one in options_of(BuildSettings).values() if one.group == MADE and one.kind is float]
@@ -94,11 +94,15 @@ class ObjectSettings:
     corrections: CollectionProperty(type=SEEING_WIND_PG_correction)
 
     verdicts: CollectionProperty(type=SEEING_WIND_PG_verdict)
-    previewed_take: StringProperty(name="Previewed Take", subtype="FILE_PATH", description="Folder that the preview is in")
+    previewed_take: StringProperty(
+        name="Previewed Take", subtype="FILE_PATH", options=PATH, description="Folder that the preview is in"
+    )
     previewed_picture: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
     previewed_digest: StringProperty(description="Of the settings that the preview was made with")
     foreseen_digest: StringProperty(description="Of those that it foresaw the solve with")
-    proposed_pin: StringProperty(name="Proposed Held Place", subtype="FILE_PATH", description="Where the object seems to be held")
+    proposed_pin: StringProperty(
+        name="Proposed Held Place", subtype="FILE_PATH", options=PATH, description="Where the object seems to be held"
+    )
 
     guesses: CollectionProperty(type=SEEING_WIND_PG_guess)
     active_guess: IntProperty(name="Active Guess", default=0, min=0)
