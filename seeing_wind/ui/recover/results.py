@@ -275,7 +275,7 @@ def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tup
 def collection_of(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.types.Collection:
     """Where the results of a take are: the one with its field, or one of ours without any field, or a new one."""
     ours = [each for each in scene.collection.children_recursive if each.get("seeing_wind")]
-    if field is not None:
+    if field is not None and field.users_scene:
         collection = next((each for each in ours if field.name in each.objects), None)
     else:
         collection = next((each for each in ours if not any(is_field(obj) for obj in each.objects)), None)
