@@ -158,7 +158,8 @@ def test_what_was_deleted_is_made_anew(recovered, name: str) -> None:
 def test_reload_after_everything_was_deleted_makes_it_once(recovered) -> None:
     before = sorted(obj.name for obj in recovered.objects)
     for obj in list(recovered.objects):
-        obj.hide_select = False
+        obj.hide_select = obj.hide_viewport = False
+        obj.hide_set(False)
     bpy.ops.object.select_all(action="SELECT")
     bpy.ops.object.delete()
     assert not len(recovered.objects) and bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
