@@ -30,7 +30,7 @@ from .finer import finer
 from .gaussians import blended_gradients, view_camera
 from .harmonics import harmonics, polar_rotations
 
-PICTURES = 25
+FITTED = 25
 """Frames of the clip that are fitted, spread evenly. Others come out 0.5 dB worse where the motion is right, and up to 3 dB where it is
 some pixels off, as colours that depend on the direction take up a part of that."""
 
@@ -67,8 +67,8 @@ class Footage:
     """What one camera filmed."""
 
     camera: Camera
-    picture: Callable[[int], np.ndarray]
-    """Frame t (H, W, 3) uint8 RGB without lens distortion, for t in `pictures_fitted`."""
+    frame: Callable[[int], np.ndarray]
+    """Frame t (H, W, 3) uint8 RGB without lens distortion, for t in `frames_fitted`."""
     masks: Masks
     """(T+1, H, W) bool, the object."""
     behind: Callable[[int, np.ndarray, Box], np.ndarray]
@@ -88,10 +88,10 @@ class _Equations:
     """(BANDS, G)."""
 
 
-def pictures_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
+def frames_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
     """The frames that `fit_appearance` uses, possibly none: spread over those that show the object and have a residual."""
     usable = (areas(masks[: len(recovery.x)]) > 0) & np.isfinite(recovery.residual)
-    return _spread(np.flatnonzero(usable), PICTURES)
+    return _spread(np.flatnonzero(usable), FITTED)
 
 
 def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: Progress | None = None) -> Gaussians:
@@ -104,14 +104,14 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
         Cancelled: between frames and between iterations.
     """
     progress = progress or NoProgress()
-    chosen = pictures_fitted(footage.masks, recovery)
+    chosen = frames_fitted(footage.masks, recovery)
     if not len(chosen):
         return body.gaussians
     gaussians = body.gaussians
     with one_torch_thread():
         for t in _spread(chosen, SIGHTS):
             progress.check()
-            new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.picture(int(t)), int(t), recovery.x[t])
+            new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.frame(int(t)), int(t), recovery.x[t])
             gaussians = joined(gaussians, new)
         motion = ((int(t), recovery.x[t], recovery.F[t]) for t in _spread(chosen, SIGHTS))
         gaussians = finer(gaussians, body.particles.x, footage.camera, motion)
@@ -123,11 +123,11 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
         return dataclasses.replace(gaussians, sh=_solved(gaussians, equations, progress))
 
 
-def _spread(pictures: np.ndarray, count: int) -> np.ndarray:
+def _spread(frames: np.ndarray, count: int) -> np.ndarray:
     """At most `count` of the frames, evenly spread, the first and the last among them."""
-    if not len(pictures):
-        return pictures
-    return pictures[np.unique(np.linspace(0, len(pictures) - 1, count).round().astype(int))]
+    if not len(frames):
+        return frames
+    return frames[np.unique(np.linspace(0, len(frames) - 1, count).round().astype(int))]
 
 
 def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F: np.ndarray, trust: float) -> _Equations:
@@ -147,7 +147,7 @@ def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F:
         return part.reshape(camera.height, reduce, camera.width, reduce, 3).mean(axis=(1, 3)).reshape(-1, 3)
 
     weights, passed = contributions(gaussians, camera, x, F)
-    image = footage.picture(t)
+    image = footage.frame(t)
     behind = reduced(footage.behind(t, image, (x0, y0, x1, y1)))
     colour = reduced(image[y0:y1, x0:x1]) - passed * behind - 0.5 * np.asarray(weights.sum(axis=1))
     toward = gaussians.attachment.follow(x) - pose[:3, 3]

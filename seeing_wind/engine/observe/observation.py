@@ -15,7 +15,7 @@ from ..progress import Journal, Progress
 from ..records import Camera, Doubt, Doubts, Observation
 from ..settings import ObserveSettings
 from .clip.camera import find_camera
-from .clip.defects import check_pictures, tell_defects
+from .clip.defects import check_frames, tell_defects
 from .clip.depth import object_depth, typical_depth
 from .clip.filmed.beside import touching
 from .clip.filmed.surroundings import camera_doubts
@@ -62,7 +62,7 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, jo
         return WorkingSize(height, width, working_scale(settings, height, width)).work
 
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized)
-    check_pictures(clip.frames, clip.first_frame, progress)
+    check_frames(clip.frames, clip.first_frame, progress)
     if clip.frames.shape[1:3] == clip.size:
         return _seen(clip, settings, progress, journal, beside)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
@@ -73,11 +73,11 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, jo
 
 def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:
     """The observation of a clip at the size at which it is; what nothing else waits for is looked at `beside` it, on another core."""
-    pictures, height, width = clip.frames.shape[:3]
+    count, height, width = clip.frames.shape[:3]
     around = _marked_area(settings, height, width)
     known_depth, depth_name = first_depth(settings, clip, progress)
     depth_of_object = typical_depth(known_depth, around)
-    camera, distance = find_camera(settings, width, height, pictures, clip.first_frame, depth_of_object, progress)
+    camera, distance = find_camera(settings, width, height, count, clip.first_frame, depth_of_object, progress)
     lens = Lens(camera)
     clip, settings = replace(clip, frames=lens.straight(clip.frames, progress)), _straight(settings, lens)
     around = lens.straight_map(around)

@@ -44,7 +44,7 @@ def recover_stage(
     """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, distil into the representation, refine it.
 
     Args:
-        loss: for objectives other than tracking; see `picture_loss`.
+        loss: for objectives other than tracking; see `frame_loss`.
 
     Returns:
         the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds

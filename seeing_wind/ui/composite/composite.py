@@ -16,7 +16,7 @@ import numpy as np
 
 from ...engine.errors import SeeingWindError, UsageError
 from ...engine.take import Take
-from ..clip.clip_scene import picture_image
+from ..clip.clip_scene import frame_image
 from ..clip.match import is_factory
 from ..field.display import LEGEND_MARK
 from ..job import takes
@@ -108,7 +108,7 @@ def set_up(
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
     take = Take(takes.shown(settings)) if settings.recovered_take else None
-    picture = _plate(take) if use_plate else None
+    plate_image = _plate(take) if use_plate else None
     mattes = mattes_of(scene, take) if take is not None else None
     held_out = _hold_out(scene, take, mattes, use_plate)
     for helper in (settings.arrows_object, *_legends(scene)):
@@ -127,7 +127,7 @@ def set_up(
     softness = _soften(scene, take, soft)
     lens = lens_of(take, tuple(clip.size)) if take is not None else None
     rendered = set_overscan(scene, 1.0 if lens is None else lens.wider)
-    nodes.build(scene, clip, picture, mattes, noise, lens, rendered)
+    nodes.build(scene, clip, plate_image, mattes, noise, lens, rendered)
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
     return Composite(behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, astray(scene), _missing(take))
 
@@ -243,7 +243,7 @@ def _plate(take: Take | None) -> bpy.types.Image:
     former = bpy.data.images.get(PLATE)
     if former is not None:
         bpy.data.images.remove(former)
-    return picture_image(PLATE, plate)
+    return frame_image(PLATE, plate)
 
 
 def _background_of(take: Take | None) -> np.ndarray | None:

@@ -31,7 +31,7 @@ class Mattes:
     """The images on disk, and what the compositor needs to know of them."""
 
     image: bpy.types.Image
-    pictures: int
+    frames: int
     pace: Pace
     """At which scene frame each is shown."""
 
@@ -96,10 +96,10 @@ def softened(mask: np.ndarray, pixels: int) -> np.ndarray:
     return np.round(255.0 * values).astype(np.uint8)
 
 
-def png(picture: np.ndarray) -> bytes:
+def png(image: np.ndarray) -> bytes:
     """An image (H, W, 3) uint8 as a PNG file."""
-    height, width, _ = picture.shape
-    rows = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1).tobytes()
+    height, width, _ = image.shape
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1).tobytes()
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -125,14 +125,14 @@ def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:
     card, image = scene.objects.get(CARD), bpy.data.images.get(IMAGE)
     if image is None:
         return
-    pictures = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
+    frames = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
     trees = [getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)]
     if card is not None:
-        retime(curves_of(card), pace.at, pace.at + pace.stride * (pictures - 1))
+        retime(curves_of(card), pace.at, pace.at + pace.stride * (frames - 1))
         trees += [material.node_tree for material in card.data.materials]
     for node in (node for tree in trees if tree is not None for node in tree.nodes):
         if getattr(node, "image", None) == image:
-            set_pace_of_images(getattr(node, "image_user", node), pictures, pace)
+            set_pace_of_images(getattr(node, "image_user", node), frames, pace)
 
 
 def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> bpy.types.Object | None:
@@ -184,19 +184,19 @@ def _card_material(mattes: Mattes) -> bpy.types.Material:
     material.use_nodes = True
     nodes, link = material.node_tree.nodes, material.node_tree.links.new
     nodes.clear()
-    place, picture, channel, clear, hold, mix, output = (
+    place, image, channel, clear, hold, mix, output = (
         nodes.new(f"ShaderNode{kind}")
         for kind in ("TexCoord", "TexImage", "SeparateColor", "BsdfTransparent", "Holdout", "MixShader", "OutputMaterial")
     )
-    picture.image, picture.extension, picture.interpolation = mattes.image, "CLIP", "Linear"
-    picture.image_user.use_auto_refresh = True
-    set_pace_of_images(picture.image_user, mattes.pictures, mattes.pace)
-    link(place.outputs["UV"], picture.inputs["Vector"])
-    link(picture.outputs["Color"], channel.inputs[0])
+    image.image, image.extension, image.interpolation = mattes.image, "CLIP", "Linear"
+    image.image_user.use_auto_refresh = True
+    set_pace_of_images(image.image_user, mattes.frames, mattes.pace)
+    link(place.outputs["UV"], image.inputs["Vector"])
+    link(image.outputs["Color"], channel.inputs[0])
     link(channel.outputs[HELD_OUT], mix.inputs[0])
     link(clear.outputs[0], mix.inputs[1])
     link(hold.outputs[0], mix.inputs[2])
     link(mix.outputs[0], output.inputs["Surface"])
-    for column, node in enumerate((place, picture, channel, clear, hold, mix, output)):
+    for column, node in enumerate((place, image, channel, clear, hold, mix, output)):
         node.location = (260 * column, 0)
     return material

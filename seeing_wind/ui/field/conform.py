@@ -20,7 +20,7 @@ from ..bake.bodies import bake_bodies
 from ..bake.plan import mark_of
 from ..bake.shapes import evaluation_time_curves
 from ..clip.clip_scene import set_poses
-from ..clip.inputs.clips import clip_of, first_picture
+from ..clip.inputs.clips import clip_of, first_clip_frame
 from ..clip.inputs.pace import Pace, set_pace
 from ..composite.mattes import keep_pace
 from ..edit.resimulate.preview import digest_of_preview, frames_of_clip_seen, shown_as_preview
@@ -103,7 +103,7 @@ def _conform_clip(scene: bpy.types.Scene, stride: float, poses: np.ndarray | Non
     settings = scene.seeing_wind
     pace, clip = Pace(settings.frame_start, stride), clip_of(settings)
     if clip is not None:
-        set_pace(clip, first_picture(settings), pace)
+        set_pace(clip, first_clip_frame(settings), pace)
     if poses is not None:
         frames = range(pace.at, pace.frame_of(len(poses) - 1) + 1)
         shown = [min(pace.shown(frame), len(poses) - 1) for frame in frames]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.look.multiview import with_views
-from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.look.splatting import render_gaussians
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import BuildSettings
 from seeing_wind.engine.stages import build_body
@@ -36,7 +36,7 @@ def sphere_from(turn_degrees: float) -> Observation:
 
 def likeness(gaussians, seen: Observation) -> float:
     """PSNR [dB] inside the mask."""
-    colour, _ = picture(gaussians, seen.camera)
+    colour, _ = render_gaussians(gaussians, seen.camera)
     error = (colour - seen.image / 255.0)[seen.masks[0]]
     return float(-10.0 * np.log10((error**2).mean()))
 

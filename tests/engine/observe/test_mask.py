@@ -52,8 +52,8 @@ def test_a_highlight_like_the_background_is_not_lost(tmp_path: Path) -> None:
     t = np.arange(28)
     red, pale = np.array([150.0, 30.0, 25.0]), np.array([165.0, 140.0, 118.0])
 
-    def body(picture: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
-        share = 1.0 / (1.0 + np.exp((dy + 22.0 - 2.0 * min(picture, 11)) / 3.0))[..., None]
+    def body(frame: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        share = 1.0 / (1.0 + np.exp((dy + 22.0 - 2.0 * min(frame, 11)) / 3.0))[..., None]
         return (1.0 - share) * red + share * pale
 
     scene = painted_scene(tmp_path, np.stack([40 + 5.0 * t, 70 + 10 * np.sin(0.4 * t)], axis=1), 0.0 * t, 26.0, body)

@@ -71,7 +71,7 @@ def test_a_full_disk_says_what_to_do(disc: Scene) -> None:
     assert "TMPDIR" in caught.value.hint and "--frames" in caught.value.hint
 
 
-def test_pictures_are_reduced_as_they_are_decoded_and_some_kept(disc: Scene) -> None:
+def test_frames_are_reduced_as_they_are_decoded_and_some_kept(disc: Scene) -> None:
     whole = read_clip(disc.path)
     small = read_clip(disc.path, resized=lambda height, width: (height // 2, width // 2), keep=(0, 3))
     height, width = disc.frames.shape[1:3]

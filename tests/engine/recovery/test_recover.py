@@ -71,7 +71,7 @@ def test_a_wind_is_seen_in_pixels_against_gravity():
     assert any("view" in note for note in found.notes)
 
 
-def test_tracks_that_slide_in_the_last_pictures_do_not_pull_the_force_along():
+def test_tracks_that_slide_in_the_last_frames_do_not_pull_the_force_along():
     body, weight = plate((8, 2, 6)), (0.0, 0.0, -9.81)
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [2.0, 0.0, 9.81 + 3 * np.sin(0.2 * t)], 16, gravity=weight)
     xy = np.stack([camera().project(x[t], t)[0] for t in range(17)])
@@ -184,7 +184,7 @@ def test_pins_on_what_moves_in_the_clip_are_named():
     x, _ = blow(body, lambda X, t: np.zeros_like(X) + [2.0, 0.0, 0.0], 8)
 
     def notes(pinned):
-        xy = np.stack([camera().project(picture, t)[0] for t, picture in enumerate(x)])
+        xy = np.stack([camera().project(frame, t)[0] for t, frame in enumerate(x)])
         tracks = TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.1), camera(), every(body))
         return recover(replace(body, pinned=pinned), RUBBER, [tracks], FPS, WEIGHTLESS, NoProgress()).notes
 
@@ -222,7 +222,7 @@ def test_a_body_that_nothing_moves_says_so():
     assert not notes(falling, WEIGHTLESS)
 
 
-def test_three_pictures_are_enough_and_two_are_not():
+def test_three_frames_are_enough_and_two_are_not():
     body = plate((4, 4, 3))
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 2)
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
@@ -276,7 +276,7 @@ def test_a_long_clip_is_solved_in_windows_that_join():
     assert fractions == sorted(fractions)
 
 
-def test_points_seen_in_the_first_picture_only_and_a_body_of_one_particle():
+def test_points_seen_in_the_first_frame_only_and_a_body_of_one_particle():
     body = plate((4, 3, 2))
     fall = np.stack([body.x - [0.0, 0.0, 0.5 * 9.81 * (t / FPS) ** 2] for t in range(6)])
     hidden = points(body, fall)

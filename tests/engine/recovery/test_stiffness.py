@@ -47,7 +47,7 @@ def swell(X, t):
 
 
 def filmed(body, x, noise=0.05, seed=0):
-    xy = np.stack([camera().project(picture, t)[0] for t, picture in enumerate(x)])
+    xy = np.stack([camera().project(frame, t)[0] for t, frame in enumerate(x)])
     xy[1:] += noise * np.random.default_rng(seed).standard_normal(xy[1:].shape)
     return TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], noise), camera(), every(body))
 

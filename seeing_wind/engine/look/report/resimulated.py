@@ -24,7 +24,7 @@ from ...take import Take
 from .. import over_clip
 from ..gaussians import covariances
 from ..over_clip import Box
-from ..splatting import picture
+from ..splatting import render_gaussians
 from .backdrop import behind
 from .footage import Footage, check_length
 
@@ -124,23 +124,23 @@ def _in_parts(render: Callable[[int], np.ndarray], count: int, journal: Journal)
         return _Part(np.cumsum([len(one) for one in files]), np.concatenate(files))
 
     for begin in range(0, count, PART):
-        kept = journal.once("pictures", _Part, partial(part, begin))
+        kept = journal.once("frames", _Part, partial(part, begin))
         for low, high in pairwise([0, *kept.ends.tolist()]):
             yield cv2.imdecode(kept.packed[low:high], cv2.IMREAD_COLOR)
 
 
-def pictures_measured(masks: Masks, recovery: Recovery) -> list[int]:
+def frames_measured(masks: Masks, recovery: Recovery) -> list[int]:
     """Frame 0 and at most `SAMPLED` later ones that show the object, evenly spread: those of a large clip that `likeness` is told of."""
     seen = 1 + np.flatnonzero(areas(masks[t] for t in range(1, len(recovery.x))) > 0)
     spread = np.unique(np.linspace(0, len(seen) - 1, SAMPLED).round().astype(int)) if len(seen) else []
     return ([0] if masks[0].any() else []) + [int(t) for t in seen[spread]]
 
 
-def likeness(footage: Footage, body: Body, recovery: Recovery, pictures: list[int], progress: Progress | None = None) -> dict[str, float]:
+def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int], progress: Progress | None = None) -> dict[str, float]:
     """The figures of `write_resimulated` at the file's own size, of some of its frames, which are rendered in the object's box only."""
     progress, found = progress or NoProgress(), _Likeness()
-    for number, t in enumerate(pictures):
-        progress.update(number / len(pictures), "likeness to the clip")
+    for number, t in enumerate(frames):
+        progress.update(number / len(frames), "likeness to the clip")
         mask, filmed = footage.seen.masks[t], footage.straight(t)
         rows, columns = _around(mask)
         box = (columns.start, rows.start, columns.stop, rows.stop)
@@ -192,7 +192,7 @@ def resimulated(filmed: np.ndarray, observation: Observation, body: Body, recove
         return canvas
     part = replace(camera, width=x1 - x0, height=y1 - y0, cx=camera.cx - x0, cy=camera.cy - y0)
     part = replace(part, camera_to_world=camera.pose(t), distortion=())
-    colour, alpha = picture(body.gaussians, part, 0, x, F)
+    colour, alpha = render_gaussians(body.gaussians, part, 0, x, F)
     alpha = np.clip(alpha, 0.0, 1.0)[..., None]
     canvas = canvas.copy()
     under = canvas[y0 - top : y1 - top, x0 - left : x1 - left]

@@ -86,8 +86,8 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress,
     full = mask.shape[::-1]
     size = (round(full[0] * scale), round(full[1] * scale))
 
-    def small(picture: np.ndarray) -> np.ndarray:
-        return picture if scale == 1.0 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    def small(frame: np.ndarray) -> np.ndarray:
+        return frame if scale == 1.0 else cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
 
     def large(found: np.ndarray) -> np.ndarray:
         return cv2.resize(found.astype(np.uint8) * 255, full, interpolation=cv2.INTER_LINEAR) >= 128

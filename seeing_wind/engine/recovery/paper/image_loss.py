@@ -30,7 +30,7 @@ SMOOTH = 1.0 / 255.0
 
 
 @dataclass(frozen=True)
-class Pictures:
+class Filmed:
     """What one camera filmed."""
 
     frames: Frames
@@ -68,18 +68,18 @@ class ImageLoss:
         ObjectError: for a clip in which the object is in no frame.
     """
 
-    def __init__(self, pictures: Pictures, dtype: torch.dtype = torch.float32) -> None:
-        if not pictures.masks[0].any():
+    def __init__(self, filmed: Filmed, dtype: torch.dtype = torch.float32) -> None:
+        if not filmed.masks[0].any():
             raise ObjectError("The object is not in the first frame.", "Check the mask.")
-        self.pictures, self.dtype = pictures, dtype
-        self.rider = Rider(pictures.gaussians.attachment)
-        self.rest = torch.from_numpy(rest_covariances(pictures.gaussians)).to(dtype)
-        self.opacity = torch.from_numpy(pictures.gaussians.opacity).to(dtype)
-        self.colour = (0.5 + SH0 * torch.from_numpy(pictures.gaussians.sh[:, 0])).clamp(0.0, 1.0).to(dtype)
+        self.filmed, self.dtype = filmed, dtype
+        self.rider = Rider(filmed.gaussians.attachment)
+        self.rest = torch.from_numpy(rest_covariances(filmed.gaussians)).to(dtype)
+        self.opacity = torch.from_numpy(filmed.gaussians.opacity).to(dtype)
+        self.colour = (0.5 + SH0 * torch.from_numpy(filmed.gaussians.sh[:, 0])).clamp(0.0, 1.0).to(dtype)
         self.window: _Window
 
-    def begin(self, x: np.ndarray, picture: int) -> None:
-        self.window = self._window(picture)
+    def begin(self, x: np.ndarray, frame: int) -> None:
+        self.window = self._window(frame)
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
         window = self.window
@@ -94,22 +94,22 @@ class ImageLoss:
         difference = colour + (1.0 - alpha)[..., None] * window.background - window.target
         return ((difference.square() + SMOOTH**2).sqrt() - SMOOTH).mean().double() / window.change
 
-    def _window(self, picture: int) -> _Window:
-        """The part of `picture` in which the object is or was."""
-        p = self.pictures
-        either = p.masks[picture] | p.masks[picture - 1]
+    def _window(self, frame: int) -> _Window:
+        """The part of `frame` in which the object is or was."""
+        p = self.filmed
+        either = p.masks[frame] | p.masks[frame - 1]
         where = either if either.any() else p.masks[0]
         rows, columns = np.flatnonzero(where.any(axis=1)), np.flatnonzero(where.any(axis=0))
         height, width = where.shape
         x0, y0 = max(int(columns[0]) - MARGIN, 0), max(int(rows[0]) - MARGIN, 0)
         x1, y1 = min(int(columns[-1]) + 1 + MARGIN, width), min(int(rows[-1]) + 1 + MARGIN, height)
         reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / PIXELS))))
-        camera = dataclasses.replace(view_camera(p.camera, (x0, y0, x1, y1), reduce), camera_to_world=p.camera.pose(picture))
+        camera = dataclasses.replace(view_camera(p.camera, (x0, y0, x1, y1), reduce), camera_to_world=p.camera.pose(frame))
 
         def cut(image: np.ndarray) -> np.ndarray:
             part = image[y0 : y0 + camera.height * reduce, x0 : x0 + camera.width * reduce].astype(np.float64) / 255.0
             return part.reshape(camera.height, reduce, camera.width, reduce, 3).mean(axis=(1, 3))
 
-        target, before = cut(p.frames[picture]), cut(p.frames[picture - 1])
+        target, before = cut(p.frames[frame]), cut(p.frames[frame - 1])
         change = float(np.abs(target - before).mean()) + 0.1 * SMOOTH
         return _Window(camera, torch.from_numpy(target).to(self.dtype), torch.from_numpy(cut(p.background)).to(self.dtype), change)

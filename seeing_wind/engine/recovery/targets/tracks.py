@@ -83,11 +83,11 @@ class TrackChannels:
         usual = max(float(np.median(off)), NOISE.end_usual)
         shown = np.flatnonzero(self.used.any(axis=1))
         for order, last in ((slice(None), shown[0]), (slice(None, None, -1), shown[-1])):
-            pictures, end = looked[order], off[order][: int(NOISE.end_part * len(off))]
+            frames, end = looked[order], off[order][: int(NOISE.end_part * len(off))]
             run = end[: np.argmin(np.append(end > NOISE.end_odd * usual, False))]
-            if pictures[0] == last and run.max(initial=0.0) > max(NOISE.end_wild * usual, NOISE.end_least):
+            if frames[0] == last and run.max(initial=0.0) > max(NOISE.end_wild * usual, NOISE.end_least):
                 # They err together: how many there are does not help.
-                factor[pictures[: len(run)]] = self.variance_factor * (run.max() / usual) ** 2
+                factor[frames[: len(run)]] = self.variance_factor * (run.max() / usual) ** 2
         return factor
 
     def mismatched(self, scale: float) -> TrackChannels:

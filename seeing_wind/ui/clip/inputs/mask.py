@@ -11,29 +11,29 @@ import numpy as np
 
 from ....engine.errors import ObjectError
 from ....engine.take import Take
-from .clips import first_picture, loaded_clip, scene_frame
+from .clips import first_clip_frame, loaded_clip, scene_frame
 from .tracks import plane_corners
 
 SEGMENT = 24
 """Straight lines that stand for one Bézier segment of a mask."""
 
 
-def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, picture: int | None = None) -> None:
+def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, clip_frame: int | None = None) -> None:
     """Draw a mask as it is at a frame of the clip's file, by default the first that is used, at the clip's size.
 
     Raises:
         ObjectError: when nothing is inside it.
     """
     settings, clip, before = scene.seeing_wind, loaded_clip(scene.seeing_wind), scene.frame_current
-    picture = first_picture(settings) if picture is None else picture
-    scene.frame_set(scene_frame(clip, picture))
+    clip_frame = first_clip_frame(settings) if clip_frame is None else clip_frame
+    scene.frame_set(scene_frame(clip, clip_frame))
     try:
         inside = mask_pixels(mask, *clip.size)
     finally:
         scene.frame_set(before)
     if not inside.any():
         raise ObjectError(
-            f"Nothing is inside the mask {mask.name} in frame {picture} of the file.", "Close its splines (Alt C) and show its layers."
+            f"Nothing is inside the mask {mask.name} in frame {clip_frame} of the file.", "Close its splines (Alt C) and show its layers."
         )
     write_png(path, inside)
 
@@ -46,10 +46,10 @@ def write_plane_mask(scene: bpy.types.Scene, path: Path) -> None:
     """
     settings, clip = scene.seeing_wind, loaded_clip(scene.seeing_wind)
     planes = clip.tracking.plane_tracks
-    plane, picture = planes.active or planes[0], first_picture(settings)
-    corners = plane_corners(clip, plane, picture)
+    plane, clip_frame = planes.active or planes[0], first_clip_frame(settings)
+    corners = plane_corners(clip, plane, clip_frame)
     if corners is None:
-        no_marker = f"The plane track {plane.name} has no marker in frame {picture} of the file."
+        no_marker = f"The plane track {plane.name} has no marker in frame {clip_frame} of the file."
         raise ObjectError(no_marker, "Track it from the first frame on.")
     write_png(path, polygon_pixels(corners, *clip.size))
 

@@ -68,7 +68,7 @@ class SEEING_WIND_PG_verdict(bpy.types.PropertyGroup):
 class SEEING_WIND_PG_correction(bpy.types.PropertyGroup):
     """A point by which the outline is corrected in one frame."""
 
-    picture: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
+    clip_frame: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
     place: FloatVectorProperty(name="Place (px)", size=2, description="From the left and from the top")
     beside: BoolProperty(name="Beside", description="The point is not on the object")
 
@@ -95,7 +95,7 @@ class ObjectSettings:
 
     verdicts: CollectionProperty(type=SEEING_WIND_PG_verdict)
     previewed_take: StringProperty(name="Previewed Take", subtype="FILE_PATH", description="Folder that the preview is in")
-    previewed_picture: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
+    preview_image: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
     previewed_digest: StringProperty(description="Of the settings that the preview was made with")
     proposed_pin: StringProperty(name="Proposed Held Place", subtype="FILE_PATH", description="Where the object seems to be held")
 

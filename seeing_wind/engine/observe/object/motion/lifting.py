@@ -125,7 +125,7 @@ def lift_views(
         for one in sights:
             seen = np.flatnonzero(one.visible[t, use] & np.isfinite(one.xy[t, use]).all(axis=1))
             looks.append(_Look(one.camera, seen, one.xy[t, use[seen]], np.maximum(one.sigma[t, use[seen]], 1e-3)))
-        problem = _Picture(looks, t, edges, points[0], held, arap)
+        problem = _Frame(looks, t, edges, points[0], held, arap)
         points[t], rotation = problem.solve(ahead, points[t - 1], rotation)
         done = t
         loop.reached(done, state)
@@ -151,7 +151,7 @@ class _Look:
     sigma: np.ndarray
 
 
-class _Picture:
+class _Frame:
     """The least-squares problem of one frame: Gauss-Newton, the neighbourhoods' rotations eliminated point by point."""
 
     def __init__(

@@ -130,13 +130,13 @@ class Block:
         shown[rows, columns] = entries.argmax(axis=0)
         return shown
 
-    def _at(self, picture: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def _at(self, image: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Values of a frame (H, W) bool where points (..., 3) are seen; False outside the frame."""
         xy, depth = self.camera.project(points)
         column, row = (np.round(np.where(depth > 0.0, xy[..., axis], -1.0)).astype(int) for axis in range(2))
-        height, width = picture.shape
+        height, width = image.shape
         within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-        return within & picture[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        return within & image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
 
 
 def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | None:
