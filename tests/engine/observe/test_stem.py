@@ -175,7 +175,7 @@ def test_a_wider_softer_rod_sways_as_the_thin_stiff_stem_does(seen: Observation)
         assert body.volume.sum() == pytest.approx(relief.pixel_volume().sum(), rel=1e-9)
         model, notes = model_for(body, stiff, 30.0, gravity=(0.0, 0.0, 0.0), max_substeps=2000)
         assert not notes, "nothing is softened"
-        push = np.zeros((45, len(body.x), 3))
+        push = np.zeros((30, len(body.x), 3))
         push[..., 0] = 0.05
         assert body.pinned.any()
         free = ~body.pinned
@@ -184,4 +184,4 @@ def test_a_wider_softer_rod_sways_as_the_thin_stiff_stem_does(seen: Observation)
         substeps.append(model.substeps)
     assert substeps[1] <= LIMITS.max_substeps < 0.3 * substeps[0]
     assert ways[1] == pytest.approx(ways[0], rel=0.15)
-    assert ways[0] < 0.9 * 0.5 * 0.05 * 1.5**2, "the stem holds it back"
+    assert ways[0] < 0.9 * 0.5 * 0.05 * 1.0**2, "the stem holds it back"
