@@ -29,7 +29,8 @@ from typing import Any
 import numpy as np
 
 from .. import systems
-from ..materials import LIMITS, PLASTIC_LAWS, find, substeps_needed
+from ..materials import PLASTIC_LAWS, find
+from ..mpm.courant import substeps_of
 from ..progress import NoProgress
 from ..records import Material, Particles, PointTargets, TrackTargets
 from ..settings import RecoverSettings
@@ -135,19 +136,6 @@ def _modes(particles: Particles, points: int) -> SpatialBasis:
     return spatial_basis(particles.x, np.where(particles.pinned, 0.0, particles.volume), most)
 
 
-def substeps_of(particles: Particles, material: Material, fps: float) -> int:
-    """Per frame, as `mpm.model_for` chooses them for one body that touches nothing."""
-    dx, frame = LIMITS.cell_spacings * particles.spacing, 1.0 / fps
-    softest = 1.0 if particles.stiffness is None else min(1.0, float(np.max(particles.stiffness)))
-    stuff = dataclasses.replace(material, youngs_modulus=softest * material.youngs_modulus)
-    needed = substeps_needed(stuff, dx, frame)
-    worth = bool(particles.pinned.any()) and needed <= LIMITS.max_substeps_held / math.sqrt(LIMITS.worth)
-    most = LIMITS.max_substeps_held if worth else LIMITS.max_substeps
-    if material.law in PLASTIC_LAWS and needed <= most:
-        needed = substeps_needed(stuff, dx, frame, courant=LIMITS.plastic_courant)
-    return max(LIMITS.min_substeps, math.ceil(LIMITS.default_speed * frame / dx), min(most, needed))
-
-
 def points_in(targets: PointTargets | list[TrackTargets]) -> int:
     """That are followed, in all views."""
     return targets.visible.shape[1] if isinstance(targets, PointTargets) else sum(one.visible.shape[1] for one in targets)
@@ -205,7 +193,9 @@ FEW, MANY = 16, 256
 
 def _measured(plastic: bool) -> Speed:
     """The median of some runs; the first one loads or compiles the kernels."""
-    from ..mpm import State, model_for, rollout_batch
+    from ..mpm.batch import rollout_batch
+    from ..mpm.model_for import model_for
+    from ..mpm.state import State
     from ..mpm.tangent import Changes, tangents
 
     x = 0.01 * np.stack(np.meshgrid(*(np.arange(float(side)) for side in PROBED), indexing="ij"), axis=-1).reshape(-1, 3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import SimulationError, UsageError
-from seeing_wind.engine.mpm import rollout_batch
+from seeing_wind.engine.mpm.batch import rollout_batch
 from seeing_wind.engine.mpm.damping import substeps_for, with_retardation
 from seeing_wind.engine.mpm.kernels.carry import WIDTHS
 from seeing_wind.engine.mpm.lattice.colliders import Plane

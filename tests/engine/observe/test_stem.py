@@ -12,7 +12,9 @@ from scenes import noise, write_video
 
 from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.materials import LIMITS, find
-from seeing_wind.engine.mpm import State, model_for, rollout
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate, median_plate
 from seeing_wind.engine.observe.mask.by_turns import stays

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seeing_wind.engine.materials import Material, find
-from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.materials import Material
+from seeing_wind.engine.mpm.courant import substeps_of
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.recovery import cost, stage
-from seeing_wind.engine.recovery.cost import Speed, Work, known_speed, measure_speed, substeps_of, work_of
+from seeing_wind.engine.recovery.cost import Speed, Work, known_speed, measure_speed, work_of
 from seeing_wind.engine.settings import RecoverSettings
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, plate, points
@@ -62,16 +62,6 @@ def test_what_is_looked_for_counts() -> None:
 
 def test_nothing_is_said_of_what_nobody_has_measured() -> None:
     assert work_of(plate(), RUBBER, FPS, 24, 40, RecoverSettings(schedule="paper")) is None
-
-
-@pytest.mark.parametrize("material", [RUBBER, CLAY, find("steel"), find("leaf"), dataclasses.replace(RUBBER, youngs_modulus=1.0)])
-@pytest.mark.parametrize("pinned", [False, True])
-@pytest.mark.parametrize("stiffness", [None, 0.25])
-def test_the_substeps_are_those_of_the_solver(material: Material, pinned: bool, stiffness: float | None) -> None:
-    body = held(plate()) if pinned else plate()
-    if stiffness is not None:
-        body = dataclasses.replace(body, stiffness=np.full(len(body.x), stiffness))
-    assert substeps_of(body, material, FPS) == model_for(body, material, FPS)[0].substeps
 
 
 def test_the_speed_is_measured_by_the_kernels_and_kept_for_this_machine(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
