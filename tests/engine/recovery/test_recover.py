@@ -9,11 +9,11 @@ from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
+from seeing_wind.engine.recovery.blocks import blocks
 from seeing_wind.engine.recovery.diagnostics.remarks import distrusted, far_off
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.targets.points import point_channels
-from seeing_wind.engine.recovery.windows import windows
 from seeing_wind.engine.settings import RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
@@ -261,14 +261,14 @@ def test_it_can_be_cancelled_on_the_way():
     assert fractions == sorted(fractions)
 
 
-def test_a_long_clip_is_solved_in_windows_that_join():
+def test_a_long_clip_is_solved_in_blocks_that_join():
     body = plate((5, 3, 2))
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0 * np.cos(0.15 * t), 0.0, 2.0 * np.sin(0.2 * t)], 36)
     heard = []
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, Progress(lambda message: heard.append(message)))
-    assert windows(32) == [(0, 32)] and windows(36) == [(0, 22), (14, 36)]
-    assert all(b - a <= 33 for a, b in windows(300)) and windows(300)[-1][1] == 300
-    assert all(0 < end - begin <= 9 for (_, end), (begin, _) in zip(windows(300), windows(300)[1:]))
+    assert blocks(32) == [(0, 32)] and blocks(36) == [(0, 22), (14, 36)]
+    assert all(b - a <= 33 for a, b in blocks(300)) and blocks(300)[-1][1] == 300
+    assert all(0 < end - begin <= 9 for (_, end), (begin, _) in zip(blocks(300), blocks(300)[1:]))
     assert relative(found.force_density, 400.0 * wind) < 0.05
     assert found.x.shape == x.shape and found.F.shape == (37, 30, 3, 3) and found.residual.max() < 2e-4
     assert any("part 2 of 2" in message["message"] for message in heard)

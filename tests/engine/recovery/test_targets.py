@@ -97,7 +97,7 @@ def test_frames_at_the_ends_whose_tracks_leave_the_others_count_little():
         assert one.inflation[where].min() > 1000.0 * np.median(one.inflation[inside])
     for where, size in (([10, 11], 8.0), ([18, 19], 0.2), ([0], 8.0)):  # in the middle, as the others, and frame 0, which shows nothing
         assert not judged(where, size).wild.any()
-    # The end of a window is not that of the clip.
+    # The end of a block is not that of the clip.
     assert not judged([8, 9], 8.0, 0, 9).wild.any()
     assert list(np.flatnonzero(judged([18, 19], 8.0, 8, 19).wild)) == [18, 19]
 

@@ -20,7 +20,7 @@ from ...records import Camera, Gaussians
 from .losses import Rider
 
 PIXELS = 30_000
-"""A window of more pixels is reduced by an integer factor."""
+"""A crop of more pixels is reduced by an integer factor."""
 MARGIN = 10
 """Pixels round the silhouettes of an interval's two frames."""
 RENEW = 10
@@ -44,7 +44,7 @@ class Filmed:
 
 
 @dataclass
-class _Window:
+class _Crop:
     """What one frame is compared with, cut out and reduced."""
 
     camera: Camera
@@ -58,7 +58,7 @@ class _Window:
 
 
 class ImageLoss:
-    """Mean absolute colour difference |I - pi(G)| in a window round the object, divided by how much the frame changed.
+    """Mean absolute colour difference |I - pi(G)| in a crop round the object, divided by how much the frame changed.
 
     Args:
         frames: clip, silhouettes and Gaussians.
@@ -76,25 +76,25 @@ class ImageLoss:
         self.rest = torch.from_numpy(rest_covariances(filmed.gaussians)).to(dtype)
         self.opacity = torch.from_numpy(filmed.gaussians.opacity).to(dtype)
         self.colour = (0.5 + SH0 * torch.from_numpy(filmed.gaussians.sh[:, 0])).clamp(0.0, 1.0).to(dtype)
-        self.window: _Window
+        self.crop: _Crop
 
     def begin(self, x: np.ndarray, frame: int) -> None:
-        self.window = self._window(frame)
+        self.crop = self._crop(frame)
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
-        window = self.window
+        crop = self.crop
         centres, carried = self.rider.follow(x).to(self.dtype), self.rider.follow(F).to(self.dtype)
         spread = carried @ self.rest @ carried.transpose(1, 2)  # Sigma^t = F Sigma^0 F^T, Eq. (8)
-        mean, flat, depth = project(centres, spread, window.camera)
-        width, height = window.camera.width, window.camera.height
-        if window.tiles is None or window.calls % RENEW == 0:
-            window.tiles = tiles_of(mean, flat, depth, width, height)
-        window.calls += 1
-        colour, alpha = blend(mean, flat, self.opacity, self.colour, window.tiles, width, height)
-        difference = colour + (1.0 - alpha)[..., None] * window.background - window.target
-        return ((difference.square() + SMOOTH**2).sqrt() - SMOOTH).mean().double() / window.change
+        mean, flat, depth = project(centres, spread, crop.camera)
+        width, height = crop.camera.width, crop.camera.height
+        if crop.tiles is None or crop.calls % RENEW == 0:
+            crop.tiles = tiles_of(mean, flat, depth, width, height)
+        crop.calls += 1
+        colour, alpha = blend(mean, flat, self.opacity, self.colour, crop.tiles, width, height)
+        difference = colour + (1.0 - alpha)[..., None] * crop.background - crop.target
+        return ((difference.square() + SMOOTH**2).sqrt() - SMOOTH).mean().double() / crop.change
 
-    def _window(self, frame: int) -> _Window:
+    def _crop(self, frame: int) -> _Crop:
         """The part of `frame` in which the object is or was."""
         p = self.filmed
         either = p.masks[frame] | p.masks[frame - 1]
@@ -112,4 +112,4 @@ class ImageLoss:
 
         target, before = cut(p.frames[frame]), cut(p.frames[frame - 1])
         change = float(np.abs(target - before).mean()) + 0.1 * SMOOTH
-        return _Window(camera, torch.from_numpy(target).to(self.dtype), torch.from_numpy(cut(p.background)).to(self.dtype), change)
+        return _Crop(camera, torch.from_numpy(target).to(self.dtype), torch.from_numpy(cut(p.background)).to(self.dtype), change)

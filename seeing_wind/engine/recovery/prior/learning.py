@@ -1,4 +1,4 @@
-"""The prior of one window, and what is learnt from the clip: hyperparameters, the stretch penalty, the solver's mismatch."""
+"""The prior of one block, and what is learnt from the clip: hyperparameters, the stretch penalty, the solver's mismatch."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def noise_of(series: np.ndarray) -> float:
 
 
 def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
-    """Accelerations of series (frames, n) from parabolas through windows of seven frames (or all, if fewer), (windows, n)."""
+    """Accelerations of series (frames, n) from parabolas through seven frames in a row (or all, if fewer), (T-5, n)."""
     if len(series) < 3:
         return np.zeros((1, series.shape[1]))
     width = min(7, len(series))

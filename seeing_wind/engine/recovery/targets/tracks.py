@@ -127,9 +127,9 @@ class TrackChannels:
 def _running_median(series: np.ndarray) -> np.ndarray:
     """Median over five frames round each, of series (T+1, ...) with NaN where nothing was seen."""
     padded = np.concatenate([np.full((2, *series.shape[1:]), np.nan), series, np.full((2, *series.shape[1:]), np.nan)])
-    windows = np.stack([padded[shift : shift + len(series)] for shift in range(5)])
-    seen = np.isfinite(windows).any(axis=0)
-    return np.nanmedian(np.where(seen, windows, 0.0), axis=0)
+    shifted = np.stack([padded[shift : shift + len(series)] for shift in range(5)])
+    seen = np.isfinite(shifted).any(axis=0)
+    return np.nanmedian(np.where(seen, shifted, 0.0), axis=0)
 
 
 def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -> TrackChannels:
