@@ -11,7 +11,7 @@ from scenes import noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate
-from seeing_wind.engine.observe.mask.evidence import Looks, against_plate, against_shape, cut_out, trimmed
+from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, trimmed
 from seeing_wind.engine.observe.mask.from_box import moving_in, moving_odds
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
@@ -97,14 +97,14 @@ def test_a_shadow_is_background_unless_the_object_looks_so() -> None:
     mask = np.zeros((60, 60), bool)
     mask[22:38, 22:38] = True
     window = (0, 0, 60, 60)
-    odds, known = against_plate(shaded, plate, window, Looks())
+    odds, known = against_plate(shaded, plate, window, Contrast())
     assert known.all() and (odds[25:35, 25:35] < -1.0).mean() > 0.95
-    gray, _ = against_plate(shaded, plate, window, Looks(plate, [(shaded, mask)]))
+    gray, _ = against_plate(shaded, plate, window, Contrast(plate, [(shaded, mask)]))
     assert np.median(gray[25:35, 25:35]) > odds[25:35, 25:35].max(), "a thing that is the wall's colour, only darker, would be lost"
     red = shaded.copy()
     red[mask] = (180, 30, 30)
     # The shadow was taken for a part of the thing, and is not.
-    odds, _ = against_plate(red, plate, window, Looks(plate, [(red, dark < 1.0)]))
+    odds, _ = against_plate(red, plate, window, Contrast(plate, [(red, dark < 1.0)]))
     assert odds[25:35, 25:35].min() > 2.0
     assert np.median(odds[(dark < 1.0) & ~cv2.dilate(mask.astype(np.uint8), np.ones((5, 5))).astype(bool)]) < -1.0
 
@@ -115,8 +115,8 @@ def test_what_a_codec_leaves_round_a_thing_is_not_the_thing() -> None:
     mask[30:50, 30:50] = trace[22:58, 22:58] = True
     frame = plate.color.copy()
     frame[trace], frame[mask] = (98, 90, 84), (200, 40, 40)
-    usual, _ = against_plate(frame, plate, (0, 0, 80, 80), Looks())
-    learnt, _ = against_plate(frame, plate, (0, 0, 80, 80), Looks(plate, [(frame, mask)]))
+    usual, _ = against_plate(frame, plate, (0, 0, 80, 80), Contrast())
+    learnt, _ = against_plate(frame, plate, (0, 0, 80, 80), Contrast(plate, [(frame, mask)]))
     beside = trace & ~cv2.dilate(mask.astype(np.uint8), np.ones((9, 9))).astype(bool)
     assert np.median(usual[beside]) > 0.0 > np.median(learnt[beside]) + 1.0
     assert learnt[33:47, 33:47].min() > 3.0
@@ -130,8 +130,8 @@ def test_what_shows_beside_a_thing_in_a_later_frame_only_is_learnt_there() -> No
     first[mask] = (200, 40, 40)
     later = first.copy()
     later[beside] = (97, 90, 84)
-    once, _ = against_plate(later, plate, (0, 0, 80, 80), Looks(plate, [(first, mask)]))
-    often, _ = against_plate(later, plate, (0, 0, 80, 80), Looks(plate, [(first, mask), (later, mask)]))
+    once, _ = against_plate(later, plate, (0, 0, 80, 80), Contrast(plate, [(first, mask)]))
+    often, _ = against_plate(later, plate, (0, 0, 80, 80), Contrast(plate, [(first, mask), (later, mask)]))
     inner = np.s_[34:46, 55:57]
     assert np.median(once[inner]) > 0.0 > np.median(often[inner]), "it is no part of the thing"
     assert often[33:47, 33:47].min() > 3.0

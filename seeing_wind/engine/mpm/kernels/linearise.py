@@ -39,7 +39,7 @@ from .packed import (
     triple,
 )
 from .packed import MOST_NODES as MOST_INDEXED
-from .substep import CLAMP_LO, brought, node_velocity, place
+from .substep import CLAMP_LO, node_terms, node_velocity, place
 
 WEIGHTS, PLACE, STRESS, PULL, SLOPES, FLOAT, TURN, SWIRL, GROWTH = 0, 9, 12, 93, 102, 111, 123, 132, 159
 """Where in a linearised particle's numbers they are:
@@ -51,7 +51,7 @@ and in a body with a plastic law, where STRESS is without tau L^T,
 
     SLOPES   3 i + a  derivatives of the weights [1/m]     TURN    dv by dx, 3 c + e
     GROWTH   I + dt C                                      SWIRL   dC by dx, 9 c + 3 d + e
-    FLOAT    S X Y Z of `substep.brought`, three each: what the particle brings to node (i, j, k) is S + i X + j Y + k Z
+    FLOAT    S X Y Z of `substep.node_terms`, three each: what the particle brings to node (i, j, k) is S + i X + j Y + k Z
 """
 RECORD, PLASTIC_RECORD = 102, 168
 """How many there are."""
@@ -196,7 +196,7 @@ def linearise(
         tau = stress_derivative(plastic, at + STRESS, own, dx, dt, particle, F, C, record)
         if ti.static(plastic):
             slope, rate = spline_slope(f), matrix(state[after + 3], state[after + 4], state[after + 5])
-            S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
+            S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
             for i, a in ti.static(ti.ndrange(3, 3)):
                 record[at + SLOPES + 3 * i + a] = ti.cast(slope[i][a] / dx, ti.f32)
                 record[at + GROWTH + 3 * i + a] = ti.cast(dt * rate[i, a] + (1.0 if ti.static(i == a) else 0.0), ti.f32)

@@ -54,7 +54,7 @@ def node_to_velocity(
 
 
 @ti.func
-def cleared(task, window: ti.template(), boxes: ti.template(), grid: ti.template()):
+def clear(task, window: ti.template(), boxes: ti.template(), grid: ti.template()):
     """Clears a task's own grid; returns the number that the window's first node has, or would have, in it."""
     lo, dims = window_of(window)
     first_node, plane = boxes[task, ORIGIN], dims[1] * dims[2]
@@ -71,7 +71,7 @@ def task_to_grid(
     """p2g of a task's particles into its own grid."""
     offset, dx, dt = lattice_of(lattice)
     lo, dims = window_of(window)
-    first_node = cleared(task, window, boxes, grid)
+    first_node = clear(task, window, boxes, grid)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         row, push, own = rows_of(p)
@@ -119,7 +119,7 @@ def nodes_of_task(
 
 
 @ti.func
-def look(tasks, window: ti.template(), boxes: ti.template(), status: ti.template()):
+def move_window(tasks, window: ti.template(), boxes: ti.template(), status: ti.template()):
     """Moves the window to the box of nodes that all particles touch; stops where a particle broke or the grids are too small for it."""
     lo, last = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
     planes, whole = ti.cast(0, ti.i64), True

@@ -12,7 +12,7 @@ from ..lattice.conditions import boundary_jacobian
 from ..laws.constitutive import kirchhoff_both_ways
 from ..laws.plasticity import VON_MISES, plastic_flow_adjoint
 from ..laws.viscous import is_damped, viscous, viscous_adjoint
-from .crew import await_all, counters, finish, share, taken
+from .crew import await_all, counters, finish, share, take
 from .packed import (
     LAM,
     LAW,
@@ -49,8 +49,8 @@ from .packed import (
     window_of,
     with_fourth,
 )
-from .parallel import cleared, summed
-from .substep import CLAMP_LO, SOLID_LO, STRIDE, brought, node_velocity, place
+from .parallel import clear, summed
+from .substep import CLAMP_LO, SOLID_LO, STRIDE, node_terms, node_velocity, place
 
 PHASES = 4
 """Of a substep: the nodes' velocities, g2p backwards, the nodes backwards, p2g backwards."""
@@ -166,7 +166,7 @@ def particle_to_grid_adjoint(
         tau += viscous(C, mu, lam, viscosity)
         C_bar, by_mu, by_lam, viscosity_bar = viscous_adjoint(C, mu, lam, viscosity, tau_bar)
         mu_bar, lam_bar = mu_bar + by_mu, lam_bar + by_lam
-    S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
+    S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
     D0, D1, D2 = bar[row + 3], bar[row + 4], bar[row + 5]
     U, V, W = with_fourth(D0, 0.0), with_fourth(D1, 0.0), with_fourth(D2, 0.0)
     T = fourths(D0, D1, D2, 0.0) - combined(U, V, W, f)
@@ -199,7 +199,7 @@ def grid_to_task_adjoint(
     """`grid_to_particle_adjoint` of a task's particles, into its own grid."""
     offset, dx, dt = lattice_of(lattice)
     lo, dims = window_of(window)
-    first_node = cleared(task, window, boxes, grid_bar)
+    first_node = clear(task, window, boxes, grid_bar)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         grid_to_particle_adjoint(
@@ -243,7 +243,7 @@ def substep_adjoint(
             offset, dx, _dt = lattice_of(lattice)
             lo, dims = window_of(window)
             worker, tasks = turn // STRIDE, first.shape[0] - 1
-            task = taken(roster, 0, worker, workers, tasks)
+            task = take(roster, 0, worker, workers, tasks)
             while task < tasks:
                 begin, end = share(task, tasks, node_count(window))
                 for index in range(begin, end):
@@ -252,17 +252,17 @@ def substep_adjoint(
                         node, momentum[node], lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid
                     )
                 finish(roster, 0)
-                task = taken(roster, 0, worker, workers, tasks)
+                task = take(roster, 0, worker, workers, tasks)
             # Nobody reads these velocities before the last phase.
-            task = taken(roster, 1, worker, workers, tasks)
+            task = take(roster, 1, worker, workers, tasks)
             while task < tasks:
                 grid_to_task_adjoint(
                     task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
                 )
                 finish(roster, 1)
-                task = taken(roster, 1, worker, workers, tasks)
+                task = take(roster, 1, worker, workers, tasks)
             await_all(roster, 1, tasks)
-            task = taken(roster, 2, worker, workers, tasks)
+            task = take(roster, 2, worker, workers, tasks)
             while task < tasks:
                 begin, end = share(task, tasks, node_count(window))
                 for index in range(begin, end):
@@ -271,13 +271,13 @@ def substep_adjoint(
                         clamp, clamp_velocity, planes, solid,
                     )  # fmt: skip
                 finish(roster, 2)
-                task = taken(roster, 2, worker, workers, tasks)
+                task = take(roster, 2, worker, workers, tasks)
             await_all(roster, 0, tasks)
             await_all(roster, 2, tasks)
-            task = taken(roster, 3, worker, workers, tasks)
+            task = take(roster, 3, worker, workers, tasks)
             while task < tasks:
                 particles_to_task_adjoint(
                     task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
                     window, velocity, momentum_bar,
                 )  # fmt: skip
-                task = taken(roster, 3, worker, workers, tasks)
+                task = take(roster, 3, worker, workers, tasks)

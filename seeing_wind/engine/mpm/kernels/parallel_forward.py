@@ -3,9 +3,9 @@
 # mypy: ignore-errors
 
 from ..compiler import ti
-from .crew import await_all, counters, finish, taken
+from .crew import await_all, counters, finish, take
 from .packed import constants, flags, forces, integers, lattice_rows, nodes, numbers, rows, states, table
-from .parallel import STOPPED, grid_to_task, look, nodes_of_task, task_to_grid
+from .parallel import STOPPED, grid_to_task, move_window, nodes_of_task, task_to_grid
 from .substep import STRIDE
 
 PHASES = 4
@@ -34,31 +34,31 @@ def substeps(
             worker, tasks = turn // STRIDE, first.shape[0] - 1
             phase, last = 0, PHASES * ti.max(count, 1)
             while phase < last:
-                task = taken(roster, phase, worker, workers, tasks)
+                task = take(roster, phase, worker, workers, tasks)
                 while task < tasks:
                     task_to_grid(task, plastic, first, particle, state, force, lattice, window, boxes, grid)
                     finish(roster, phase)
-                    task = taken(roster, phase, worker, workers, tasks)
+                    task = take(roster, phase, worker, workers, tasks)
                 await_all(roster, phase, tasks)
-                task = taken(roster, phase + 1, worker, workers, tasks)
+                task = take(roster, phase + 1, worker, workers, tasks)
                 while task < tasks:
                     nodes_of_task(
                         task, tasks, window, boxes, grid, momentum, velocity, lattice, clamp, clamp_velocity, planes, solid
                     )
                     finish(roster, phase + 1)
-                    task = taken(roster, phase + 1, worker, workers, tasks)
+                    task = take(roster, phase + 1, worker, workers, tasks)
                 if count > 0:
                     await_all(roster, phase + 1, tasks)
-                    task = taken(roster, phase + 2, worker, workers, tasks)
+                    task = take(roster, phase + 2, worker, workers, tasks)
                     while task < tasks:
                         grid_to_task(
                             task, plastic, first, particle, state, state_out, pin_velocity, lattice, window, boxes, status, velocity
                         )
                         finish(roster, phase + 2)
-                        task = taken(roster, phase + 2, worker, workers, tasks)
+                        task = take(roster, phase + 2, worker, workers, tasks)
                     await_all(roster, phase + 2, tasks)
-                    if taken(roster, phase + 3, worker, workers, 1) == 0:
-                        look(tasks, window, boxes, status)
+                    if take(roster, phase + 3, worker, workers, 1) == 0:
+                        move_window(tasks, window, boxes, status)
                         finish(roster, phase + 3)
                     await_all(roster, phase + 3, 1)
                 # Whoever is late and sees the stop of a later substep finds nothing to do in between either.

@@ -47,7 +47,7 @@ CLAMP_LO, SOLID_LO = 2, 3
 
 
 @ti.func
-def brought(tau, row, push, own, f, particle: ti.template(), state: ti.template(), force: ti.template(), dx, dt):
+def node_terms(tau, row, push, own, f, particle: ti.template(), state: ti.template(), force: ti.template(), dx, dt):
     """What a particle at f from its first node brings to its nodes under the stress tau, S + i X + j Y + k Z: momentum and mass.
 
     It is m (v + dt a) + A (x_i - x_p) with A of the MLS-MPM transfer; B = dx A.
@@ -75,7 +75,7 @@ def particle_to_grid(
     tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), mu, lam)
     if is_damped(law, viscosity):
         tau += viscous(matrix(state[row + 3], state[row + 4], state[row + 5]), mu, lam, viscosity)
-    S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
+    S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
     scatter(f, S, X, Y, Z, at, dims, grid)
 
 

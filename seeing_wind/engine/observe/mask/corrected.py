@@ -14,7 +14,7 @@ from ..clip.shake import through
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import RIM, Looks
+from .evidence import RIM, Contrast
 from .first_mask import SEED
 from .flows import Flows
 from .follow import MaskFollower
@@ -277,7 +277,7 @@ def with_corrections(
     shown: dict[int, np.ndarray],
     marks: dict[int, Marks],
     plate: Plate | None,
-    looks: Looks | None,
+    contrast: Contrast | None,
     flows: Flows | None,
     progress: Progress,
     journal: Journal,
@@ -290,7 +290,7 @@ def with_corrections(
     """
     if not shown and not marks:
         return None
-    follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True, known=flows)
+    follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, known=flows)
     found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
     found = Masks.of(found[t] if t else unaided for t in range(len(found)))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}

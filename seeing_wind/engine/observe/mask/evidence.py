@@ -84,7 +84,7 @@ class Colors:
         return self._odds[self._bins(frame)]
 
 
-class Looks:
+class Contrast:
     """How an object and its surroundings differ from the background, learnt from one frame.
 
     The surroundings differ, too: by shadows, gleams, and what a codec leaves round all that moves. How much of each there is belongs to
@@ -158,14 +158,16 @@ def _unshaded(shape: np.ndarray, relit: np.ndarray) -> np.ndarray:
     return filled if filled.sum() > OWN * shape.sum() else shape
 
 
-def against_plate(frame: np.ndarray, plate: Plate, window: Window, looks: Looks, least: float = -SURE) -> tuple[np.ndarray, np.ndarray]:
+def against_plate(
+    frame: np.ndarray, plate: Plate, window: Window, contrast: Contrast, least: float = -SURE
+) -> tuple[np.ndarray, np.ndarray]:
     """Log odds (h, w) in `window` by what differs from the background, and where that is known (h, w) bool.
 
     What does not differ speaks against the object with `least` at most. At a rim, the object ends at half of its contrast.
     """
     away, light = plate.compared(frame, window)
     known = cut(plate.reliable, window, cv2.BORDER_CONSTANT)
-    odds = looks.odds(away, light, plate.noise)
+    odds = contrast.odds(away, light, plate.noise)
     odds = np.where(away < DIFFERS * plate.noise, np.maximum(odds, least), odds)
     rim = cv2.distanceTransform((odds > 0.0).astype(np.uint8), cv2.DIST_L2, 3) <= RIM
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(RIM) + 1, 2 * int(RIM) + 1))

@@ -8,7 +8,7 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
-from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out, trimmed
+from .evidence import Colors, Contrast, against_plate, against_shape, band_of, cut_out, trimmed
 from .flows import Flows
 from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
 from .veil import Veil, out_again
@@ -52,20 +52,20 @@ class MaskFollower:
         mask: np.ndarray,
         plate: Plate | None,
         progress: Progress,
-        looks: Looks | None = None,
+        contrast: Contrast | None = None,
         trim: bool = False,
         known: Flows | None = None,
         kept: Flows | None = None,
     ) -> None:
         """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
-        `looks`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
+        `contrast`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
         `known`: motion that a former pass found, `kept`: takes what this one finds.
         """
         self._trim, self._known, self._kept = trim, known, kept
         self._progress = progress
         self._plate = plate
-        self._looks = looks if looks is not None or plate is None else Looks(plate, [(frame, mask)])
+        self._contrast = contrast if contrast is not None or plate is None else Contrast(plate, [(frame, mask)])
         self._solver = FlowSolver(rough=True)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
         around = cut(frame, window_of(mask, 24))
@@ -137,7 +137,7 @@ class MaskFollower:
 
     def _changed(self, frame: np.ndarray) -> np.ndarray | None:
         """Evidence (H, W) float32 in 0..1 that a pixel is not background: 0.5 at five times the noise."""
-        if self._plate is None or self._looks is None:
+        if self._plate is None or self._contrast is None:
             return None
         return np.clip(self._plate.difference(frame) / (10.0 * self._plate.noise), 0.0, 1.0)
 
@@ -175,8 +175,8 @@ class MaskFollower:
         if seen is None:
             return carried, where
         behind, known = seen
-        looks = known & (behind > 0.0) & (self._colors.odds(cut(frame, around)) > 0.0)
-        again = out_again(self._veil.over(around) & looks, placed(carried, where, around), band_of(float(carried.sum())))
+        alike = known & (behind > 0.0) & (self._colors.odds(cut(frame, around)) > 0.0)
+        again = out_again(self._veil.over(around) & alike, placed(carried, where, around), band_of(float(carried.sum())))
         if not again.any():
             return carried, where
         x0, y0, x1, y1 = window_of(again, FILTERS)
@@ -220,9 +220,9 @@ class MaskFollower:
 
     def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
         """What `against_plate` says in a window; None where no background is known, or in a window without area."""
-        if self._plate is None or self._looks is None or around[0] >= around[2] or around[1] >= around[3]:
+        if self._plate is None or self._contrast is None or around[0] >= around[2] or around[1] >= around[3]:
             return None
-        return against_plate(frame, self._plate, around, self._looks)
+        return against_plate(frame, self._plate, around, self._contrast)
 
     def _cut_out(
         self, frame: np.ndarray, carried: np.ndarray, where: Window, band: float, plate: tuple[np.ndarray, np.ndarray] | None

@@ -14,7 +14,7 @@ from ...progress import Progress
 from ..clip.stored import Frames
 from .background import Plate, largest
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
+from .evidence import OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of, within
 
 CUT_OFF = (0.08, 1.0)
@@ -172,7 +172,7 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
 
 def _left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
     """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
-    odds, known = against_plate(frame, plate, window, Looks(), 0.0)
+    odds, known = against_plate(frame, plate, window, Contrast(), 0.0)
     return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
 
 
@@ -197,7 +197,7 @@ def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behin
 
 
 def refined(
-    frame: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray, looks: Looks | None = None
+    frame: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray, contrast: Contrast | None = None
 ) -> np.ndarray:
     """The object in `frame` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
 
@@ -209,7 +209,7 @@ def refined(
     crop, shape = cut(frame, window), cut(mask, window, cv2.BORDER_CONSTANT)
     near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     colors = Colors(crop[shape], crop[~near]).odds(crop)
-    odds, known = against_plate(frame, plate, window, looks or Looks(plate, [(frame, mask)]), STILL_PART)
+    odds, known = against_plate(frame, plate, window, contrast or Contrast(plate, [(frame, mask)]), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
