@@ -36,13 +36,12 @@ ALPHA_WEIGHT = 0.2
 """Weight of the silhouette's squared error against the colours'."""
 
 
-def dress(built: Built | SheetBuilt, observation: Observation, progress: Progress | None = None) -> Body:
+def dress(built: Built | SheetBuilt, observation: Observation, progress: Progress) -> Body:
     """The body with Gaussians that show frame 0 as the clip has it.
 
     Raises:
         Cancelled: between iterations.
     """
-    progress = progress or NoProgress()
     rough = pixel_aligned(built.relief, observation.image, built.particles.x)
     gaussians, quality = fit(rough, built.relief, observation.image, progress=progress, behind=observation.background)
     if quality < POOR_LOOK:
@@ -71,7 +70,7 @@ def fit(
     Raises:
         Cancelled: between iterations.
     """
-    return fit_views(gaussians, [View(relief.camera, relief.mask, image, behind)], iterations, progress)
+    return fit_views(gaussians, [View(relief.camera, relief.mask, image, behind)], progress or NoProgress(), iterations)
 
 
 @dataclass(frozen=True)
@@ -88,10 +87,9 @@ class View:
 
 
 def fit_views(
-    gaussians: Gaussians, views: Sequence[View], iterations: int = ITERATIONS, progress: Progress | None = None
+    gaussians: Gaussians, views: Sequence[View], progress: Progress, iterations: int = ITERATIONS
 ) -> tuple[Gaussians, float]:
     """As `fit`, on the frames of several posed cameras at one moment. The PSNR is that of the first."""
-    progress = progress or NoProgress()
     with one_torch_thread():
         return _fit(gaussians, views, iterations, progress)
 

@@ -12,7 +12,7 @@ from .covering import joined, uncovered
 from .first_frame import View, fit_views
 
 
-def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress | None = None) -> tuple[Body, float]:
+def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress) -> tuple[Body, float]:
     """The body with Gaussians for all that frame 0 of any view shows, fitted by splatting on all of them.
 
     Args:
@@ -28,5 +28,5 @@ def with_views(body: Body, first: Observation, further: Sequence[Observation], p
     gaussians = body.gaussians
     for view in views[1:]:
         gaussians = joined(gaussians, uncovered(body, gaussians, view.camera, view.mask, view.image))
-    fitted, quality = fit_views(gaussians, views, progress=progress)
+    fitted, quality = fit_views(gaussians, views, progress)
     return replace(body, gaussians=fitted), quality

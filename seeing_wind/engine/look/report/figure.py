@@ -29,7 +29,7 @@ def draw_report(
     particles: Particles,
     fps: float,
     confidence: np.ndarray,
-    observation: Observation | None = None,
+    observation: Observation | None,
 ) -> None:
     """Draw four panels (net force, residual, confidence on the body, the first frame) to a PNG.
 

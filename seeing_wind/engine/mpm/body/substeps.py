@@ -78,7 +78,7 @@ class Body:
         gradient: np.ndarray | None,
         frame: int,
         progress: Progress,
-        stride: Callable[[int], int] = lambda substeps: substeps,
+        stride: Callable[[int], int],
         into: State | None = None,
     ) -> tuple[State | None, FrameRun, tuple[int, int, int]]:
         """As `frame`, with None and a status (code, particle, substep) of `substep` where that raises SimulationError."""

@@ -59,6 +59,9 @@ COLORS = 12
 BIN = np.arange(256, dtype=np.uint16) * COLORS // 256 * np.array([[COLORS**2], [COLORS], [1]], np.uint16)
 """What each channel's value adds to the number of a colour's bin, (3, 256)."""
 
+NO_EDGE = 10.0
+"""Grey levels of contrast below which there is no edge."""
+
 COLOR_SURE = 2.5
 """Log odds that a colour can give."""
 
@@ -215,18 +218,14 @@ def band_of(area: float) -> float:
     return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
 
 
-def cut_out(odds: np.ndarray, frame: np.ndarray, radius: int = 2, smooth: float = 10.0) -> np.ndarray:
-    """(h, w) bool where `odds` (h, w), smoothed along the edges of `frame` (h, w, 3) uint8 in a window of `radius` [px], are positive.
-
-    `smooth` [grey levels]: contrasts below it are no edges.
-    """
+def cut_out(odds: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """(h, w) bool where `odds` (h, w), smoothed along the edges of `frame` (h, w, 3) uint8, are positive: He's guided filter."""
     guide = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
     values = np.clip(odds, -2.0 * SURE, 2.0 * SURE).astype(np.float32)
-    size = (2 * radius + 1, 2 * radius + 1)
 
     def mean(of: np.ndarray) -> np.ndarray:
-        return cv2.blur(of, size)
+        return cv2.blur(of, (5, 5))
 
     middle, level = mean(guide), mean(values)
-    slope = (mean(guide * values) - middle * level) / (mean(guide * guide) - middle**2 + smooth**2)
+    slope = (mean(guide * values) - middle * level) / (mean(guide * guide) - middle**2 + NO_EDGE**2)
     return (mean(slope) * guide + mean(level - slope * middle) > 0.0) & (odds > OUTSIDE / 2)

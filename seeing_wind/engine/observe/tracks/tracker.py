@@ -10,7 +10,7 @@ import numpy as np
 from ...record_arrays import from_arrays, to_arrays
 from ..mask.motion import Flow, middle_of
 from .anchor import HALF, Patches, align, cut_patches, sample, smooth
-from .neighbours import disagreement, predict
+from .neighbours import LEAST, disagreement, predict
 
 MOST = 200
 """Tracks at most: more cost time and, a few pixels apart, say the same."""
@@ -197,13 +197,13 @@ class Tracker:
         # A point out of sight has no chain of its own: it starts where its neighbours are.
         lost = ~known
         start[lost] = guess[lost]
-        wanted = ~lost | ((support >= 4) & (self._unseen <= FORGOTTEN))
+        wanted = ~lost | ((support >= LEAST) & (self._unseen <= FORGOTTEN))
         xy, shape, sigma, anchored = self._anchor(now, start, affine, wanted)
         predicted, _, support = predict(self._rest, xy, anchored, shape, self._reach)
         off = disagreement(xy, predicted, support)
         good = anchored & (off < ODD)
         # An anchor that failed or is odd, but whose chain the neighbours confirm, lives on.
-        chain = ~good & self.visible & (support >= 4) & (disagreement(start, predicted, support) < CHAIN_AGREES)
+        chain = ~good & self.visible & (support >= LEAST) & (disagreement(start, predicted, support) < CHAIN_AGREES)
         xy[chain] = start[chain]
         sigma[chain] = np.hypot(self._sigma[chain], CHAIN_STEP)
         flat = np.linalg.svd(shape, compute_uv=False)[:, 1] < EDGE_ON

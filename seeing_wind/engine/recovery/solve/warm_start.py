@@ -43,10 +43,10 @@ def warm_start(
     objective: Objective,
     size: np.ndarray,
     speed: np.ndarray,
-    state: State | None = None,
-    begin: int = 0,
-    end: int | None = None,
-    last: np.ndarray | None = None,
+    state: State | None,
+    begin: int,
+    end: int,
+    last: np.ndarray | None,
 ) -> WarmStart:
     """Track the targets through the frames begin ... end - 1.
 
@@ -56,10 +56,8 @@ def warm_start(
         size: (3,) expected root mean square of each component of the field [m/s²].
         speed: (V,) standard deviations of the initial velocities [m/s].
         state: at frame `begin`; None starts at rest in frame 0 and finds the initial velocity too.
-        end: None is the clip's end.
         last: (modes, 3) coefficients shortly before `begin` [m/s²], if they are known.
     """
-    end = objective.frames if end is None else end
     deviation = np.outer(forward.basis.size, size)
     count, velocity = deviation.size, np.zeros(0)
     coefficients = np.zeros(count)
