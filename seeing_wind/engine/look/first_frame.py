@@ -16,7 +16,7 @@ from ..observe.object.shape.relief import Relief
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Observation
 from . import gsplat_backend
-from .gaussians import SH0, pixel_aligned, view_camera
+from .gaussians import SH0, Crop, pixel_aligned
 from .splatting import NEAR, Tiles, blend, project, tiles_of
 
 POOR_LOOK = 25.0
@@ -164,18 +164,10 @@ def _psnr(error: torch.Tensor, cover: torch.Tensor) -> float:
 
 def _target(view: View) -> tuple[Camera, torch.Tensor, torch.Tensor, torch.Tensor]:
     """Camera, object over background (h, w, 3), background (h, w, 3) and cover (h, w) of the mask's box, reduced by block means."""
-    rows, columns = np.nonzero(view.mask)
-    x0, y0 = max(int(columns.min()) - MARGIN, 0), max(int(rows.min()) - MARGIN, 0)
-    x1, y1 = min(int(columns.max()) + 1 + MARGIN, view.mask.shape[1]), min(int(rows.max()) + 1 + MARGIN, view.mask.shape[0])
-    reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / FIT_PIXELS))))
-    camera = view_camera(view.camera, (x0, y0, x1, y1), reduce)
-    crop = (slice(y0, y0 + camera.height * reduce), slice(x0, x0 + camera.width * reduce))
-    cover = view.mask[crop].astype(np.float32)[..., None]
-    behind = np.zeros((*cover.shape[:2], 3), np.float32) if view.behind is None else view.behind[crop].astype(np.float32) / 255.0
+    crop = Crop.around(view.mask, view.camera, 0, MARGIN, FIT_PIXELS)
+    cover = crop.cut(view.mask).astype(np.float32)[..., None]
+    behind = np.zeros((*cover.shape[:2], 3), np.float32) if view.behind is None else crop.cut(view.behind).astype(np.float32) / 255.0
     # Off the object the background itself is wanted: other differences to it, shadows, are not the Gaussians' to show.
-    target = cover * view.image[crop].astype(np.float32) / 255.0 + (1.0 - cover) * behind
-
-    def reduced(values: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(values.reshape(camera.height, reduce, camera.width, reduce, -1).mean(axis=(1, 3)))
-
-    return camera, reduced(target), reduced(behind), reduced(cover)[..., 0]
+    target = cover * crop.cut(view.image).astype(np.float32) / 255.0 + (1.0 - cover) * behind
+    shown, plain, covered = (torch.from_numpy(crop.reduced(part)) for part in (target, behind, cover))
+    return crop.camera, shown, plain, covered[..., 0]

@@ -27,7 +27,7 @@ from ..records import Body, Camera, Gaussians, Recovery
 from .contributions import contributions
 from .covering import joined, uncovered
 from .finer import finer
-from .gaussians import blended_gradients, view_camera
+from .gaussians import Crop, blended_gradients
 from .harmonics import harmonics, polar_rotations
 
 FITTED = 25
@@ -132,25 +132,16 @@ def _spread(frames: np.ndarray, count: int) -> np.ndarray:
 
 def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F: np.ndarray, trust: float) -> _Equations:
     """The frame's box round the object, reduced to at most about `FIT_PIXELS`."""
-    mask = footage.masks[t]
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    height, width = mask.shape
-    x0, y0 = max(int(columns[0]) - MARGIN, 0), max(int(rows[0]) - MARGIN, 0)
-    x1, y1 = min(int(columns[-1]) + 1 + MARGIN, width), min(int(rows[-1]) + 1 + MARGIN, height)
-    reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / FIT_PIXELS))))
-    pose = footage.camera.pose(t)
-    still = dataclasses.replace(footage.camera, camera_to_world=pose, distortion=())
-    camera = view_camera(still, (x0, y0, x1, y1), reduce)
+    crop = Crop.around(footage.masks[t], footage.camera, t, MARGIN, FIT_PIXELS)
 
-    def reduced(image: np.ndarray) -> np.ndarray:
-        part = image[: camera.height * reduce, : camera.width * reduce].astype(np.float32) / 255.0
-        return part.reshape(camera.height, reduce, camera.width, reduce, 3).mean(axis=(1, 3)).reshape(-1, 3)
+    def reduced(part: np.ndarray) -> np.ndarray:
+        return crop.reduced(part.astype(np.float32) / 255.0).reshape(-1, 3)
 
-    weights, passed = contributions(gaussians, camera, x, F)
+    weights, passed = contributions(gaussians, crop.camera, x, F)
     image = footage.frame(t)
-    behind = reduced(footage.behind(t, image, (x0, y0, x1, y1)))
-    colour = reduced(image[y0:y1, x0:x1]) - passed * behind - 0.5 * np.asarray(weights.sum(axis=1))
-    toward = gaussians.attachment.follow(x) - pose[:3, 3]
+    behind = reduced(footage.behind(t, image, crop.box))
+    colour = reduced(crop.cut(image)) - passed * behind - 0.5 * np.asarray(weights.sum(axis=1))
+    toward = gaussians.attachment.follow(x) - crop.camera.pose(0)[:3, 3]
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     toward = np.einsum("gba,gb->ga", polar_rotations(blended_gradients(gaussians, F)), toward)
     return _Equations(trust, weights, colour.astype(np.float32), np.ascontiguousarray(harmonics(toward, BANDS).T, dtype=np.float32))

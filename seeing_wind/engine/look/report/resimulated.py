@@ -14,7 +14,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from ...masks import Masks, areas
+from ...masks import Masks, areas, box_of, rows_columns
 from ...observe.clip.lens import Lens
 from ...observe.clip.stored import Frames
 from ...observe.clip.video import video_writer
@@ -100,8 +100,8 @@ def write_resimulated(
             writer.write(cv2.cvtColor(image[: height // 2 * 2, : width // 2 * 2], cv2.COLOR_RGB2BGR))
             mask = observation.masks[t]
             if mask.any():
-                rows, columns = _around(mask)
-                likeness.add(t, filmed[rows, columns], image[rows, columns], mask[rows, columns])
+                part = rows_columns(box_of(mask))
+                likeness.add(t, filmed[part], image[part], mask[part])
     return likeness.figures()
 
 
@@ -142,16 +142,10 @@ def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int]
     for number, t in enumerate(frames):
         progress.update(number / len(frames), "likeness to the clip")
         mask, filmed = footage.seen.masks[t], footage.straight(t)
-        rows, columns = _around(mask)
-        box = (columns.start, rows.start, columns.stop, rows.stop)
-        found.add(t, filmed[rows, columns], resimulated(filmed, footage.seen, body, recovery, t, box), mask[rows, columns])
+        box = box_of(mask)
+        part = rows_columns(box)
+        found.add(t, filmed[part], resimulated(filmed, footage.seen, body, recovery, t, box), mask[part])
     return found.figures()
-
-
-def _around(mask: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of the box round a mask (H, W) bool that is not empty."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: Progress | None = None) -> Body:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...conventions import frame_named
 from ...errors import ClipError
-from ...masks import Masks
+from ...masks import Masks, box_of, rows_columns
 from ...progress import Progress
 from .stored import Frames
 
@@ -101,16 +101,15 @@ def _blurred(frames: Frames, masks: Masks, progress: Progress) -> np.ndarray:
     size = float(np.sqrt(max(masks[0].sum(), 1)))
     for t, (frame, mask) in enumerate(zip(frames, masks)):
         progress.check()
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        if not len(rows):
+        if not mask.any():
             continue
-        part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        part = rows_columns(box_of(mask))
         inside = cv2.erode(mask[part].astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
         if inside.sum() < 100:
             continue
         gray = cv2.GaussianBlur(cv2.cvtColor(np.ascontiguousarray(frame[part]), cv2.COLOR_RGB2GRAY), (0, 0), 1.0)
         sharp[t] = cv2.Laplacian(gray, cv2.CV_32F)[inside].var()
-        middle[t] = columns.mean(), rows.mean()
+        middle[t] = np.flatnonzero(mask.any(axis=0)).mean(), np.flatnonzero(mask.any(axis=1)).mean()
     if np.isfinite(sharp).sum() < 3:
         return np.zeros(0, int)
     step = np.linalg.norm(np.gradient(middle, axis=0), axis=1) / size

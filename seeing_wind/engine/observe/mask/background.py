@@ -9,7 +9,7 @@ from functools import cache, cached_property
 import cv2
 import numpy as np
 
-from ...masks import Masks
+from ...masks import Masks, box_of, rows_columns
 from ...progress import Progress
 from ...records import Camera
 from ..clip.shake import surrounding_corners
@@ -224,9 +224,8 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
     doubtful = (away | ~plate.reliable) & ~near
     plate = Plate(plate.color, plate.reliable & ~(around & ~mask & away), plate.noise)
     color, reliable = plate.color, plate.reliable & (cv2.dilate(stayed, np.ones((9, 9), np.uint8)) == 0)
-    rows, columns = np.flatnonzero(doubtful.any(axis=1)), np.flatnonzero(doubtful.any(axis=0))
-    if len(rows):
-        part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    if doubtful.any():
+        part = rows_columns(box_of(doubtful))
         first = np.array(frames[0][part])
         agree = np.zeros(first.shape[:2], np.int32)
         for t in chosen:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ...masks import box_of
+
 Window = tuple[int, int, int, int]
 """x0, y0, x1, y1 [px], the end exclusive; may reach outside the frame."""
 
@@ -60,8 +62,8 @@ class Flow:
 
 def window_of(mask: np.ndarray, margin: int) -> Window:
     """The bounding box of `mask` (H, W) bool, `margin` pixels wider on each side."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return int(columns[0]) - margin, int(rows[0]) - margin, int(columns[-1]) + margin + 1, int(rows[-1]) + margin + 1
+    x0, y0, x1, y1 = box_of(mask)
+    return x0 - margin, y0 - margin, x1 + margin, y1 + margin
 
 
 def joined(window: Window, other: Window | None) -> Window:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ModelError, TakeError
+from ...masks import box_of, rows_columns
 from ...progress import Progress
 from ...reading import parse_json
 from ...records import Observation
@@ -111,10 +112,8 @@ def properties(endpoint: Endpoint, what: dict[str, str], crop: np.ndarray, progr
 
 def cut_out(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """The part of `frame` (H, W, 3) round the object in `mask` (H, W)."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    margin = max(8, round(CROP_MARGIN * max(rows[-1] - rows[0], columns[-1] - columns[0])))
-    top, left = max(0, rows[0] - margin), max(0, columns[0] - margin)
-    return frame[top : rows[-1] + margin + 1, left : columns[-1] + margin + 1]
+    x0, y0, x1, y1 = box_of(mask)
+    return frame[rows_columns(box_of(mask, max(8, round(CROP_MARGIN * (max(x1 - x0, y1 - y0) - 1)))))]
 
 
 def checked(endpoint: Endpoint, question: str, images: list[np.ndarray], check: Callable[[Any], Any], progress: Progress) -> Any:
