@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +14,7 @@ from ...engine.masks import Masks
 from ...engine.record_arrays import from_arrays
 from ...engine.take import Take
 from ..bake.animation import curves_of, make_linear, remove_curves, retime
+from ..clip.inputs.mask import png
 from ..clip.inputs.pace import Pace, pace_of_scene, set_pace_of_images
 from ..scene_units import metres_per_unit
 
@@ -94,18 +93,6 @@ def softened(mask: np.ndarray, pixels: int) -> np.ndarray:
             padded = np.pad(values, [(1, 1) if each == axis else (0, 0) for each in (0, 1)], mode="edge")
             values = sum(w * np.take(padded, np.arange(k, k + mask.shape[axis]), axis=axis) for k, w in enumerate((0.25, 0.5, 0.25)))
     return np.round(255.0 * values).astype(np.uint8)
-
-
-def png(image: np.ndarray) -> bytes:
-    """An image (H, W, 3) uint8 as a PNG file."""
-    height, width, _ = image.shape
-    rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1).tobytes()
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows, 6)) + chunk(b"IEND", b"")
 
 
 def _loaded(first: Path) -> bpy.types.Image:

@@ -8,7 +8,7 @@ All comes from the states, the boxes and the grids of every substep, as `copies_
 from ..compiler import ti
 from ..lattice.conditions import in_box
 from ..laws.constitutive import kirchhoff, kirchhoff_adjoint
-from ..laws.eigen import left_cauchy_green, product, relative_deviator
+from ..laws.eigen import from_columns, left_cauchy_green, product, relative_deviator
 from ..laws.plasticity import VON_MISES, certainly_elastic, hencky_both_ways, plastic_flow_adjoint
 from ..laws.viscous import doubled_rate, is_damped, viscous
 from .packed import (
@@ -27,7 +27,6 @@ from .packed import (
     integers,
     lattice_of,
     lattice_rows,
-    matrix,
     nodes,
     numbers,
     rows,
@@ -187,7 +186,7 @@ def linearise(
         F0, F1, F2 = state[row], state[row + 1], state[row + 2]
         node, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
         corner[s, p] = node
-        w, F, C = spline(f), matrix(F0, F1, F2), matrix(state[row + 3], state[row + 4], state[row + 5])
+        w, F, C = spline(f), from_columns(F0, F1, F2), from_columns(state[row + 3], state[row + 4], state[row + 5])
         for i, a in ti.static(ti.ndrange(3, 3)):
             record[at + WEIGHTS + 3 * i + a] = ti.cast(w[i][a], ti.f32)
             record[at + PULL + 3 * i + a] = ti.cast(dt * F[i, a], ti.f32)
@@ -195,7 +194,7 @@ def linearise(
             record[at + PLACE + a] = ti.cast(f[a], ti.f32)
         tau = stress_derivative(plastic, at + STRESS, own, dx, dt, particle, F, C, record)
         if ti.static(plastic):
-            slope, rate = spline_slope(f), matrix(state[after + 3], state[after + 4], state[after + 5])
+            slope, rate = spline_slope(f), from_columns(state[after + 3], state[after + 4], state[after + 5])
             S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
             for i, a in ti.static(ti.ndrange(3, 3)):
                 record[at + SLOPES + 3 * i + a] = ti.cast(slope[i][a] / dx, ti.f32)

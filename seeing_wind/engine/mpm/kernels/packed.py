@@ -96,18 +96,6 @@ def fourths(a, b, c, fourth):
 
 
 @ti.func
-def matrix(a, b, c):
-    """(3, 3) with the columns a, b, c, of which the fourth numbers are left out."""
-    return ti.Matrix([[a[i], b[i], c[i]] for i in ti.static(range(3))])
-
-
-@ti.func
-def combined(a, b, c, by):
-    """by_0 a + by_1 b + by_2 c: the product of the matrix of columns a, b, c with `by`."""
-    return by[0] * a + by[1] * b + by[2] * c
-
-
-@ti.func
 def base_of(x, offset, inv_dx):
     """First of the three nodes per axis that a particle at x [m] touches, (3,) int."""
     return ti.Vector([ti.floor((x[a] - offset[a]) * inv_dx - 0.5, ti.i32) for a in ti.static(range(3))])

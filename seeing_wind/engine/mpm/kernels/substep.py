@@ -16,6 +16,7 @@ from ..compiler import ti
 from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_velocity
 from ..laws.constitutive import kirchhoff
+from ..laws.eigen import from_columns, times_columns
 from ..laws.plasticity import VON_MISES, plastic_flow
 from ..laws.viscous import is_damped, viscous
 from .packed import (
@@ -27,11 +28,9 @@ from .packed import (
     VISCOSITY,
     VOLUME,
     YIELD_STRESS,
-    combined,
     corner_of,
     fourths,
     gather,
-    matrix,
     scatter,
     triple,
     with_fourth,
@@ -58,7 +57,7 @@ def node_terms(tau, row, push, own, f, particle: ti.template(), state: ti.templa
     moving = [scale * (state[row + 3 + j] + dt * force[push + j]) for j in ti.static(range(3))]
     columns = [moving[j] - k * ti.Vector([tau[0, j], tau[1, j], tau[2, j], 0.0]) for j in ti.static(range(3))]
     X, Y, Z = [with_fourth(columns[j], 0.0) for j in ti.static(range(3))]
-    S = (1.0 / dx) * fourths(columns[0], columns[1], columns[2], scale) - combined(X, Y, Z, f)
+    S = (1.0 / dx) * fourths(columns[0], columns[1], columns[2], scale) - times_columns(X, Y, Z, f)
     return S, X, Y, Z
 
 
@@ -72,9 +71,9 @@ def particle_to_grid(
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
     law = ti.cast(particle[own + LAW], ti.i32)
     mu, lam, viscosity = particle[own + MU], particle[own + LAM], particle[own + VISCOSITY]
-    tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), mu, lam)
+    tau, _known = kirchhoff(plastic, law, from_columns(F0, F1, F2), mu, lam)
     if is_damped(law, viscosity):
-        tau += viscous(matrix(state[row + 3], state[row + 4], state[row + 5]), mu, lam, viscosity)
+        tau += viscous(from_columns(state[row + 3], state[row + 4], state[row + 5]), mu, lam, viscosity)
     S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
     scatter(f, S, X, Y, Z, at, dims, grid)
 
@@ -96,8 +95,8 @@ def grid_to_particle(
     k = 4.0 / dx
     Cx, Cy, Cz = k * (Mx - f[0] * v), k * (My - f[1] * v), k * (Mz - f[2] * v)
     x = x + dt * (free * v + prescribed)
-    F0, F1, F2 = F0 + dt * combined(Cx, Cy, Cz, F0), F1 + dt * combined(Cx, Cy, Cz, F1), F2 + dt * combined(Cx, Cy, Cz, F2)
-    F = matrix(F0, F1, F2)
+    F0, F1, F2 = F0 + dt * times_columns(Cx, Cy, Cz, F0), F1 + dt * times_columns(Cx, Cy, Cz, F1), F2 + dt * times_columns(Cx, Cy, Cz, F2)
+    F = from_columns(F0, F1, F2)
     status, speed_sqr, J = RUNNING, v[0] * v[0] + v[1] * v[1] + v[2] * v[2], F.determinant()
     # Also when one is NaN. What is not finite in C is not in F.
     if not (speed_sqr < 1e30 and ti.abs(J) < 1e30):

@@ -15,13 +15,6 @@ from ...records import Attachment
 from .constants import NOISE
 
 
-def attachment_matrix(attachment: Attachment, particles: int) -> np.ndarray:
-    """Dense (K, N) matrix of an attachment."""
-    matrix = np.zeros((len(attachment.index), particles))
-    np.add.at(matrix, (np.arange(len(matrix))[:, None], attachment.index), attachment.weight)
-    return matrix
-
-
 def noise_of(series: np.ndarray) -> float:
     """Standard deviation of the noise in smooth series (frames, ...), from differences of order 3 to 7 in time.
 

@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline, make_smoothing_spline
 from scipy.spatial.transform import Rotation
 
 from ...records import Particles, PointTargets, Recovery
-from .channels import attachment_matrix, check, noise_of
+from .channels import check, noise_of
 from .constants import NOISE
 
 STEP = 0.25
@@ -119,7 +119,7 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
         UsageError, ObjectError: targets that cannot be right.
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
-    on = attachment_matrix(targets.attachment, len(particles.x)) @ particles.pinned.astype(float) > NOISE.clamp_rides
+    on = targets.attachment.matrix(len(particles.x)) @ particles.pinned.astype(float) > NOISE.clamp_rides
     seen = targets.visible[:, on]
     if len(seen) < NOISE.clamp_frames or on.sum() < 3 or not seen.all():
         return None

@@ -10,7 +10,7 @@ from ...errors import UsageError
 from ...records import Particles, PointTargets
 from ..prior.basis import held_axis, spatial_basis
 from .arc import along_the_curve
-from .channels import attachment_matrix, check, first_speed, noise_of, second_derivative
+from .channels import check, first_speed, noise_of, second_derivative
 from .constants import NOISE
 from .mismatch import point_mismatch
 
@@ -114,7 +114,7 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
     frames, count = targets.visible.shape
-    points = attachment_matrix(targets.attachment, len(particles.x))
+    points = targets.attachment.matrix(len(particles.x))
     start = points @ particles.x
     spread = np.linalg.norm(start - start.mean(axis=0), axis=1).max() if count > 1 else 0.0
     modes = np.ones((count, 1)) if spread < 0.1 * particles.spacing else spatial_basis(start, np.ones(count), NOISE.point_modes).phi

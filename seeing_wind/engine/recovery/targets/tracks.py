@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...records import Camera, Particles, TrackTargets
-from .channels import attachment_matrix, check, first_speed, second_derivative
+from .channels import check, first_speed, second_derivative
 from .constants import NOISE
 from .mismatch import mismatch_covariance
 
@@ -146,7 +146,7 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
     visible = targets.visible & ~edge_on(targets.xy, targets.visible)
     used = np.repeat(visible, 2, axis=1)
     used[0] = False
-    points, factor = attachment_matrix(targets.attachment, len(particles.x)), max(1.0, float(visible.sum(axis=1).mean()))
+    points, factor = targets.attachment.matrix(len(particles.x)), max(1.0, float(visible.sum(axis=1).mean()))
     mismatch = (NOISE.flowing_white, NOISE.flowing_slow) if plastic else (NOISE.track_white, NOISE.track_slow)
     return TrackChannels(targets, points, used, factor, np.ones(used.shape), mismatch=mismatch)
 

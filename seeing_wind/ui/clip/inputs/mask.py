@@ -108,17 +108,20 @@ def polygon_pixels(corners: np.ndarray, width: int, height: int) -> np.ndarray:
 
 def write_png(path: Path, inside: np.ndarray) -> None:
     """A grey PNG of 0 and 255."""
-    height, width = inside.shape
-    rows = np.zeros((height, width + 1), dtype=np.uint8)
-    rows[:, 1:] = 255 * inside
+    with Take(path.parent).writing(path.name) as aside:
+        aside.write_bytes(png(255 * inside.astype(np.uint8)))
+
+
+def png(image: np.ndarray) -> bytes:
+    """A grey image (H, W), or one in colour (H, W, 3), uint8, as a PNG file."""
+    height, width = image.shape[:2]
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1).tobytes()
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows.tobytes())) + chunk(b"IEND", b"")
-    with Take(path.parent).writing(path.name) as aside:
-        aside.write_bytes(content)
+    header = struct.pack(">2I5B", width, height, 8, 0 if image.ndim == 2 else 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
 def _outline(spline: bpy.types.MaskSpline) -> np.ndarray:
