@@ -19,7 +19,7 @@ from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.recovery.prior.basis import spatial_basis
 from tests.engine.mpm.bodies import RUBBER, block
 
-FPS, FRAMES = 30.0, 5
+FPS, FRAMES = 30.0, 4
 
 
 def body(law="corotated", pinned_below=None, shape=(4, 3, 5)):

@@ -143,7 +143,7 @@ def test_the_recovery_is_told_how_sure_the_ties_are(seen: Observation, body: Bod
     assert (targets.visible <= seen.visible).all() and targets.visible[:, first == 0].sum() == seen.visible[:, first == 0].sum()
 
 
-@pytest.mark.parametrize("every", [3, 5])
+@pytest.mark.parametrize("every", [3, pytest.param(5, marks=pytest.mark.slow)])
 def test_a_kill_costs_no_frame_that_was_followed(
     board: tuple[Path, np.ndarray], marked: ObserveSettings, seen: Observation, tmp_path: Path, every: int
 ) -> None:

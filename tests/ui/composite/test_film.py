@@ -39,7 +39,7 @@ def test_the_clips_grain_is_measured_and_put_on_what_is_not_the_clip(scene, tmp_
     assert render(tmp_path / "clean.png")[24:40, 30:44, 1].std() < 1.5
 
 
-@pytest.mark.parametrize("blur", [0.4, 0.9, 1.6])
+@pytest.mark.parametrize("blur", [0.4, pytest.param(0.9, marks=pytest.mark.slow), 1.6])
 def test_the_clips_softness_is_measured_at_the_rim_and_given_to_the_render(scene, tmp_path, blur):
     """A dark square, turned so that its rim falls between the pixels: found to a tenth, and again on a cube that is rendered."""
     fine, finer = 8, 64 * 8

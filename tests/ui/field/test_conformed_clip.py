@@ -111,7 +111,7 @@ def test_the_card_holds_out_the_outline_of_the_frame_that_is_shown(recovered, tm
         assert held[0] == pytest.approx(20 + 2 * clip_frame, abs=2) and held[-1] == pytest.approx(43 + 2 * clip_frame, abs=2), frame
 
 
-@pytest.mark.parametrize("fps", [30, 20])
+@pytest.mark.parametrize("fps", [pytest.param(30, marks=pytest.mark.slow), 20])
 def test_a_camera_that_moves_stands_where_the_frame_that_is_shown_was_taken(recovered, workplace, fps) -> None:
     scene = recovered
     take = Take(Path(scene.seeing_wind.recovered_take))
