@@ -29,7 +29,7 @@ from ..job import takes
 from ..job.take_reading import field_summary, read_seen
 from ..scene_units import metres_per_unit
 from .display import STRIDE, frames_per_second, is_field
-from .node_groups import FRAMES_PER_PICTURE, modifier_input, set_input
+from .node_groups import FRAMES_PER_CLIP_FRAME, modifier_input, set_input
 from .samples import samples_of
 
 
@@ -82,8 +82,8 @@ def set_stride(field: bpy.types.Object, stride: float) -> None:
     field.update_tag()
     for obj in (samples_of(field), *field.children):
         for modifier in obj.modifiers if obj is not None and obj.library is None else ():
-            if modifier.type == "NODES" and modifier_input(modifier, FRAMES_PER_PICTURE) is not None:
-                set_input(modifier, FRAMES_PER_PICTURE, stride)
+            if modifier.type == "NODES" and modifier_input(modifier, FRAMES_PER_CLIP_FRAME) is not None:
+                set_input(modifier, FRAMES_PER_CLIP_FRAME, stride)
 
 
 def _poses(scene: bpy.types.Scene) -> np.ndarray | None:
