@@ -71,7 +71,7 @@ masses = ti.types.ndarray(dtype=ti.f32, ndim=2)
 @ti.kernel
 def node_motion(
     begin: ti.i32, end: ti.i32, capacity: ti.i32, least_mass: ti.f64, boxes: table, momentum: nodes,
-    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, lattice: numbers, window: integers,
+    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, lattice: numbers, bounds: integers,
     inverse_mass: masses, velocity: singles,
 ):  # fmt: skip
     """Out, for substeps `begin` to `end`: inverse_mass (S, nodes), zero for nodes that are clamped or have less than least_mass [kg], and
@@ -80,7 +80,7 @@ def node_motion(
         offset, dx, dt = lattice_of(lattice)
         lo, dims = ti.Vector([boxes[s, a] for a in range(3)]), ti.Vector([boxes[s, 3 + a] for a in range(3)])
         if node < dims[0] * dims[1] * dims[2]:
-            g, c = momentum[bounded(s * capacity + node, MOST_INDEXED)], place(node, lo, dims) - triple(window, CLAMP_LO)
+            g, c = momentum[bounded(s * capacity + node, MOST_INDEXED)], place(node, lo, dims) - triple(bounds, CLAMP_LO)
             stands = False
             if in_box(c, clamp):
                 stands = clamp[c[0], c[1], c[2]] != 0
@@ -88,7 +88,7 @@ def node_motion(
             if g[3] > least_mass and not stands:
                 inverse = 1.0 / g[3]
             inverse_mass[s, node] = ti.cast(inverse, ti.f32)
-            v = node_velocity(node, g, lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid)
+            v = node_velocity(node, g, lo, dims, bounds, offset, dx, clamp, clamp_velocity, planes, solid)
             for a in ti.static(range(3)):
                 velocity[3 * (s * inverse_mass.shape[1] + node) + a] = ti.cast(v[a], ti.f32)
 

@@ -64,22 +64,22 @@ def lattice_of(lattice: ti.template()):
 
 
 @ti.func
-def triple(window: ti.template(), row: ti.template()):
-    """A row of three of the array of integers `window`, see `body.Body`."""
-    return ti.Vector([window[3 * row], window[3 * row + 1], window[3 * row + 2]])
+def triple(bounds: ti.template(), row: ti.template()):
+    """A row of three of the array of integers `bounds`, see `body.Body`."""
+    return ti.Vector([bounds[3 * row], bounds[3 * row + 1], bounds[3 * row + 2]])
 
 
 @ti.func
-def window_of(window: ti.template()):
+def bounds_of(bounds: ti.template()):
     """lo (3,), dims (3,), the box of nodes in use."""
-    d = triple(window, 1)
-    return triple(window, 0), ti.Vector([d[0], bounded(d[1], MOST_NODES_ACROSS), bounded(d[2], MOST_NODES_ACROSS)])
+    d = triple(bounds, 1)
+    return triple(bounds, 0), ti.Vector([d[0], bounded(d[1], MOST_NODES_ACROSS), bounded(d[2], MOST_NODES_ACROSS)])
 
 
 @ti.func
-def node_count(window: ti.template()):
+def node_count(bounds: ti.template()):
     """Nodes in the box of those in use."""
-    d = triple(window, 1)
+    d = triple(bounds, 1)
     return d[0] * d[1] * d[2]
 
 

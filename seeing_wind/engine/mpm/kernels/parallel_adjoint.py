@@ -26,6 +26,7 @@ from .packed import (
     VOLUME,
     YIELD_STRESS,
     bounded,
+    bounds_of,
     constants,
     corner_of,
     flags,
@@ -45,7 +46,6 @@ from .packed import (
     states,
     table,
     triple,
-    window_of,
     with_fourth,
 )
 from .parallel import clear, summed
@@ -124,12 +124,12 @@ def sums(a, b, c):
 
 @ti.func
 def node_to_velocity_adjoint(
-    node, tasks, window: ti.template(), boxes: ti.template(), grid_bar: ti.template(), momentum: ti.template(),
+    node, tasks, bounds: ti.template(), boxes: ti.template(), grid_bar: ti.template(), momentum: ti.template(),
     momentum_bar: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
     solid: ti.template(),
 ):  # fmt: skip
     """v = boundary(q / m): turns the nodes' v_bar into q_bar and m_bar."""
-    lo, dims = window_of(window)
+    lo, dims = bounds_of(bounds)
     s = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, grid_bar)
     g = momentum[node]
     q_bar, m_bar = ti.Vector.zero(float, 3), g[3] * 0.0
@@ -137,7 +137,7 @@ def node_to_velocity_adjoint(
         v = ti.Vector([g[0], g[1], g[2]]) / g[3]
         J = boundary_jacobian(
             place(node, lo, dims), v, offset, dx,
-            triple(window, CLAMP_LO), clamp, planes, triple(window, SOLID_LO), solid,
+            triple(bounds, CLAMP_LO), clamp, planes, triple(bounds, SOLID_LO), solid,
         )  # fmt: skip
         q_bar = J.transpose() @ ti.Vector([s[0], s[1], s[2]]) / g[3]
         m_bar = -q_bar.dot(v)
@@ -197,13 +197,13 @@ def particle_to_grid_adjoint(
 @ti.func
 def grid_to_task_adjoint(
     task, plastic: ti.template(), material, first: ti.template(), particle: ti.template(), state: ti.template(),
-    state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), lattice: ti.template(), window: ti.template(),
+    state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), lattice: ti.template(), bounds: ti.template(),
     boxes: ti.template(), grid_bar: ti.template(),
 ):  # fmt: skip
     """`grid_to_particle_adjoint` of a task's particles, into its own grid."""
     offset, dx, dt = lattice_of(lattice)
-    lo, dims = window_of(window)
-    first_node = clear(task, window, boxes, grid_bar)
+    lo, dims = bounds_of(bounds)
+    first_node = clear(task, bounds, boxes, grid_bar)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         grid_to_particle_adjoint(
@@ -215,11 +215,11 @@ def grid_to_task_adjoint(
 def particles_to_task_adjoint(
     task, plastic: ti.template(), material, first: ti.template(), particle: ti.template(), state: ti.template(),
     state_next: ti.template(), force: ti.template(), bar: ti.template(), force_bar: ti.template(), particle_bar: ti.template(),
-    lattice: ti.template(), window: ti.template(), velocity: ti.template(), momentum_bar: ti.template(),
+    lattice: ti.template(), bounds: ti.template(), velocity: ti.template(), momentum_bar: ti.template(),
 ):  # fmt: skip
     """`particle_to_grid_adjoint` of a task's particles."""
     offset, dx, dt = lattice_of(lattice)
-    lo, dims = window_of(window)
+    lo, dims = bounds_of(bounds)
     for index in range(first[task], first[task + 1]):
         particle_to_grid_adjoint(
             plastic, material, bounded(index, MOST_PARTICLES), particle, state, state_next, force, bar, force_bar, particle_bar,
@@ -237,7 +237,7 @@ def substep_adjoint(
     # derivatives, in: by the next state, out: by this one; those by force and constants are added up
     bar: states, force_bar: forces, particle_bar: constants,
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
-    lattice: numbers, window: integers, boxes: table,
+    lattice: numbers, bounds: integers, boxes: table,
     grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
 ):  # fmt: skip
     """g2p and p2g backwards."""
@@ -245,15 +245,15 @@ def substep_adjoint(
     for turn in range(workers * STRIDE):
         if turn % STRIDE == 0:
             offset, dx, _dt = lattice_of(lattice)
-            lo, dims = window_of(window)
+            lo, dims = bounds_of(bounds)
             worker, tasks = turn // STRIDE, first.shape[0] - 1
             task = take(roster, 0, worker, workers, tasks)
             while task < tasks:
-                begin, end = share(task, tasks, node_count(window))
+                begin, end = share(task, tasks, node_count(bounds))
                 for index in range(begin, end):
                     node = bounded(index, MOST_NODES)
                     velocity[node] = node_velocity(
-                        node, momentum[node], lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid
+                        node, momentum[node], lo, dims, bounds, offset, dx, clamp, clamp_velocity, planes, solid
                     )
                 finish(roster, 0)
                 task = take(roster, 0, worker, workers, tasks)
@@ -261,17 +261,17 @@ def substep_adjoint(
             task = take(roster, 1, worker, workers, tasks)
             while task < tasks:
                 grid_to_task_adjoint(
-                    task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
+                    task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, bounds, boxes, grid_bar
                 )
                 finish(roster, 1)
                 task = take(roster, 1, worker, workers, tasks)
             await_all(roster, 1, tasks)
             task = take(roster, 2, worker, workers, tasks)
             while task < tasks:
-                begin, end = share(task, tasks, node_count(window))
+                begin, end = share(task, tasks, node_count(bounds))
                 for index in range(begin, end):
                     node_to_velocity_adjoint(
-                        bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx,
+                        bounded(index, MOST_NODES), tasks, bounds, boxes, grid_bar, momentum, momentum_bar, offset, dx,
                         clamp, clamp_velocity, planes, solid,
                     )  # fmt: skip
                 finish(roster, 2)
@@ -282,6 +282,6 @@ def substep_adjoint(
             while task < tasks:
                 particles_to_task_adjoint(
                     task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
-                    window, velocity, momentum_bar,
+                    bounds, velocity, momentum_bar,
                 )  # fmt: skip
                 task = take(roster, 3, worker, workers, tasks)

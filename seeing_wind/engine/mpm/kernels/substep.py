@@ -42,7 +42,7 @@ STRIDE = 1024
 """Turns of a kernel's outer loop for each worker, all but one of them empty: the compiler runs loops of less than about a thousand turns on
 one thread."""
 CLAMP_LO, SOLID_LO = 2, 3
-"""Rows of three in an array of integers that kernels call `window`: first nodes of the boxes of clamped and solid nodes."""
+"""Rows of three in an array of integers that kernels call `bounds`: first nodes of the boxes of clamped and solid nodes."""
 
 
 @ti.func
@@ -127,7 +127,7 @@ def place(node, lo, dims):
 
 @ti.func
 def node_velocity(
-    node, g, lo, dims, window: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
+    node, g, lo, dims, bounds: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
     solid: ti.template(),
 ):  # fmt: skip
     """Momentum over mass, and what the boundary makes of it, with the mass."""
@@ -135,6 +135,6 @@ def node_velocity(
     if g[3] > 0.0:
         v = boundary_velocity(
             place(node, lo, dims), ti.Vector([g[0], g[1], g[2]]) / g[3], offset, dx,
-            triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid,
+            triple(bounds, CLAMP_LO), clamp, clamp_velocity, planes, triple(bounds, SOLID_LO), solid,
         )  # fmt: skip
     return ti.Vector([v[0], v[1], v[2], g[3]])
