@@ -14,7 +14,7 @@ from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import read_samples, samples_of
-from tests.ui.composite.pictures import red_cube, render
+from tests.ui.composite.rendering import red_cube, render
 from tests.ui.jobs import notes_of, recover
 
 

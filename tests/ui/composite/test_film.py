@@ -15,7 +15,7 @@ from seeing_wind.engine.take import Take
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.film import grain_of, softness_of
 from seeing_wind.ui.composite.film.softness import softness
-from tests.ui.composite.pictures import red_cube, render
+from tests.ui.composite.rendering import red_cube, render
 
 
 def test_the_clips_grain_is_measured_and_put_on_what_is_not_the_clip(scene, tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from seeing_wind.ui.composite.composite import set_up
 from seeing_wind.ui.composite.hdri import WORLD
 from seeing_wind.ui.composite.light import SKY, SUN
-from tests.ui.composite.pictures import render
+from tests.ui.composite.rendering import render
 
 
 @pytest.fixture

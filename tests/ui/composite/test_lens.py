@@ -17,7 +17,7 @@ from seeing_wind.ui.clip.inputs.lens import straightened
 from seeing_wind.ui.composite.composite import set_up
 from seeing_wind.ui.composite.lens import OUTSIDE, WIDEST, overscan_of, st_map, widened
 from seeing_wind.ui.job.take_reading import field_summary, read_seen
-from tests.ui.composite.pictures import red_cube, render
+from tests.ui.composite.rendering import red_cube, render
 
 LENSES = [(-1.0, 0.2, 0.0, 0.0, 0.0), (0.6, 0.0, 0.04, -0.03, 0.1)]
 

@@ -16,7 +16,7 @@ from seeing_wind.ui.clip.inputs.clips import scene_frame
 from seeing_wind.ui.clip.inputs.pace import Pace, frame_by_frame
 from seeing_wind.ui.composite.composite import set_up
 from seeing_wind.ui.job.take_reading import field_summary, read_seen
-from tests.ui.composite.pictures import render
+from tests.ui.composite.rendering import render
 from tests.ui.edit.edits import state
 from tests.ui.jobs import recover
 from tests.ui.meshes import cube, group, shown
