@@ -158,7 +158,7 @@ def measure(out: Path) -> dict:
         "residual_unit": report["residual_unit"],
         "pinned_moved_mm": pinned_moved(out / "wind.edit.take"),
         "doubled_mass_acceleration": doubled_mass_acceleration(out),
-        "pictures": len(x) + 1,
+        "frames": len(x) + 1,
         "recovery_seconds": report.get("seconds", {}),
     }
 
