@@ -30,8 +30,8 @@ def swirl(points: np.ndarray) -> np.ndarray:
 def outlines() -> list[np.ndarray]:
     """Of the white square of `extension.make_clip`."""
     masks = np.zeros((FRAMES + 1, SIZE[1], SIZE[0]), bool)
-    for picture, mask in enumerate(masks):
-        mask[20:44, 20 + 2 * picture : 44 + 2 * picture] = True
+    for frame, mask in enumerate(masks):
+        mask[20:44, 20 + 2 * frame : 44 + 2 * frame] = True
     return list(masks)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...engine.errors import SeeingWindError, UsageError
 from ...engine.take import Take
-from ..clip.clip_scene import picture_image
+from ..clip.clip_scene import frame_image
 from ..clip.inputs.pace import pace_of_scene
 from ..clip.match import is_factory
 from ..field.display import LEGEND_MARK
@@ -113,7 +113,7 @@ def set_up(
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
     take = Take(takes.shown(settings)) if settings.recovered_take else None
-    picture = _plate(take) if use_plate else None
+    plate_image = _plate(take) if use_plate else None
     mattes = mattes_of(scene, take) if take is not None else None
     depths = _depths(take) if take is not None and mattes is not None else None
     set_focus(scene, depths, fstop, pace_of_scene(scene))
@@ -134,7 +134,7 @@ def set_up(
     softness = _soften(scene, take, soft)
     lens = lens_of(take, tuple(clip.size)) if take is not None else None
     rendered = set_overscan(scene, 1.0 if lens is None else lens.wider)
-    nodes.build(scene, clip, picture, mattes, noise, lens, rendered)
+    nodes.build(scene, clip, plate_image, mattes, noise, lens, rendered)
     for name in (PLATE, IMAGE):
         drop_unused(bpy.data.images, name)
     drop_lenses()
@@ -251,7 +251,7 @@ def _plate(take: Take | None) -> bpy.types.Image:
     plate = _background_of(take)
     if plate is None:
         raise UsageError(f"{take.path} holds no clean plate.", "Run Recover again, or use the clip itself as background.")
-    return picture_image(PLATE, plate)
+    return frame_image(PLATE, plate)
 
 
 def _background_of(take: Take | None) -> np.ndarray | None:

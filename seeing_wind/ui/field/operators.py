@@ -27,7 +27,7 @@ FORMATS = [
 ]
 
 
-def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object:
+def chosen_field(context: bpy.types.Context, name: str) -> bpy.types.Object:
     """The field that is meant: the named one, else a selected one, else the scene's own, else the only one in the scene.
 
     Raises:

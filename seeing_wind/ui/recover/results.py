@@ -233,7 +233,7 @@ def _is_same(candidate: Path, named: Path) -> bool:
 def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.types.Collection) -> bpy.types.Object:
     surface = seen.surface
     obj = create_recovered_object(
-        scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.picture, collection, seen.outline
+        scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.frame, collection, seen.outline
     )
     bake_shape_keys(obj, seen.motion, scene.seeing_wind.frame_start, fps, scene)
     return obj

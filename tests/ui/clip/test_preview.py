@@ -37,10 +37,10 @@ def test_what_is_seen_is_shown_the_worst_first(scene, marked) -> None:
     assert shown[:2] == [("scale", True, "Give one."), ("held place", True, "Give it with Held Places.")]
     assert shown[2:] == [("outline", False, ""), ("time", False, "")]
     assert status.of(scene.session_uid).steps["preview"].message == "Doubtful: scale, held place" and state(scene) == State.DONE
-    picture = marked.previewed_picture
-    assert Path(bpy.path.abspath(picture.filepath)) == Path(marked.take) / "preview.png" and tuple(picture.size) == (1, 1)
+    image = marked.preview_image
+    assert Path(bpy.path.abspath(image.filepath)) == Path(marked.take) / "preview.png" and tuple(image.size) == (1, 1)
     assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
-    assert len(marked.verdicts) == 4 and marked.previewed_picture == picture and len(bpy.data.images) == 1
+    assert len(marked.verdicts) == 4 and marked.preview_image == image and len(bpy.data.images) == 1
 
 
 def test_the_panel_offers_the_held_place_that_was_seen_until_one_is_marked(scene, marked) -> None:

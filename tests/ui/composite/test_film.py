@@ -18,7 +18,7 @@ from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.film import grain_of, keep_focus, set_focus, softness_of
 from seeing_wind.ui.composite.film.focus import FOCUS
 from seeing_wind.ui.composite.film.softness import softness
-from tests.ui.composite.pictures import red_cube, render
+from tests.ui.composite.rendering import red_cube, render
 
 
 def test_the_clips_grain_is_measured_and_put_on_what_is_not_the_clip(scene, tmp_path):
@@ -42,22 +42,22 @@ def test_the_clips_grain_is_measured_and_put_on_what_is_not_the_clip(scene, tmp_
     assert render(tmp_path / "clean.png")[24:40, 30:44, 1].std() < 1.5
 
 
-@pytest.mark.parametrize("blur", [0.4, 0.9, 1.6])
+@pytest.mark.parametrize("blur", [0.4, pytest.param(0.9, marks=pytest.mark.slow), 1.6])
 def test_the_clips_softness_is_measured_at_the_rim_and_given_to_the_render(scene, tmp_path, blur):
     """A dark square, turned so that its rim falls between the pixels: found to a tenth, and again on a cube that is rendered."""
     fine, finer = 8, 64 * 8
     rows, columns = np.mgrid[:finer, : 96 * fine] / fine - np.array([32.0, 48.0])[:, None, None]
     inside = np.maximum(np.abs(rows * 0.96 + columns * 0.28), np.abs(columns * 0.96 - rows * 0.28)) < 18.0
     blurred = cv2.GaussianBlur(np.where(inside, 0.08, 0.35), (0, 0), blur * fine)[fine // 2 :: fine, fine // 2 :: fine]
-    picture = np.round(255.0 * (1.055 * blurred ** (1 / 2.4) - 0.055)).astype(np.uint8)[..., None].repeat(3, axis=2)
+    frame = np.round(255.0 * (1.055 * blurred ** (1 / 2.4) - 0.055)).astype(np.uint8)[..., None].repeat(3, axis=2)
     mask = inside[fine // 2 :: fine, fine // 2 :: fine]
-    found = softness(picture, mask)
+    found = softness(frame, mask)
     assert found == pytest.approx(blur, rel=0.1, abs=0.06)
-    assert softness(picture * 0 + 99, mask) == 0.0, "nothing is seen of a rim"
+    assert softness(frame * 0 + 99, mask) == 0.0, "nothing is seen of a rim"
     take = Take(Path(scene.seeing_wind.recovered_take))
     arrays = take.read_arrays("observation.npz")
     count = len(from_arrays(Masks, arrays, "masks."))
-    take.write_arrays("observation.npz", arrays | {"image": picture} | to_arrays(Masks.of([mask] * count), "masks."))
+    take.write_arrays("observation.npz", arrays | {"image": frame} | to_arrays(Masks.of([mask] * count), "masks."))
     assert softness_of(take) == found
     red_cube(scene)
     cube = bpy.context.object

@@ -49,8 +49,8 @@ def test_solvers_step_to_a_frame_with_the_force_of_the_middle_of_that_step(scene
 
 def test_between_frames_the_force_of_that_interval_acts(scene) -> None:
     field = numbered(scene)
-    for frame, picture in ((START + 1.0, 0), (START + 1.25, 1), (START + 2.0, 1), (START + 2.75, 2)):
-        assert felt(field, scene, frame) == pytest.approx(picture, abs=1e-4)
+    for frame, clip_frame in ((START + 1.0, 0), (START + 1.25, 1), (START + 2.0, 1), (START + 2.75, 2)):
+        assert felt(field, scene, frame) == pytest.approx(clip_frame, abs=1e-4)
 
 
 @pytest.mark.parametrize("fps", [24, 48, 30])

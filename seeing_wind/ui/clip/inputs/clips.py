@@ -10,7 +10,7 @@ from pathlib import Path
 
 import bpy
 
-from ....engine.conventions import PICTURE_SUFFIXES, is_sequence, pictures_of
+from ....engine.conventions import IMAGE_SUFFIXES, image_files, is_sequence
 from ....engine.errors import ClipError
 from ...user_paths import absolute
 from .pace import Pace, pace_of, set_pace
@@ -18,7 +18,7 @@ from .pace import Pace, pace_of, set_pace
 PLACED = "seeing_wind_placed"
 """Custom property of the clips that we have loaded."""
 
-PICTURES = {*PICTURE_SUFFIXES, ".dpx"}
+IMAGES = {*IMAGE_SUFFIXES, ".dpx"}
 PIECES, PIECE = 16, 4096
 """Of a file, by which a changed one is known from a copy, and bytes of each."""
 
@@ -95,9 +95,9 @@ def load_clip(path: str) -> bpy.types.MovieClip:
     return clip
 
 
-def start_of(clip: bpy.types.MovieClip, picture: int, otherwise: int) -> int:
+def start_of(clip: bpy.types.MovieClip, clip_frame: int, otherwise: int) -> int:
     """Scene frame of a frame of a clip's file: where the user has put it, or `otherwise` for a clip that we have loaded."""
-    return otherwise if clip.get(PLACED) else scene_frame(clip, picture)
+    return otherwise if clip.get(PLACED) else scene_frame(clip, clip_frame)
 
 
 def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
@@ -116,26 +116,26 @@ def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     return clip
 
 
-def first_picture(settings: bpy.types.PropertyGroup) -> int:
+def first_clip_frame(settings: bpy.types.PropertyGroup) -> int:
     """Index in the file of the first frame that is used."""
     return settings.frames[0] if settings.use_frames else 0
 
 
-def scene_frame(clip: bpy.types.MovieClip, picture: int) -> int:
+def scene_frame(clip: bpy.types.MovieClip, clip_frame: int) -> int:
     """Scene frame at which Blender shows a frame of the clip's file."""
     first, pace = pace_of(clip)
-    return pace.frame_of(picture - first)
+    return pace.frame_of(clip_frame - first)
 
 
-def marker_frame(clip: bpy.types.MovieClip, picture: int) -> int:
+def marker_frame(clip: bpy.types.MovieClip, clip_frame: int) -> int:
     """Frame number by which the clip's markers and solved cameras call a frame of its file."""
-    return picture - clip.frame_offset + 1
+    return clip_frame - clip.frame_offset + 1
 
 
 def as_pattern(path: str) -> str:
     """The path of a video as it is; that of one image of a sequence as the pattern of all, which the engine reads."""
     place = Path(path)
-    if place.suffix.lower() not in PICTURES or "%" in place.name or "*" in place.name:
+    if place.suffix.lower() not in IMAGES or "%" in place.name or "*" in place.name:
         return path
     numbers = list(re.finditer(r"\d+", place.stem))
     if not numbers:
@@ -148,7 +148,7 @@ def as_pattern(path: str) -> str:
 def files_of(path: str) -> list[Path]:
     """The files of a clip in their order: the video itself, or the images that the engine reads for a folder, pattern or image."""
     pattern = as_pattern(path)
-    return (pictures_of(pattern) if is_sequence(pattern) else []) or [Path(path)]
+    return (image_files(pattern) if is_sequence(pattern) else []) or [Path(path)]
 
 
 def opened_by(path: str) -> str:

@@ -9,7 +9,7 @@ from ...job import status
 from ...job.panel_pieces import Tab, columns, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
 from ...job.status import State
 from ...option_properties import panel_options
-from .preview import FILM, PICTURE
+from .preview import FILM, IMAGE
 
 
 class ObjectTab(Tab):
@@ -93,7 +93,7 @@ def _draw_corrections(column, settings) -> None:
     row.operator("seeing_wind.correct_outline", text="Point off Object", icon="REMOVE").beside = True
     for point in settings.corrections[-3:]:
         where = f"{'off' if point.beside else 'on'} the object at {point.place[0]:.0f}, {point.place[1]:.0f} px"
-        body.label(text=f"Clip frame {point.picture}: {where}", icon="REMOVE" if point.beside else "ADD")
+        body.label(text=f"Clip frame {point.clip_frame}: {where}", icon="REMOVE" if point.beside else "ADD")
     if count:
         body.operator("seeing_wind.clear_corrections", icon="X")
     body.prop(settings, "outline_data", text="Blender Mask")
@@ -125,11 +125,11 @@ def _draw_preview(layout, context, settings) -> None:
     body = fold(layout, "preview", "What Is Seen", closed=False)
     if body is None:
         return
-    picture = settings.previewed_picture
-    if picture is not None and picture.preview is not None:
-        body.template_icon(icon_value=picture.preview.icon_id, scale=8.0)
+    image = settings.preview_image
+    if image is not None and image.preview is not None:
+        body.template_icon(icon_value=image.preview.icon_id, scale=8.0)
     row = body.row(align=True)
-    for name, text, icon in ((PICTURE, "Image", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
+    for name, text, icon in ((IMAGE, "Image", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
         row.operator("wm.path_open", text=text, icon=icon).filepath = f"{settings.previewed_take}/{name}"
     marked = bool(settings.pin) if settings.held_mode == "FILE" else ready
     for verdict in settings.verdicts:

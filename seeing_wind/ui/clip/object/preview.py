@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Clip = tuple[str, dict[str, Any], tuple[View, ...]]
     Marked = tuple[dict[str, Any], tuple[SceneInput, ...]]
 
-PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
+IMAGE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 """What the engine leaves in the take."""
 
 
@@ -65,7 +65,7 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
             verdict.doubtful = each["severity"] > 0.0
         settings.previewed_take, settings.previewed_digest, settings.foreseen_digest = str(self.folder), self.digest, self.foreseen
         settings.proposed_pin = str(self.folder / HELD) if HELD in result.get("files", []) else ""
-        settings.previewed_picture = _loaded(self.folder / PICTURE)
+        settings.preview_image = _loaded(self.folder / IMAGE)
         doubtful = [verdict.name for verdict in settings.verdicts if verdict.doubtful]
         return f"Doubtful: {', '.join(doubtful)}" if doubtful else "All that is seen looks good"
 

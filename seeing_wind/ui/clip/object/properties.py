@@ -68,7 +68,7 @@ class SEEING_WIND_PG_verdict(bpy.types.PropertyGroup):
 class SEEING_WIND_PG_correction(bpy.types.PropertyGroup):
     """A point by which the outline is corrected in one frame."""
 
-    picture: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
+    clip_frame: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
     place: FloatVectorProperty(name="Place (px)", size=2, description="From the left and from the top")
     beside: BoolProperty(name="Off the Object", description="The point is not on the object")
 
@@ -97,7 +97,7 @@ class ObjectSettings:
     previewed_take: StringProperty(
         name="Previewed Take", subtype="FILE_PATH", options=PATH, description="Folder that the preview is in"
     )
-    previewed_picture: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
+    preview_image: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
     previewed_digest: StringProperty(description="Of the settings that the preview was made with")
     foreseen_digest: StringProperty(description="Of those that it foresaw the solve with")
     proposed_pin: StringProperty(

@@ -36,7 +36,7 @@ STILL = 1e-6
 
 
 def export_edit(
-    request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path, preview: bool = False
+    request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path, preview: bool
 ) -> tuple[Path, list[str]]:
     """Write an edit of `scene` into `folder`. Returns the path of its edit.toml, and what the user should know of it.
 
