@@ -7,11 +7,11 @@ ENGINE := .venv-engine
 TESTS := .venv-tests
 # What needs bpy. Every other test runs in the engine's environment.
 BLENDER_TESTS := tests/ui tests/test_whole_job.py
-# A process more than there are cores, as many tests wait for a worker that they have started; the tests of a file stay together, as they share
-# fixtures. ALL=1: those marked `slow`, too. What several threads
-# of the solver do together (CREW) is tried first, in one process that has all cores.
+# A process for each core in either suite: the two run side by side, as many tests wait for a worker that they have started. The tests of a
+# file stay together, as they share fixtures. ALL=1: those marked `slow`, too. What several threads of the solver do together (CREW) is tried
+# in one process that has all cores.
 CREW := tests/engine/mpm/test_crew.py tests/engine/mpm/test_launches.py tests/engine/mpm/shell/test_cholesky.py
-PYTEST = -m pytest -n $(shell echo $$(($$(nproc) + 1))) --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
+PYTEST = -m pytest -n $(shell nproc) --dist loadfile --no-loadscope-reorder --durations=25 $(if $(ALL),,-m "not slow")
 DEMO := build/demo
 KERNELS := $(CURDIR)/build/kernels
 
@@ -118,17 +118,23 @@ build/kernels/.complete: $(TESTS)/.complete $(wildcard seeing_wind/engine/mpm/*.
 	TI_OFFLINE_CACHE_FILE_PATH=$(KERNELS) $(TESTS)/bin/python tests/kernels.py
 	@touch $@
 
-test quick-recover demo scenes: export TI_OFFLINE_CACHE_FILE_PATH := $(KERNELS)
+test test-engine test-panel quick-recover demo scenes: export TI_OFFLINE_CACHE_FILE_PATH := $(KERNELS)
 # Compiled modules are kept, also where the shell forbids it: four seconds of every process of the tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Linting and compiling take a core each. A lock that a killed process left would keep the cache as it is for good.
+# Two lanes side by side, the engine's and the panel's: compiling the kernels takes one core, and so do the last tests of a suite. What the
+# panel's lane has to say comes when it ends. A lock that a killed process left would keep the cache as it is for good.
 test: setup
 	@rm -f $(KERNELS)/*.lock
-	@$(MAKE) --no-print-directory -j 2 --output-sync=target lint build/kernels/.complete
+	@$(MAKE) --no-print-directory -j 2 test-engine test-panel
+
+test-engine: build/kernels/.complete
 	$(TESTS)/bin/python -m pytest $(CREW)
 	$(TESTS)/bin/python $(PYTEST) tests $(BLENDER_TESTS:%=--ignore=%) $(CREW:%=--ignore=%)
-	$(PY) $(PYTEST) $(BLENDER_TESTS)
+
+test-panel: lint
+	@mkdir -p build
+	@$(PY) $(PYTEST) $(BLENDER_TESTS) > build/test-panel.log 2>&1; status=$$?; cat build/test-panel.log; exit $$status
 
 test-all:
 	$(MAKE) test ALL=1
@@ -206,4 +212,4 @@ film: setup
 clean:
 	rm -rf build
 
-.PHONY: help docs references sensitivity setup lock quick-recover quick-recover-matrix demo scenes lint test test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots solvers winds film clean
+.PHONY: help docs references sensitivity setup lock quick-recover quick-recover-matrix demo scenes lint test test-engine test-panel test-all farm-test test-quadrants faults extension tables benchmark-mpm benchmark-shells benchmark-compilers benchmark-report cli-reference screenshots solvers winds film clean

@@ -14,9 +14,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.damping import substeps_for, with_retardation
 from seeing_wind.engine.mpm.model import Model
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.records import Material, Particles
 
 THICK, SLENDER, MODULUS, DENSITY = 0.06, 6, 1e5, 500.0

@@ -26,9 +26,10 @@ sys.path.insert(0, str(ROOT))
 from benchmarks.peers.ours import model_of, seconds, state_of  # noqa: E402
 from benchmarks.peers.problem import LAWS, Problem, cube  # noqa: E402
 from benchmarks.threads import scaling  # noqa: E402
-from seeing_wind.engine.mpm import State, rollout  # noqa: E402
 from seeing_wind.engine.mpm.autograd import simulate  # noqa: E402
 from seeing_wind.engine.mpm.body import Body  # noqa: E402
+from seeing_wind.engine.mpm.rollout import rollout  # noqa: E402
+from seeing_wind.engine.mpm.state import State  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 
 GRID = 64

@@ -30,7 +30,7 @@ from seeing_wind.engine.progress import NoProgress  # noqa: E402
 from seeing_wind.engine.records import Camera, Material, Particles, Recovery, TrackTargets  # noqa: E402
 from seeing_wind.engine.recovery.prior import learning as beliefs  # noqa: E402
 from seeing_wind.engine.recovery.recover import recover  # noqa: E402
-from seeing_wind.engine.recovery.solve import window  # noqa: E402
+from seeing_wind.engine.recovery.solve import block  # noqa: E402
 from seeing_wind.engine.settings import RecoverSettings  # noqa: E402
 
 FPS, LENGTH, THICKNESS, DENSITY = 30.0, 0.28, 0.016, 400.0
@@ -113,7 +113,7 @@ def row(gust: Gust, seed: int) -> list[float]:
         return recover(body, material, [tracks], FPS, settings, NoProgress())
 
     now = recovered()
-    with mock.patch.object(window, "STRAYED", math.inf), mock.patch.object(beliefs, "UNEXPLAINED", math.inf):
+    with mock.patch.object(block, "STRAYED", math.inf), mock.patch.object(beliefs, "UNEXPLAINED", math.inf):
         before = recovered()
     off = [1e3 * float(np.sqrt(((one.x - x)[:, free, 1] ** 2).mean())) for one in (now, before)]
     errors = [field_errors(force, one.force_density, free) for one in (now, before)]

@@ -18,7 +18,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from seeing_wind.engine.materials import MATERIALS  # noqa: E402
-from seeing_wind.engine.mpm import State, model_for, rollout_batch  # noqa: E402
+from seeing_wind.engine.mpm.batch import rollout_batch  # noqa: E402
+from seeing_wind.engine.mpm.model_for import model_for  # noqa: E402
+from seeing_wind.engine.mpm.state import State  # noqa: E402
 from seeing_wind.engine.mpm.tangent import Changes, tangents  # noqa: E402
 from seeing_wind.engine.progress import NoProgress  # noqa: E402
 from seeing_wind.engine.records import Particles  # noqa: E402

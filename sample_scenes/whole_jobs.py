@@ -90,7 +90,7 @@ def measure(folder: Path) -> dict:
         "magnitude_percent": found[0], "direction_degrees": found[1],
         "uniform_magnitude_percent": uniform[0], "uniform_direction_degrees": uniform[1],
         "residual_median": report["residual"]["median"], "residual_unit": report["residual_unit"],
-        "pinned_moved_mm": float(1000.0 * np.linalg.norm(still - still[0], axis=-1).max()), "pictures": len(x) + 1,
+        "pinned_moved_mm": float(1000.0 * np.linalg.norm(still - still[0], axis=-1).max()), "frames": len(x) + 1,
     }  # fmt: skip
 
 
@@ -98,7 +98,7 @@ def summary(name: str, figures: dict) -> str:
     """Some lines for people."""
     differs, moved = max(figures["differs_m"].values()), figures["moved_m"]["Ribbon"]
     return (
-        f"{name}, {figures['pictures']} frames, Blender {figures['blender']}, {figures['seconds']:.0f} s\n"
+        f"{name}, {figures['frames']} frames, Blender {figures['blender']}, {figures['seconds']:.0f} s\n"
         f"  wind off by {figures['magnitude_percent']:.1f} % and {figures['direction_degrees']:.1f} degrees "
         f"(a uniform one with the right net force: {figures['uniform_magnitude_percent']:.1f} %, "
         f"{figures['uniform_direction_degrees']:.1f} degrees)\n"

@@ -94,7 +94,7 @@ class Server:
     def question(self, index: int) -> str:
         return self.asked[index]["messages"][0]["content"][0]["text"]
 
-    def pictures(self, index: int) -> list[str]:
+    def images(self, index: int) -> list[str]:
         return [part["image_url"]["url"] for part in self.asked[index]["messages"][0]["content"][1:]]
 
     def close(self) -> None:

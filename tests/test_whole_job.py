@@ -27,5 +27,5 @@ def test_the_whole_job_plays_on_in_a_blender_without_the_extension(tmp_path) -> 
     figures = whole_jobs.whole_job(name, tmp_path / name, quick=True)
     assert max(figures["differs_m"].values()) < 1e-5 and set(figures["differs_m"]) > {"Ribbon", "Recovered Object"}
     assert min(figures["moved_m"].values()) > 1e-3 and figures["pinned_moved_mm"] < 0.1
-    assert figures["pictures"] == 5 and (tmp_path / name / "job.json").is_file()
+    assert figures["frames"] == 5 and (tmp_path / name / "job.json").is_file()
     assert "without the extension" in whole_jobs.summary(name, figures)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors
-from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.look.splatting import render_gaussians
 from seeing_wind.engine.record_arrays import from_arrays
 from seeing_wind.engine.records import Body
 from seeing_wind.engine.take import VERSION as ENGINE
@@ -191,7 +191,7 @@ def _seen_again(scene: Scene, row: Row, take: Path) -> np.ndarray:
         return pictures(scene, 0, recovered_vertices(scene, x))
     camera, behind = scene.cameras[0], backdrop(scene.cameras[0])
     body = from_arrays(Body, Take(take).read_arrays("particles.npz"))
-    return np.stack([over(*picture(body.gaussians, camera, 0, x[t], F[t]), behind) for t in range(len(x))])
+    return np.stack([over(*render_gaussians(body.gaussians, camera, 0, x[t], F[t]), behind) for t in range(len(x))])
 
 
 def _keep(path: Path, scene: Scene, want: np.ndarray, seen: np.ndarray, got: np.ndarray) -> None:

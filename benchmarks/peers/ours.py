@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from seeing_wind.engine.mpm import State
 from seeing_wind.engine.mpm.lattice.boundary import FREE
 from seeing_wind.engine.mpm.laws.constitutive import LAWS as NUMBERS
 from seeing_wind.engine.mpm.model import Model
+from seeing_wind.engine.mpm.state import State
 
 from .problem import Problem
 

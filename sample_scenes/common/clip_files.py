@@ -12,7 +12,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from backdrop import make_backdrop
 from in_blender import BlenderFailed, command, run
 
 from seeing_wind.engine.conventions import GRAVITY, front_view
@@ -20,7 +19,7 @@ from seeing_wind.engine.errors import SeeingWindError
 from seeing_wind.engine.field.analytic import ForceFieldAnalytic
 from seeing_wind.engine.records import Camera, Material, Particles
 
-RENDER = Path(__file__).with_name("render.py")
+MEADOW, RENDER = (Path(__file__).with_name(name) for name in ("meadow.py", "render.py"))
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ def options(about: str, argv: list[str] | None, *, seed: int, frames: int, fps: 
     parser.add_argument("--spacing", type=float, default=spacing, metavar="M", help="of the particles [m]")
     parser.add_argument("--samples", type=int, default=samples, help="of Cycles, per pixel")
     parser.add_argument("--blender", metavar="PATH", help="instead of BLENDER=, the one on the PATH, or the bpy wheel")
-    parser.add_argument("--no-render", action="store_true", help="all but clip.mp4")
+    parser.add_argument("--no-render", action="store_true", help="all but backdrop.png and clip.mp4")
     chosen = parser.parse_args(argv)
     try:
         chosen.size = tuple(int(part) for part in chosen.size.lower().split("x"))
@@ -90,9 +89,10 @@ def build(chosen: argparse.Namespace, film: Callable[[], Filmed], summary: Calla
         if not chosen.no_render:
             command(RENDER, [], chosen.blender)  # a Blender that is missing is told before the work
         filmed = film()
-        write(out, filmed, chosen.seed, chosen.samples)
+        write(out, filmed, chosen.samples)
         simulated = time.perf_counter()
         if not chosen.no_render:
+            run(MEADOW, [str(out.resolve()), str(chosen.seed), str(filmed.distance)], chosen.blender)
             run(RENDER, [str(out.resolve())], chosen.blender)
     except (SeeingWindError, BlenderFailed) as error:
         print(error, file=sys.stderr)
@@ -124,14 +124,14 @@ def first_mask(filmed: Filmed, chosen: np.ndarray | slice = slice(None)) -> np.n
     return mask
 
 
-def write(out: Path, filmed: Filmed, seed: int, samples: int) -> None:
-    """All files but the clip.
+def write(out: Path, filmed: Filmed, samples: int) -> None:
+    """All files but the clip and what stands behind it.
 
     Raises:
         SeeingWindError: what is held is not in the frame, or a file cannot be written.
     """
     camera, material, mask = filmed.camera, filmed.material, first_mask(filmed)
-    pictures = {"mask_0000": mask, "texture": filmed.picture[:, :, ::-1], "backdrop": make_backdrop(seed)[:, :, ::-1]}
+    pictures = {"mask_0000": mask, "texture": filmed.picture[:, :, ::-1]}
     if filmed.held is not None:
         pictures["held_0000"] = first_mask(filmed, filmed.held)
         if not pictures["held_0000"].any():

@@ -3,7 +3,7 @@
     blender -b --factory-startup --python render.py -- DIR         or         python render.py DIR
 
 DIR holds what make.py wrote: scene.npz (vertices (T+1,V,3) m, triangles, uv, fps, samples; perhaps stand_vertices,
-stand_triangles and stand_colour of what stands still beside it), camera.json, texture.png, backdrop.png.
+stand_triangles and stand_colour of what stands still beside it), camera.json, texture.png, and backdrop.png of meadow.py.
 The result is DIR/clip.mp4.
 """
 
@@ -17,8 +17,8 @@ import numpy as np
 
 SUN = (math.radians(48.0), math.radians(-12.0), math.radians(-38.0))
 """Euler angles of the sun: high, over the camera's left shoulder."""
-BACKDROP_DEPTH = 9.0
-"""Metres from the camera to the painted backdrop."""
+BACKDROP_DEPTH, BEYOND = 9.0, 1.05
+"""Metres from the camera to the backdrop, and its size over that of the view."""
 
 
 def main(folder: Path) -> None:
@@ -141,12 +141,14 @@ def _blank(name: str):
 
 
 def hang_backdrop(held, camera: dict, material) -> None:
-    """A plane that fills the camera's view exactly, seen by the camera only: it neither lights nor shades anything."""
-    right, up = BACKDROP_DEPTH * camera["width"] / camera["fx"] / 2, BACKDROP_DEPTH * camera["height"] / camera["fy"] / 2
+    """A plane that fills the camera's view and some more, which the pixels on the border see too, with the frame exactly in the view. It is
+    seen by the camera only: it neither lights nor shades anything."""
+    right, up = (BEYOND * BACKDROP_DEPTH * camera[side] / camera[focal] / 2 for side, focal in (("width", "fx"), ("height", "fy")))
+    low, high = 0.5 - 0.5 * BEYOND, 0.5 + 0.5 * BEYOND
     mesh = bpy.data.meshes.new("backdrop")
     mesh.from_pydata([(-right, -up, 0), (right, -up, 0), (right, up, 0), (-right, up, 0)], [], [(0, 1, 2, 3)])
     layer = mesh.uv_layers.new(name="UVMap")
-    layer.data.foreach_set("uv", [0, 0, 1, 0, 1, 1, 0, 1])
+    layer.data.foreach_set("uv", [low, low, high, low, high, high, low, high])
     mesh.materials.append(material)
     plane = bpy.data.objects.new("backdrop", mesh)
     plane.parent, plane.location = held, (0.0, 0.0, -BACKDROP_DEPTH)

@@ -12,8 +12,9 @@ import bpy
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE), str(HERE.parents[1])]  # the source tree
+sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]  # the source tree
 
+from meadow import F_STOP  # noqa: E402
 from washing import blank, hang_cloth, hang_line, new_mesh, place_on, woven  # noqa: E402
 
 import seeing_wind.ui as ui  # noqa: E402
@@ -35,10 +36,12 @@ DENSITY = 400.0
 """Of the leaves that fly, as dense as the filmed one [kg/m³], so that the same wind carries them."""
 LEAF, FIRST, SECOND = 0.40, (0.27, 0.02, -0.05), (-0.38, -0.05, 0.10)
 """Size of the two leaves that are simulated over that of the filmed one, and where they begin [m]."""
-SAMPLES = 16
-"""Of Cycles, per pixel."""
-LEAVES, SMALL = 24, (0.11, 0.24)
+SAMPLES = 24
+"""Of Cycles, per pixel: what is out of focus needs more than the rest."""
+LEAVES, SMALL = 44, (0.12, 0.26)
 """Native particles, and their size over that of the filmed leaf."""
+AWAY, ACROSS, UP = (1.35, 4.8), (-0.50, 0.52), (-0.08, 0.36)
+"""Where they begin: away from the camera [m], right of its axis and above it [parts of that]."""
 BACKSIDE = (0.60, 0.42, 0.22)
 """Colour of a leaf's lower side, linear: paler and duller."""
 
@@ -55,7 +58,7 @@ def main(folder: Path) -> None:
     done(bpy.ops.seeing_wind.bake())
     add_leaves(scene, folder)
     # make.py's camera has no shutter: its frames are sharp
-    done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0))
+    done(bpy.ops.seeing_wind.set_up_composite(samples=SAMPLES, shutter=0.0, fstop=F_STOP))
     scene.frame_set(scene.frame_start)
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "demo.blend"), compress=True)
     say("rendering edited.mp4")
@@ -122,10 +125,14 @@ def insert_leaves(scene, folder: Path) -> None:
 
 
 def add_leaves(scene, folder: Path) -> None:
-    """A native particle system, moved by the field object and gravity as matter of the recovered density."""
-    field = scene.seeing_wind.field_object
-    rng = np.random.default_rng(5)
-    places = rng.uniform([-0.45, -0.10, -0.30], [0.85, 0.12, 0.22], (LEAVES, 3)) + start_of(scene.seeing_wind.recovered_object)
+    """A native particle system, moved by the field object and gravity as matter of the recovered density. It begins nearer to the camera
+    than the filmed leaf and goes on far behind it, where the wind is taken to be as at the edge of what is known."""
+    field, rng = scene.seeing_wind.field_object, np.random.default_rng(5)
+    scene.seeing_wind.field_reach = "HOLD"
+    done(bpy.ops.seeing_wind.apply_to_field())
+    away = rng.uniform(*AWAY, LEAVES)
+    ahead = np.stack([away * rng.uniform(*ACROSS, LEAVES), away, away * rng.uniform(*UP, LEAVES)], axis=1)
+    places = np.array(scene.camera.matrix_world.translation) + ahead
     mesh = bpy.data.meshes.new("Leaves")
     mesh.from_pydata(places.tolist(), [], [])
     emitter = bpy.data.objects.new("Leaves", mesh)

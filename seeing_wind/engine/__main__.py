@@ -22,10 +22,10 @@ from typing import Any, TextIO
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 os.environ.setdefault("OPENBLAS_THREAD_TIMEOUT", "4")
 
-from .conventions import LARGEST_PICTURE  # noqa: E402
+from .conventions import LARGEST_IMAGE  # noqa: E402
 
 # Images that are larger are refused by their header, before anything is allocated. Read when OpenCV loads.
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_PICTURE))
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(LARGEST_IMAGE))
 # FFmpeg talks on stderr of every encoder that this machine has not; what went wrong is told in sentences.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 GRAVITY = (0.0, 0.0, -9.81)
 """Standard gravity in Blender's world [m/s²]."""
 
-LARGEST_PICTURE = 2**26
+LARGEST_IMAGE = 2**26
 """Pixels, eight thousand squared: what is larger is a mistake or a header that lies, and is not decoded."""
 
 FARTHEST = 2e7
@@ -81,7 +81,7 @@ def lame(youngs_modulus: float, poisson_ratio: float) -> tuple[float, float]:
     return mu, lam
 
 
-PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr"}
+IMAGE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".exr"}
 
 
 def is_sequence(path: str) -> bool:
@@ -91,11 +91,11 @@ def is_sequence(path: str) -> bool:
     return Path(path).is_dir() or "*" in path or re.search(r"%0?\d*d", Path(path).name) is not None
 
 
-def pictures_of(path: str) -> list[Path]:
+def image_files(path: str) -> list[Path]:
     """The files of a sequence, ordered by the numbers in their names; none where there are none."""
     place = Path(path)
     if place.is_dir():
-        files = [file for file in place.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES]
+        files = [file for file in place.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES]
     elif "*" in path:
         files = list(place.parent.glob(place.name)) if place.parent.is_dir() else []
     else:
@@ -119,6 +119,8 @@ UNHELD = "Nothing was marked as held"
 """How the note begins on a force that only answers gravity: the panel offers what mends it."""
 HELD_PLACE = "held place"
 """What a preview's verdict on it is about: likewise."""
+BODY, TIME = "body", "time"
+"""What its verdicts on the solve are about: they hold only for the material and the held place that it was told."""
 
 
 def constant(value: Any, unit: str, reason: str, source: str) -> Any:

@@ -108,9 +108,8 @@ class Packing:
         if self._shape and mask.shape != self._shape:
             raise ValueError(f"masks of {self._shape} and {mask.shape}")
         self._shape = mask.shape
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        window = (columns[0], rows[0], columns[-1] + 1, rows[-1] + 1) if len(rows) else (0, 0, 0, 0)
-        bits = np.packbits(mask[window[1] : window[3], window[0] : window[2]])
+        window = box_of(mask)
+        bits = np.packbits(mask[rows_columns(window)])
         self._parts.append(zlib.compress(bits.tobytes(), 1))
         self._windows.append(np.array(window, np.int32))
         self._ends.append(len(self._parts[-1]) + (self._ends[-1] if self._ends else 0))
@@ -125,6 +124,20 @@ class Packing:
             raise ValueError("no masks")
         packed = np.frombuffer(b"".join(self._parts), np.uint8)
         return Masks(self._shape[0], self._shape[1], np.array(self._windows, np.int32), np.array(self._ends, np.int64), packed)
+
+
+def box_of(mask: np.ndarray, margin: int = 0) -> tuple[int, int, int, int]:
+    """x0, y0, x1, y1 [px], ends exclusive, of a mask (H, W) bool, `margin` wider within the frame; all 0 of one that is empty."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return 0, 0, 0, 0
+    (height, width), low, high = mask.shape, (columns[0] - margin, rows[0] - margin), (columns[-1] + 1 + margin, rows[-1] + 1 + margin)
+    return max(int(low[0]), 0), max(int(low[1]), 0), min(int(high[0]), width), min(int(high[1]), height)
+
+
+def rows_columns(box: tuple[int, int, int, int]) -> tuple[slice, slice]:
+    """The index of a box x0, y0, x1, y1 in a frame."""
+    return slice(box[1], box[3]), slice(box[0], box[2])
 
 
 def areas(masks: Iterable[np.ndarray]) -> np.ndarray:

@@ -116,12 +116,12 @@ def _sane(parse: Any, text: str | bytes) -> Any:
     return values
 
 
-def read_array(path: str | os.PathLike[str], limit: int = LARGEST_ARRAYS) -> np.ndarray:
-    """The array of an NPY file that takes at most `limit` bytes."""
+def read_array(path: str | os.PathLike[str]) -> np.ndarray:
+    """The array of an NPY file that takes at most `LARGEST_ARRAYS` bytes."""
     size = regular(path)
     try:
         with open(path, "rb") as file:
-            _check(file, size, limit)
+            _check(file, size, LARGEST_ARRAYS)
             file.seek(0)
             return npy.read_array(file, allow_pickle=False)
     except _DAMAGED as error:

@@ -207,6 +207,12 @@ class Attachment:
         """Particle positions (..., N, 3) -> attached points (..., K, 3)."""
         return np.einsum("kj,...kjc->...kc", self.weight, x[..., self.index, :])
 
+    def matrix(self, particles: int) -> np.ndarray:
+        """The same as a dense matrix (K, N)."""
+        matrix = np.zeros((len(self.index), particles))
+        np.add.at(matrix, (np.arange(len(matrix))[:, None], self.index), self.weight)
+        return matrix
+
 
 @dataclass(frozen=True)
 class Gaussians:

@@ -197,18 +197,18 @@ def check_sheet(settings: RecoverSettings) -> None:
         raise UsageError(f"{' and '.join(given)} cannot be used for a thin sheet.", "Leave it out, or recover a solid with --form solid.")
 
 
-def picture_loss(settings: RecoverSettings, observation: Observation, body: Body, progress: Progress) -> Callable[[float], MotionLoss]:
+def frame_loss(settings: RecoverSettings, observation: Observation, body: Body, progress: Progress) -> Callable[[float], MotionLoss]:
     """The image or flow-and-depth loss of a clip, which is read once more: see `recovery.image_objective`, `flow_depth_objective`."""
     from .observe.clip.frames import read_clip
     from .observe.tracks.dense_flow import dense_flow
     from .recovery.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
-    from .recovery.paper.image_loss import ImageLoss, Pictures
+    from .recovery.paper.image_loss import Filmed, ImageLoss
 
     last = observation.first_frame + observation.frames
     frames = read_clip(observation.clip, (observation.first_frame, last), observation.fps, progress).frames
     if settings.objective == "image":
-        pictures = Pictures(frames, observation.masks, observation.background, observation.camera, body.gaussians)
-        return lambda scale: ImageLoss(pictures)
+        filmed = Filmed(frames, observation.masks, observation.background, observation.camera, body.gaussians)
+        return lambda scale: ImageLoss(filmed)
     flow = [None if one is None else one.at for one in dense_flow(frames, observation.masks, progress)]
     scene = SceneFlow(flow, observation.masks, observation.camera, body.gaussians.attachment, body.lifted)
     return lambda scale: FlowDepthLoss(scene, scale)

@@ -12,10 +12,11 @@ import shutil
 import socket
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 LONGEST_PATH = 259
 """Characters of a whole path that Windows takes, unless long paths are switched on in its registry."""
@@ -95,6 +96,19 @@ def alive(pid: int) -> bool:
     except OSError:
         return True
     return True
+
+
+def reader(stream: IO[str] | None, put: Callable[[str], Any]) -> threading.Thread:
+    """A thread that hands on the lines of a pipe and touches nothing else, as pipes cannot be polled on every system."""
+
+    def read() -> None:
+        with contextlib.suppress(ValueError, OSError):  # the pipe was closed from this side
+            for line in stream or ():
+                put(line.rstrip("\n"))
+
+    thread = threading.Thread(target=read, daemon=True, name="seeing-wind-reader")
+    thread.start()
+    return thread
 
 
 @contextlib.contextmanager

@@ -11,7 +11,7 @@ from bpy.app.handlers import persistent
 from ..engine.errors import SeeingWindError
 from .bake.plan import stamp_of_bakes
 from .clip.object.options import object_options
-from .clip.object.preview import preview_digest
+from .clip.object.preview import foreseen_digest, preview_digest
 from .clip.options import clip_options
 from .edit.resimulate.geometry import forget_geometry
 from .edit.resimulate.preview import digest_of_preview, goes_before, shown_as_preview
@@ -30,8 +30,10 @@ def refresh(scene: bpy.types.Scene) -> None:
     clip = _attempt(now, "clip", lambda: clip_options(settings, values), bool(settings.clip))
     begun = any(settings.box) or settings.object_mode != "BOX"
     marked = _attempt(now, "object", lambda: object_options(settings, values, take / INPUTS), begun)
-    status.derive(now, "preview", preview_digest(clip, marked) if clip and marked else "incomplete", settings.previewed_digest)
-    recover = RecoverRequest.from_parts(scene, values, take, clip, marked).digest() if clip and marked else "incomplete"
+    lacking = f"{now.steps['clip'].message} {now.steps['object'].message}"  # in place of a digest
+    status.derive(now, "preview", preview_digest(clip, marked) if clip and marked else lacking, settings.previewed_digest)
+    now.foreseen = bool(clip and marked) and foreseen_digest(values, clip, marked) == settings.foreseen_digest
+    recover = RecoverRequest.from_parts(scene, values, take, clip, marked).digest() if clip and marked else lacking
     edit = EditRequest.of(scene).digest()
     status.derive(now, "recover", recover, settings.recovered_digest)
     status.derive(now, "edit", edit, edit, _count(settings))

@@ -63,9 +63,9 @@ def file_path(name: str, description: str) -> object:
     return StringProperty(name=name, description=description, subtype="FILE_PATH", options=PATH, update=changed)
 
 
-def number(name: str, default: float, description: str, options: set = KEPT, **limits: float) -> object:
+def number(name: str, default: float, description: str, **limits: float) -> object:
     """A number; `limits` are those of Blender's FloatProperty. Its unit stands in the name."""
-    return FloatProperty(name=name, default=default, description=description, options=options, update=changed, **limits)
+    return FloatProperty(name=name, default=default, description=description, options=KEPT, update=changed, **limits)
 
 
 def toggle(name: str, description: str, default: bool = False) -> object:

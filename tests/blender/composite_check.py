@@ -80,10 +80,10 @@ def check_composite(scene: bpy.types.Scene, folder: Path) -> None:
     scene.frame_set(4)
     check("set up", bpy.ops.seeing_wind.set_up_composite(samples=1) == {"FINISHED"})
     check("render", bpy.ops.seeing_wind.render_composite(filepath=str(folder / "over.png"), still=True) == {"FINISHED"})
-    picture = read(folder / "over.png")
-    check("the clip's ground", bool(np.abs(picture[4:16, 60:90] - 60).max() < 14), str(picture[8, 70]))
-    check("the clip's square", bool(np.abs(picture[28:36, 32:44] - 230).max() < 16), str(picture[30, 36]))
-    cube = picture[44:56, 12:24].reshape(-1, 3).mean(0)
+    image = read(folder / "over.png")
+    check("the clip's ground", bool(np.abs(image[4:16, 60:90] - 60).max() < 14), str(image[8, 70]))
+    check("the clip's square", bool(np.abs(image[28:36, 32:44] - 230).max() < 16), str(image[30, 36]))
+    cube = image[44:56, 12:24].reshape(-1, 3).mean(0)
     check("the cube", bool(cube[0] > 150 and cube[0] > cube[1] + 80), str(cube))
     video = folder / "over.mp4"
     scene.frame_end = 3
@@ -94,11 +94,11 @@ def check_conformed(scene: bpy.types.Scene, folder: Path) -> None:
     """At 30 frames a second the clip of 24 shows the clip frame at which the recovered object is, still and in a video."""
     scene.render.fps, scene.render.fps_base = 30, 1.0
     check("conform", bpy.ops.seeing_wind.conform() == {"FINISHED"})
-    for frame, picture in ((2, 1), (6, 4), (11, 8)):
+    for frame, clip_frame in ((2, 1), (6, 4), (11, 8)):
         scene.frame_set(frame)
         bpy.ops.seeing_wind.render_composite(filepath=str(folder / "paced.png"), still=True)
         left = np.flatnonzero(read(folder / "paced.png")[30].mean(axis=1) > 145)[0]
-        check(f"frame {picture} at frame {frame}", abs(left - 20 - 2 * picture) <= 1, str(left))
+        check(f"frame {clip_frame} at frame {frame}", abs(left - 20 - 2 * clip_frame) <= 1, str(left))
     check("a clip frame a frame", bpy.ops.seeing_wind.conform(real_time=False) == {"FINISHED"} and scene.active_clip.frame_start == 1)
 
 
@@ -135,9 +135,9 @@ def read(path: Path) -> np.ndarray:
     return 255.0 * pixels.reshape(64, 96, 4)[::-1, :, :3]
 
 
-def red(picture: np.ndarray) -> np.ndarray:
+def red(image: np.ndarray) -> np.ndarray:
     """(2,) column and row of what shines red."""
-    shine = np.maximum(picture[..., 0] - picture[..., 1:].max(axis=2) - 60.0, 0.0)
+    shine = np.maximum(image[..., 0] - image[..., 1:].max(axis=2) - 60.0, 0.0)
     rows, columns = np.indices(shine.shape)
     return np.array([(shine * columns).sum(), (shine * rows).sum()]) / shine.sum()
 

@@ -156,11 +156,11 @@ def _check_bake(scene: bpy.types.Scene) -> None:
     key = bake_shape_keys(grid, motion, FRAME_START, FPS)
     _check("two keyframes of the evaluation time", [len(curve.keyframe_points) for curve in evaluation_time_curves(key)] == [2])
     worst = 0.0
-    for picture in range(FRAMES + 1):
-        scene.frame_set(FRAME_START + picture)
+    for frame in range(FRAMES + 1):
+        scene.frame_set(FRAME_START + frame)
         evaluated = grid.evaluated_get(bpy.context.evaluated_depsgraph_get())
         shown = np.array([(evaluated.matrix_world @ vertex.co)[:] for vertex in evaluated.data.vertices])
-        worst = max(worst, float(np.abs(shown - motion[picture]).max()))
+        worst = max(worst, float(np.abs(shown - motion[frame]).max()))
     _check("baked vertices play back", worst < 1e-5, f"{worst:.1e} m")
     _check("bake cleared", clear_bake(grid) and grid.data.shape_keys is None)
 
@@ -168,8 +168,8 @@ def _check_bake(scene: bpy.types.Scene) -> None:
 def _check_clip_scene(scene: bpy.types.Scene) -> None:
     with tempfile.TemporaryDirectory() as folder:
         image = bpy.data.images.new("Picture", 64, 48)
-        for picture in range(4):
-            image.filepath_raw, image.file_format = str(Path(folder) / f"picture_{picture:04}.png"), "PNG"
+        for frame in range(4):
+            image.filepath_raw, image.file_format = str(Path(folder) / f"picture_{frame:04}.png"), "PNG"
             image.save()
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]], [0.0, -2.0, 0.5]

@@ -42,10 +42,10 @@ STEADY, SPEED = 60.0, 6.0
 def waves(length: float) -> Callable[[np.ndarray, float], np.ndarray]:
     """A steady wind and waves across it, which wander."""
 
-    def flow(points: np.ndarray, picture: float) -> np.ndarray:
+    def flow(points: np.ndarray, frame: float) -> np.ndarray:
         """(P, 3) [N/m³] in a frame."""
         x, y, z = (points - CENTRE).T / 0.5 * (2.0 * np.pi / length)
-        phase = 0.15 * picture
+        phase = 0.15 * frame
         turning = np.stack([np.sin(y + 0.5 + phase), np.sin(z + 0.3 * x - phase), np.cos(x - 0.4 * y + phase)], axis=-1)
         return STEADY * (np.array([1.0, 0.3, 0.5]) + 0.4 * turning)
 
@@ -58,7 +58,7 @@ def wavy_field(length: float, frames: int, **options) -> bpy.types.Object:
     scene = bpy.context.scene
     scene.render.fps, scene.frame_start, scene.frame_end = int(FPS), FRAME_START, FRAME_START + frames - 1
     nodes, flow = fine_lattice(BOX), waves(length)
-    values = np.stack([flow(nodes, picture) for picture in range(frames)])
+    values = np.stack([flow(nodes, frame) for frame in range(frames)])
     wind = SPEED / STEADY * values if "kind" in options else None
     sampled = SampledField(nodes, values, np.ones(values.shape[:2]), wind)
     return create_field_object(scene, "Wind", sampled, fps=FPS, density=DENSITY, frame_start=FRAME_START, **options)

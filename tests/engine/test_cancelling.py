@@ -25,9 +25,9 @@ def square(tmp_path: Path) -> Path:
     """A bright square that drifts over a plain background."""
     writer = cv2.VideoWriter(str(tmp_path / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
     for t in range(8):
-        picture = np.full((48, 64, 3), 90, np.uint8)
-        picture[14:26, 16 + t : 28 + t] = 220
-        writer.write(picture)
+        frame = np.full((48, 64, 3), 90, np.uint8)
+        frame[14:26, 16 + t : 28 + t] = 220
+        writer.write(frame)
     writer.release()
     return tmp_path / "clip.avi"
 

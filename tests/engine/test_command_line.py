@@ -54,14 +54,14 @@ def engine(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., l
         yield run
 
 
-def clip(path: Path, pictures: int = 8, moving: bool = True) -> Path:
+def clip(path: Path, frames: int = 8, moving: bool = True) -> Path:
     """A bright square that drifts over a plain background, or an empty scene."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (64, 48))
-    for t in range(pictures):
-        picture = FLAT.copy()
+    for t in range(frames):
+        frame = FLAT.copy()
         if moving:
-            picture[10 + t : 30 + t, 12:32] = 220
-        writer.write(picture)
+            frame[10 + t : 30 + t, 12:32] = 220
+        writer.write(frame)
     writer.release()
     return path
 
@@ -140,20 +140,20 @@ def test_a_report_that_cannot_be_written_is_an_exit_code_of_its_own(engine, squa
     engine("export", tmp_path / "t.take", "--format", "npz", "--out", field, expect=2)
 
 
-def test_the_take_is_no_folder_of_the_clip_s_pictures(engine, tmp_path: Path) -> None:
+def test_the_take_is_no_folder_of_the_clip_s_frames(engine, tmp_path: Path) -> None:
     for number in range(3):
         cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((40, 40, 3), 90, np.uint8))
     error = engine("recover", tmp_path, "--take", tmp_path, "--box", 1, 1, 9, 9, expect=2)[-2]
     assert "--take" in error["hint"] and not (tmp_path / "take.toml").exists()
 
 
-def test_one_picture_is_no_clip(engine, tmp_path: Path) -> None:
+def test_one_frame_is_no_clip(engine, tmp_path: Path) -> None:
     error = engine("recover", clip(tmp_path / "one.avi", 1), "--take", tmp_path / "t.take", "--box", 12, 10, 32, 30, expect=1)[-2]
     assert error["type"] == "error" and error["hint"]
 
 
 @pytest.mark.parametrize("box", [(100, 100, 140, 140), (-50, -50, -10, -10)])
-def test_a_box_outside_the_picture(engine, square: Path, tmp_path: Path, box: tuple[int, ...]) -> None:
+def test_a_box_outside_the_frame(engine, square: Path, tmp_path: Path, box: tuple[int, ...]) -> None:
     messages = engine("recover", square, "--take", tmp_path / "t.take", "--box", *box, expect=2)
     assert "box" in messages[-2]["message"].lower()
 

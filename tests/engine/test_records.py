@@ -32,7 +32,7 @@ def test_projection_jacobian_against_finite_differences() -> None:
     np.testing.assert_allclose(camera().projection_jacobian(points), numeric, rtol=1e-6, atol=1e-5)
 
 
-def test_a_moving_camera_has_a_pose_per_picture() -> None:
+def test_a_moving_camera_has_a_pose_per_frame() -> None:
     poses = np.stack([front_view(2.0), front_view(4.0)])
     moving = Camera(640, 360, 600.0, 600.0, 319.5, 179.5, poses)
     assert moving.project(np.zeros(3), 0)[1] == 2.0 and moving.project(np.zeros(3), 1)[1] == 4.0

@@ -64,7 +64,7 @@ def test_a_project_that_was_moved_is_not_done_again(project: Path, clip: str) ->
     assert stamp(project.rename(project.with_name("moved")), clip) == first
 
 
-def test_settings_count_and_pictures_outside_the_range_do_not(project: Path) -> None:
+def test_settings_count_and_frames_outside_the_range_do_not(project: Path) -> None:
     first = stamp(project, "pictures", frames=(0, 2))
     (project / "pictures/shot_0003.png").write_bytes(b"another")
     assert first == stamp(project, "pictures", frames=(0, 2)) != stamp(project, "pictures", frames=(0, 3))

@@ -11,7 +11,7 @@ import pytest
 
 from seeing_wind.engine import systems
 from seeing_wind.engine.errors import TakeError
-from seeing_wind.engine.observe.clip.images import read_picture, write_png
+from seeing_wind.engine.observe.clip.images import read_image, write_png
 from seeing_wind.engine.take import Take
 
 
@@ -98,21 +98,21 @@ def test_how_processes_are_started(monkeypatch: pytest.MonkeyPatch) -> None:
     assert systems.quiet() == {} and systems.apart() == {"start_new_session": True}
 
 
-def test_pictures_are_opened_by_python_and_not_by_opencv(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_images_are_opened_by_python_and_not_by_opencv(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """OpenCV hands a path to Windows in the system's old code page."""
     for name in ("imread", "imwrite"):
         monkeypatch.setattr(cv2, name, lambda *_: pytest.fail("a path that is not ASCII would not be found"))
-    picture = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
-    write_png(tmp_path / "Blätter 风.png", picture)
-    assert np.array_equal(read_picture(tmp_path / "Blätter 风.png", cv2.IMREAD_COLOR), picture)
+    frame = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+    write_png(tmp_path / "Blätter 风.png", frame)
+    assert np.array_equal(read_image(tmp_path / "Blätter 风.png", cv2.IMREAD_COLOR), frame)
     (tmp_path / "empty.png").touch()
     (tmp_path / "text.png").write_text("no frame")
     for name, error in (("empty.png", ValueError), ("text.png", ValueError), ("none.png", OSError)):
         with pytest.raises(error):
-            read_picture(tmp_path / name, cv2.IMREAD_COLOR)
+            read_image(tmp_path / name, cv2.IMREAD_COLOR)
 
 
-def test_nothing_in_the_engine_lets_opencv_open_a_picture() -> None:
+def test_nothing_in_the_engine_lets_opencv_open_an_image() -> None:
     engine = Path(systems.__file__).parent
     users = [path.name for path in engine.rglob("*.py") if "cv2.imread(" in path.read_text(encoding="utf-8")]
     assert not users, "use observe.clip.frames"

@@ -14,6 +14,7 @@ from seeing_wind.engine.command.trajectories.bodies import read_trajectories
 from seeing_wind.engine.command.trajectories.file import READ, TRUTH
 from seeing_wind.engine.command.verbs import VERBS
 from seeing_wind.engine.errors import MaterialError, ObjectError, SeeingWindError, UsageError
+from seeing_wind.engine.field import distillation
 from seeing_wind.engine.materials import find
 from seeing_wind.engine.progress import Progress
 from seeing_wind.engine.recovery.diagnostics.remarks import DISTRUST
@@ -197,7 +198,8 @@ def test_the_source_tells_file_options_and_assumptions_apart(tmp_path: Path) -> 
     assert whole.notes == () and whole.gravity == (0.0, 0.0, -1.0)
 
 
-def test_assumptions_and_visible_reach_the_result_and_the_report(tmp_path: Path) -> None:
+def test_assumptions_and_visible_reach_the_result_and_the_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(distillation, "ITERATIONS", 40)
     visible = np.ones((6, 27), dtype=bool)
     visible[3:5, 20] = False
     path = write(tmp_path / "t.npz", x=np.where(visible[..., None], FALL, np.nan), visible=visible, sigma=1e-4, pinned=np.zeros(27))

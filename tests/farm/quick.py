@@ -29,9 +29,9 @@ def clip(path: Path) -> None:
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (96, 64))
     speckles = cv2.resize(np.random.default_rng(1).integers(0, 255, (8, 8, 3), np.uint8), (32, 32), interpolation=cv2.INTER_CUBIC)
     for t in range(5):
-        picture = np.full((64, 96, 3), 90, np.uint8)
-        picture[14 + t : 46 + t, 20 + t : 52 + t] = speckles
-        writer.write(picture)
+        frame = np.full((64, 96, 3), 90, np.uint8)
+        frame[14 + t : 46 + t, 20 + t : 52 + t] = speckles
+        writer.write(frame)
     writer.release()
 
 

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from seeing_wind.engine.settings import toml_text
 
 from .calls import ARRAYS, EXPORT, READERS, RECOVER, SAMPLE, SIMULATE, SOLVE, STOP, TAKE_FILES, prepared
-from .pictures import pictures_say, ranges_say
+from .images import images_say, ranges_say
 from .seeds import blown
 
 EXTREMES = (0, 1, -1, 2**31, 2**63, -(2**63), 10**400, 1e300, -1e300, 1e-300, float("nan"), float("inf"), -float("inf"), 0.5, True, "", "a")
@@ -291,5 +291,5 @@ def no_take(chance: random.Random, value: Any, folder: Path) -> list[Any]:
 FAMILIES: tuple[Family, ...] = (
     flipped, flipped, flipped_take, field_says, tensors_lie, headers_lie, arrays_say, camera_says, objects_say, edit_says, no_files,
     no_take,
-    pictures_say, ranges_say,
+    images_say, ranges_say,
 )  # fmt: skip

@@ -59,10 +59,10 @@ def _clip(folder: Path) -> None:
     writer = cv2.VideoWriter(str(folder / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (WIDTH, HEIGHT))
     (folder / "frames").mkdir(exist_ok=True)
     for t in range(FRAMES):
-        picture = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
-        picture[10 + t : 30 + t, 12:32] = 220
-        writer.write(picture)
-        cv2.imwrite(str(folder / f"frames/{t:03d}.png"), picture)
+        frame = np.full((HEIGHT, WIDTH, 3), 90, np.uint8)
+        frame[10 + t : 30 + t, 12:32] = 220
+        writer.write(frame)
+        cv2.imwrite(str(folder / f"frames/{t:03d}.png"), frame)
     writer.release()
     mask = np.zeros((HEIGHT, WIDTH), np.uint8)
     mask[10:30, 12:32] = 255

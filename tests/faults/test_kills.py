@@ -115,7 +115,7 @@ LONG = {
     "observe": Job(["observe", *SWUNG], (), ("o.take/observation.npz",)),
     "recover": Job(["recover", *SWUNG, "--iterations", 1], (), ("o.take/particles.npz", "o.take/field.safetensors")),
 }
-PICTURES = 200
+FRAMES = 200
 
 
 def write_long_clip(folder: Path) -> None:
@@ -124,10 +124,10 @@ def write_long_clip(folder: Path) -> None:
     wall, square = (cv2.resize(draw.integers(low, high, (h, w, 3)).astype(np.uint8), size, interpolation=cv2.INTER_CUBIC)
                     for low, high, h, w, size in ((60, 120, 30, 40, (320, 240)), (120, 255, 15, 15, (60, 60))))  # fmt: skip
     writer = cv2.VideoWriter(str(folder / "long.avi"), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (320, 240))
-    for t in range(PICTURES):
-        picture, x, y = wall.copy(), 50 + t // 2, round(20 + 30 * np.sin(t / 9.0) ** 2)
-        picture[y : y + 60, x : x + 60] = square
-        writer.write(picture)
+    for t in range(FRAMES):
+        frame, x, y = wall.copy(), 50 + t // 2, round(20 + 30 * np.sin(t / 9.0) ** 2)
+        frame[y : y + 60, x : x + 60] = square
+        writer.write(frame)
     writer.release()
 
 
@@ -154,5 +154,5 @@ def test_a_long_clip_goes_on_where_it_was_killed(worker: Worker, seeds: Path, tm
         again.append((cut.work + resumed.work - reference.work, moment))
         shutil.rmtree(folder)
     worst, moment = max(again)
-    print(f"\n{verb} of a clip of {PICTURES} frames, {reference.work:.0f} s of the processor: at most {worst:.1f} s of it were worked "
+    print(f"\n{verb} of a clip of {FRAMES} frames, {reference.work:.0f} s of the processor: at most {worst:.1f} s of it were worked "
           f"again, killed after {moment:.1f} s")  # fmt: skip

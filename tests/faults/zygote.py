@@ -28,7 +28,7 @@ ROOMS = (
     "observe.object.motion.views", "recovery", "recovery.resimulate", "recovery.paper", "mpm.rollout",
 )  # fmt: skip
 """What verbs import when they run."""
-HASTE = 100
+HASTE = 40
 """Iterations in which a field is fitted, except in `make faults`: no suite asks how good the fit is."""
 CODECS = ("cp437", "utf_8_sig")
 """What Python imports when it first reads a zip file or a TOML file: a child without root's rights may not be able to."""

@@ -42,15 +42,15 @@ def warm_engine() -> Path:
     return address
 
 
-def make_clip(path: Path, pictures: int = 13, size: tuple[int, int] = (96, 64)) -> Path:
+def make_clip(path: Path, frames: int = 13, size: tuple[int, int] = (96, 64)) -> Path:
     """A short video of a white square that moves."""
     import cv2
     import numpy as np
 
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 24.0, size)
-    for picture in range(pictures):
+    for frame in range(frames):
         image = np.full((size[1], size[0], 3), 60, np.uint8)
-        image[20:44, 20 + 2 * picture : 44 + 2 * picture] = 230
+        image[20:44, 20 + 2 * frame : 44 + 2 * frame] = 230
         writer.write(image)
     writer.release()
     assert os.path.getsize(path) > 0

@@ -30,8 +30,8 @@ def swirl(points: np.ndarray) -> np.ndarray:
 def outlines() -> list[np.ndarray]:
     """Of the white square of `extension.make_clip`."""
     masks = np.zeros((FRAMES + 1, SIZE[1], SIZE[0]), bool)
-    for picture, mask in enumerate(masks):
-        mask[20:44, 20 + 2 * picture : 44 + 2 * picture] = True
+    for frame, mask in enumerate(masks):
+        mask[20:44, 20 + 2 * frame : 44 + 2 * frame] = True
     return list(masks)
 
 
@@ -90,7 +90,7 @@ def recover(options: list[str]) -> None:
 
 
 def observe(options: list[str]) -> dict[str, object]:
-    """A frame of one pixel, a place that seems to be held, and three verdicts; the result."""
+    """A frame of one pixel, a place that seems to be held, and four verdicts; the result."""
     from seeing_wind.engine.take import Take
 
     take = Take(options[options.index("--take") + 1])
@@ -102,6 +102,7 @@ def observe(options: list[str]) -> dict[str, object]:
         {"item": "scale", "verdict": "doubtful", "severity": 0.9, "because": "No length is known.", "do": "Give one."},
         {"item": "held place", "verdict": "doubtful", "severity": 0.5, "because": "None is marked.", "do": "Give it with --pin."},
         {"item": "outline", "verdict": "good", "severity": 0.0, "because": "It lies within the box.", "do": ""},
+        {"item": "time", "verdict": "good", "severity": 0.0, "because": "The solve takes about 2 minutes on this machine.", "do": ""},
     ]
     return {"outcome": "converged", "verdicts": verdicts, "files": ["preview.png", "preview.mp4", "held.png"]}
 

@@ -35,6 +35,8 @@ def test_in_an_empty_file_every_operator_says_what_comes_first(scene) -> None:
     assert len(names) > 20
     for name in names:
         refused(getattr(bpy.ops.seeing_wind, name))
+    refused(bpy.ops.seeing_wind.match_scene, "No clip is chosen")
+    refused(bpy.ops.seeing_wind.build_scene, "no recovered field")
 
 
 def test_what_is_no_clip_is_refused_and_the_former_one_stays(scene, workplace, tmp_path) -> None:
@@ -80,7 +82,7 @@ def test_results_that_were_deleted_or_damaged_are_told_and_what_is_shown_stays(s
     ops.insert_mesh(object="Leaf")
     ops.resimulate()
     shutil.rmtree(Path(scene.seeing_wind.simulated_take))
-    refused(ops.bake, "Re-simulate again")
+    refused(ops.bake, "There is no folder .*Re-simulate again")
     (recovered / "trajectory.npz").write_bytes(b"broken")
     refused(ops.build_scene, "trajectory.npz")
     shutil.rmtree(recovered)
@@ -96,3 +98,27 @@ def recovered(scene, workplace, tmp_path) -> Path:
     options = {"clip": str(workplace / "clip.mp4"), "box": (20, 20, 44, 44), "distance": 2.0, "take": str(take)}
     assert bpy.ops.seeing_wind.recover(**options) == {"FINISHED"}
     return take
+
+
+def test_a_failure_is_forgotten_once_its_cause_is_mended(scene, workplace) -> None:
+    ops, settings = bpy.ops.seeing_wind, scene.seeing_wind
+
+    def state(step: str) -> str:
+        return status.of(scene.session_uid).steps[step].state
+
+    refused(ops.recover, "No clip is chosen")
+    refused(ops.preview, "No clip is chosen")
+    assert state("recover") == state("preview") == "failed"
+    ops.choose_clip(filepath=str(workplace / "clip.mp4"))
+    assert state("recover") == state("preview") == "idle", "there is a clip now"
+    refused(ops.recover, "No box is drawn")
+    settings.box = (20, 20, 44, 44)
+    assert state("recover") == "idle"
+    assert ops.recover(take=str(workplace / "out.take")) == {"FINISHED"}
+    refused(ops.resimulate, "No mesh is inserted")
+    ops.insert_mesh(object=mesh("Edge", [(0, 0, 0), (1, 0, 0)], []))
+    assert state("resimulate") == "idle"
+    refused(ops.resimulate, "no faces")
+    assert state("resimulate") == "failed"
+    settings.edit_gravity_mode = "NONE"
+    assert state("resimulate") == "idle", "another edit"

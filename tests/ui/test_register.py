@@ -103,3 +103,10 @@ def test_an_object_of_the_edit_that_moves_makes_the_simulation_stale(addon, scen
     obj.location.x = 1.0
     bpy.context.view_layer.update()
     assert status.of(scene.session_uid).steps["resimulate"].state == "stale"
+
+
+def test_every_path_of_a_scene_may_be_relative_to_the_file(addon) -> None:
+    """`relate` writes them so on saving; Blender 5 warns of those that do not say that they may."""
+    group = bpy.types.Scene.bl_rna.properties["seeing_wind"].fixed_type
+    paths = [prop for prop in group.properties if prop.type == "STRING" and prop.subtype in ("FILE_PATH", "DIR_PATH")]
+    assert len(paths) > 8 and not [prop.identifier for prop in paths if not prop.is_path_supports_blend_relative]

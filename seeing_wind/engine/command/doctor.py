@@ -72,8 +72,10 @@ def _solver() -> str:
     import numpy as np
 
     from ..materials import find
-    from ..mpm import State, advance, model_for
     from ..mpm.compiler import NAME
+    from ..mpm.model_for import model_for
+    from ..mpm.rollout import advance
+    from ..mpm.state import State
     from ..records import Particles
     from ..recovery.cost import measure_speed
 

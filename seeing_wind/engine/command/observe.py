@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..conventions import BODY, TIME
 from ..errors import MaterialError, ObjectError
 from ..progress import Progress, in_words
 from ..records import Observation
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from ..observe.clip.stored import Frames
     from ..observe.preview.verdicts import Verdict
 
-PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
+IMAGE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 
 FILM_SIDE = 640
 """Pixels of the film's longer side, at most: it is there to see what is followed, and most of its time goes into writing it."""
@@ -48,7 +49,7 @@ def observe(arguments: argparse.Namespace, progress: Progress) -> dict[str, Any]
         for one in verdicts:
             if one.severity > 0.0:
                 progress.warn(f"{one.item}: doubtful because {one.because[0].lower()}{one.because[1:]} {one.do}".strip())
-        files = [PICTURE, FILM, *([HELD] if proposed is not None else [])]
+        files = [IMAGE, FILM, *([HELD] if proposed is not None else [])]
         found = {"verdicts": [one.as_json() for one in verdicts], "files": files}
         take.write_json("preview.json", found)
     progress.update(1.0, "done")
@@ -64,7 +65,7 @@ def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
     try:
         body = unmoved(seen, settings_of(BuildSettings, arguments))
     except (MaterialError, ObjectError) as error:
-        return [Verdict("body", 1.0, f"It cannot be built. {error.message}", error.hint)]
+        return [Verdict(BODY, 1.0, f"It cannot be built. {error.message}", error.hint)]
     if body is None:
         return []
     material, particles = body
@@ -72,7 +73,7 @@ def _time(seen: Observation, arguments: argparse.Namespace) -> list[Verdict]:
     speed = known_speed(work.plastic) if work is not None else None
     if work is None or speed is None:
         return []
-    return [Verdict("time", 0.0, f"The solve takes about {in_words(work.seconds(speed))} on this machine.")]
+    return [Verdict(TIME, 0.0, f"The solve takes about {in_words(work.seconds(speed))} on this machine.")]
 
 
 def _film_frames(seen: Observation, progress: Progress) -> Frames:
@@ -98,7 +99,7 @@ def _draw(
     from ..observe.clip.video import video_writer
     from ..observe.preview.drawing import Canvas, with_verdicts
 
-    with take.writing(PICTURE) as path:
+    with take.writing(IMAGE) as path:
         first = with_verdicts(Canvas(seen, proposed, (seen.camera.height, seen.camera.width)).drawn(seen.image, 0), verdicts)
         write_png(path, cv2.cvtColor(first, cv2.COLOR_RGB2BGR))
     if proposed is not None:

@@ -14,7 +14,7 @@ from ..materials import adjusted, find
 from ..progress import Journal, Progress
 from ..records import Body, Outcome, Recovery, TrackTargets
 from ..settings import BuildSettings, ObserveSettings, RecoverSettings, WindSettings
-from ..stages import build_stage, check_sheet, check_solve, lift_stage, observe_stage, picture_loss, track_targets, write_gaussians
+from ..stages import build_stage, check_sheet, check_solve, frame_loss, lift_stage, observe_stage, track_targets, write_gaussians
 from ..take import Take, stamp_of
 from .arguments import properties_of, settings_of
 from .join import join
@@ -85,15 +85,15 @@ def _on(mask: str, pin: str) -> bool:
     """Whether what the PNG `pin` holds is on the object of the PNG `mask`, so far as both can be read and compared."""
     import cv2
 
-    from ..observe.clip.images import read_picture
+    from ..observe.clip.images import read_image
 
     try:
-        pictures = [read_picture(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
+        images = [read_image(path, cv2.IMREAD_GRAYSCALE) for path in (mask, pin)]
     except (OSError, ValueError):
         return True  # told by the stage that reads them
-    if pictures[0].shape != pictures[1].shape:
+    if images[0].shape != images[1].shape:
         return True
-    return bool(((pictures[0] > 0) & (pictures[1] > 0)).any())
+    return bool(((images[0] > 0) & (images[1] > 0)).any())
 
 
 def recover_one(arguments: argparse.Namespace, progress: Progress) -> Result:
@@ -159,7 +159,7 @@ def _recover_into(
     if body.sheet is not None:
         recovery, field, wind, solve_seconds = _sheet(take, body, targets, observation.fps, upstream, settings, blown, progress)
     else:
-        loss = None if settings.objective == "tracking" else lambda: picture_loss(settings, observation, body, progress)
+        loss = None if settings.objective == "tracking" else lambda: frame_loss(settings, observation, body, progress)
         recovery, fitted, solve_seconds = recover_stage(
             take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
         )

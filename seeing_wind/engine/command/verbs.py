@@ -64,8 +64,8 @@ def identify(arguments: argparse.Namespace, progress: Progress) -> Result:
     assert endpoint is not None  # both options are required
     Take(arguments.take).prepare()
     first = arguments.frames[0] if arguments.frames else 0
-    picture = read_clip(arguments.clip, (first, first + 1), fps=1.0, progress=progress).frames[0]
-    found = find_objects(endpoint, picture, arguments.detector_model, arguments.mask_model, progress)
+    frame = read_clip(arguments.clip, (first, first + 1), fps=1.0, progress=progress).frames[0]
+    found = find_objects(endpoint, frame, arguments.detector_model, arguments.mask_model, progress)
     return {"outcome": "converged", "objects": write_objects(Take(arguments.take), found)}
 
 

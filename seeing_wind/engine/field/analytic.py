@@ -126,8 +126,9 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def _wander(random: np.random.Generator, seconds: np.ndarray, period: float, channels: int, cosines: int = 5) -> np.ndarray:
+def _wander(random: np.random.Generator, seconds: np.ndarray, period: float, channels: int) -> np.ndarray:
     """Smooth random curves (T, channels) of unit mean square over long times."""
+    cosines = 5
     frequency = 2 * np.pi / period * random.uniform(0.3, 1.2, (channels, cosines))
     offset = random.uniform(0, 2 * np.pi, (channels, cosines))
     return np.sqrt(2 / cosines) * np.cos(seconds[:, None, None] * frequency + offset).sum(axis=-1)

@@ -16,7 +16,7 @@ from ..observe.object.shape.relief import Relief
 from ..progress import NoProgress, Progress
 from ..records import Body, Camera, Gaussians, Observation
 from . import gsplat_backend
-from .gaussians import SH0, pixel_aligned, view_camera
+from .gaussians import SH0, Crop, pixel_aligned
 from .splatting import NEAR, Tiles, blend, project, tiles_of
 
 POOR_LOOK = 25.0
@@ -36,13 +36,12 @@ ALPHA_WEIGHT = 0.2
 """Weight of the silhouette's squared error against the colours'."""
 
 
-def dress(built: Built | SheetBuilt, observation: Observation, progress: Progress | None = None) -> Body:
+def dress(built: Built | SheetBuilt, observation: Observation, progress: Progress) -> Body:
     """The body with Gaussians that show frame 0 as the clip has it.
 
     Raises:
         Cancelled: between iterations.
     """
-    progress = progress or NoProgress()
     rough = pixel_aligned(built.relief, observation.image, built.particles.x)
     gaussians, quality = fit(rough, built.relief, observation.image, progress=progress, behind=observation.background)
     if quality < POOR_LOOK:
@@ -71,11 +70,11 @@ def fit(
     Raises:
         Cancelled: between iterations.
     """
-    return fit_views(gaussians, [Look(relief.camera, relief.mask, image, behind)], iterations, progress)
+    return fit_views(gaussians, [View(relief.camera, relief.mask, image, behind)], progress or NoProgress(), iterations)
 
 
 @dataclass(frozen=True)
-class Look:
+class View:
     """The object in frame 0 of one camera."""
 
     camera: Camera
@@ -88,16 +87,15 @@ class Look:
 
 
 def fit_views(
-    gaussians: Gaussians, looks: Sequence[Look], iterations: int = ITERATIONS, progress: Progress | None = None
+    gaussians: Gaussians, views: Sequence[View], progress: Progress, iterations: int = ITERATIONS
 ) -> tuple[Gaussians, float]:
     """As `fit`, on the frames of several posed cameras at one moment. The PSNR is that of the first."""
-    progress = progress or NoProgress()
     with one_torch_thread():
-        return _fit(gaussians, looks, iterations, progress)
+        return _fit(gaussians, views, iterations, progress)
 
 
-def _fit(gaussians: Gaussians, looks: Sequence[Look], iterations: int, progress: Progress) -> tuple[Gaussians, float]:
-    targets = [_target(look) for look in looks]
+def _fit(gaussians: Gaussians, views: Sequence[View], iterations: int, progress: Progress) -> tuple[Gaussians, float]:
+    targets = [_target(view) for view in views]
     axes = torch.from_numpy(_axes(gaussians)).float()
     x = torch.from_numpy(gaussians.x).float()
     limit = torch.log(torch.from_numpy(gaussians.scale).float()) + float(np.log(4.0))
@@ -164,20 +162,12 @@ def _psnr(error: torch.Tensor, cover: torch.Tensor) -> float:
     return float(-10.0 * np.log10(max(mean, 1e-10)))
 
 
-def _target(look: Look) -> tuple[Camera, torch.Tensor, torch.Tensor, torch.Tensor]:
+def _target(view: View) -> tuple[Camera, torch.Tensor, torch.Tensor, torch.Tensor]:
     """Camera, object over background (h, w, 3), background (h, w, 3) and cover (h, w) of the mask's box, reduced by block means."""
-    rows, columns = np.nonzero(look.mask)
-    x0, y0 = max(int(columns.min()) - MARGIN, 0), max(int(rows.min()) - MARGIN, 0)
-    x1, y1 = min(int(columns.max()) + 1 + MARGIN, look.mask.shape[1]), min(int(rows.max()) + 1 + MARGIN, look.mask.shape[0])
-    reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / FIT_PIXELS))))
-    camera = view_camera(look.camera, (x0, y0, x1, y1), reduce)
-    crop = (slice(y0, y0 + camera.height * reduce), slice(x0, x0 + camera.width * reduce))
-    cover = look.mask[crop].astype(np.float32)[..., None]
-    behind = np.zeros((*cover.shape[:2], 3), np.float32) if look.behind is None else look.behind[crop].astype(np.float32) / 255.0
+    crop = Crop.around(view.mask, view.camera, 0, MARGIN, FIT_PIXELS)
+    cover = crop.cut(view.mask).astype(np.float32)[..., None]
+    behind = np.zeros((*cover.shape[:2], 3), np.float32) if view.behind is None else crop.cut(view.behind).astype(np.float32) / 255.0
     # Off the object the background itself is wanted: other differences to it, shadows, are not the Gaussians' to show.
-    target = cover * look.image[crop].astype(np.float32) / 255.0 + (1.0 - cover) * behind
-
-    def reduced(values: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(values.reshape(camera.height, reduce, camera.width, reduce, -1).mean(axis=(1, 3)))
-
-    return camera, reduced(target), reduced(behind), reduced(cover)[..., 0]
+    target = cover * crop.cut(view.image).astype(np.float32) / 255.0 + (1.0 - cover) * behind
+    shown, plain, covered = (torch.from_numpy(crop.reduced(part)) for part in (target, behind, cover))
+    return crop.camera, shown, plain, covered[..., 0]

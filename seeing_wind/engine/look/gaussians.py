@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import ndimage, sparse
 from scipy.spatial.transform import Rotation
 
+from ..masks import box_of, rows_columns
 from ..observe.object.motion.control import attach
 from ..observe.object.shape.particles import columns_of
 from ..observe.object.shape.relief import MAX_SLANT, Relief, sample
@@ -118,8 +121,35 @@ def _colours(image: np.ndarray, mask: np.ndarray, xy: np.ndarray, stride: float)
     return np.stack([np.clip(sample(channel, xy), 0.0, 1.0) for channel in channels], axis=1)
 
 
-def view_camera(camera: Camera, box: tuple[int, int, int, int], reduce: int) -> Camera:
-    """The camera of frame 0 cropped to box x0 y0 x1 y1 (exclusive) and reduced by an integer factor."""
+@dataclass(frozen=True)
+class Crop:
+    """A part of a frame, reduced by an integer factor."""
+
+    camera: Camera
+    """Of the reduced part."""
+    box: tuple[int, int, int, int]
+    """x0, y0, x1, y1 [px], ends exclusive."""
+    reduce: int
+
+    @staticmethod
+    def around(mask: np.ndarray, camera: Camera, frame: int, margin: int, pixels: int) -> Crop:
+        """The box of a mask (H, W) bool, `margin` wider, reduced to at most about `pixels`."""
+        x0, y0, x1, y1 = box_of(mask, margin)
+        reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / pixels))))
+        return Crop(view_camera(camera, (x0, y0, x1, y1), reduce, frame), (x0, y0, x1, y1), reduce)
+
+    def cut(self, image: np.ndarray) -> np.ndarray:
+        """The part of a whole frame (H, W, ...)."""
+        return image[rows_columns(self.box)]
+
+    def reduced(self, part: np.ndarray) -> np.ndarray:
+        """Means (h, w, channels) over blocks of pixels of what was cut out."""
+        height, width, reduce = self.camera.height, self.camera.width, self.reduce
+        return part[: height * reduce, : width * reduce].reshape(height, reduce, width, reduce, -1).mean(axis=(1, 3))
+
+
+def view_camera(camera: Camera, box: tuple[int, int, int, int], reduce: int, frame: int = 0) -> Camera:
+    """The camera of a frame cropped to box x0 y0 x1 y1 (exclusive) and reduced by an integer factor."""
     x0, y0, x1, y1 = box
     return Camera(
         width=(x1 - x0) // reduce,
@@ -129,5 +159,5 @@ def view_camera(camera: Camera, box: tuple[int, int, int, int], reduce: int) -> 
         # Pixel centres are at integers: the reduced pixel i covers reduce * i - 0.5 to reduce * (i + 1) - 0.5.
         cx=(camera.cx - x0 + 0.5) / reduce - 0.5,
         cy=(camera.cy - y0 + 0.5) / reduce - 0.5,
-        camera_to_world=camera.pose(0),
+        camera_to_world=camera.pose(frame),
     )

@@ -9,10 +9,10 @@ from ..observe.object.shape.relief import clean_mask
 from ..progress import Progress
 from ..records import Body, Observation
 from .covering import joined, uncovered
-from .first_frame import Look, fit_views
+from .first_frame import View, fit_views
 
 
-def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress | None = None) -> tuple[Body, float]:
+def with_views(body: Body, first: Observation, further: Sequence[Observation], progress: Progress) -> tuple[Body, float]:
     """The body with Gaussians for all that frame 0 of any view shows, fitted by splatting on all of them.
 
     Args:
@@ -24,9 +24,9 @@ def with_views(body: Body, first: Observation, further: Sequence[Observation], p
     Raises:
         ObjectError: a further view whose mask is empty.
     """
-    looks = [Look(one.camera, clean_mask(one.masks[0]), one.image, one.background) for one in (first, *further)]
+    views = [View(one.camera, clean_mask(one.masks[0]), one.image, one.background) for one in (first, *further)]
     gaussians = body.gaussians
-    for look in looks[1:]:
-        gaussians = joined(gaussians, uncovered(body, gaussians, look.camera, look.mask, look.image))
-    fitted, quality = fit_views(gaussians, looks, progress=progress)
+    for view in views[1:]:
+        gaussians = joined(gaussians, uncovered(body, gaussians, view.camera, view.mask, view.image))
+    fitted, quality = fit_views(gaussians, views, progress)
     return replace(body, gaussians=fitted), quality

@@ -27,10 +27,10 @@ from ..records import Body, Camera, Gaussians, Recovery
 from .contributions import contributions
 from .covering import joined, uncovered
 from .finer import finer
-from .gaussians import blended_gradients, view_camera
+from .gaussians import Crop, blended_gradients
 from .harmonics import harmonics, polar_rotations
 
-PICTURES = 25
+FITTED = 25
 """Frames of the clip that are fitted, spread evenly. Others come out 0.5 dB worse where the motion is right, and up to 3 dB where it is
 some pixels off, as colours that depend on the direction take up a part of that."""
 
@@ -67,8 +67,8 @@ class Footage:
     """What one camera filmed."""
 
     camera: Camera
-    picture: Callable[[int], np.ndarray]
-    """Frame t (H, W, 3) uint8 RGB without lens distortion, for t in `pictures_fitted`."""
+    frame: Callable[[int], np.ndarray]
+    """Frame t (H, W, 3) uint8 RGB without lens distortion, for t in `frames_fitted`."""
     masks: Masks
     """(T+1, H, W) bool, the object."""
     behind: Callable[[int, np.ndarray, Box], np.ndarray]
@@ -88,10 +88,10 @@ class _Equations:
     """(BANDS, G)."""
 
 
-def pictures_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
+def frames_fitted(masks: Masks, recovery: Recovery) -> np.ndarray:
     """The frames that `fit_appearance` uses, possibly none: spread over those that show the object and have a residual."""
     usable = (areas(masks[: len(recovery.x)]) > 0) & np.isfinite(recovery.residual)
-    return _spread(np.flatnonzero(usable), PICTURES)
+    return _spread(np.flatnonzero(usable), FITTED)
 
 
 def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: Progress | None = None) -> Gaussians:
@@ -104,14 +104,14 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
         Cancelled: between frames and between iterations.
     """
     progress = progress or NoProgress()
-    chosen = pictures_fitted(footage.masks, recovery)
+    chosen = frames_fitted(footage.masks, recovery)
     if not len(chosen):
         return body.gaussians
     gaussians = body.gaussians
     with one_torch_thread():
         for t in _spread(chosen, SIGHTS):
             progress.check()
-            new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.picture(int(t)), int(t), recovery.x[t])
+            new = uncovered(body, gaussians, footage.camera, footage.masks[t], footage.frame(int(t)), int(t), recovery.x[t])
             gaussians = joined(gaussians, new)
         motion = ((int(t), recovery.x[t], recovery.F[t]) for t in _spread(chosen, SIGHTS))
         gaussians = finer(gaussians, body.particles.x, footage.camera, motion)
@@ -123,34 +123,25 @@ def fit_appearance(body: Body, recovery: Recovery, footage: Footage, progress: P
         return dataclasses.replace(gaussians, sh=_solved(gaussians, equations, progress))
 
 
-def _spread(pictures: np.ndarray, count: int) -> np.ndarray:
+def _spread(frames: np.ndarray, count: int) -> np.ndarray:
     """At most `count` of the frames, evenly spread, the first and the last among them."""
-    if not len(pictures):
-        return pictures
-    return pictures[np.unique(np.linspace(0, len(pictures) - 1, count).round().astype(int))]
+    if not len(frames):
+        return frames
+    return frames[np.unique(np.linspace(0, len(frames) - 1, count).round().astype(int))]
 
 
 def _equations(gaussians: Gaussians, footage: Footage, t: int, x: np.ndarray, F: np.ndarray, trust: float) -> _Equations:
     """The frame's box round the object, reduced to at most about `FIT_PIXELS`."""
-    mask = footage.masks[t]
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    height, width = mask.shape
-    x0, y0 = max(int(columns[0]) - MARGIN, 0), max(int(rows[0]) - MARGIN, 0)
-    x1, y1 = min(int(columns[-1]) + 1 + MARGIN, width), min(int(rows[-1]) + 1 + MARGIN, height)
-    reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / FIT_PIXELS))))
-    pose = footage.camera.pose(t)
-    still = dataclasses.replace(footage.camera, camera_to_world=pose, distortion=())
-    camera = view_camera(still, (x0, y0, x1, y1), reduce)
+    crop = Crop.around(footage.masks[t], footage.camera, t, MARGIN, FIT_PIXELS)
 
-    def reduced(image: np.ndarray) -> np.ndarray:
-        part = image[: camera.height * reduce, : camera.width * reduce].astype(np.float32) / 255.0
-        return part.reshape(camera.height, reduce, camera.width, reduce, 3).mean(axis=(1, 3)).reshape(-1, 3)
+    def reduced(part: np.ndarray) -> np.ndarray:
+        return crop.reduced(part.astype(np.float32) / 255.0).reshape(-1, 3)
 
-    weights, passed = contributions(gaussians, camera, x, F)
-    image = footage.picture(t)
-    behind = reduced(footage.behind(t, image, (x0, y0, x1, y1)))
-    colour = reduced(image[y0:y1, x0:x1]) - passed * behind - 0.5 * np.asarray(weights.sum(axis=1))
-    toward = gaussians.attachment.follow(x) - pose[:3, 3]
+    weights, passed = contributions(gaussians, crop.camera, x, F)
+    image = footage.frame(t)
+    behind = reduced(footage.behind(t, image, crop.box))
+    colour = reduced(crop.cut(image)) - passed * behind - 0.5 * np.asarray(weights.sum(axis=1))
+    toward = gaussians.attachment.follow(x) - crop.camera.pose(0)[:3, 3]
     toward /= np.linalg.norm(toward, axis=1, keepdims=True)
     toward = np.einsum("gba,gb->ga", polar_rotations(blended_gradients(gaussians, F)), toward)
     return _Equations(trust, weights, colour.astype(np.float32), np.ascontiguousarray(harmonics(toward, BANDS).T, dtype=np.float32))

@@ -145,7 +145,7 @@ def _assemble(values: torch.Tensor, tiles: Tiles) -> torch.Tensor:
     return grid.permute(0, 2, 1, 3, 4).reshape(tiles.down * TILE, tiles.across * TILE, channels)
 
 
-def picture(
+def render_gaussians(
     gaussians: Gaussians, camera: Camera, frame: int = 0, x: np.ndarray | None = None, F: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Render Gaussians, at rest or carried by particles.

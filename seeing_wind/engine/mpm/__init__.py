@@ -3,15 +3,8 @@
     model.py      what stays the same        model_for.py  chosen from bodies and materials     state.py  what changes
     rollout.py    frames of one body         batch.py      frames of many copies of it          copies.py    their states
     tangent.py    many changes to first order              autograd.py    for torch             damping.py   what substeps carry
-    checks.py     what is refused            failure.py    what stopped a run                   body/        one body on all cores
+    courant.py    how many substeps waves need             checks.py      what is refused       failure.py   what stopped a run
+    body/  one body on all cores
     laws/  stress from deformation     lattice/  the grid and its boundary     kernels/  the substep     compiler/  Quadrants or Taichi
     shell/ thin sheets, which have no grid: a solver of their own
 """
-
-from .batch import BatchRollout, rollout_batch
-from .model import Model
-from .model_for import model_for
-from .rollout import advance, rollout
-from .state import State, Trajectory
-
-__all__ = ["BatchRollout", "Model", "State", "Trajectory", "advance", "model_for", "rollout", "rollout_batch"]

@@ -73,8 +73,8 @@ class RolloutFunction(torch.autograd.Function):
         body: Body = ctx.body
         runs: list[FrameRun] = ctx.runs
         count, frames = body.model.particles, len(runs)
-        pictures = [State(*parts) for parts in zip(*(_array(bar) for bar in bars))]
-        bar, origin = pictures[-1], np.zeros(3)
+        by_frame = [State(*parts) for parts in zip(*(_array(bar) for bar in bars))]
+        bar, origin = by_frame[-1], np.zeros(3)
         wanted = any(ctx.needs_input_grad[-5:])
         by_acceleration, by_gradient, material_bar = np.zeros((frames, count, 3)), np.zeros((frames, count, 3, 3)), np.zeros((count, 8))
         for t in reversed(range(frames)):
@@ -85,7 +85,7 @@ class RolloutFunction(torch.autograd.Function):
             if wanted:
                 material_bar[run.order] += by_material.reshape(-1, 8)
             bar = body.packing.unpack(run, packed, origin, bar)
-            for total, part in zip((bar.x, bar.v, bar.C, bar.F), (pictures[t].x, pictures[t].v, pictures[t].C, pictures[t].F)):
+            for total, part in zip((bar.x, bar.v, bar.C, bar.F), (by_frame[t].x, by_frame[t].v, by_frame[t].C, by_frame[t].F)):
                 total += part
         held = body.model.role == HELD
         if held.any():  # these start at rest whatever they are given

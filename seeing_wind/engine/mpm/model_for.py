@@ -10,9 +10,10 @@ import numpy as np
 
 from ..conventions import GRAVITY, lame
 from ..errors import SimulationError
-from ..materials import LIMITS, substeps_needed
+from ..materials import LIMITS
 from ..records import Material, Particles
 from .checks import check_choices, checked_bodies
+from .courant import Part, carried_modulus, enough_substeps, most_substeps, wave_substeps
 from .damping import longest_retardation, substeps_for, with_retardation
 from .kernels.packed import MOST_NODES_ACROSS
 from .lattice.boundary import border_axes, clamped_nodes, lattice_offset, particle_roles
@@ -75,14 +76,15 @@ def model_for(
     dx = LIMITS.cell_spacings * spacing if dx is None else dx
     frame_dt = 1.0 / fps
     parts = list(zip(bodies, materials, scales))
-    max_substeps = _most_substeps(parts, dx, frame_dt) if max_substeps is None else max_substeps
+    max_substeps = most_substeps(parts, dx, frame_dt) if max_substeps is None else max_substeps
     x = np.concatenate([np.asarray(body.x, dtype=np.float64) for body in bodies])
     pinned = np.concatenate([np.asarray(body.pinned, dtype=bool) for body in bodies])
     _check_reach(x, dx)
     path = None if pin_path is None else checked_pin_path(pin_path, x, pinned, dx)
     notes: list[str] = []
     (mass, volume, mu, lam, yield_stress, viscosity, law), needed = _columns(parts, dx, frame_dt, max_substeps, notes)
-    substeps = max(least_substeps, LIMITS.min_substeps, _substeps_for(speed, x, path, dx, frame_dt, max_substeps), needed)
+    fastest = _checked_speed(speed, x, path, dx, frame_dt, max_substeps)
+    substeps = max(least_substeps, enough_substeps(fastest, dx, frame_dt, needed))
     # Of two walls, the lattice follows the collider's.
     axes = None if colliders else border_axes(x, pinned, spacing)
     if axes is not None:
@@ -104,30 +106,22 @@ def model_for(
     return _damped(model, bodies, materials, notes), notes
 
 
-Part = tuple[Particles, Material, float]
-"""A body, what it is made of, and the factor on its density."""
-
-
-def _most_substeps(parts: Sequence[Part], dx: float, frame_dt: float) -> int:
-    """`LIMITS.max_substeps_held` where something is pinned that keeps at least `LIMITS.worth` of its stiffness so, else `max_substeps`."""
-    most = LIMITS.max_substeps_held / math.sqrt(LIMITS.worth)
-    held = any(
-        np.any(body.pinned) and substeps_needed(_softened(stuff, body), dx, frame_dt, scale) <= most
-        for body, stuff, scale in parts
-    )
-    return LIMITS.max_substeps_held if held else LIMITS.max_substeps
-
-
 def _columns(
     parts: Sequence[Part], dx: float, frame_dt: float, max_substeps: int, notes: list[str]
 ) -> tuple[tuple[np.ndarray, ...], int]:
     """`_body_columns` of all bodies, as stiff as `max_substeps` can carry, and the substeps that they need."""
     columns, most = [], 0
-    for body, stuff, scale in parts:
-        youngs_modulus, needed = _affordable_modulus(stuff, body, scale, dx, frame_dt, max_substeps, notes)
-        if youngs_modulus < stuff.youngs_modulus and np.any(body.pinned):
-            share = youngs_modulus / stuff.youngs_modulus
-            notes.append(f"{stuff.name}: it is held, so the forces that bend it are in proportion, about {share:.2g} of the real ones.")
+    for part in parts:
+        body, stuff, scale = part
+        youngs_modulus, needed = carried_modulus(part, dx, frame_dt, max_substeps)
+        if youngs_modulus < stuff.youngs_modulus:
+            notes.append(
+                f"{stuff.name}: Young's modulus {stuff.youngs_modulus:.3g} Pa would need {wave_substeps(part, dx, frame_dt)} substeps a "
+                f"frame; simulated with {youngs_modulus:.3g} Pa, which {max_substeps} can carry."
+            )
+            if np.any(body.pinned):
+                share = youngs_modulus / stuff.youngs_modulus
+                notes.append(f"{stuff.name}: it is held, so the forces that bend it are in proportion, about {share:.2g} of the real ones.")
         most = max(most, needed)
         columns.append(_body_columns(body, stuff, scale, youngs_modulus))
     return tuple(np.concatenate(column) for column in zip(*columns)), most
@@ -173,10 +167,13 @@ def _check_reach(x: np.ndarray, dx: float) -> None:
         )
 
 
-def _substeps_for(speed: float, x: np.ndarray, path: np.ndarray | None, dx: float, frame_dt: float, max_substeps: int) -> int:
-    """Substeps a frame in which neither a body at `speed` [m/s] nor the pins on their path (T+1, M, 3) [m] cross more than a cell.
+def _checked_speed(speed: float, x: np.ndarray, path: np.ndarray | None, dx: float, frame_dt: float, max_substeps: int) -> float:
+    """The speed [m/s] of a body, or of the pins on their path (T+1, M, 3) [m] if they are faster.
 
     `x` (N, 3) [m] are the particles, for the size that the refusal names.
+
+    Raises:
+        SimulationError: where it crosses more than a cell in each of `max_substeps`.
     """
     who = f"A body {np.ptp(x, axis=0).max():.2g} m large"
     if path is not None:
@@ -189,31 +186,7 @@ def _substeps_for(speed: float, x: np.ndarray, path: np.ndarray | None, dx: floa
             "If it is not that small or not that fast, correct the distance or scale, or the frame rate; otherwise use fewer particles.",
             quantity="velocity",
         )
-    return needed
-
-
-def _softened(material: Material, body: Particles) -> Material:
-    """The material as stiff as the body is where it is softer than that everywhere."""
-    factor = 1.0 if body.stiffness is None else min(1.0, float(np.max(body.stiffness)))
-    return replace(material, youngs_modulus=factor * material.youngs_modulus)
-
-
-def _affordable_modulus(
-    material: Material, body: Particles, mass_scale: float, dx: float, frame_dt: float, max_substeps: int, notes: list[str]
-) -> tuple[float, int]:
-    """Young's modulus [Pa] of the material that `max_substeps` can carry in this body, and the substeps it needs."""
-    softened = _softened(material, body)
-    needed = substeps_needed(softened, dx, frame_dt, mass_scale)
-    if needed <= max_substeps:
-        if material.law in PLASTIC_LAWS:
-            needed = min(max_substeps, substeps_needed(softened, dx, frame_dt, mass_scale, LIMITS.plastic_courant))
-        return material.youngs_modulus, needed
-    capped = material.youngs_modulus * (max_substeps / needed) ** 2
-    notes.append(
-        f"{material.name}: Young's modulus {material.youngs_modulus:.3g} Pa would need {needed} substeps a frame; "
-        f"simulated with {capped:.3g} Pa, which {max_substeps} can carry."
-    )
-    return capped, max_substeps
+    return speed
 
 
 def _body_columns(body: Particles, material: Material, mass_scale: float, youngs_modulus: float) -> tuple[np.ndarray, ...]:

@@ -204,11 +204,11 @@ class _Carrier:
         self.inverse_mass = np.empty((substeps, self.nodes), np.float32)
         self.velocity = np.empty(3 * substeps * self.nodes, np.float32)
         for piece, end in zip(pieces, ends_of(len(pieces), substeps)):
-            window = np.concatenate([np.zeros(3 * substep.CLAMP_LO, np.int32), piece.lo])
+            bounds = np.concatenate([np.zeros(3 * substep.CLAMP_LO, np.int32), piece.lo])
             with contracted(), compiled_in(np.float64):
                 linearise.node_motion(
                     begin, end, self.body.capacity, LEAST_MASS * float(m.mass.min()), self.boxes, self.body.grid,
-                    *piece.boundary, piece.lattice, window, self.inverse_mass, self.velocity,
+                    *piece.boundary, piece.lattice, bounds, self.inverse_mass, self.velocity,
                 )  # fmt: skip
                 linearise.linearise(
                     m.plastic, begin, end, self.nodes, self.body.particle, self.rows, force, piece.lattice, self.boxes, self.velocity,

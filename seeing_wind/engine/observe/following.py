@@ -16,7 +16,7 @@ from .clip.frames import Clip
 from .clip.lens import Lens
 from .clip.stored import Frames
 from .mask.background import Plate
-from .mask.evidence import Looks
+from .mask.evidence import Contrast
 from .mask.flows import Flows
 from .mask.follow import MaskFollower
 from .mask.through import Follower, followed
@@ -50,7 +50,7 @@ def follow(
     mask: np.ndarray,
     outlines: Masks | None,
     plate: Plate | None,
-    looks: Looks | None,
+    contrast: Contrast | None,
     flows: Flows | None,
     lens: Lens,
     settings: ObserveSettings,
@@ -77,7 +77,7 @@ def follow(
         outlines = journal.once("masks", Masks, lambda: network_masks(settings.mask_model or "", frames, mask, progress.part(0.1, 0.7)))
     follower: Follower
     if outlines is None:
-        follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True, known=flows)
+        follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, known=flows)
     else:
         follower = Outlined(frames[0], outlines, flows)
     masks = followed(frames.__getitem__, len(frames), follower, progress.part(0.3, 0.9), journal.loop("follow"), points)

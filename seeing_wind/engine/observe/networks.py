@@ -53,7 +53,7 @@ def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tu
     Raises:
         UsageError: a depth file that cannot be used. ModelError, MissingPackage: a network that cannot.
     """
-    pictures, height, width = clip.frames.shape[:3]
+    frames, height, width = clip.frames.shape[:3]
     if settings.depth is not None:
         return read_depth(settings.depth, height, width), Path(settings.depth).name
     if settings.depth_model is None:
@@ -63,7 +63,7 @@ def first_depth(settings: ObserveSettings, clip: Clip, progress: Progress) -> tu
     fov = settings.fov if 1.0 <= settings.fov <= 170.0 else DEFAULT_FOV_DEGREES  # a wrong one is told by the camera
     focal = 0.5 * width / float(np.tan(0.5 * np.radians(fov)))
     if settings.camera is not None:
-        focal = read_camera(settings.camera, width, height, pictures, clip.first_frame).fx
+        focal = read_camera(settings.camera, width, height, frames, clip.first_frame).fx
     return predict_depth(settings.depth_model, clip.frames[0], focal, progress), settings.depth_model
 
 
@@ -77,24 +77,24 @@ def first_outline(
     Raises:
         ObjectError, UsageError: as `first_mask` and `mask_in_box`. ModelError, MissingPackage: a network that cannot be used.
     """
-    box, picture = settings.box, frames[0]
+    box, frame = settings.box, frames[0]
     if settings.prompt is not None and settings.detector_model is not None:
         from .models.masks import find_box
 
-        box = find_box(settings.detector_model, settings.prompt, picture, progress)
+        box = find_box(settings.detector_model, settings.prompt, frame, progress)
     if (box is not None or settings.points is not None) and settings.mask is None and settings.mask_model is not None:
         from .models.masks import MaskModel
 
         network = MaskModel(settings.mask_model)
         if box is not None:
-            mask = network.in_box(picture, box)
+            mask = network.in_box(frame, box)
         else:
-            mask = network.at_points(picture, point_list(settings.points or (), *picture.shape[:2]))
+            mask = network.at_points(frame, point_list(settings.points or (), *frame.shape[:2]))
         if mask.sum() < LEAST_PIXELS:
             raise ObjectError(f"{settings.mask_model} finds nothing there.", "Mark it more closely, or give --mask with a PNG.")
         return mask
     if box is not None and settings.mask is None:
-        return mask_in_box(picture, box, plate, progress, moving)
+        return mask_in_box(frame, box, plate, progress, moving)
     mask = first_mask(settings, frames, plate, progress)
     # A mask or a depth map of the user's is over the filmed frame; what moves was found in the straightened one.
     return lens.straight_map(mask) if settings.mask is not None or settings.depth is not None else mask
@@ -115,16 +115,16 @@ def network_masks(name: str, frames: Frames, mask: np.ndarray, progress: Progres
 class Outlined:
     """Follows an object whose `masks` (T+1, H, W) are known already (see `mask.through.Follower`): seeks the flow between them."""
 
-    def __init__(self, picture: np.ndarray, masks: Masks, known: Flows | None) -> None:
-        """`picture` (H, W, 3) uint8 RGB: number 0; `known`: motion that was found before."""
+    def __init__(self, frame: np.ndarray, masks: Masks, known: Flows | None) -> None:
+        """`frame` (H, W, 3) uint8 RGB: number 0; `known`: motion that was found before."""
         self._solver, self._masks, self._known, self._count = FlowSolver(rough=True), masks, known, 0
-        self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self.mask = masks[0]
         self.flow: Flow | None = None
 
-    def advance(self, picture: np.ndarray) -> np.ndarray:
+    def advance(self, frame: np.ndarray) -> np.ndarray:
         """See `Follower.advance`."""
-        before, gray = self.mask, cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        before, gray = self.mask, cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self._count += 1
         self.mask, self.flow = self._masks[self._count], None
         if before.any() and self.mask.any():
@@ -135,7 +135,7 @@ class Outlined:
         self._gray = gray
         return self.mask
 
-    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `Follower.finished`."""
         return mask
 
@@ -143,9 +143,9 @@ class Outlined:
         """See `Follower.state`."""
         return {"outlined": np.array(self._count)}
 
-    def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+    def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `Follower.resume`."""
-        self._count, self._gray = int(state["outlined"]), cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        self._count, self._gray = int(state["outlined"]), cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self.mask, self.flow = mask, None
 
 

@@ -15,7 +15,7 @@ from ..progress import Journal, Progress
 from ..records import Camera, Doubt, Doubts, Observation
 from ..settings import ObserveSettings
 from .clip.camera import find_camera
-from .clip.defects import check_pictures, tell_defects
+from .clip.defects import check_frames, tell_defects
 from .clip.depth import object_depth, typical_depth
 from .clip.filmed.beside import touching
 from .clip.filmed.surroundings import camera_doubts
@@ -62,7 +62,7 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, jo
         return WorkingSize(height, width, working_scale(settings, height, width)).work
 
     clip = read_clip(path, settings.frames, settings.fps, progress, resized=resized)
-    check_pictures(clip.frames, clip.first_frame, progress)
+    check_frames(clip.frames, clip.first_frame, progress)
     if clip.frames.shape[1:3] == clip.size:
         return _seen(clip, settings, progress, journal, beside)
     size = WorkingSize(*clip.size, working_scale(settings, *clip.size))
@@ -73,11 +73,11 @@ def _observe(path: str | Path, settings: ObserveSettings, progress: Progress, jo
 
 def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Journal, beside: Executor) -> Observation:
     """The observation of a clip at the size at which it is; what nothing else waits for is looked at `beside` it, on another core."""
-    pictures, height, width = clip.frames.shape[:3]
+    count, height, width = clip.frames.shape[:3]
     around = _marked_area(settings, height, width)
     known_depth, depth_name = first_depth(settings, clip, progress)
     depth_of_object = typical_depth(known_depth, around)
-    camera, distance = find_camera(settings, width, height, pictures, clip.first_frame, depth_of_object, progress)
+    camera, distance = find_camera(settings, width, height, count, clip.first_frame, depth_of_object, progress)
     lens = Lens(camera)
     clip, settings = replace(clip, frames=lens.straight(clip.frames, progress)), _straight(settings, lens)
     around = lens.straight_map(around)
@@ -103,21 +103,21 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
     unaided = first_outline(settings, clip.frames, plate, moving, lens, progress)
     mask = shown.get(0, unaided)
     progress.update(0.1, "following the object")
-    looks, flows = None, None
+    contrast, flows = None, None
     if plate is not None and moving is not None:
         behind = plate
-        unaided, plate, looks, flows = with_background(clip.frames, unaided, behind, moving, settings, around, progress, journal)
+        unaided, plate, contrast, flows = with_background(clip.frames, unaided, behind, moving, settings, around, progress, journal)
         mask = unaided
         if 0 in shown:
             # What is behind the object, and how it differs from that, is learnt once more where the user has drawn it.
             drawn = replace(settings, box=None)
-            mask, plate, looks, flows = with_background(clip.frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
-    outlines = with_corrections(clip.frames, mask, unaided, shown, marks, plate, looks, flows, progress, journal)
+            mask, plate, contrast, flows = with_background(clip.frames, shown[0], behind, moving, drawn, shown[0], progress, journal)
+    outlines = with_corrections(clip.frames, mask, unaided, shown, marks, plate, contrast, flows, progress, journal)
     mask = mask if outlines is None else outlines[0]
     pin = _pin(settings.pin, mask, lens)
     depth = object_depth(_depth_map(known_depth, mask, distance, lens, settings), depth_name, mask, distance, progress)
     _tell_huge(mask, depth, camera, progress)
-    masks, tracks = follow(clip, mask, outlines, plate, looks, flows, lens, settings, progress, journal)
+    masks, tracks = follow(clip, mask, outlines, plate, contrast, flows, lens, settings, progress, journal)
     bare = beside.submit(clean_plate, clip.frames, masks, median, progress)
     tell_defects(clip.frames, masks, progress)
     doubts += [] if asked is None else asked.result()

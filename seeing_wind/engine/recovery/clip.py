@@ -1,6 +1,6 @@
-"""A clip solved in windows that overlap: the cost grows with its length, the memory of the solve does not.
+"""A clip solved in blocks that overlap: the cost grows with its length, the memory of the solve does not.
 
-Each window starts from the state that the one before reached well before its end, and solves what lay after that once more.
+Each block starts from the state that the one before reached well before its end, and solves what lay after that once more.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from ..mpm.state import Trajectory
 from ..progress import Journal, Progress
 from ..records import Material, Outcome, Particles, Recovery
 from ..settings import RecoverSettings
+from .blocks import blocks, most_modes
 from .diagnostics.posterior import missed_acceleration, posterior_deviation, unseen_variation
 from .diagnostics.remarks import (
     DISTRUST,
@@ -33,15 +34,14 @@ from .diagnostics.remarks import (
 from .prior.basis import SpatialBasis, held_axis, spatial_basis
 from .prior.constants import PRIOR
 from .prior.learning import Expected
+from .solve.block import BlockSolver, Found
 from .solve.constants import PACE
 from .solve.onward import Onward
 from .solve.section import section_axes
 from .solve.stiffness import Stiffness, covariance_with, remark, scaled, youngs_modulus
-from .solve.window import Found, WindowSolver
 from .targets.objective import Objective
 from .targets.points import PointChannels
 from .targets.tracks import TrackChannels
-from .windows import most_modes, windows
 
 
 def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
@@ -66,21 +66,21 @@ def still_frames(settings: RecoverSettings, frames: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Kept:
-    """What a window adds to the clip: the frames before the next one begins."""
+    """What a block adds to the clip: the frames before the next one begins."""
 
     acceleration: np.ndarray
     deviation: np.ndarray
     trajectory: Trajectory
-    """Up to the next window's first frame."""
+    """Up to the next block's first frame."""
     iterations: int
     converged: bool
     knot_spacing: float
     """Frames."""
     stiffness: Stiffness
     wild: np.ndarray
-    """(T,) bool, see `solve.window.Found`."""
+    """(T,) bool, see `solve.block.Found`."""
     onward: Onward
-    """For the next window."""
+    """For the next block."""
 
 
 @dataclass
@@ -96,22 +96,22 @@ class Clip:
     journal: Journal
     notes: list[str]
     stiffness: Stiffness
-    """Free until a window told it."""
+    """Free until a block told it."""
     still: np.ndarray
     """(T,) bool: frames without a force."""
 
     def solved(self) -> list[Kept]:
-        """The windows one after the other."""
+        """The blocks one after the other."""
         modes, weight = most_modes(self.particles), self.model.mass * ~self.particles.pinned
         basis = self._observable(spatial_basis(self.particles.x, weight, modes))
         expected = self._expected(len(basis.degree))
         kept: list[Kept] = []
-        cuts = windows(self.objective.frames)
+        cuts = blocks(self.objective.frames)
         done = 0.0
         while len(kept) < len(cuts):
             part = len(kept)
             begin, end = cuts[part]
-            # A later window that tells the stiffness sends the solve back to the first.
+            # A later block that tells the stiffness sends the solve back to the first.
             share = (1.0 - done) / (len(cuts) - part + (len(cuts) if part and self.stiffness.free else 0))
 
             def tell(fraction: float, what: str, residual: float | None, part: int = part, at: float = done, share: float = share) -> None:
@@ -122,17 +122,17 @@ class Clip:
             start = kept[-1].trajectory.state(-1) if kept else None
             springy = self.particles.pinned.any() and not self.model.plastic and not self.stiffness.free
             before = kept[-1].onward if kept and springy and self.settings.iterations > 1 else None  # it takes two
-            solver = WindowSolver(
+            solver = BlockSolver(
                 self.particles, self.model.from_frame(begin), self.objective.between(begin, end), basis, expected, start,
                 self.settings.iterations, self.progress, tell, self.still[begin:end], self.stiffness, before=before,
                 journal=self.journal,
             )  # fmt: skip
             frames = cuts[part + 1][0] - begin if part + 1 < len(cuts) else end - begin
-            found = self.journal.once("window", Kept, partial(_solved, solver, frames), begin, end, start, self.stiffness)
+            found = self.journal.once("block", Kept, partial(_solved, solver, frames), begin, end, start, self.stiffness)
             done += share
             if self.stiffness.free:
                 self.stiffness = found.stiffness.settled() if found.stiffness.known else found.stiffness
-                if part and self.stiffness.known:  # it is one body through the whole clip, and the windows so far were solved for another
+                if part and self.stiffness.known:  # it is one body through the whole clip, and the blocks so far were solved for another
                     kept = []
                     continue
             if found.knot_spacing > PACE.knot and not part:
@@ -182,7 +182,7 @@ class Clip:
         return np.eye(3) if axis is None else np.eye(3) - (1.0 - shrink**2) * np.outer(axis, axis)
 
     def result(self, kept: list[Kept], material: Material, views: int, began: float) -> Recovery:
-        """What the windows add up to."""
+        """What the blocks add up to."""
         x = np.concatenate([one.trajectory.x[:-1] for one in kept] + [kept[-1].trajectory.x[-1:]])
         F = np.concatenate([one.trajectory.F[:-1] for one in kept] + [kept[-1].trajectory.F[-1:]])
         residual = self.objective.root_mean_square(x)
@@ -236,12 +236,12 @@ class Clip:
         )
 
 
-def _solved(solver: WindowSolver, frames: int) -> Kept:
+def _solved(solver: BlockSolver, frames: int) -> Kept:
     return _keep(solver.run(), frames)
 
 
 def _keep(found: Found, frames: int) -> Kept:
-    """The first frames of a window's solution, with the posterior deviation."""
+    """The first frames of a block's solution, with the posterior deviation."""
     # What was only assumed of stretch is not known: the deviation leaves that assumption out.
     covariance = covariance_with(found.last.point.normal + replace(found.prior, stretch=None).precision(), found.joint)
     path, acceleration = found.trajectory, found.forward.acceleration(found.last.theta)[:frames]

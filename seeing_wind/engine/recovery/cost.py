@@ -4,7 +4,7 @@
 
 A *copy* is one simulation among several, a *base* one that is kept and linearised so that changes can be carried along it, a *change*
 one direction so carried; c, b and d [s] are measured by a short run of the kernels and kept beside them. How often the solve does each is
-foreseen from its schedule (`solve.window`, `solve.first_field`, `solve.onward`), of which a usual clip takes the part that `Usual` says.
+foreseen from its schedule (`solve.block`, `solve.first_field`, `solve.onward`), of which a usual clip takes the part that `Usual` says.
 Few clips are far from it; a body that strays and is followed again takes several times as long, and nobody knows before.
 
 What is foreseen needs no solver, so that a preview can say it, too.
@@ -29,13 +29,14 @@ from typing import Any
 import numpy as np
 
 from .. import systems
-from ..materials import LIMITS, PLASTIC_LAWS, find, substeps_needed
+from ..materials import PLASTIC_LAWS, find
+from ..mpm.courant import substeps_of
 from ..progress import NoProgress
 from ..records import Material, Particles, PointTargets, TrackTargets
 from ..settings import RecoverSettings
+from .blocks import blocks, most_modes
 from .prior.basis import SpatialBasis, spatial_basis
 from .solve.constants import PACE
-from .windows import most_modes, windows
 
 FILE = "solver_speed.json"
 
@@ -57,23 +58,23 @@ class Speed:
 
 @dataclass(frozen=True)
 class Usual:
-    """What a window usually takes; chosen on the falling leaf, the potted plant, and rendered clips of a post, a plate and clay."""
+    """What a block usually takes; chosen on the falling leaf, the potted plant, and rendered clips of a post, a plate and clay."""
 
     copies: float
-    """Simulations of the whole window."""
+    """Simulations of the whole block."""
     coarse: float
     """Jacobians with few modes and sparse knots."""
     fine: float
     """Those with all."""
     follows: bool = True
-    """Whether the body is led through the window first."""
+    """Whether the body is led through the block first."""
 
 
 FREE = Usual(copies=30.0, coarse=1.3, fine=1.8)
 HELD = Usual(copies=50.0, coarse=2.5, fine=2.1)
 FLOWING = Usual(copies=60.0, coarse=3.0, fine=3.0)
 ONWARD = Usual(copies=10.0, coarse=0.0, fine=2.5, follows=False)
-"""A later window of a held body."""
+"""A later block of a held body."""
 
 
 @dataclass(frozen=True)
@@ -107,16 +108,16 @@ def work_of(particles: Particles, material: Material, fps: float, frames: int, p
     worth = round(math.sqrt(few * len(basis.degree))) if held else few
     each = float(len(particles.x) * substeps_of(particles, material, fps))
     work = np.zeros(3)
-    for number, (begin, end) in enumerate(windows(frames)):
+    for number, (begin, end) in enumerate(blocks(frames)):
         usual = FLOWING if plastic else HELD if held else FREE
         if held and not plastic and number and settings.iterations > 1:
             usual = ONWARD
-        work += each * _window(usual, end - begin, 0 if number else 6, few, worth, settings.iterations)
+        work += each * _block(usual, end - begin, 0 if number else 6, few, worth, settings.iterations)
     copies, bases, changes = work.tolist()
     return Work(copies, bases, changes, plastic)
 
 
-def _window(usual: Usual, frames: int, start: int, few: int, worth: int, iterations: int) -> np.ndarray:
+def _block(usual: Usual, frames: int, start: int, few: int, worth: int, iterations: int) -> np.ndarray:
     """(3,) copies, bases and changes times frames of the fine model; `start` unknowns are those of the initial motion.
 
     Derivatives are taken of the rough model. A change costs nothing before its knot, so half of the frames on average.
@@ -133,19 +134,6 @@ def _window(usual: Usual, frames: int, start: int, few: int, worth: int, iterati
 def _modes(particles: Particles, points: int) -> SpatialBasis:
     most = max(1, min(most_modes(particles), points))
     return spatial_basis(particles.x, np.where(particles.pinned, 0.0, particles.volume), most)
-
-
-def substeps_of(particles: Particles, material: Material, fps: float) -> int:
-    """Per frame, as `mpm.model_for` chooses them for one body that touches nothing."""
-    dx, frame = LIMITS.cell_spacings * particles.spacing, 1.0 / fps
-    softest = 1.0 if particles.stiffness is None else min(1.0, float(np.max(particles.stiffness)))
-    stuff = dataclasses.replace(material, youngs_modulus=softest * material.youngs_modulus)
-    needed = substeps_needed(stuff, dx, frame)
-    worth = bool(particles.pinned.any()) and needed <= LIMITS.max_substeps_held / math.sqrt(LIMITS.worth)
-    most = LIMITS.max_substeps_held if worth else LIMITS.max_substeps
-    if material.law in PLASTIC_LAWS and needed <= most:
-        needed = substeps_needed(stuff, dx, frame, courant=LIMITS.plastic_courant)
-    return max(LIMITS.min_substeps, math.ceil(LIMITS.default_speed * frame / dx), min(most, needed))
 
 
 def points_in(targets: PointTargets | list[TrackTargets]) -> int:
@@ -205,7 +193,9 @@ FEW, MANY = 16, 256
 
 def _measured(plastic: bool) -> Speed:
     """The median of some runs; the first one loads or compiles the kernels."""
-    from ..mpm import State, model_for, rollout_batch
+    from ..mpm.batch import rollout_batch
+    from ..mpm.model_for import model_for
+    from ..mpm.state import State
     from ..mpm.tangent import Changes, tangents
 
     x = 0.01 * np.stack(np.meshgrid(*(np.arange(float(side)) for side in PROBED), indexing="ij"), axis=-1).reshape(-1, 3)

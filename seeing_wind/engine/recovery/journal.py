@@ -1,7 +1,7 @@
 """What a long computation has found so far, kept on disk: after a crash it is run again and reads what is there instead of finding it anew.
 
 Nothing is resumed in the middle of the code. The computation begins at its beginning and takes the same way as before, since it always
-does. The parts on it that take long (`once`) have places, such as `window 1/solve 3/trial 0`, and what a part gave is read at its place if
+does. The parts on it that take long (`once`) have places, such as `block 1/solve 3/trial 0`, and what a part gave is read at its place if
 a former run got so far. A part that is finished forgets those inside it. A loop that takes long by itself (`loop`) keeps its state now and
 then. So the result is that of a run without interruption, to the last bit, and no part needs to know of any other.
 

@@ -110,7 +110,7 @@ def _stiffness(particles: Particles, model: Model, settings: RecoverSettings, kn
         return Stiffness(free)
     if not particles.pinned.any():
         raise UsageError("--body is for a held body; this one is free.", "Leave it out, or mark what is held.")
-    return known.believed(particles, model, free)
+    return known.stiffness_of(particles, model, free)
 
 
 def _refined(model: Model, channels: Sequence[Channels]) -> Model:

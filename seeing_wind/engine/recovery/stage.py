@@ -12,12 +12,13 @@ import numpy as np
 
 from .. import systems
 from ..materials import LIMITS
+from ..mpm.courant import substeps_of
 from ..progress import Journal, Progress, in_words
 from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, to_arrays
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings, to_mapping
 from ..take import VERSION, Take, require_take, stamp_of
-from .cost import EXPECTED, measure_speed, points_in, substeps_of, work_of
+from .cost import EXPECTED, measure_speed, points_in, work_of
 from .journal import TakeJournal
 from .recover import check_body, recover, refinement
 from .solve.known_body import KnownBody
@@ -44,7 +45,7 @@ def recover_stage(
     """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, distil into the representation, refine it.
 
     Args:
-        loss: for objectives other than tracking; see `picture_loss`.
+        loss: for objectives other than tracking; see `frame_loss`.
 
     Returns:
         the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds

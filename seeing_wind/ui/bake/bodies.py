@@ -27,7 +27,7 @@ HIDDEN = "seeing_wind_replaced"
 
 
 def bake_body(
-    scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan, force: bool = False
+    scene: bpy.types.Scene, body: bpy.types.PropertyGroup, folder: Path, plan: Plan, force: bool
 ) -> tuple[bpy.types.Object, Baked]:
     """Give one body of the edit its simulated motion as keyframes. Returns the object that carries it, and how.
 
@@ -168,6 +168,8 @@ def bake_bodies(
     if preview is None:
         preview = goes_before(scene, EditRequest.of(scene).digest())
     folder = takes.simulated(settings, preview)
+    if not folder.is_dir():
+        raise TakeError(f"There is no folder {folder}.", "Put it back, or run Re-simulate again.")
     chosen = _named(bodies, name)
     missing = [body.name for body in chosen if not (folder / "bodies" / f"{body.result}.npz").is_file()]
     if missing:
@@ -179,7 +181,7 @@ def bake_bodies(
     return done
 
 
-def clear_bodies(scene: bpy.types.Scene, name: str = "") -> int:
+def clear_bodies(scene: bpy.types.Scene, name: str) -> int:
     """Take the motion of all bodies away, or of the one of this name. Returns of how many."""
     settings = scene.seeing_wind
     cleared = sum(clear_body(scene, body) for body in _named(list(settings.bodies), name))

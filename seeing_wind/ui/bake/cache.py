@@ -24,9 +24,9 @@ ACTOR = "SeeingWindCache"
 
 def write_pc2(path: Path, vertices: np.ndarray) -> None:
     """Vertices (T+1, V, 3) as a PC2 file: 32 bytes of header (little endian), then float32 coordinates."""
-    pictures, count = vertices.shape[:2]
+    frames, count = vertices.shape[:2]
     with Take(path.parent).writing(path.name) as aside, open(aside, "wb") as handle:
-        handle.write(struct.pack("<12siiffi", b"POINTCACHE2\0", 1, count, 0.0, 1.0, pictures))
+        handle.write(struct.pack("<12siiffi", b"POINTCACHE2\0", 1, count, 0.0, 1.0, frames))
         handle.write(np.ascontiguousarray(vertices, dtype="<f4").tobytes())
 
 
@@ -53,8 +53,8 @@ def show_pc2(obj: bpy.types.Object, path: Path, frames: np.ndarray) -> None:
     modifier.time_mode, modifier.play_mode, modifier.interpolation = "FRAME", "CUSTOM", "LINEAR"
     obj.modifiers.move(len(obj.modifiers) - 1, 0)
     data_path = modifier.path_from_id("eval_frame")
-    for frame, picture in ((frames[0], 0.0), (frames[-1], len(frames) - 1.0)):
-        modifier.eval_frame = picture
+    for frame, index in ((frames[0], 0.0), (frames[-1], len(frames) - 1.0)):
+        modifier.eval_frame = index
         obj.keyframe_insert(data_path, frame=float(frame))
     make_linear(obj, [data_path])
 

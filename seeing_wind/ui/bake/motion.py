@@ -44,7 +44,7 @@ def bake_motion(obj: bpy.types.Object, vertices: np.ndarray, plan: Plan, scene: 
     scene = scene or bpy.context.scene
     vertices = np.asarray(vertices, dtype=np.float64)
     _check_motion(obj, vertices)
-    chosen, frames = _pictures(len(vertices), plan, scene)
+    chosen, frames = _baked_frames(len(vertices), plan, scene)
     fit = bake_rigid.rigid_fit(vertices)
     way = way_for(obj, fit, vertices[chosen], plan, scene)
     if plan.stamp and is_intact(obj) and mark_of(obj)["stamp"] == plan.stamp:
@@ -195,7 +195,7 @@ def _edges(obj: bpy.types.Object) -> np.ndarray:
     return found.reshape(-1, 2)
 
 
-def _pictures(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
+def _baked_frames(count: int, plan: Plan, scene: bpy.types.Scene) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the clip frames to bake, and their scene frames."""
     stride = scene.render.fps / scene.render.fps_base / plan.fps if plan.frames_follow_time else 1.0
     frames = plan.frame_start + stride * np.arange(count)
@@ -266,9 +266,9 @@ def _in_object_space(obj: bpy.types.Object, vertices: np.ndarray, frames: np.nda
         bpy.context.view_layer.update()
         matrices = [obj.matrix_world.copy()] * len(vertices)
     local = np.empty_like(vertices)
-    for picture, matrix in enumerate(matrices):
+    for index, matrix in enumerate(matrices):
         inverse = np.array(matrix.inverted_safe())
-        local[picture] = vertices[picture] @ inverse[:3, :3].T + inverse[:3, 3]
+        local[index] = vertices[index] @ inverse[:3, :3].T + inverse[:3, 3]
     return local
 
 

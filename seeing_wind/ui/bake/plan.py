@@ -48,7 +48,7 @@ class Baked:
     """What `bake_motion` did."""
 
     way: str
-    pictures: int
+    frames: int
     residual: float
     """Largest distance of a vertex from the best rigid motion [m]."""
     kept: bool = False

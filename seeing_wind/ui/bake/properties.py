@@ -18,8 +18,8 @@ class BakeSettings:
     )
     bake_smooth: IntProperty(
         name="Smooth", default=4, min=0, soft_max=10, options=KEPT, update=changed,
-        description="Passes that take ripples of one edge's length out of the motion, which render as a quilt; bends stay. "
-        "0: as simulated, as cloth always is",
+        description="Passes that smooth ripples as short as one mesh edge, which would render as a quilt, out of the motion; bends stay. "
+        "0: none. Cloth is never smoothed",
     )  # fmt: skip
     bake_tolerance: number(
         "Rigid Within (%)", 0.2, "A body counts as rigid while it bends by less than this part of its size", min=0.0, soft_max=5.0, step=10,

@@ -37,11 +37,11 @@ def rigid_fit(vertices: np.ndarray) -> RigidFit:
     centre = vertices.mean(axis=1)
     rest = vertices[0] - centre[0]
     rotation, residual = np.empty((len(vertices), 3, 3)), 0.0
-    for picture, moved in enumerate(vertices - centre[:, None]):
+    for clip_frame, moved in enumerate(vertices - centre[:, None]):
         u, _, vt = np.linalg.svd(rest.T @ moved)
         sign = np.sign(np.linalg.det(u) * np.linalg.det(vt))
-        rotation[picture] = vt.T @ np.diag([1.0, 1.0, sign or 1.0]) @ u.T
-        off = moved - rest @ rotation[picture].T
+        rotation[clip_frame] = vt.T @ np.diag([1.0, 1.0, sign or 1.0]) @ u.T
+        off = moved - rest @ rotation[clip_frame].T
         residual = max(residual, float(np.sqrt((off * off).sum(axis=1).max())))
     translation = centre - np.einsum("tij,j->ti", rotation, centre[0])
     return RigidFit(rotation, translation, residual, float(np.linalg.norm(np.ptp(vertices[0], axis=0))))
@@ -72,12 +72,12 @@ def obstacle(obj: bpy.types.Object, mark: dict[str, Any]) -> str:
     return ""
 
 
-def bake(obj: bpy.types.Object, fit: RigidFit, pictures: np.ndarray, frames: np.ndarray, unit: float) -> dict[str, Any]:
+def bake(obj: bpy.types.Object, fit: RigidFit, clip_frames: np.ndarray, frames: np.ndarray, unit: float) -> dict[str, Any]:
     """Key location and rotation (quaternion) at each frame. Returns what `clear` needs to restore the object.
 
     Args:
         obj: as it stands at frame 0.
-        frames: indices of the frames to key, at `frames`.
+        clip_frames: indices of the frames to key; frames: the scene frames at which to key them.
         unit: metres per unit of the scene.
     """
     bpy.context.view_layer.update()
@@ -91,9 +91,9 @@ def bake(obj: bpy.types.Object, fit: RigidFit, pictures: np.ndarray, frames: np.
     frame_of_parent = obj.matrix_world @ basis.inverted_safe()
     unscaled = Matrix.Diagonal((*obj.scale, 1.0)).inverted_safe()
     obj.rotation_mode = "QUATERNION"
-    for picture, frame in zip(pictures, frames):
-        motion = Matrix(fit.rotation[picture].tolist()).to_4x4()
-        motion.translation = fit.translation[picture] / unit
+    for clip_frame, frame in zip(clip_frames, frames):
+        motion = Matrix(fit.rotation[clip_frame].tolist()).to_4x4()
+        motion.translation = fit.translation[clip_frame] / unit
         placed = frame_of_parent.inverted_safe() @ motion @ frame_of_parent @ basis
         # not by decompose(), which takes a mirrored axis for a point reflection
         location, rotation = placed.translation.copy(), (placed @ unscaled).to_quaternion()

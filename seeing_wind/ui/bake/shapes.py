@@ -8,17 +8,17 @@ import numpy as np
 from .animation import curves_of, make_linear
 
 
-def bake(obj: bpy.types.Object, local: np.ndarray, pictures: np.ndarray, frames: np.ndarray) -> None:
+def bake(obj: bpy.types.Object, local: np.ndarray, clip_frames: np.ndarray, frames: np.ndarray) -> None:
     """One absolute key per frame, and two linear keyframes of the evaluation time from the first shape to the last.
 
     Args:
         obj: a mesh object without shape keys.
         local: (P, V, 3) in the object's own coordinates.
-        frames: (P,) numbers, for the keys' names.
+        clip_frames: (P,) numbers, for the keys' names.
         frames: (P,) scene frames, evenly spaced.
     """
-    for picture, coordinates in zip(pictures, local):
-        block = obj.shape_key_add(name=f"Frame {picture}", from_mix=False)
+    for clip_frame, coordinates in zip(clip_frames, local):
+        block = obj.shape_key_add(name=f"Frame {clip_frame}", from_mix=False)
         block.interpolation = "KEY_LINEAR"
         block.data.foreach_set("co", coordinates.astype(np.float32).ravel())
     key = obj.data.shape_keys

@@ -62,8 +62,8 @@ def _towards_neighbours(values: np.ndarray, edges: np.ndarray, weights: np.ndarr
     """Weighted differences (T+1, V, 3) from each vertex to its neighbours."""
     start, end = edges.T
     found = np.empty_like(values)
-    for t, picture in enumerate(values):
-        steps = weights[:, None] * (picture[end] - picture[start])
+    for t, frame in enumerate(values):
+        steps = weights[:, None] * (frame[end] - frame[start])
         for axis in range(3):
             found[t, :, axis] = np.bincount(start, steps[:, axis], minlength=values.shape[1])
     return found

@@ -2,7 +2,7 @@
 
 properties       its settings
 operators        Choose Clip (also by drag and drop), Match Scene
-on_picture       waiting for the mouse over the clip's frame
+on_frame       waiting for the mouse over the clip's frame
 draw_box         Draw Box
 views            further views: add, remove
 panel            the panel *Clip*

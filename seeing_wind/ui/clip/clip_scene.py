@@ -13,8 +13,8 @@ from mathutils import Matrix
 from ...engine.errors import ClipError, UsageError
 from ..composite.mattes import narrowed
 from ..scene_units import metres_per_unit
-from .inputs.clips import found_clip, load_clip
-from .inputs.pace import Pace, set_pace
+from .inputs.clips import found_clip, load_clip, place_clip
+from .inputs.pace import Pace
 from .match import ALL, OURS, follow
 
 CAMERA = "Seeing Wind Camera"
@@ -23,7 +23,7 @@ DRAWN = 0.2
 SENSOR_WIDTH = 36.0
 """mm; the focal length in mm that Blender shows is relative to it."""
 
-PICTURE_COLOUR = "picture_colour"
+FRAME_COLOUR = "frame_colour"
 """Color attribute of the recovered object: the clip's pixels at its vertices."""
 
 OPENCV_TO_BLENDER = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -61,7 +61,7 @@ def setup_clip_scene(
     """
     camera = dict(camera)
     _check_camera(camera, frames)
-    clip = _load_clip(clip_path, first_frame, frame_start)
+    clip = _load_clip(scene, clip_path, first_frame, frame_start)
     scene.active_clip = clip
     obj = _camera_object(scene)
     _set_lens(obj.data, camera)
@@ -82,7 +82,7 @@ def create_recovered_object(
     vertices: np.ndarray,
     triangles: np.ndarray,
     uv: np.ndarray,
-    picture: np.ndarray | str | Path,
+    frame: np.ndarray | str | Path,
     collection: bpy.types.Collection | None = None,
     outline: np.ndarray | None = None,
 ) -> bpy.types.Object:
@@ -92,7 +92,7 @@ def create_recovered_object(
         vertices: (V, 3) in frame 0 [m, world].
         triangles: (M, 3).
         uv: (V, 2) in 0..1, origin bottom left.
-        picture: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first frame).
+        frame: (H, W, 3) uint8 RGB, kept in the .blend, or the path of an image or video (its first frame).
         collection: where to link it, by default the scene's own collection.
         outline: (H, W) bool of the object in the frame: where it is known, Solid view shows no pixel from beside the object.
     """
@@ -100,35 +100,35 @@ def create_recovered_object(
     mesh.from_pydata((np.asarray(vertices) / metres_per_unit(scene)).tolist(), [], np.asarray(triangles).tolist())
     # drops triangles that Blender cannot hold (a corner twice, the same three corners twice); the vertices all stay
     mesh.validate()
-    layer, corners = mesh.uv_layers.new(name="Picture"), np.empty(len(mesh.loops), dtype=np.int32)
+    layer, corners = mesh.uv_layers.new(name="Frame"), np.empty(len(mesh.loops), dtype=np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     layer.uv.foreach_set("vector", np.asarray(uv, dtype=np.float32)[corners].ravel())
-    if isinstance(picture, np.ndarray):
-        _wear_in_solid_view(mesh, np.asarray(uv), picture, outline)
-    mesh.materials.append(_picture_material(f"{name} Frame", picture_image(f"{name} Frame", picture)))
+    if isinstance(frame, np.ndarray):
+        _wear_in_solid_view(mesh, np.asarray(uv), frame, outline)
+    mesh.materials.append(_frame_material(f"{name} Frame", frame_image(f"{name} Frame", frame)))
     mesh.update()
     obj = bpy.data.objects.new(name, mesh)
     (collection or scene.collection).objects.link(obj)
     return obj
 
 
-def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, picture: np.ndarray, outline: np.ndarray | None) -> None:
+def _wear_in_solid_view(mesh: bpy.types.Mesh, uv: np.ndarray, frame: np.ndarray, outline: np.ndarray | None) -> None:
     """Give every vertex the color of its pixel: Solid view shows the object by these beside the arrows, which have no frame.
 
     One at the rim, whose pixel is half of what is behind, takes the color of the nearest vertex that is not.
     """
-    height, width = picture.shape[:2]
+    height, width = frame.shape[:2]
     column = np.clip((uv[:, 0] * width).astype(int), 0, width - 1)
     row = np.clip(((1.0 - uv[:, 1]) * height).astype(int), 0, height - 1)
-    shown = picture[row, column, :3] / 255.0
-    inside = narrowed(outline)[row, column] if outline is not None and outline.shape == picture.shape[:2] else np.ones(len(uv), bool)
+    shown = frame[row, column, :3] / 255.0
+    inside = narrowed(outline)[row, column] if outline is not None and outline.shape == frame.shape[:2] else np.ones(len(uv), bool)
     for vertex in np.flatnonzero(~inside) if inside.any() else ():
         away = np.hypot(column[inside] - column[vertex], row[inside] - row[vertex])
         shown[vertex] = shown[np.flatnonzero(inside)[np.argmin(away)]]
     linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
     colours = np.concatenate([linear, np.ones((len(uv), 1))], axis=1).astype(np.float32)
-    mesh.attributes.new(PICTURE_COLOUR, "FLOAT_COLOR", "POINT").data.foreach_set("color", colours.ravel())
-    mesh.color_attributes.active_color_name = PICTURE_COLOUR
+    mesh.attributes.new(FRAME_COLOUR, "FLOAT_COLOR", "POINT").data.foreach_set("color", colours.ravel())
+    mesh.color_attributes.active_color_name = FRAME_COLOUR
 
 
 def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
@@ -142,15 +142,14 @@ def _check_camera(camera: Mapping[str, Any], frames: int) -> None:
         raise UsageError("The camera's size and focal length must be above zero.", "Correct the camera's JSON.")
 
 
-def _load_clip(path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
-    clip = found_clip(str(path)) or load_clip(str(path))
+def _load_clip(scene: bpy.types.Scene, path: str | Path, first_frame: int, frame_start: int) -> bpy.types.MovieClip:
+    clip = found_clip(str(path), scene) or load_clip(str(path))
     # a file that is no video loads without a complaint, as a clip of no frames
     if clip.frame_duration < 1:
         if clip.users == 0:
             bpy.data.movieclips.remove(clip)
         raise ClipError(f"{path} has no frames that Blender can read.", "Convert it to MP4 (H.264).")
-    set_pace(clip, first_frame, Pace(frame_start))
-    return clip
+    return place_clip(scene, clip, first_frame, Pace(frame_start))
 
 
 def _camera_object(scene: bpy.types.Scene) -> bpy.types.Object:
@@ -204,22 +203,22 @@ def set_background(data: bpy.types.Camera, clip: bpy.types.MovieClip) -> None:
     background.alpha, background.display_depth, background.frame_method = 1.0, "BACK", "STRETCH"
 
 
-def picture_image(name: str, picture: np.ndarray | str | Path) -> bpy.types.Image:
+def frame_image(name: str, frame: np.ndarray | str | Path) -> bpy.types.Image:
     """Pixels (H, W, 3) uint8 RGB as an image packed into the file, or the image of a path."""
-    if not isinstance(picture, np.ndarray):
-        return bpy.data.images.load(str(Path(picture).resolve()), check_existing=True)
-    height, width = picture.shape[:2]
+    if not isinstance(frame, np.ndarray):
+        return bpy.data.images.load(str(Path(frame).resolve()), check_existing=True)
+    height, width = frame.shape[:2]
     image = bpy.data.images.new(name, width, height)
     pixels = np.ones((height, width, 4), dtype=np.float32)
     # Blender's first row is the lowest
-    pixels[..., :3] = picture[::-1] / 255.0
+    pixels[..., :3] = frame[::-1] / 255.0
     image.pixels.foreach_set(pixels.ravel())
     image.update()
     image.pack()
     return image
 
 
-def _picture_material(name: str, image: bpy.types.Image) -> bpy.types.Material:
+def _frame_material(name: str, image: bpy.types.Image) -> bpy.types.Material:
     """Shows the image as it is: the clip's light is in the pixels already."""
     material = bpy.data.materials.new(name)
     material.use_nodes = True

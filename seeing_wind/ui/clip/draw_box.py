@@ -4,14 +4,14 @@ import bpy
 from bpy.props import EnumProperty, FloatVectorProperty
 
 from ..job import status
-from .inputs.clips import first_picture, loaded_clip, scene_frame
-from .on_picture import LOOKING, OnPicture, draw_rectangle
+from .inputs.clips import first_clip_frame, loaded_clip, scene_frame
+from .on_frame import LOOKING, OnFrame, draw_rectangle
 
 SMALLEST = 3.0
 """Pixels of the clip that a box must measure: less is a click by mistake."""
 
 
-class SEEING_WIND_OT_draw_box(OnPicture, bpy.types.Operator):
+class SEEING_WIND_OT_draw_box(OnFrame, bpy.types.Operator):
     """Draw a box round the object, or its held part, in the clip's first frame: drag with the left mouse button, Esc cancels"""
 
     bl_idname = "seeing_wind.draw_box"
@@ -48,7 +48,7 @@ class SEEING_WIND_OT_draw_box(OnPicture, bpy.types.Operator):
         if not self.begin(context, "Drag a box round the object", "CROSSHAIR"):
             return {"CANCELLED"}
         settings = context.scene.seeing_wind
-        context.scene.frame_set(scene_frame(loaded_clip(settings), first_picture(settings)))
+        context.scene.frame_set(scene_frame(loaded_clip(settings), first_clip_frame(settings)))
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event):
@@ -68,9 +68,9 @@ class SEEING_WIND_OT_draw_box(OnPicture, bpy.types.Operator):
             self.end(context)
             if corners is None:
                 return {"CANCELLED"}
-            from .frame_on_screen import box_in_picture  # needs NumPy
+            from .frame_on_screen import box_in_frame  # needs NumPy
 
-            self.box = box_in_picture(corners, self.start, self.at(event), *self.size)
+            self.box = box_in_frame(corners, self.start, self.at(event), *self.size)
             return self.execute(context)
         # not undo, nor anything else that changes the scene under the box
         looks = event.type.startswith(LOOKING) and self.start is None

@@ -7,7 +7,7 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 
 
-def picture_corners(context: bpy.types.Context, region: bpy.types.Region) -> np.ndarray | None:
+def frame_corners(context: bpy.types.Context, region: bpy.types.Region) -> np.ndarray | None:
     """Lower left and upper right corner (2, 2) of the frame in a region's pixels; None where the region shows none."""
     space = context.space_data
     if space.type == "CLIP_EDITOR":
@@ -23,11 +23,11 @@ def picture_corners(context: bpy.types.Context, region: bpy.types.Region) -> np.
     return np.stack([flat.min(axis=0), flat.max(axis=0)])
 
 
-def box_in_picture(corners: np.ndarray, start: np.ndarray, end: np.ndarray, width: int, height: int) -> tuple[float, float, float, float]:
+def box_in_frame(corners: np.ndarray, start: np.ndarray, end: np.ndarray, width: int, height: int) -> tuple[float, float, float, float]:
     """Left, top, right, bottom [px of the clip, origin top left] of a box drawn from `start` to `end` (2,) in the region's pixels.
 
     Args:
-        corners: of `picture_corners`. What lies outside the frame is cut off.
+        corners: of `frame_corners`. What lies outside the frame is cut off.
     """
     points = (np.stack([start, end]) - corners[0]) / (corners[1] - corners[0])
     low, high = np.clip(points.min(axis=0), 0.0, 1.0), np.clip(points.max(axis=0), 0.0, 1.0)
@@ -37,14 +37,14 @@ def box_in_picture(corners: np.ndarray, start: np.ndarray, end: np.ndarray, widt
     return round(float(left), 1), round(float(top), 1), round(float(right), 1), round(float(bottom), 1)
 
 
-def point_in_picture(corners: np.ndarray, at: tuple[float, float], width: int, height: int) -> tuple[float, float]:
+def point_in_frame(corners: np.ndarray, at: tuple[float, float], width: int, height: int) -> tuple[float, float]:
     """Pixel of the clip, the origin top left, at a place `at` in the region's pixels; beside the frame where that is."""
     share = (np.array(at) - corners[0]) / (corners[1] - corners[0])
     return round(float(share[0] * width - 0.5), 1), round(float((1.0 - share[1]) * height - 0.5), 1)
 
 
 def box_on_screen(corners: np.ndarray, box: tuple[float, float, float, float], width: int, height: int) -> np.ndarray:
-    """The inverse of `box_in_picture`: lower left and upper right corner (2, 2) in the region's pixels."""
+    """The inverse of `box_in_frame`: lower left and upper right corner (2, 2) in the region's pixels."""
     left, top, right, bottom = box
     share = np.array([[(left + 0.5) / width, 1.0 - (bottom + 0.5) / height], [(right + 0.5) / width, 1.0 - (top + 0.5) / height]])
     return corners[0] + share * (corners[1] - corners[0])

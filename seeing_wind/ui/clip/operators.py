@@ -11,7 +11,7 @@ from ...engine.errors import ClipError
 from ..direct_operator import DirectOperator
 from ..property_kinds import PATH
 from ..user_paths import absolute, relate
-from .inputs.clips import first_picture, loaded_clip, start_of
+from .inputs.clips import first_clip_frame, follow_moved, loaded_clip, start_of
 from .match import OURS, PARTS, follow, followed, hide_default_cube, left_alone
 
 VIDEOS = ".mp4;.mov;.avi;.mkv;.webm;.m4v;.mpg"
@@ -48,7 +48,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
             path = clip.filepath
         if not path:
             raise ClipError("No clip is chosen.", "Choose a video of something that is moved by forces.")
-        another = absolute(path) != absolute(settings.clip)
+        another = absolute(path) != absolute(settings.clip) and not follow_moved(settings, absolute(path))
         former, settings.clip = settings.clip, path
         try:
             clip = loaded_clip(settings)
@@ -59,7 +59,7 @@ class SEEING_WIND_OT_choose_clip(DirectOperator, bpy.types.Operator):
             settings.box = settings.held_box = (0.0, 0.0, 0.0, 0.0)
             settings.use_frames = False
             settings.corrections.clear()
-        settings.frame_start = start_of(clip, first_picture(settings), settings.frame_start)
+        settings.frame_start = start_of(clip, first_clip_frame(settings), settings.frame_start)
         ask = not settings.follows_decided
         parts, kept = followed(scene), left_alone(scene)  # before the clip makes the scene another one
         scene.active_clip = clip
@@ -103,7 +103,7 @@ class SEEING_WIND_OT_match_scene(DirectOperator, bpy.types.Operator):
         field = settings.field_object
         fps = field["seeing_wind_fps"] if field is not None else settings.fps or clip.fps
         last = settings.frames[1] if settings.use_frames else clip.frame_duration - 1 + clip.frame_offset
-        frames = int(field["seeing_wind_frames"]) if field is not None else max(last - first_picture(settings), 1)
+        frames = int(field["seeing_wind_frames"]) if field is not None else max(last - first_clip_frame(settings), 1)
         camera = settings.camera_object or next((obj for obj in scene.objects if obj.get(OURS)), None)
         follow(
             scene, self.parts, fps=fps, first=settings.frame_start, last=settings.frame_start + frames, size=tuple(clip.size), aspect=None,
@@ -118,7 +118,7 @@ def _show(scene: bpy.types.Scene, clip: bpy.types.MovieClip, parts: frozenset[st
     from .inputs.camera import camera_source
 
     settings = scene.seeing_wind
-    first = first_picture(settings)
+    first = first_clip_frame(settings)
     if settings.camera_mode in ("SOLVE", "SCENE") or (settings.camera_mode == "AUTO" and camera_source(scene)):
         camera = scene.camera
         if camera is not None and camera.type == "CAMERA" and not len(camera.data.background_images):

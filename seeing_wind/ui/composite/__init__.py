@@ -7,9 +7,9 @@ light       the clip's sun and sky
 hdri        a panorama in their place
 catchers    what catches shadows: floor, wall, obstacles
 mattes      the object's outline as images, the card that holds out by them
-film/       the clip's grain, and how soft it is
-lens        where the clip's lens shows what is rendered
+film/       the clip's grain, how soft it is, its lens and what that is focused on
 overscan    a wider render where the lens draws in what is beyond the borders
 nodes       the compositor, in Blender 4.5 and 5
+own         what an earlier set-up has left in the scene
 composite   setting all of it up, and rendering
 """

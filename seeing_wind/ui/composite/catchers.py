@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ...engine.errors import UsageError
+from .own import own_object
 
 FLOOR, WALL = "Seeing Wind Floor", "Seeing Wind Wall"
 REACH = 4.0
@@ -22,7 +23,7 @@ def set_catchers(scene: bpy.types.Scene, floor: bool, wall: bool) -> list[str]:
     """
     said = []
     for name, wanted, words in ((FLOOR, floor, "a floor that catches shadows"), (WALL, wall, "a wall that catches shadows")):
-        obj = scene.objects.get(name)
+        obj = own_object(scene, name)
         if obj is None and wanted:
             obj = _plane(scene, name)
         if obj is not None:

@@ -16,7 +16,8 @@ import numpy as np
 
 from ...engine.errors import SeeingWindError, UsageError
 from ...engine.take import Take
-from ..clip.clip_scene import picture_image
+from ..clip.clip_scene import frame_image
+from ..clip.inputs.pace import pace_of_scene
 from ..clip.match import is_factory
 from ..field.display import LEGEND_MARK
 from ..job import takes
@@ -26,12 +27,12 @@ from ..scene_units import metres_per_unit
 from ..user_paths import absolute
 from . import nodes
 from .catchers import set_catchers
-from .film import grain_of, softness_of
+from .film import drop_lenses, grain_of, lens_of, set_focus, softness_of
 from .hdri import set_hdri, unset_hdri
-from .lens import lens_of
 from .light import SUN, set_light, sun_of
-from .mattes import Mattes, mattes_of, set_card
+from .mattes import IMAGE, Mattes, mattes_of, set_card
 from .overscan import set_overscan
+from .own import drop_unused, is_called
 
 PLATE = "Seeing Wind Clean Plate"
 ASTRAY = 0.01
@@ -62,6 +63,8 @@ class Composite:
     """What was done for want of a light; "" where the scene has its own."""
     shutter: float
     """Of the motion blur [frames]; 0: none."""
+    fstop: float
+    """Of the depth of field; 0: none."""
     astray: str
     """That the camera stands elsewhere than the clip's did, and what to do; "" where it does not."""
     missing: str
@@ -80,12 +83,13 @@ class Composite:
         parts += [f"grain of {100.0 * self.grain:.1f} %"] * bool(self.grain)
         parts += [f"as soft as the clip ({self.softness:.1f} pixels)"] * bool(self.softness)
         parts += [f"motion blur of {self.shutter:g} frames"] * bool(self.shutter)
+        parts += [f"depth of field at f/{self.fstop:g}"] * bool(self.fstop)
         return " ".join([*self.warnings, f"Composite over {', '.join(parts)}"])
 
 
 def set_up(
     scene: bpy.types.Scene, *, plate: str = "AUTO", floor: bool = False, wall: bool = False, samples: int = 32, shutter: float = 0.5,
-    grain: float = 1.0, soft: float = 1.0, show_field: bool = False,
+    grain: float = 1.0, soft: float = 1.0, fstop: float = 0.0, show_field: bool = False,
 ) -> Composite:  # fmt: skip
     """Make a scene render its edit over the clip. May be called again after changes.
 
@@ -96,6 +100,7 @@ def set_up(
         samples: of Cycles, per pixel.
         shutter: how long the camera's shutter was open [frames]: 0.5 is a shutter of 180 degrees; 0 renders no motion blur.
         grain, soft: factors on the clip's own noise and blur, which are measured.
+        fstop: of the clip's lens, which is focused on its object; 0 leaves everything sharp.
         show_field: render the arrows too.
 
     Raises:
@@ -108,9 +113,11 @@ def set_up(
     again = any(body.is_recovered for body in settings.bodies)
     use_plate = plate == "PLATE" or (plate == "AUTO" and again)
     take = Take(takes.shown(settings)) if settings.recovered_take else None
-    picture = _plate(take) if use_plate else None
+    plate_image = _plate(take) if use_plate else None
     mattes = mattes_of(scene, take) if take is not None else None
-    held_out = _hold_out(scene, take, mattes, use_plate)
+    depths = _depths(take) if take is not None and mattes is not None else None
+    set_focus(scene, depths, fstop, pace_of_scene(scene))
+    held_out = _hold_out(scene, depths, mattes, use_plate)
     for helper in (settings.arrows_object, *_legends(scene)):
         if helper is not None:
             helper.hide_render = not show_field
@@ -127,9 +134,14 @@ def set_up(
     softness = _soften(scene, take, soft)
     lens = lens_of(take, tuple(clip.size)) if take is not None else None
     rendered = set_overscan(scene, 1.0 if lens is None else lens.wider)
-    nodes.build(scene, clip, picture, mattes, noise, lens, rendered)
+    nodes.build(scene, clip, plate_image, mattes, noise, lens, rendered)
+    for name in (PLATE, IMAGE):
+        drop_unused(bpy.data.images, name)
+    drop_lenses()
     behind = "clip" if not use_plate else "plate" if mattes is None else "moving plate"
-    return Composite(behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, astray(scene), _missing(take))
+    return Composite(
+        behind, tuple(catchers), held_out, lens is not None, noise, softness, light, shutter, fstop, astray(scene), _missing(take)
+    )
 
 
 def render(scene: bpy.types.Scene, path: Path, *, still: bool = False) -> None:
@@ -193,20 +205,19 @@ def _missing(take: Take | None) -> str:
     return f"There is no folder {take.path}: without it there are no outlines, grain, softness and lens of the clip. Put it back."
 
 
-def _hold_out(scene: bpy.types.Scene, take: Take | None, mattes: Mattes | None, hidden: bool) -> str:
+def _hold_out(scene: bpy.types.Scene, depths: np.ndarray | None, mattes: Mattes | None, hidden: bool) -> str:
     """Let the object that is in the clip hide what flies behind it; returns by what, as `Composite.held_out`.
 
     Args:
+        depths: as of `_depths`.
         mattes: None for a take without outlines; then the body does it.
         hidden: the plate covers the object.
     """
-    obj, depths = scene.seeing_wind.recovered_object, None
-    if take is not None and mattes is not None and not hidden:
-        depths = _depths(take)
-    set_card(scene, mattes if depths is not None else None, [] if depths is None else depths)
+    obj, card = scene.seeing_wind.recovered_object, mattes if depths is not None and not hidden else None
+    set_card(scene, card, [] if depths is None else depths)
     if obj is None:
         return ""
-    by_body = not hidden and depths is None
+    by_body = not hidden and card is None
     obj.hide_render, obj.is_holdout, obj.is_shadow_catcher = not by_body, by_body, False
     return "" if hidden else "body" if by_body else "outline"
 
@@ -240,10 +251,7 @@ def _plate(take: Take | None) -> bpy.types.Image:
     plate = _background_of(take)
     if plate is None:
         raise UsageError(f"{take.path} holds no clean plate.", "Run Recover again, or use the clip itself as background.")
-    former = bpy.data.images.get(PLATE)
-    if former is not None:
-        bpy.data.images.remove(former)
-    return picture_image(PLATE, plate)
+    return frame_image(PLATE, plate)
 
 
 def _background_of(take: Take | None) -> np.ndarray | None:
@@ -273,12 +281,12 @@ def _light(scene: bpy.types.Scene, take: Take | None) -> str:
     default = [obj for obj in lights if is_factory(obj)]
     if scene.seeing_wind.hdri:
         path = set_hdri(scene)
-        for obj in (*default, *[obj for obj in lights if obj.name == SUN]):
+        for obj in (*default, *[obj for obj in lights if is_called(obj, SUN)]):
             obj.hide_render = True
         return f"the light of {path.name}"
     unset_hdri(scene)
     for obj in lights:
-        if obj.name == SUN:
+        if is_called(obj, SUN):
             obj.hide_render = False
     if len(lights) > len(default):
         return ""

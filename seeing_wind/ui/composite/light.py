@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ..clip.clip_scene import PICTURE_COLOUR
+from ..clip.clip_scene import FRAME_COLOUR
 
 EXPLAINED = 0.3
 """Share of the brightness that must follow the surface's direction. Below it is the object's own pattern that is seen, no shading."""
@@ -43,7 +43,7 @@ class Light:
     """(3,) of the sun, its mean is 1."""
 
 
-def light_of(picture: np.ndarray, heights: np.ndarray, ratio: float) -> Light:
+def light_of(surroundings: np.ndarray, heights: np.ndarray, ratio: float) -> Light:
     """What lights a scene whose surroundings are seen in a frame (H, W, 3) uint8 sRGB.
 
     What the frame shows at an elevation stands for all that is at that elevation, also where the camera does not look, and its upper and
@@ -55,7 +55,7 @@ def light_of(picture: np.ndarray, heights: np.ndarray, ratio: float) -> Light:
         ratio: light of the sun over that of sky and ground, on a surface that faces it.
     """
     order = np.argsort(heights, kind="stable")
-    around = np.stack([linear(part).mean(axis=(0, 1)) for part in np.array_split(picture, len(heights))])[order]
+    around = np.stack([linear(part).mean(axis=(0, 1)) for part in np.array_split(surroundings, len(heights))])[order]
     card = _on_a_card(heights[order], around)
     ambient = max(float(card @ LUMINANCE), 1e-3)
     colour = (1.0 + ratio - card / ambient) / ratio
@@ -85,7 +85,7 @@ def sun_of(obj: bpy.types.Object | None) -> tuple[Vector, float] | None:
     A matt surface's brightness is linear in the cosine between its normal and the light, so the gradient of a straight line fitted through
     the brightness over the normals points to the light (Lambert's law, with the sky as the constant).
     """
-    colours = obj.data.attributes.get(PICTURE_COLOUR) if obj is not None and obj.type == "MESH" else None
+    colours = obj.data.attributes.get(FRAME_COLOUR) if obj is not None and obj.type == "MESH" else None
     if colours is None or len(obj.data.vertices) < 12:
         return None
     count = len(obj.data.vertices)
@@ -109,16 +109,16 @@ def sun_of(obj: bpy.types.Object | None) -> tuple[Vector, float] | None:
     return (way.normalized(), ratio) if way.z > 0.0 else None
 
 
-def set_light(scene: bpy.types.Scene, picture: np.ndarray | None, seen: tuple[Vector, float] | None) -> None:
+def set_light(scene: bpy.types.Scene, surroundings: np.ndarray | None, seen: tuple[Vector, float] | None) -> None:
     """Make the sun, and a sky in place of a new file's own, which is nearly black: shadows would be, too. The scene has a camera.
 
     Args:
-        picture: what is around the object (H, W, 3) uint8 sRGB; None: it is not known.
+        surroundings: what is around the object (H, W, 3) uint8 sRGB; None: it is not known.
         seen: as `sun_of` gives it.
     """
-    if picture is None:
-        picture = np.broadcast_to(np.array([[[170, 184, 206]]], dtype=np.uint8), (BANDS, 1, 3))
-    light = light_of(picture, bands_of(scene, min(BANDS, len(picture))), HAZY if seen is None else seen[1])
+    if surroundings is None:
+        surroundings = np.broadcast_to(np.array([[[170, 184, 206]]], dtype=np.uint8), (BANDS, 1, 3))
+    light = light_of(surroundings, bands_of(scene, min(BANDS, len(surroundings))), HAZY if seen is None else seen[1])
     lamp = bpy.data.lights.new(SUN, "SUN")
     lamp.energy, lamp.color, lamp.angle = light.energy, light.colour, math.radians(2.0)
     sun = bpy.data.objects.new(SUN, lamp)
@@ -134,9 +134,9 @@ def _ratio(bright: np.ndarray, facing: np.ndarray) -> float:
     return float(np.clip(slope / max(float(constant), 1e-6), *RATIOS))
 
 
-def linear(picture: np.ndarray) -> np.ndarray:
+def linear(image: np.ndarray) -> np.ndarray:
     """Linear values of a frame (...) uint8 sRGB."""
-    values = picture / 255.0
+    values = image / 255.0
     return np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +14,10 @@ from ...engine.masks import Masks
 from ...engine.record_arrays import from_arrays
 from ...engine.take import Take
 from ..bake.animation import curves_of, make_linear, remove_curves, retime
+from ..clip.inputs.mask import png
 from ..clip.inputs.pace import Pace, pace_of_scene, set_pace_of_images
 from ..scene_units import metres_per_unit
+from .own import drop_unused, is_called, own_object
 
 FOLDER, IMAGE, CARD = "mattes", "Seeing Wind Mattes", "Seeing Wind Holdout"
 HELD_OUT, COVERED = "Red", "Green"
@@ -31,7 +31,7 @@ class Mattes:
     """The images on disk, and what the compositor needs to know of them."""
 
     image: bpy.types.Image
-    pictures: int
+    frames: int
     pace: Pace
     """At which scene frame each is shown."""
 
@@ -96,43 +96,29 @@ def softened(mask: np.ndarray, pixels: int) -> np.ndarray:
     return np.round(255.0 * values).astype(np.uint8)
 
 
-def png(picture: np.ndarray) -> bytes:
-    """An image (H, W, 3) uint8 as a PNG file."""
-    height, width, _ = picture.shape
-    rows = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1).tobytes()
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows, 6)) + chunk(b"IEND", b"")
-
-
 def _loaded(first: Path) -> bpy.types.Image:
-    former = bpy.data.images.get(IMAGE)
-    if former is not None:
-        bpy.data.images.remove(former)
     try:
-        image = bpy.data.images.load(bpy.path.relpath(str(first)) if bpy.data.filepath else str(first))
+        image = bpy.data.images.load(bpy.path.relpath(str(first)) if bpy.data.filepath else str(first), check_existing=True)
     except RuntimeError as error:
         raise TakeError(f"Blender cannot read the matte {first}.", "Delete the folder and set the composite up again.") from error
-    image.name, image.source, image.colorspace_settings.name = IMAGE, "SEQUENCE", "Non-Color"
+    image.reload()
+    if not is_called(image, IMAGE):
+        image.name = IMAGE
+    image.source, image.colorspace_settings.name = "SEQUENCE", "Non-Color"
     return image
 
 
 def keep_pace(scene: bpy.types.Scene, pace: Pace) -> None:
     """Let the mattes that a scene has, in the compositor and on its card, go by at another pace."""
-    card, image = scene.objects.get(CARD), bpy.data.images.get(IMAGE)
-    if image is None:
-        return
-    pictures = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
+    card = own_object(scene, CARD)
+    frames = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
     trees = [getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)]
     if card is not None:
-        retime(curves_of(card), pace.at, pace.at + pace.stride * (pictures - 1))
+        retime(curves_of(card), pace.at, pace.at + pace.stride * (frames - 1))
         trees += [material.node_tree for material in card.data.materials]
     for node in (node for tree in trees if tree is not None for node in tree.nodes):
-        if getattr(node, "image", None) == image:
-            set_pace_of_images(getattr(node, "image_user", node), pictures, pace)
+        if getattr(node, "image", None) is not None and is_called(node.image, IMAGE):
+            set_pace_of_images(getattr(node, "image_user", node), frames, pace)
 
 
 def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[float]) -> bpy.types.Object | None:
@@ -142,7 +128,7 @@ def set_card(scene: bpy.types.Scene, mattes: Mattes | None, depths: Sequence[flo
         mattes: None removes it.
         depths: of the object along the camera's axis, one per frame [m].
     """
-    card = scene.objects.get(CARD)
+    card = own_object(scene, CARD)
     if mattes is None:
         if card is not None:
             bpy.data.objects.remove(card)
@@ -177,26 +163,24 @@ def _shape(card: bpy.types.Object, scene: bpy.types.Scene) -> None:
 
 
 def _card_material(mattes: Mattes) -> bpy.types.Material:
-    former = bpy.data.materials.get(CARD)
-    if former is not None:
-        bpy.data.materials.remove(former)
+    drop_unused(bpy.data.materials, CARD)
     material = bpy.data.materials.new(CARD)
     material.use_nodes = True
     nodes, link = material.node_tree.nodes, material.node_tree.links.new
     nodes.clear()
-    place, picture, channel, clear, hold, mix, output = (
+    place, image, channel, clear, hold, mix, output = (
         nodes.new(f"ShaderNode{kind}")
         for kind in ("TexCoord", "TexImage", "SeparateColor", "BsdfTransparent", "Holdout", "MixShader", "OutputMaterial")
     )
-    picture.image, picture.extension, picture.interpolation = mattes.image, "CLIP", "Linear"
-    picture.image_user.use_auto_refresh = True
-    set_pace_of_images(picture.image_user, mattes.pictures, mattes.pace)
-    link(place.outputs["UV"], picture.inputs["Vector"])
-    link(picture.outputs["Color"], channel.inputs[0])
+    image.image, image.extension, image.interpolation = mattes.image, "CLIP", "Linear"
+    image.image_user.use_auto_refresh = True
+    set_pace_of_images(image.image_user, mattes.frames, mattes.pace)
+    link(place.outputs["UV"], image.inputs["Vector"])
+    link(image.outputs["Color"], channel.inputs[0])
     link(channel.outputs[HELD_OUT], mix.inputs[0])
     link(clear.outputs[0], mix.inputs[1])
     link(hold.outputs[0], mix.inputs[2])
     link(mix.outputs[0], output.inputs["Surface"])
-    for column, node in enumerate((place, picture, channel, clear, hold, mix, output)):
+    for column, node in enumerate((place, image, channel, clear, hold, mix, output)):
         node.location = (260 * column, 0)
     return material

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from ..clip.inputs.pace import set_pace_of_images
-from .lens import Lens
+from .film import Lens
 from .mattes import COVERED, Mattes
 
 TREE = "Seeing Wind Composite"
@@ -40,14 +40,14 @@ def build(
     layers = make.node("RLayers")
     layers.scene, layers.layer = rendered, rendered.view_layers[0].name
     front = make.bent(layers.outputs["Image"], wide=rendered != scene)
-    picture = make.over(behind, front)
+    image = make.over(behind, front)
     if grain > 0.0:
         alpha = make.node("SeparateColor")
         make.link(front, alpha.inputs[0])
         made = alpha.outputs["Alpha"]
         made = made if covered is None else make.math("MAXIMUM", covered, made)
-        picture = _grained(make, picture, make.math("MULTIPLY", made, grain))
-    tree.links.new(picture, output.inputs[0])
+        image = _grained(make, image, make.math("MULTIPLY", made, grain))
+    tree.links.new(image, output.inputs[0])
     output.location = (260 * make.count, 0)
 
 
@@ -65,16 +65,16 @@ def _behind(make: _Maker, clip: bpy.types.MovieClip, plate: bpy.types.Image | No
         return make.over(shown, clean), 1.0
     matte = make.node("Image")
     matte.image, matte.use_auto_refresh = mattes.image, True
-    set_pace_of_images(matte, mattes.pictures, mattes.pace)
+    set_pace_of_images(matte, mattes.frames, mattes.pace)
     channels = make.node("SeparateColor")
     make.link(make.bent(make.fitted(matte.outputs["Image"])), channels.inputs[0])
     return make.over(shown, clean, channels.outputs[COVERED]), channels.outputs[COVERED]
 
 
-def _grained(make: _Maker, picture: Any, strength: Any) -> Any:
+def _grained(make: _Maker, image: Any, strength: Any) -> Any:
     """Noise of pixels and frames on display values. The sum of two even ones is nearer to the bell of real grain than one."""
     place, time = make.node("ImageCoordinates"), make.node("SceneTime")
-    make.link(picture, place.inputs[0])
+    make.link(image, place.inputs[0])
     noise = None
     for offset in (0.0, 0.5):
         dice = make.plain("ShaderNodeTexWhiteNoise", noise_dimensions="4D")
@@ -86,7 +86,7 @@ def _grained(make: _Maker, picture: Any, strength: Any) -> Any:
     scaled = make.plain("ShaderNodeVectorMath", operation="SCALE")
     make.link(even, scaled.inputs[0])
     make.link(make.math("MULTIPLY", strength, 6.0**0.5), scaled.inputs["Scale"])
-    shown = make.converted(picture, "Linear Rec.709", "sRGB")
+    shown = make.converted(image, "Linear Rec.709", "sRGB")
     return make.converted(make.vector("ADD", shown, scaled.outputs["Vector"]), "sRGB", "Linear Rec.709")
 
 
@@ -130,30 +130,30 @@ class _Maker:
             self._set(socket, value)
         return node.outputs["Vector"]
 
-    def converted(self, picture: Any, source: str, target: str) -> Any:
+    def converted(self, image: Any, source: str, target: str) -> Any:
         """A frame in another colour space."""
         node = self.node("ConvertColorSpace")
         node.from_color_space, node.to_color_space = source, target
-        self.link(picture, node.inputs[0])
+        self.link(image, node.inputs[0])
         return node.outputs[0]
 
-    def fitted(self, picture: Any) -> Any:
+    def fitted(self, image: Any) -> Any:
         """Stretched to the render's size."""
         scale = self.node("Scale")
         if hasattr(scale, "space"):  # up to Blender 4.5
             scale.space, scale.frame_method = "RENDER_SIZE", "STRETCH"
         else:
             scale.inputs["Type"].default_value, scale.inputs["Frame Type"].default_value = "Render Size", "Stretch"
-        self.link(picture, scale.inputs["Image"])
+        self.link(image, scale.inputs["Image"])
         return scale.outputs["Image"]
 
-    def bent(self, picture: Any, wide: bool = False) -> Any:
+    def bent(self, image: Any, wide: bool = False) -> Any:
         """A frame without distortion, or a wider one, as the clip's lens shows it; transparent where it does not reach."""
         if self.lens is None:
-            return picture
+            return image
         places, mapped = self.node("Image"), self.node("MapUV")
         places.image = self.lens.wide if wide else self.lens.image
-        self.link(picture, mapped.inputs["Image"])
+        self.link(image, mapped.inputs["Image"])
         self.link(self.fitted(places.outputs["Image"]), mapped.inputs["UV"])
         return mapped.outputs["Image"]
 

@@ -42,6 +42,10 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         name="Softness Factor", default=1.0, min=0.0, soft_max=2.0,
         description="Factor on how softly the clip shows the object's rim, which is measured and given to the render; 0: Blender's filter",
     )  # fmt: skip
+    fstop: FloatProperty(
+        name="Aperture (f-stop)", default=0.0, min=0.0, soft_max=22.0, precision=1,
+        description="Of the clip's lens, as on a sensor 36 mm wide: what is nearer or farther than the clip's object blurs; 0: none does",
+    )  # fmt: skip
     show_field: BoolProperty(name="Show Arrows", description="Render the field's arrows too")
     hdri: StringProperty(
         name="HDRI", subtype="FILE_PATH", options=PATH, description="A panorama that lights the edit; not given: that of the scene"
@@ -55,7 +59,7 @@ class SEEING_WIND_OT_set_up_composite(DirectOperator, bpy.types.Operator):
         former = settings.hdri
         if self.properties.is_property_set("hdri"):
             settings.hdri = self.hdri
-        chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "soft", "show_field")}
+        chosen = {name: getattr(self, name) for name in ("floor", "wall", "samples", "shutter", "grain", "soft", "fstop", "show_field")}
         try:
             done = set_up(context.scene, plate=self.behind, **chosen)
         except SeeingWindError:

@@ -9,7 +9,7 @@ from ..job.panel_pieces import Tab, columns, draw_override, draw_text, fold, pan
 from ..option_properties import panel_options
 from .sheet_label import is_shell, shell_words
 
-SHORT = {"areal_density": "Areal (kg/m²)", "tensile_stiffness": "Stretch (N/m)", "bending_stiffness": "Bend (N m)"}
+SHORT = {"areal_density": "Weight (kg/m²)", "tensile_stiffness": "Stretching (N/m)", "bending_stiffness": "Bending (N m)"}
 """Words for numbers whose own names a sidebar cuts off."""
 
 
@@ -77,10 +77,10 @@ def _draw_body(column, body, settings) -> None:
     if obj is not None:
         column.prop_search(body, "pin_group", obj, "vertex_groups", text="Pinned")
     if body.is_recovered:
-        column.prop(body, "free_mode", text="Holds of the Clip")
+        column.prop(body, "free_mode", text="Held Places")
         if body.free_mode == "GROUP" and obj is not None:
-            column.prop_search(body, "free_group", obj, "vertex_groups", text="Freed")
-    more = fold(column, "body", "Numbers and Start")
+            column.prop_search(body, "free_group", obj, "vertex_groups", text="Group")
+    more = fold(column, "body", "Material Values and Start")
     if more is not None:
         _draw_numbers(more, body)
 

@@ -30,12 +30,12 @@ class SEEING_WIND_PG_body(bpy.types.PropertyGroup):
         name="Pinned", update=changed,
         description="Vertex group whose vertices are held in place: weight 1 holds firmly, less draws back like a spring",
     )  # fmt: skip
-    free_mode: choice("Holds of the Clip", "What becomes of the places at which the object was held in the clip", [
+    free_mode: choice("Held Places", "What becomes of the places at which the object was held in the clip", [
         ("KEEP", "Keep", "The object stays held where it was held in the clip"),
         ("ALL", "Let Go", "Nothing holds the object any more, but for its pinned vertices"),
         ("GROUP", "Let Go of a Group", "The vertices of a group are let go"),
     ])  # fmt: skip
-    free_group: StringProperty(name="Freed", description="Vertex group of the vertices that are let go", update=changed)
+    free_group: StringProperty(name="Group", description="Vertex group of the vertices that are let go", update=changed)
 
     result: StringProperty(options={"HIDDEN"}, description="Name of the body in the last re-simulation")
     baked_copy: PointerProperty(type=bpy.types.Object, options={"HIDDEN"}, description="Carries the motion where the object itself cannot")

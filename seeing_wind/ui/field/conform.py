@@ -20,8 +20,9 @@ from ..bake.bodies import bake_bodies
 from ..bake.plan import mark_of
 from ..bake.shapes import evaluation_time_curves
 from ..clip.clip_scene import set_poses
-from ..clip.inputs.clips import clip_of, first_picture
-from ..clip.inputs.pace import Pace, set_pace
+from ..clip.inputs.clips import clip_of, first_clip_frame, place_clip
+from ..clip.inputs.pace import Pace
+from ..composite.film import keep_focus
 from ..composite.mattes import keep_pace
 from ..edit.resimulate.preview import digest_of_preview, frames_of_clip_seen, shown_as_preview
 from ..edit.resimulate.request import EditRequest
@@ -29,7 +30,7 @@ from ..job import takes
 from ..job.take_reading import field_summary, read_seen
 from ..scene_units import metres_per_unit
 from .display import STRIDE, frames_per_second, is_field
-from .node_groups import FRAMES_PER_PICTURE, modifier_input, set_input
+from .node_groups import FRAMES_PER_CLIP_FRAME, modifier_input, set_input
 from .samples import samples_of
 
 
@@ -82,8 +83,8 @@ def set_stride(field: bpy.types.Object, stride: float) -> None:
     field.update_tag()
     for obj in (samples_of(field), *field.children):
         for modifier in obj.modifiers if obj is not None and obj.library is None else ():
-            if modifier.type == "NODES" and modifier_input(modifier, FRAMES_PER_PICTURE) is not None:
-                set_input(modifier, FRAMES_PER_PICTURE, stride)
+            if modifier.type == "NODES" and modifier_input(modifier, FRAMES_PER_CLIP_FRAME) is not None:
+                set_input(modifier, FRAMES_PER_CLIP_FRAME, stride)
 
 
 def _poses(scene: bpy.types.Scene) -> np.ndarray | None:
@@ -103,12 +104,13 @@ def _conform_clip(scene: bpy.types.Scene, stride: float, poses: np.ndarray | Non
     settings = scene.seeing_wind
     pace, clip = Pace(settings.frame_start, stride), clip_of(settings)
     if clip is not None:
-        set_pace(clip, first_picture(settings), pace)
+        place_clip(scene, clip, first_clip_frame(settings), pace)
     if poses is not None:
         frames = range(pace.at, pace.frame_of(len(poses) - 1) + 1)
         shown = [min(pace.shown(frame), len(poses) - 1) for frame in frames]
         set_poses(settings.camera_object, poses[shown], metres_per_unit(scene), pace.at)
     keep_pace(scene, pace)
+    keep_focus(scene, pace)
     scene.frame_set(scene.frame_current)
 
 

@@ -52,7 +52,7 @@ def said_of_unseen(arrows: Any, asked: float) -> str:
     shown = sum(each > asked for each in sure)
     if 2 * shown >= len(sure):
         return ""
-    why = f"the confidence is {max(sure):.2g} at most, and Confidence in the panel Field asks for more than {asked:.2g}"
+    why = f"the confidence is {max(sure):.2g} at most, and Min Confidence in the panel Field asks for more than {asked:.2g}"
     return f"Arrows are drawn in {shown or 'none'} of {len(sure)} frames: {why}"
 
 
@@ -72,7 +72,7 @@ def said_of_speed(field: Any, scene: Any) -> str:
     if abs(speed - 1.0) < 1e-3:
         return ""
     rates = f"{field['seeing_wind_fps']:.4g} clip frames and {frames_per_second(scene):.4g} scene frames a second"
-    return f"Goes by at {speed:.3g} times the speed of the clip ({rates})"
+    return f"Plays at {speed:.3g} times the speed of the clip ({rates})"
 
 
 def said_of_pace(stride: float) -> str:

@@ -22,7 +22,7 @@ DARK, LIGHT = 0.01, 1.0
 
 def create_legend(
     name: str, peak: float, units: str, corner: np.ndarray, height: float, collection: bpy.types.Collection,
-    parent: bpy.types.Object | None = None,
+    parent: bpy.types.Object | None,
 ) -> bpy.types.Object:
     """A bar that stands upright and is read from the front.
 

@@ -108,7 +108,7 @@ class GroupBuilder:
         return self.tree
 
 
-FRAMES_PER_PICTURE = "Frames per Picture"
+FRAMES_PER_CLIP_FRAME = "Frames per Clip Frame"
 """Name of the input of `points_of_current_frame`."""
 
 
@@ -126,7 +126,7 @@ def points_of_current_frame(
     """
     first = group.parameter("First Frame", "Int", frame_start, "Scene frame of the clip's first frame")
     now = group.node("GeometryNodeInputSceneTime").outputs["Frame"]
-    lasts = group.parameter(FRAMES_PER_PICTURE, "Float", 1.0, "Scene frames that a clip frame lasts", minimum=1e-3)
+    lasts = group.parameter(FRAMES_PER_CLIP_FRAME, "Float", 1.0, "Scene frames that a clip frame lasts", minimum=1e-3)
     if delay:
         now = group.math("SUBTRACT", group.math("CEIL", now), 0.5 * delay)
     # a ten-thousandth of a frame keeps rounding from falling back to the one before

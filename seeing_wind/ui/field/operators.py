@@ -27,7 +27,7 @@ FORMATS = [
 ]
 
 
-def chosen_field(context: bpy.types.Context, name: str = "") -> bpy.types.Object:
+def chosen_field(context: bpy.types.Context, name: str) -> bpy.types.Object:
     """The field that is meant: the named one, else a selected one, else the scene's own, else the only one in the scene.
 
     Raises:
@@ -57,7 +57,7 @@ def matter_of(given: Any) -> dict[str, Any]:
 
 
 class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
-    """Make the native force field anew from the values that it carries, with the reach and the kind that are set here"""
+    """Rebuild the force field that Blender's solvers feel, with the settings above"""
 
     bl_idname = "seeing_wind.apply_to_field"
     bl_label = "Apply to Field"
@@ -74,7 +74,7 @@ class SEEING_WIND_OT_apply_to_field(DirectOperator, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_turn_override(DirectOperator, bpy.types.Operator):
-    """Let Blender's solvers feel a library override of a linked wind turned as it stands: it gets a texture in this file"""
+    """Let Blender's solvers feel a turned override of a linked wind in its new direction: it gets a texture in this file"""
 
     bl_idname = "seeing_wind.turn_override"
     bl_label = "Turn the Wind Too"
@@ -215,6 +215,7 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
     bl_label = "Export Field"
     bl_options = {"REGISTER"}
 
+    field: StringProperty(name="Field", options={"SKIP_SAVE"}, description="Name of the field; empty: the selected or the scene's own")
     format: EnumProperty(name="Format", items=FORMATS, options={"SKIP_SAVE"}, description="Which kind of file")
     filepath: StringProperty(
         name="To", subtype="FILE_PATH", options=PATH,
@@ -223,17 +224,13 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
 
     def act(self, context):
         """VDB in Blender, the rest by the engine."""
-        scene = context.scene
-        settings = scene.seeing_wind
-        if settings.field_object is None or not settings.recovered_take:
-            raise UsageError("There is no recovered field.", "Run Recover first, or load the results of a take.")
-        take = takes.shown(settings) if self.format == "VDB" else takes.recovered(settings)
-        name = self.format.lower()
+        scene, field = context.scene, chosen_field(context, self.field)
+        take, name = self._take(scene, field), self.format.lower()
         target = Path(absolute(self.filepath)) if self.filepath else take.with_name(f"{take.stem}_wind")
         if self.format == "VDB":
             from .vdb import write_vdb  # needs NumPy
 
-            files = write_vdb(scene, settings.field_object, target)
+            files = write_vdb(scene, field, target)
             return f"Wrote {len(files)} files into {target}"
         if self.format == "NPZ" and not target.suffix:
             target = target.with_suffix(f".{name}")
@@ -241,6 +238,17 @@ class SEEING_WIND_OT_export_field(DirectOperator, bpy.types.Operator):
         call = command(engine_python(), "export", str(take), "--format", name, "--out", str(target))
         self._run(worker.run(call, cwd=str(take), env=environment()))
         return f"Exported {name.upper()} to {target}"
+
+    def _take(self, scene, field):
+        """The folder of a field's take; for a VDB, which is written from the values that the field carries, it need not be there."""
+        settings, vdb = scene.seeing_wind, self.format == "VDB"
+        if field == settings.field_object and settings.recovered_take:
+            return takes.shown(settings) if vdb else takes.recovered(settings)
+        named = field.get("seeing_wind_take", "")
+        take = Path(absolute(named)) if named else takes.home_of(scene, field.name)
+        if not vdb and not take.is_dir():
+            raise UsageError(f"{field.name} was added without its take, which {self.format} is made from.", "Export OpenVDB instead.")
+        return take
 
     def _run(self, messages: "worker.Messages") -> None:
         """Some seconds, so it is waited for. Raises SeeingWindError with what the engine said."""

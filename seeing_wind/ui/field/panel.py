@@ -24,7 +24,7 @@ from .display import (
 from .node_groups import get_input, modifier_input
 
 SHOWN = {
-    "Length": "Length", "Density": "Density", "Confidence Shown": "Confidence", "Slice Axis": "Slice (1: X)",
+    "Length": "Length", "Density": "Density", "Confidence Shown": "Min Confidence", "Slice Axis": "Slice (0: Off)",
     "Slice Position": "Slice At", "Slice Thickness": "Slice Width",
 }  # fmt: skip
 """Settings of the arrows' modifier, and words for them that a sidebar does not cut off."""

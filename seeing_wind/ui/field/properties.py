@@ -46,14 +46,14 @@ class FieldSettings:
         ("WIND", "Wind", "Air that moves: it pushes bodies by their own surface, and slows what is faster than it"),
         ("FORCE", "Force", "The force per volume that the filmed object felt, whatever the body and its speed"),
     ])  # fmt: skip
-    field_reach: choice("Beside the Box", "What becomes of the wind beside the box in which it was recovered", [
+    field_reach: choice("Outside the Box", "What becomes of the wind outside the box in which it was recovered", [
         ("FADE", "Fade", "It fades over three quarters of the box's length: nothing is known there"),
-        ("HOLD", "Hold", "As strong as at the box's nearest place, however far away"),
+        ("HOLD", "Hold", "As strong as at the nearest edge of the box, however far away"),
         ("CONTINUE", "Continue", "Weaker with distance, but never zero"),
     ])  # fmt: skip
     real_time: BoolProperty(
         options={"HIDDEN"},
-        description="The clip's motion goes by at its own speed, whatever the frame rate; otherwise one clip frame per scene frame",
+        description="The clip's motion plays at its own speed, whatever the frame rate; otherwise one clip frame per scene frame",
     )
     calibrations: CollectionProperty(type=SEEING_WIND_PG_calibration, options={"HIDDEN"})
 

@@ -201,7 +201,7 @@ class JobOperator:
                 notes.keep(owner, self.step, said)
         return {"FINISHED"}
 
-    def _fail(self, scene: bpy.types.Scene, message: str, hint: str = "", mend: str = "", log: str = "") -> set[str]:
+    def _fail(self, scene: bpy.types.Scene, message: str, hint: str, mend: str = "", log: str = "") -> set[str]:
         jobs.pop(scene.session_uid, None)
         scene.seeing_wind.unfinished = ""
         now = status.of(scene.session_uid)

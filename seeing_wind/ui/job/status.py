@@ -60,8 +60,8 @@ class Step:
     mend: str = ""
     """Name of the control that mends it (see `panel_pieces.MENDS`), or "" for none."""
     log: str = ""
-    digest: str = ""
-    """While failed: the settings that failed. Others make the failure a thing of the past."""
+    digest: str | None = None
+    """While failed: the settings that failed. Others make the failure a thing of the past, unless this is None."""
     started: float = 0.0
     """While running: when it began, or when it was through with what an earlier run had finished [s of the monotonic clock]."""
     inherited: float = 0.0
@@ -85,6 +85,10 @@ class SceneStatus:
     warnings: list[str] = field(default_factory=list)
     """Of the last job, which belonged to the step `warned`; empty once they are kept with its result (see `notes`)."""
     warned: str = ""
+    asked: dict[str, str] = field(default_factory=dict)
+    """Digest of each step's present settings, as `derive` was told it last."""
+    foreseen: bool = False
+    """Whether what *Preview* said of the solve still holds."""
     previewed: list[str] = field(default_factory=list)
     """Bodies whose objects carry the motion of a preview."""
 
@@ -177,8 +181,9 @@ def remaining(step: Step, now: float | None = None) -> float | None:
 
 
 def fail(status: SceneStatus, step: str, message: str, hint: str = "", mend: str = "", *, digest: str = "", log: str = "") -> None:
-    """`step` could not be done."""
-    status.steps[step] = Step(State.FAILED, message=message, hint=hint, mend=mend, log=log, digest=digest)
+    """`step` could not be done, with the settings of `digest`; with the present ones, where it got no job."""
+    asked = digest or status.asked.get(step)
+    status.steps[step] = Step(State.FAILED, message=message, hint=hint, mend=mend, log=log, digest=asked)
 
 
 def end(status: SceneStatus) -> None:
@@ -194,8 +199,8 @@ def derive(status: SceneStatus, step: str, now: str, done: str, message: str = "
 
     A running step stays running; a failed one stays failed as long as its settings are those that failed.
     """
-    entry = status.steps[step]
-    if entry.state == State.RUNNING or (entry.state == State.FAILED and entry.digest in ("", now)):
+    entry, status.asked[step] = status.steps[step], now
+    if entry.state == State.RUNNING or (entry.state == State.FAILED and entry.digest in (None, now)):
         return
     state = State.IDLE if not done else State.DONE if done == now else State.STALE
     kept = entry.message if state == entry.state else ""

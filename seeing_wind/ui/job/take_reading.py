@@ -81,7 +81,7 @@ class Seen:
     """What a clip showed; a field from trajectories has none of it."""
 
     camera: Camera
-    picture: np.ndarray
+    frame: np.ndarray
     """(H, W, 3) uint8 RGB."""
     outline: np.ndarray | None
     """(H, W) bool of the object in that frame; None for a take without outlines."""
@@ -126,12 +126,12 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
     from ...engine.records import Camera, Surface
 
     arrays = take.read_arrays("observation.npz")
-    camera, picture = from_arrays(Camera, arrays, "camera."), arrays.get("image")
-    if picture is None or picture.ndim != 3 or not np.isfinite(camera.camera_to_world).all():
+    camera, frame = from_arrays(Camera, arrays, "camera."), arrays.get("image")
+    if frame is None or frame.ndim != 3 or not np.isfinite(camera.camera_to_world).all():
         raise TakeError(f"{take.file('observation.npz')} lacks its first frame or a camera.", "Run Recover again.")
     outline = next(iter(from_arrays(Masks, arrays, "masks.")), None) if "masks.windows" in arrays else None
     if not take.file("particles.npz").is_file():
-        return Seen(camera, picture, outline, None, np.empty((0, 0, 3)))
+        return Seen(camera, frame, outline, None, np.empty((0, 0, 3)))
     surface = from_arrays(Surface, take.read_arrays("particles.npz"), "surface.")
     try:
         motion = surface.attachment.follow(trajectory(take, field))
@@ -140,7 +140,7 @@ def read_seen(take: Take, field: FieldSummary) -> Seen | None:
         sound = False
     if not sound or not (np.isfinite(motion).all() and np.isfinite(surface.vertices).all() and np.isfinite(surface.uv).all()):
         raise TakeError(f"The object in {take.file('particles.npz')} does not fit its motion.", "Run Recover again.")
-    return Seen(camera, picture, outline, surface, motion)
+    return Seen(camera, frame, outline, surface, motion)
 
 
 def is_preview(take: Take) -> bool:

@@ -155,8 +155,8 @@ def recovered(settings: bpy.types.PropertyGroup) -> Path:
         raise TakeError(*gone(folder))
     if settings.recovered_stamp and stamp_of_field(folder) != settings.recovered_stamp:
         raise TakeError(
-            f"{folder} was recovered anew since this scene took it in.",
-            "Press Reload to take in what it holds now, or choose another Take and run Recover again.",
+            f"{folder} has been recovered again since this scene loaded it.",
+            "Press Reload to load what it holds now, or choose another Take and run Recover again.",
         )
     return folder
 

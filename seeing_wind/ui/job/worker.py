@@ -23,7 +23,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
-from typing import IO, Any
+from typing import Any
 
 from ...engine import systems
 from ...engine.errors import CANCELLED, DONE_WITH_WARNINGS, SeeingWindError
@@ -64,7 +64,7 @@ def run(command: Sequence[str], *, cwd: str, env: Mapping[str, str], grace: floa
 
     lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     log: deque[str] = deque(maxlen=LOG_LINES)
-    readers = [_reader(process.stdout, lines.put), _reader(process.stderr, log.append)]
+    readers = [systems.reader(process.stdout, lines.put), systems.reader(process.stderr, log.append)]
     said_error = False
     cancelled_at: float | None = None
     try:
@@ -144,19 +144,6 @@ def _start(command: Sequence[str], cwd: str, env: Mapping[str, str]) -> subproce
         list(command), cwd=cwd, env={**env, CANCEL_BY_STDIN: "1"}, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, encoding="utf-8", errors="replace", bufsize=1, **systems.apart(),
     )  # fmt: skip
-
-
-def _reader(stream: IO[str] | None, put: Callable[[str], None]) -> threading.Thread:
-    """A thread that moves the lines of one pipe into a queue and touches nothing else (pipes cannot be polled on every system)."""
-
-    def read() -> None:
-        with contextlib.suppress(ValueError, OSError):  # the pipe was closed from this side
-            for line in stream or ():
-                put(line.rstrip("\n"))
-
-    thread = threading.Thread(target=read, daemon=True, name="seeing-wind-reader")
-    thread.start()
-    return thread
 
 
 def _drain(lines: queue.SimpleQueue[str | None]) -> list[str]:

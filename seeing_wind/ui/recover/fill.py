@@ -65,9 +65,9 @@ def fill(scene: bpy.types.Scene, take: Take, clip: str) -> bool:
 def _give_corrections(settings: bpy.types.PropertyGroup, points: list[float]) -> None:
     """The points that correct the outline, from the engine's flat list of frame, x, y and whether it is on the object."""
     settings.corrections.clear()
-    for picture, x, y, on in zip(*(points[start::4] for start in range(4)), strict=True):
+    for clip_frame, x, y, on in zip(*(points[start::4] for start in range(4)), strict=True):
         point = settings.corrections.add()
-        point.picture, point.place, point.beside = int(picture), (x, y), not on
+        point.clip_frame, point.place, point.beside = int(clip_frame), (x, y), not on
 
 
 def _is_marked(settings: bpy.types.PropertyGroup) -> bool:

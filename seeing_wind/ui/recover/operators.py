@@ -100,6 +100,8 @@ class SEEING_WIND_OT_build_scene(JobOperator, bpy.types.Operator):
         if self.take:
             self.folder = Path(absolute(self.take))
         else:
+            if not (settings.recovered_take or settings.take or settings.clip):
+                raise TakeError(takes.NO_FIELD, "Run Recover first, or choose the folder of a take.")
             self.folder = takes.shown(settings) if settings.recovered_take else takes.take_folder(settings)
         if not self.folder.is_dir():
             raise TakeError(*takes.gone(self.folder))

@@ -10,10 +10,10 @@ import re
 import bpy
 
 from ..field.display import LOOP
-from ..field.node_groups import FRAMES_PER_PICTURE, get_input, modifier_input, set_input
+from ..field.node_groups import FRAMES_PER_CLIP_FRAME, get_input, modifier_input, set_input
 from ..field.texture.tree import remove_texture
 
-OF_RESULTS = ("First Frame", "Length", FRAMES_PER_PICTURE)
+OF_RESULTS = ("First Frame", "Length", FRAMES_PER_CLIP_FRAME)
 """Inputs of our modifiers that follow from the results; the others (density, slice, confidence shown) are the user's."""
 
 

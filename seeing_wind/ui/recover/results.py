@@ -70,9 +70,10 @@ def build(scene: bpy.types.Scene, folder: Path, clip: str = "") -> bool:
     seen = read_seen(take, field)
     if seen is not None:
         path = clip or _clip(settings, field)
-        known = found_clip(path)
+        known = found_clip(path, scene)
         if known is not None:
             settings.frame_start = start_of(known, field.first_frame, settings.frame_start)
+        _forget_deleted_camera(settings)
         settings.camera_object = setup_clip_scene(
             scene, path, vars(seen.camera), field.fps, field.first_frame, field.frames, settings.frame_start, followed(scene)
         )
@@ -173,6 +174,16 @@ def _in_place(
     return kept
 
 
+def _forget_deleted_camera(settings: bpy.types.PropertyGroup) -> None:
+    """One that the user has deleted: only the settings still hold it, and its name."""
+    camera = settings.camera_object
+    if camera is not None and not camera.users_scene and camera.library is None:
+        data = camera.data
+        bpy.data.objects.remove(camera)
+        if data.users == 0:
+            bpy.data.cameras.remove(data)
+
+
 def _leave_to_others(settings: bpy.types.PropertyGroup) -> None:
     """A scene that was copied from another one shares its objects: these stay with the other."""
     scene, names = settings.id_data, POINTERS
@@ -222,7 +233,7 @@ def _is_same(candidate: Path, named: Path) -> bool:
 def _recovered(scene: bpy.types.Scene, seen: Seen, fps: float, collection: bpy.types.Collection) -> bpy.types.Object:
     surface = seen.surface
     obj = create_recovered_object(
-        scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.picture, collection, seen.outline
+        scene, "Recovered Object", surface.vertices, surface.triangles, surface.uv, seen.frame, collection, seen.outline
     )
     bake_shape_keys(obj, seen.motion, scene.seeing_wind.frame_start, fps, scene)
     return obj
@@ -264,7 +275,7 @@ def _restore_groups(obj: bpy.types.Object, former: tuple[int, dict[str, list[tup
 def collection_of(scene: bpy.types.Scene, field: bpy.types.Object | None) -> bpy.types.Collection:
     """Where the results of a take are: the one with its field, or one of ours without any field, or a new one."""
     ours = [each for each in scene.collection.children_recursive if each.get("seeing_wind")]
-    if field is not None:
+    if field is not None and field.users_scene:
         collection = next((each for each in ours if field.name in each.objects), None)
     else:
         collection = next((each for each in ours if not any(is_field(obj) for obj in each.objects)), None)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
-from seeing_wind.ui.clip.frame_on_screen import box_on_screen, picture_corners
+from seeing_wind.ui.clip.frame_on_screen import box_on_screen, frame_corners
 from seeing_wind.ui.clip.inputs.clips import loaded_clip, scene_frame
 
 BOX = (20.0, 16.0, 52.0, 48.0)
@@ -55,7 +55,7 @@ def on_screen(area: bpy.types.Area, box: tuple[float, float, float, float]) -> t
     """Lower left and upper right corner (2, 2) of a box of the clip in the window, and a pixel of the window in pixels of the clip."""
     with bpy.context.temp_override(**override(area)):
         region = bpy.context.region
-        corners, size = picture_corners(bpy.context, region), bpy.context.scene.active_clip.size
+        corners, size = frame_corners(bpy.context, region), bpy.context.scene.active_clip.size
     return box_on_screen(corners, box, *size) + [region.x, region.y], size[0] / (corners[1] - corners[0])[0]
 
 
@@ -111,7 +111,7 @@ def correct(area: bpy.types.Area) -> Iterator[float]:
         yield from click(places.mean(axis=0))
         found = points[-1]
         check(np.abs(np.array(found.place) - POINT).max() <= pixel + 0.1, f"it is at {np.round(found.place, 1).tolist()} for {POINT}")
-        check((found.picture, found.beside) == (LATER, beside) and not window().modal_operators, "in the frame that is shown")
+        check((found.clip_frame, found.beside) == (LATER, beside) and not window().modal_operators, "in the frame that is shown")
     begin(False)
     yield 1.0
     (low, _), _ = on_screen(area, (0.0, 0.0, 63.0, 63.0))

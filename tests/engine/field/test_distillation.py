@@ -16,7 +16,9 @@ from .test_analytic import differences
 
 @pytest.fixture(scope="module")
 def triplane(tumbling) -> ForceField:
-    return distill(*tumbling, FPS)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(distillation, "ITERATIONS", 500)  # of 800
+        return distill(*tumbling, FPS)
 
 
 def test_the_triplane_keeps_a_curved_field(tumbling, triplane):

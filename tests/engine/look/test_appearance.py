@@ -14,7 +14,7 @@ from seeing_wind.engine.look.contributions import contributions
 from seeing_wind.engine.look.covering import joined, uncovered
 from seeing_wind.engine.look.gaussians import FLATTENING, SH0, self_attached
 from seeing_wind.engine.look.over_clip import BANDS, Footage, fit_appearance
-from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.look.splatting import render_gaussians
 from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe.object.motion.control import attach
 from seeing_wind.engine.observe.object.shape.visibility import seen_surface
@@ -57,15 +57,15 @@ def motion(turns: np.ndarray = TURN) -> Recovery:
 def filmed(found: Recovery, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frames (T+1, H, W, 3) and masks of the box before a grey wall: front and right side of one colour each, times `light` (T+1,)."""
     surface, whole = box(), np.ones((CAMERA.height, CAMERA.width), bool)
-    pictures = np.full((len(found.x), CAMERA.height, CAMERA.width, 3), float(WALL))
-    masks = np.zeros(pictures.shape[:3], bool)
+    frames = np.full((len(found.x), CAMERA.height, CAMERA.width, 3), float(WALL))
+    masks = np.zeros(frames.shape[:3], bool)
     for t, x in enumerate(found.x):
         seen = seen_surface(surface.attachment.follow(x), surface.triangles, CAMERA, t, surface.vertices, whole)
         column, row = seen.pixel.T
         masks[t, row, column] = True
         side = np.where((seen.normal[:, :1] > 0.5), SIDE, FRONT)
-        pictures[t, row, column] = 255.0 * light[t] * side
-    return np.clip(pictures.round(), 0, 255).astype(np.uint8), masks
+        frames[t, row, column] = 255.0 * light[t] * side
+    return np.clip(frames.round(), 0, 255).astype(np.uint8), masks
 
 
 def front_only() -> Body:
@@ -85,13 +85,13 @@ def front_only() -> Body:
 
 
 def drawn(body: Body, gaussians: Gaussians, found: Recovery, t: int) -> np.ndarray:
-    colour, alpha = picture(gaussians, CAMERA, t, found.x[t], found.F[t])
+    colour, alpha = render_gaussians(gaussians, CAMERA, t, found.x[t], found.F[t])
     return 255.0 * colour + (1.0 - alpha[..., None]) * WALL
 
 
-def footage(pictures: np.ndarray, masks: np.ndarray) -> Footage:
-    wall = np.full(pictures.shape[1:], WALL, np.uint8)
-    return Footage(CAMERA, lambda t: pictures[t], Masks.of(masks), lambda t, image, box: wall[box[1] : box[3], box[0] : box[2]])
+def footage(frames: np.ndarray, masks: np.ndarray) -> Footage:
+    wall = np.full(frames.shape[1:], WALL, np.uint8)
+    return Footage(CAMERA, lambda t: frames[t], Masks.of(masks), lambda t, image, box: wall[box[1] : box[3], box[0] : box[2]])
 
 
 def off(want: np.ndarray, got: np.ndarray, mask: np.ndarray) -> float:
@@ -117,10 +117,10 @@ def test_the_surface_in_a_pixel_is_the_nearest_one() -> None:
     assert len(behind.pixel) == 0
 
 
-def test_contributions_make_the_picture() -> None:
+def test_contributions_make_the_frame() -> None:
     body, found = front_only(), motion()
     weights, passed = contributions(body.gaussians, CAMERA, found.x[2], found.F[2])
-    colour, alpha = picture(body.gaussians, CAMERA, 2, found.x[2], found.F[2])
+    colour, alpha = render_gaussians(body.gaussians, CAMERA, 2, found.x[2], found.F[2])
     mixed = weights @ np.tile(FRONT, (len(body.gaussians.x), 1))
     assert mixed.reshape(colour.shape) == pytest.approx(colour, abs=0.02)
     assert 1.0 - passed.reshape(alpha.shape) == pytest.approx(alpha, abs=1e-5)
@@ -128,14 +128,14 @@ def test_contributions_make_the_picture() -> None:
 
 def test_what_is_covered_is_not_covered_again() -> None:
     body, found = front_only(), motion()
-    pictures, masks = filmed(found, np.ones(len(TURN)))
-    assert len(uncovered(body, body.gaussians, CAMERA, masks[0], pictures[0]).x) < 0.05 * len(body.gaussians.x)
-    new = uncovered(body, body.gaussians, CAMERA, masks[4], pictures[4], 4, found.x[4])
+    frames, masks = filmed(found, np.ones(len(TURN)))
+    assert len(uncovered(body, body.gaussians, CAMERA, masks[0], frames[0]).x) < 0.05 * len(body.gaussians.x)
+    new = uncovered(body, body.gaussians, CAMERA, masks[4], frames[4], 4, found.x[4])
     right = new.x[:, 0] > 0.49 * SIZE[0]
     assert right.sum() > 60 and right.mean() > 0.7, "the side that turned into view"
     assert np.abs(new.sh[right, 0] * SH0 + 0.5 - SIDE).max() < 0.01
     both = joined(body.gaussians, new)
-    assert len(uncovered(body, both, CAMERA, masks[4], pictures[4], 4, found.x[4]).x) < 0.1 * len(new.x)
+    assert len(uncovered(body, both, CAMERA, masks[4], frames[4], 4, found.x[4]).x) < 0.1 * len(new.x)
 
 
 def test_the_back_of_a_leaf_is_not_covered_by_its_front() -> None:
@@ -153,12 +153,12 @@ def test_the_back_of_a_leaf_is_not_covered_by_its_front() -> None:
 def test_sides_and_light_of_the_whole_clip() -> None:
     body, found = front_only(), motion()
     light = 0.4 + 0.6 * np.cos(TURN)
-    pictures, masks = filmed(found, light)
+    frames, masks = filmed(found, light)
     told: list[float] = []
-    fitted = fit_appearance(body, found, footage(pictures, masks), Progress(lambda message: told.append(message["fraction"])))
+    fitted = fit_appearance(body, found, footage(frames, masks), Progress(lambda message: told.append(message["fraction"])))
     assert told == sorted(told) and len(told) > 10
     assert fitted.sh.shape[1:] == (BANDS, 3) and len(fitted.x) > len(body.gaussians.x)
-    errors = np.array([[off(pictures[t], drawn(body, one, found, t), masks[t]) for one in (body.gaussians, fitted)] for t in range(5)])
+    errors = np.array([[off(frames[t], drawn(body, one, found, t), masks[t]) for one in (body.gaussians, fitted)] for t in range(5)])
     # What is left is the crease between the sides, that Gaussians show softly.
     assert (errors[2:, 0] > 25.0).all() and (errors[:, 1] < np.maximum(0.35 * errors[:, 0], 4.0)).all(), errors
     between = motion(np.radians([0.0, 35.0]))
@@ -166,25 +166,25 @@ def test_sides_and_light_of_the_whole_clip() -> None:
     assert off(want[1], drawn(body, fitted, between, 1), mask[1]) < 15.0, "a turn that was not filmed"
 
 
-def test_pictures_that_the_motion_misses_hardly_count() -> None:
+def test_frames_that_the_motion_misses_hardly_count() -> None:
     body, found = front_only(), motion(np.zeros(5))
-    pictures, masks = filmed(found, np.ones(5))
-    pictures[3:] = WALL  # the object went away, the simulation did not
+    frames, masks = filmed(found, np.ones(5))
+    frames[3:] = WALL  # the object went away, the simulation did not
     trusted = dataclasses.replace(found, residual=np.array([0.0, 0.1, 0.1, 30.0, 40.0]))
-    blind = fit_appearance(body, found, footage(pictures, masks))
-    told = fit_appearance(body, trusted, footage(pictures, masks))
-    errors = [off(pictures[0], drawn(body, one, found, 0), masks[0]) for one in (told, blind)]
+    blind = fit_appearance(body, found, footage(frames, masks))
+    told = fit_appearance(body, trusted, footage(frames, masks))
+    errors = [off(frames[0], drawn(body, one, found, 0), masks[0]) for one in (told, blind)]
     assert errors[0] < 5.0 and errors[1] > 3.0 * errors[0]
 
 
 def test_nothing_to_fit_and_cancelling() -> None:
     body, found = front_only(), motion()
-    pictures, masks = filmed(found, np.ones(5))
+    frames, masks = filmed(found, np.ones(5))
     lost = dataclasses.replace(found, residual=np.full(5, np.nan))
-    assert fit_appearance(body, lost, footage(pictures, masks)) is body.gaussians
+    assert fit_appearance(body, lost, footage(frames, masks)) is body.gaussians
     asked: list[int] = []
     with pytest.raises(Cancelled):
-        fit_appearance(body, found, footage(pictures, masks), Progress(cancelled=lambda: len(asked) > 7 or bool(asked.append(1))))
+        fit_appearance(body, found, footage(frames, masks), Progress(cancelled=lambda: len(asked) > 7 or bool(asked.append(1))))
     assert len(asked) == 8
 
 

@@ -19,16 +19,16 @@ from .test_appearance import CAMERA, WALL, drawn, filmed, footage, front_only, l
 
 def test_halves_lie_where_the_whole_was_too_wide() -> None:
     whole, found = front_only().gaussians, motion(np.zeros(2))
-    pictures = [(0, found.x[0], found.F[0])]
-    assert finer(whole, lattice(), CAMERA, pictures).x == pytest.approx(whole.x), "half a pixel wide: fine enough"
+    frames = [(0, found.x[0], found.F[0])]
+    assert finer(whole, lattice(), CAMERA, frames).x == pytest.approx(whole.x), "half a pixel wide: fine enough"
     wide = dataclasses.replace(whole, scale=whole.scale * [3.0, 1.0, 1.0])
-    halves = finer(wide, lattice(), CAMERA, pictures)
+    halves = finer(wide, lattice(), CAMERA, frames)
     assert len(halves.x) == 2 * len(wide.x) and halves.scale == pytest.approx(np.tile(wide.scale * [SHRUNK, 1.0, 1.0], (2, 1)))
     assert (halves.x[: len(wide.x)] + halves.x[len(wide.x) :]) / 2 == pytest.approx(wide.x), "on either side"
     assert halves.attachment.follow(lattice()) == pytest.approx(halves.x, abs=1e-9)
-    both = finer(dataclasses.replace(whole, scale=whole.scale * [3.0, 4.0, 1.0]), lattice(), CAMERA, pictures)
+    both = finer(dataclasses.replace(whole, scale=whole.scale * [3.0, 4.0, 1.0]), lattice(), CAMERA, frames)
     assert len(both.x) == 4 * len(whole.x) and both.x[:, 1] == pytest.approx(np.full(len(both.x), whole.x[0, 1])), "in the surface"
-    grown = [*pictures, (1, found.x[1], 3.0 * found.F[1])]
+    grown = [*frames, (1, found.x[1], 3.0 * found.F[1])]
     assert len(finer(whole, lattice(), CAMERA, grown).x) == 4 * len(whole.x), "another frame shows them wide"
 
 
@@ -43,14 +43,14 @@ def test_sets_that_more_and_fewer_particles_carry_are_joined() -> None:
 
 def test_coarse_gaussians_come_to_show_fine_texture() -> None:
     body, found = front_only(), motion(np.zeros(2))
-    pictures, masks = filmed(found, np.ones(2))
+    frames, masks = filmed(found, np.ones(2))
     stripes = np.where(np.arange(CAMERA.width) // 3 % 2 == 0, 60, 180).astype(np.uint8)
-    pictures = np.where(masks[..., None], stripes[None, None, :, None], np.full_like(pictures, WALL))
+    frames = np.where(masks[..., None], stripes[None, None, :, None], np.full_like(frames, WALL))
     third = (_ranks(body.gaussians.x[:, [0, 2]]) % 3 == 1).all(axis=1)
     every = {name: getattr(body.gaussians, name)[third] for name in ("x", "rotation", "opacity", "sh")}
     coarse = Gaussians(**every, scale=3.0 * body.gaussians.scale[third], attachment=attach(every["x"], lattice()))
-    fitted = fit_appearance(dataclasses.replace(body, gaussians=coarse), found, footage(pictures, masks))
-    error = off(pictures[1], drawn(body, fitted, found, 1), masks[1])
+    fitted = fit_appearance(dataclasses.replace(body, gaussians=coarse), found, footage(frames, masks))
+    error = off(frames[1], drawn(body, fitted, found, 1), masks[1])
     assert error < 25.0, "without halves it is 31; a frame without stripes is off by 60"
 
 

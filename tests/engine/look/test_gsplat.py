@@ -13,7 +13,7 @@ from seeing_wind.engine.records import Camera
 
 
 @pytest.mark.skipif(not gsplat_backend.usable(), reason="needs gsplat and CUDA")
-def test_it_draws_the_same_picture() -> None:
+def test_it_draws_the_same_frame() -> None:
     rng = np.random.default_rng(0)
     camera = Camera(64, 48, 60.0, 62.0, 31.0, 24.5, front_view(2.0))
     x = torch.from_numpy(rng.uniform(-0.5, 0.5, (200, 3))).float()

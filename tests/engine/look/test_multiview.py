@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.look.multiview import with_views
-from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.look.splatting import render_gaussians
+from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Observation
 from seeing_wind.engine.settings import BuildSettings
 from seeing_wind.engine.stages import build_body
@@ -36,7 +37,7 @@ def sphere_from(turn_degrees: float) -> Observation:
 
 def likeness(gaussians, seen: Observation) -> float:
     """PSNR [dB] inside the mask."""
-    colour, _ = picture(gaussians, seen.camera)
+    colour, _ = render_gaussians(gaussians, seen.camera)
     error = (colour - seen.image / 255.0)[seen.masks[0]]
     return float(-10.0 * np.log10((error**2).mean()))
 
@@ -44,7 +45,7 @@ def likeness(gaussians, seen: Observation) -> float:
 def test_the_side_that_only_the_second_camera_sees_is_added() -> None:
     front, side = sphere_from(0.0), sphere_from(90.0)
     alone = build_body(front, BuildSettings(particles=120))
-    both, quality = with_views(alone, front, [side])
+    both, quality = with_views(alone, front, [side], NoProgress())
     assert len(both.gaussians.x) > 1.2 * len(alone.gaussians.x)
     assert likeness(both.gaussians, side) > max(18.0, likeness(alone.gaussians, side) + 6.0)
     assert quality == pytest.approx(likeness(both.gaussians, front), abs=3.0)

@@ -10,7 +10,7 @@ from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.field.torch_threads import one_torch_thread
 from seeing_wind.engine.look.first_frame import fit
 from seeing_wind.engine.look.gaussians import pixel_aligned, rest_covariances, view_camera
-from seeing_wind.engine.look.splatting import PIXEL_FILTER, blend, picture, project, tiles_of
+from seeing_wind.engine.look.splatting import PIXEL_FILTER, blend, project, render_gaussians, tiles_of
 from seeing_wind.engine.observe.object.shape.particles import fill
 from seeing_wind.engine.observe.object.shape.relief import relief_of
 from seeing_wind.engine.progress import Cancelled, Progress
@@ -40,10 +40,10 @@ def plain(gaussians, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return image, 1.0 - passed
 
 
-def test_picture_equals_the_plain_rasteriser(monkeypatch) -> None:
+def test_frame_equals_the_plain_rasteriser(monkeypatch) -> None:
     monkeypatch.setattr("seeing_wind.engine.look.splatting.CUTOFF", 6.0)
     gaussians, camera = some(9), small_camera()
-    image, alpha = picture(gaussians, camera)
+    image, alpha = render_gaussians(gaussians, camera)
     expected, cover = plain(gaussians, camera)
     assert cover.max() > 0.5
     assert image == pytest.approx(expected, abs=2e-5)
@@ -68,10 +68,10 @@ def test_gradients_against_finite_differences() -> None:
         assert torch.autograd.gradcheck(render, (x, root, opacity, colour), eps=1e-6, atol=1e-6)
 
 
-def test_picture_moves_with_the_particles() -> None:
+def test_frame_moves_with_the_particles() -> None:
     gaussians, camera = some(6), small_camera()
     shift = np.array([0.0, 0.0, 4.0 / 20.0])  # up by about one pixel at the distance of 4 m
-    still, moved = (picture(gaussians, camera, x=x)[1] for x in (gaussians.x, gaussians.x + shift))
+    still, moved = (render_gaussians(gaussians, camera, x=x)[1] for x in (gaussians.x, gaussians.x + shift))
     rows = np.arange(camera.height)[:, None]
     assert (still * rows).sum() / still.sum() - (moved * rows).sum() / moved.sum() == pytest.approx(1.0, abs=0.3)
 
@@ -79,7 +79,7 @@ def test_picture_moves_with_the_particles() -> None:
 def test_behind_the_camera_nothing_is_drawn() -> None:
     gaussians = some(4)
     gaussians.x[:, 1] = -9.0
-    assert picture(gaussians, small_camera())[1].max() == 0.0
+    assert render_gaussians(gaussians, small_camera())[1].max() == 0.0
 
 
 def test_reduced_camera_sees_the_same_points() -> None:
@@ -91,7 +91,7 @@ def test_reduced_camera_sees_the_same_points() -> None:
     assert (view.width, view.height) == (24, 20)
 
 
-def test_fit_reaches_the_picture(plate) -> None:
+def test_fit_reaches_the_frame(plate) -> None:
     relief = relief_of(plate)
     start = pixel_aligned(relief, plate.image, fill(relief, 100).x, count=300)
     _, before = fit(start, relief, plate.image, iterations=0)
@@ -99,7 +99,7 @@ def test_fit_reaches_the_picture(plate) -> None:
     assert after > 30.0
     assert after > before + 4.0
     assert ((fitted.opacity > 0.0) & (fitted.opacity < 1.0)).all() and (fitted.scale > 0.0).all()
-    image, alpha = picture(fitted, plate.camera)
+    image, alpha = render_gaussians(fitted, plate.camera)
     inside = relief.mask
     error = ((image - plate.image / 255.0) ** 2)[inside].mean()
     assert -10.0 * np.log10(error) == pytest.approx(after, abs=1.0)

@@ -9,8 +9,10 @@ import pytest
 import torch
 
 from seeing_wind.engine.conventions import lame
-from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.autograd import simulate
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.records import Particles
 from tests.engine.mpm.bodies import RUBBER, block
 

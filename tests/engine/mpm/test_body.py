@@ -10,12 +10,15 @@ import pytest
 import torch
 
 from seeing_wind.engine.errors import SimulationError
-from seeing_wind.engine.mpm import State, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.autograd import simulate
+from seeing_wind.engine.mpm.batch import rollout_batch
 from seeing_wind.engine.mpm.body import Body
 from seeing_wind.engine.mpm.checks import checked_state
 from seeing_wind.engine.mpm.kernels.native import aligned_zeros
 from seeing_wind.engine.mpm.lattice.colliders import Plane
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from tests.engine.mpm.bodies import RUBBER, block
 

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.lattice.boundary import FREE, HELD, PINNED
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import SPACING, block
 

@@ -9,10 +9,12 @@ import pytest
 import torch
 
 from seeing_wind.engine.errors import SimulationError, UsageError
-from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.autograd import simulate
 from seeing_wind.engine.mpm.lattice.colliders import INSET, Box, Plane, collider_grid, collider_notes
 from seeing_wind.engine.mpm.lattice.mesh_collider import MeshCollider
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from tests.engine.mpm.bodies import RUBBER, SPACING, block
 
 trimesh = pytest.importorskip("trimesh")

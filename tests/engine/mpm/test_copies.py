@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import SimulationError
-from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
+from seeing_wind.engine.mpm.batch import rollout_batch
 from seeing_wind.engine.mpm.lattice.colliders import Plane
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import advance, rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.records import Attachment
 from tests.engine.mpm.bodies import RUBBER, affine_basis, block, still

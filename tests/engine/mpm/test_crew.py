@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.mpm.compiler import device, ti
-from seeing_wind.engine.mpm.kernels.crew import await_all, counters, finish, roster, taken
+from seeing_wind.engine.mpm.kernels.crew import await_all, counters, finish, roster, take
 from seeing_wind.engine.mpm.kernels.substep import STRIDE
 
 integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
@@ -18,7 +18,7 @@ def neighbours_sum(workers: ti.i32, roster: counters, first: integers, second: i
     for turn in range(workers * STRIDE):
         if turn % STRIDE == 0:
             worker, tasks = turn // STRIDE, first.shape[0]
-            task = taken(roster, 0, worker, workers, tasks)
+            task = take(roster, 0, worker, workers, tasks)
             while task < tasks:
                 total = 0
                 for _ in range(task):
@@ -26,12 +26,12 @@ def neighbours_sum(workers: ti.i32, roster: counters, first: integers, second: i
                 first[task] = total
                 ti.atomic_add(visits[task], 1)
                 finish(roster, 0)
-                task = taken(roster, 0, worker, workers, tasks)
+                task = take(roster, 0, worker, workers, tasks)
             await_all(roster, 0, tasks)
-            task = taken(roster, 1, worker, workers, tasks)
+            task = take(roster, 1, worker, workers, tasks)
             while task < tasks:
                 second[task] = first[(task + 1) % tasks] + first[(task + tasks - 1) % tasks]
-                task = taken(roster, 1, worker, workers, tasks)
+                task = take(roster, 1, worker, workers, tasks)
 
 
 @pytest.mark.parametrize(("workers", "tasks"), [(1, 1), (1, 7), (2, 1), (2, 2), (2, 9), (7, 3), (16, 40)])

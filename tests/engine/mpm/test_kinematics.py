@@ -9,12 +9,14 @@ import pytest
 import torch
 
 from seeing_wind.engine.errors import SimulationError, UsageError
-from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.autograd import simulate
 from seeing_wind.engine.mpm.lattice.beside import carried, velocity_at
 from seeing_wind.engine.mpm.lattice.boundary import HELD
 from seeing_wind.engine.mpm.lattice.colliders import Plane
 from seeing_wind.engine.mpm.lattice.kinematics import conditions_for
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.records import Material
 from tests.engine.mpm.bodies import block
 

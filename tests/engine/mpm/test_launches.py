@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seeing_wind.engine.mpm import State, model_for
 from seeing_wind.engine.mpm.body import Body
 from seeing_wind.engine.mpm.checks import checked_state
 from seeing_wind.engine.mpm.kernels import substep
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import NoProgress
 from tests.engine.mpm.bodies import RUBBER, block
 

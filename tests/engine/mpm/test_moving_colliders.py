@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import UsageError
-from seeing_wind.engine.mpm import State, model_for, rollout
 from seeing_wind.engine.mpm.lattice.colliders import Plane, within_reach
 from seeing_wind.engine.mpm.lattice.mesh_collider import MeshCollider
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from tests.engine.mpm.bodies import RUBBER, SPACING, block
 
 trimesh = pytest.importorskip("trimesh")

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from seeing_wind.engine.mpm import State, model_for, rollout
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.records import Material, Particles
 from tests.engine.mpm.bodies import RUBBER, block
 

@@ -10,7 +10,10 @@ import pytest
 
 from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
 from seeing_wind.engine.materials import LIMITS
-from seeing_wind.engine.mpm import State, advance, model_for, rollout, rollout_batch
+from seeing_wind.engine.mpm.batch import rollout_batch
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import advance, rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.mpm.tangent import Changes, tangents
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Particles

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seeing_wind.engine.mpm import State, model_for, rollout
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from tests.engine.mpm.bodies import RUBBER, block
 from tests.reference import mpm as twin
 

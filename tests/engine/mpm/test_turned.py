@@ -9,10 +9,13 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from seeing_wind.engine.mpm import State, model_for, rollout, rollout_batch
 from seeing_wind.engine.mpm.autograd import simulate
+from seeing_wind.engine.mpm.batch import rollout_batch
 from seeing_wind.engine.mpm.lattice.boundary import border_axes
 from seeing_wind.engine.mpm.lattice.colliders import Plane
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.mpm.tangent import Changes, tangents
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Material

@@ -31,15 +31,15 @@ def in_pieces(
     Returns:
         the observation, how often it was killed, and in how many frames the object was followed in all.
     """
-    advance, pictures, kills, since = follower.advance, 0, 0, 0
+    advance, frames, kills, since = follower.advance, 0, 0, 0
 
-    def counted(self: Follower, picture: np.ndarray) -> np.ndarray:
-        nonlocal pictures, since
+    def counted(self: Follower, frame: np.ndarray) -> np.ndarray:
+        nonlocal frames, since
         if since == every:
             since = 0
             raise Killed
-        pictures, since = pictures + 1, since + 1
-        return advance(self, picture)
+        frames, since = frames + 1, since + 1
+        return advance(self, frame)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(follower, "advance", counted)
@@ -47,7 +47,7 @@ def in_pieces(
         while True:
             try:
                 with TakeJournal(Take(folder), "clip", NoProgress()) as journal:
-                    return observe(clip, settings, NoProgress(), journal), kills, pictures
+                    return observe(clip, settings, NoProgress(), journal), kills, frames
             except Killed:
                 kills += 1
 

@@ -62,8 +62,8 @@ def moving_body(
             body = cv2.remap(
                 texture.astype(np.float32), (u + middle[1]).astype(np.float32), (v + middle[0]).astype(np.float32), cv2.INTER_CUBIC
             )
-        picture = background + cover[..., None] * (body - background) + rng.normal(0, 1.0, background.shape)
-        frames.append(np.clip(np.round(picture), 0, 255).astype(np.uint8))
+        frame = background + cover[..., None] * (body - background) + rng.normal(0, 1.0, background.shape)
+        frames.append(np.clip(np.round(frame), 0, 255).astype(np.uint8))
         masks.append(cover > 0.5)
     path = folder / "clip.avi"
     write_video(path, frames, fps)
@@ -107,8 +107,8 @@ def painted_scene(folder: Path, centers: np.ndarray, angles: np.ndarray, radius:
     for t, center in enumerate(centers):
         dx, dy = columns - center[0], rows - center[1]
         cover = np.clip(radius + 0.5 - np.hypot(dx, dy), 0, 1)
-        picture = paper + cover[..., None] * (body(t, dx, dy) - paper) + rng.normal(0, 1.0, paper.shape)
-        frames.append(cv2.GaussianBlur(np.clip(np.round(picture), 0, 255).astype(np.uint8), (0, 0), 0.8))
+        frame = paper + cover[..., None] * (body(t, dx, dy) - paper) + rng.normal(0, 1.0, paper.shape)
+        frames.append(cv2.GaussianBlur(np.clip(np.round(frame), 0, 255).astype(np.uint8), (0, 0), 0.8))
         masks.append(cover > 0.5)
     write_video(folder / "clip.avi", frames, 30.0)
     return Scene(folder / "clip.avi", np.stack(frames), np.stack(masks), centers, angles)

@@ -33,20 +33,20 @@ def test_range_is_inclusive_and_rate_can_be_given(disc: Scene) -> None:
 
 
 @pytest.mark.parametrize("pattern", ["", "shot_%03d.png", "shot_*.png"])
-def test_pictures(disc: Scene, tmp_path: Path, pattern: str) -> None:
+def test_sequences_of_images(disc: Scene, tmp_path: Path, pattern: str) -> None:
     for index in (8, 9, 10):
         cv2.imwrite(str(tmp_path / f"shot_{index:03d}.png"), cv2.cvtColor(disc.frames[index], cv2.COLOR_RGB2BGR))
     clip = read_clip(tmp_path / pattern if pattern else tmp_path, fps=25.0)
     assert np.array_equal(clip.frames, disc.frames[8:11])
 
 
-def test_pictures_are_sorted_by_number(disc: Scene, tmp_path: Path) -> None:
+def test_frames_are_sorted_by_number(disc: Scene, tmp_path: Path) -> None:
     for place, index in (("2", 0), ("10", 1)):
         cv2.imwrite(str(tmp_path / f"p{place}.png"), cv2.cvtColor(disc.frames[index], cv2.COLOR_RGB2BGR))
     assert np.array_equal(read_clip(tmp_path, fps=25.0).frames, disc.frames[:2])
 
 
-def test_a_picture_that_is_missing_is_told(disc: Scene, tmp_path: Path) -> None:
+def test_a_frame_that_is_missing_is_told(disc: Scene, tmp_path: Path) -> None:
     told: list[dict] = []
     for index in (2, 4, 6, 10):  # every second one of a clip, but the eighth
         cv2.imwrite(str(tmp_path / f"s_{index:04d}.png"), disc.frames[index])
@@ -62,7 +62,7 @@ def test_a_file_may_have_a_pattern_for_a_name(disc: Scene, tmp_path: Path) -> No
     assert len(read_clip(place).frames) == len(disc.frames)
 
 
-def test_pictures_without_rate_are_refused(disc: Scene, tmp_path: Path) -> None:
+def test_frames_without_rate_are_refused(disc: Scene, tmp_path: Path) -> None:
     for index in range(2):
         cv2.imwrite(str(tmp_path / f"{index}.png"), disc.frames[index])
     with pytest.raises(UsageError, match="frame rate") as caught:
@@ -95,7 +95,7 @@ def test_a_list_of_files_is_no_video(disc: Scene, tmp_path: Path) -> None:
         read_clip(tmp_path / "list.ffconcat")
 
 
-def test_one_picture(disc: Scene, tmp_path: Path) -> None:
+def test_one_frame(disc: Scene, tmp_path: Path) -> None:
     write_video(tmp_path / "one.avi", [disc.frames[0]], 25.0)
     with pytest.raises(ClipError, match="one frame"):
         read_clip(tmp_path / "one.avi")
@@ -120,9 +120,9 @@ def mp4(path: Path) -> bytearray:
     """An MP4 of ten frames at 25 per second, whose upper left corner is bright."""
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 25.0, (64, 48))
     for t in range(10):
-        picture = np.full((48, 64, 3), 40 + 5 * t, np.uint8)
-        picture[:12, :12] = 250
-        writer.write(picture)
+        frame = np.full((48, 64, 3), 40 + 5 * t, np.uint8)
+        frame[:12, :12] = 250
+        writer.write(frame)
     writer.release()
     return bytearray(path.read_bytes())
 

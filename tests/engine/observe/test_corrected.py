@@ -45,7 +45,7 @@ def overlaps(masks: Masks, true: np.ndarray) -> np.ndarray:
     return np.array([(np.asarray(a) & b).sum() / (np.asarray(a) | b).sum() for a, b in zip(masks, true)])
 
 
-def test_an_outline_of_one_picture_mends_those_before_and_behind(patched: Scene, settings: ObserveSettings, tmp_path: Path) -> None:
+def test_an_outline_of_one_frame_mends_those_before_and_behind(patched: Scene, settings: ObserveSettings, tmp_path: Path) -> None:
     found = overlaps(observe(patched.path, settings, NoProgress()).masks, patched.masks)
     assert cv2.imwrite(str(tmp_path / "true.png"), patched.masks[6].astype(np.uint8) * 255)
     told = replace(settings, outline=str(tmp_path / "true.png"), outline_frame=6)
@@ -54,7 +54,7 @@ def test_an_outline_of_one_picture_mends_those_before_and_behind(patched: Scene,
     assert np.delete(mended, 6).min() > found.max() + 0.03, "before it and behind it"
 
 
-def test_an_outline_of_a_later_picture_alone_marks_the_object(disc: Scene, tmp_path: Path) -> None:
+def test_an_outline_of_a_later_frame_alone_marks_the_object(disc: Scene, tmp_path: Path) -> None:
     assert cv2.imwrite(str(tmp_path / "true.png"), disc.masks[8].astype(np.uint8) * 255)
     alone = ObserveSettings(outline=str(tmp_path / "true.png"), outline_frame=8, distance=1.0)
     assert overlaps(observe(disc.path, alone, NoProgress()).masks, disc.masks).min() > 0.93
@@ -90,17 +90,17 @@ def two_halves() -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(1)
     rows, columns = np.mgrid[:120, :160]
     disc = np.hypot(columns - 80, rows - 60) < 36
-    picture = np.where(disc[..., None], np.where((columns < 80)[..., None], (190, 60, 50), (50, 70, 190)), (70, 130, 60))
-    return np.clip(picture + rng.normal(0, 6, (120, 160, 3)), 0, 255).astype(np.uint8), disc
+    frame = np.where(disc[..., None], np.where((columns < 80)[..., None], (190, 60, 50), (50, 70, 190)), (70, 130, 60))
+    return np.clip(frame + rng.normal(0, 6, (120, 160, 3)), 0, 255).astype(np.uint8), disc
 
 
 def test_points_add_what_was_left_out_and_take_away_what_was_taken_in() -> None:
-    picture, disc = two_halves()
+    frame, disc = two_halves()
     columns = np.arange(160)[None]
     half = disc & (columns < 80)
-    added = with_marks(picture, half, Marks(np.array([[98.0, 60.0]]), np.zeros((0, 2))), NoProgress())
+    added = with_marks(frame, half, Marks(np.array([[98.0, 60.0]]), np.zeros((0, 2))), NoProgress())
     assert (added ^ disc).sum() < 0.05 * disc.sum() < 0.5 * (half ^ disc).sum()
-    taken = with_marks(picture, disc, Marks(np.zeros((0, 2)), np.array([[98.0, 60.0]])), NoProgress())
+    taken = with_marks(frame, disc, Marks(np.zeros((0, 2)), np.array([[98.0, 60.0]])), NoProgress())
     assert (taken ^ half).sum() < 0.05 * disc.sum()
 
 
@@ -110,22 +110,22 @@ def test_a_point_takes_away_no_more_than_the_mistake_in_whose_middle_it_is() -> 
     away = np.hypot(columns - 80, rows - 60)
     # A dark disc in a ring that is nearly as pale as what is behind it, as on an air puck; the outline found is 8 px too large.
     gray = np.where(away < 28, 50.0, np.where(away < 36, 186.0, 196.0)) + rng.normal(0, 5, (120, 160))
-    picture = np.repeat(np.clip(gray, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    frame = np.repeat(np.clip(gray, 0, 255).astype(np.uint8)[..., None], 3, axis=2)
     puck, large = away < 36, away < 44
-    taken = with_marks(picture, large, Marks(np.zeros((0, 2)), np.array([[80.0 - 40.0, 60.0]])), NoProgress())
+    taken = with_marks(frame, large, Marks(np.zeros((0, 2)), np.array([[80.0 - 40.0, 60.0]])), NoProgress())
     assert not (taken & ~large).any(), "it adds nothing"
     assert (large & ~taken).sum() > 150 and (puck & ~taken).sum() < 0.02 * puck.sum()
 
 
 def test_a_point_on_a_tiny_thing_is_taken_at_its_word() -> None:
-    picture, _ = two_halves()
+    frame, _ = two_halves()
     tiny = np.zeros((120, 160), bool)
     tiny[50:60, 50:60] = True
-    taken = with_marks(picture, tiny, Marks(np.zeros((0, 2)), np.array([[55.0, 55.0]])), NoProgress())
+    taken = with_marks(frame, tiny, Marks(np.zeros((0, 2)), np.array([[55.0, 55.0]])), NoProgress())
     assert not taken[55, 55] and taken.sum() > 80
     with pytest.raises(ObjectError, match="nothing of the object"):
         everywhere = np.argwhere(tiny)[:, ::-1].astype(float)
-        with_marks(picture, tiny, Marks(np.zeros((0, 2)), everywhere), NoProgress())
+        with_marks(frame, tiny, Marks(np.zeros((0, 2)), everywhere), NoProgress())
 
 
 def test_where_the_outline_is_wrong_in_another_way_it_stays(patched: Scene) -> None:
@@ -146,7 +146,7 @@ def test_a_mistake_that_is_over_is_not_mended_again(patched: Scene) -> None:
     assert all((masks[t] == wrong[t]).all() for t in range(10, 13)), "what is like it there is taken for the thing's shape"
 
 
-def test_points_of_a_later_picture_reach_the_observation(patched: Scene, settings: ObserveSettings) -> None:
+def test_points_of_a_later_frame_reach_the_observation(patched: Scene, settings: ObserveSettings) -> None:
     x, y = patched.centers[6]
     seen = observe(patched.path, settings, NoProgress())
     told = observe(patched.path, replace(settings, correct=(6.0, x - 10.0, y, 0.0)), NoProgress())
@@ -168,16 +168,16 @@ def test_corrections_are_read_and_written_and_refused(disc: Scene, tmp_path: Pat
             marks_of(outside, 4, (3, 50, 50))
 
 
-@pytest.mark.parametrize(("picture", "pixels", "error"), [(40, 100, UsageError), (2, 0, ObjectError)])
-def test_outlines_refused(disc: Scene, tmp_path: Path, picture: int, pixels: int, error: type[Exception]) -> None:
+@pytest.mark.parametrize(("frame", "pixels", "error"), [(40, 100, UsageError), (2, 0, ObjectError)])
+def test_outlines_refused(disc: Scene, tmp_path: Path, frame: int, pixels: int, error: type[Exception]) -> None:
     outline = np.zeros((HEIGHT, WIDTH), np.uint8)
     outline[40 : 40 + pixels // 10, 40:50] = 255
     assert cv2.imwrite(str(tmp_path / "a.png"), outline)
     with pytest.raises(error, match="outline"):
-        observe(disc.path, ObserveSettings(outline=str(tmp_path / "a.png"), outline_frame=picture, distance=1.0), NoProgress())
+        observe(disc.path, ObserveSettings(outline=str(tmp_path / "a.png"), outline_frame=frame, distance=1.0), NoProgress())
 
 
-def test_a_picture_without_an_outline_is_refused(disc: Scene) -> None:
+def test_a_frame_without_an_outline_is_refused(disc: Scene) -> None:
     with pytest.raises(UsageError, match="--outline-frame"):
         observe(disc.path, ObserveSettings(box=disc.box, outline_frame=3, distance=1.0), NoProgress())
     with pytest.raises(UsageError, match="--mask-model"):

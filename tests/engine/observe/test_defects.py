@@ -11,7 +11,7 @@ from scenes import Scene, moving_body, noise, write_video
 
 from seeing_wind.engine.errors import ClipError
 from seeing_wind.engine.observe import observe
-from seeing_wind.engine.observe.clip.defects import check_pictures, tell_defects
+from seeing_wind.engine.observe.clip.defects import check_frames, tell_defects
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.settings import ObserveSettings
 
@@ -22,7 +22,7 @@ def told(frames: np.ndarray, masks: np.ndarray) -> list[str]:
     return [one["message"] for one in messages if one["type"] == "warning"]
 
 
-def test_a_cut_is_named_with_its_pictures(disc: Scene, tmp_path: Path) -> None:
+def test_a_cut_is_named_with_its_frames(disc: Scene, tmp_path: Path) -> None:
     other = noise(np.random.default_rng(3), disc.frames.shape[1:3], (10, 20, 30), (250, 240, 200), 5.0).astype(np.uint8)
     frames = np.concatenate([disc.frames[:7], np.repeat(other[None], 5, axis=0)])
     write_video(tmp_path / "cut.avi", list(frames), 30.0)
@@ -30,28 +30,28 @@ def test_a_cut_is_named_with_its_pictures(disc: Scene, tmp_path: Path) -> None:
         observe(tmp_path / "cut.avi", ObserveSettings(box=disc.box, distance=1.5), NoProgress())
     assert "--frames 0:6" in caught.value.hint and "7:11" in caught.value.hint
     with pytest.raises(ClipError, match="12 and 13"):
-        check_pictures(frames[2:], 8, NoProgress())
+        check_frames(frames[2:], 8, NoProgress())
     with pytest.raises(ClipError, match="6 and 7") as caught:
-        check_pictures(frames[6:], 6, NoProgress())
+        check_frames(frames[6:], 6, NoProgress())
     assert "--frames 7:11" in caught.value.hint and "6:6" not in caught.value.hint, "one frame is no shot"
 
 
 def test_motion_a_lamp_and_a_moving_camera_are_no_cuts(disc: Scene, ball: Scene) -> None:
-    check_pictures(disc.frames, 0, NoProgress())
-    check_pictures(ball.frames, 0, NoProgress())
+    check_frames(disc.frames, 0, NoProgress())
+    check_frames(ball.frames, 0, NoProgress())
     lit = disc.frames.copy()
     lit[6:] = np.clip(lit[6:].astype(int) + 60, 0, 255).astype(np.uint8)
-    check_pictures(lit, 0, NoProgress())
+    check_frames(lit, 0, NoProgress())
     wide = noise(np.random.default_rng(1), (160, 420), (20, 30, 40), (240, 230, 220), 4.0).astype(np.uint8)
-    check_pictures(np.stack([wide[:, 12 * t : 12 * t + 220] for t in range(12)]), 0, NoProgress())
+    check_frames(np.stack([wide[:, 12 * t : 12 * t + 220] for t in range(12)]), 0, NoProgress())
 
 
-def test_black_pictures(disc: Scene) -> None:
+def test_black_frames(disc: Scene) -> None:
     black = np.zeros_like(disc.frames[:4])
     with pytest.raises(ClipError, match="is black"):
-        check_pictures(black, 0, NoProgress())
+        check_frames(black, 0, NoProgress())
     with pytest.raises(ClipError, match="begins with 4 black") as caught:
-        check_pictures(np.concatenate([black, disc.frames]), 10, NoProgress())
+        check_frames(np.concatenate([black, disc.frames]), 10, NoProgress())
     assert "--frames 14" in caught.value.hint
 
 

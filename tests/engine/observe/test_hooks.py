@@ -28,7 +28,7 @@ class TrueMasks:
     def __init__(self, name: str) -> None:
         assert name == "sam"
 
-    def in_box(self, picture: np.ndarray, box: tuple[float, ...]) -> np.ndarray:
+    def in_box(self, frame: np.ndarray, box: tuple[float, ...]) -> np.ndarray:
         assert np.abs(np.array(box) - self.scene.box).max() < 3
         return self.scene.masks[0]
 
@@ -40,24 +40,24 @@ class TrueMasks:
 def test_words_and_masks(disc: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     TrueMasks.scene = disc
     monkeypatch.setattr("seeing_wind.engine.observe.models.masks.MaskModel", TrueMasks)
-    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.find_box", lambda name, text, picture, progress: disc.box)
+    monkeypatch.setattr("seeing_wind.engine.observe.models.masks.find_box", lambda name, text, frame, progress: disc.box)
     settings = ObserveSettings(prompt="orange disc", detector_model="dino", mask_model="sam", distance=1.5)
     seen = observe(disc.path, settings, NoProgress())
     assert np.array_equal(seen.masks, disc.masks)
     alive = seen.visible[-1] & ~seen.on_centroid
     off = np.linalg.norm(seen.xy[-1, alive] - disc.moved(seen.xy[0, alive], len(disc.frames) - 1), axis=1)
     assert alive.sum() > 20 and np.median(off) < 0.2, "the tracker runs on the network's masks as on its own"
-    resumed, kills, pictures = in_pieces(disc.path, settings, tmp_path, 5, Outlined)
+    resumed, kills, images = in_pieces(disc.path, settings, tmp_path, 5, Outlined)
     assert_same(resumed, seen)
-    assert kills == (pictures - 1) // 5 and pictures == len(disc.frames) - 1
+    assert kills == (images - 1) // 5 and images == len(disc.frames) - 1
 
 
 def test_depth_is_the_networks_and_a_distance_scales_it(disc: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     slope = np.broadcast_to(np.linspace(1.0, 3.0, disc.frames.shape[2], dtype=np.float32), disc.frames.shape[1:3])
     asked: list[float] = []
 
-    def predict(name: str, picture: np.ndarray, focal: float, progress: object) -> np.ndarray:
-        assert name == "net" and picture.shape == disc.frames[0].shape
+    def predict(name: str, frame: np.ndarray, focal: float, progress: object) -> np.ndarray:
+        assert name == "net" and frame.shape == disc.frames[0].shape
         asked.append(focal)
         return slope.copy()
 

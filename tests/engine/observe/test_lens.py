@@ -35,15 +35,15 @@ def test_filmed_pixels_follow_opencvs_formula() -> None:
     assert np.array_equal(replace(CAMERA, distortion=()).filmed(pinhole), pinhole)
 
 
-def test_pictures_masks_and_boxes_move_alike() -> None:
+def test_frames_masks_and_boxes_move_alike() -> None:
     lens = Lens(CAMERA)
-    picture = np.zeros((160, 220, 3), np.uint8)
+    frame = np.zeros((160, 220, 3), np.uint8)
     filmed = CAMERA.filmed(np.array([30.0, 40.0]))
-    cv2.circle(picture, tuple(int(v) for v in np.round(filmed)), 6, (255, 255, 255), -1)
-    straight = lens.straight(picture[None], NoProgress())[0]
+    cv2.circle(frame, tuple(int(v) for v in np.round(filmed)), 6, (255, 255, 255), -1)
+    straight = lens.straight(frame[None], NoProgress())[0]
     rows, columns = np.nonzero(straight[..., 0] > 127)
     assert np.hypot(columns.mean() - 30.0, rows.mean() - 40.0) < 0.8
-    mask = picture[..., 0] > 127
+    mask = frame[..., 0] > 127
     moved = lens.straight_map(mask)
     assert (moved == (straight[..., 0] > 127)).mean() > 0.999
     assert (lens.filmed_map(moved) & mask).sum() > 0.9 * mask.sum()

@@ -11,7 +11,7 @@ from scenes import noise, write_video
 
 from seeing_wind.engine.observe import observe
 from seeing_wind.engine.observe.mask.background import Plate
-from seeing_wind.engine.observe.mask.evidence import Looks, against_plate, against_shape, cut_out, trimmed
+from seeing_wind.engine.observe.mask.evidence import Contrast, against_plate, against_shape, cut_out, trimmed
 from seeing_wind.engine.observe.mask.from_box import moving_in, moving_odds
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
@@ -33,10 +33,10 @@ def parts_scene(folder: Path, shadow: float) -> tuple[Path, np.ndarray]:
         square = (np.abs(columns - x) < 14) & (np.abs(rows - y - 32) < 14)
         own = np.roll(pattern, (y, x), (0, 1))[..., None]
         dark = cv2.GaussianBlur(np.roll((disc | square).astype(np.float64), (12, 14), (0, 1)), (0, 0), 3.0)
-        picture = wall * (1.0 - shadow * dark[..., None])
-        picture = np.where(disc[..., None], np.array([225, 190, 60]) + own, picture)
-        picture = np.where(square[..., None], np.array([40, 60, 130]) + own, picture)
-        frames.append(np.clip(np.round(picture + rng.normal(0, 1.5, picture.shape)), 0, 255).astype(np.uint8))
+        frame = wall * (1.0 - shadow * dark[..., None])
+        frame = np.where(disc[..., None], np.array([225, 190, 60]) + own, frame)
+        frame = np.where(square[..., None], np.array([40, 60, 130]) + own, frame)
+        frames.append(np.clip(np.round(frame + rng.normal(0, 1.5, frame.shape)), 0, 255).astype(np.uint8))
         masks.append(disc | square)
     write_video(folder / "clip.avi", frames, 30.0)
     return folder / "clip.avi", np.stack(masks)
@@ -97,14 +97,14 @@ def test_a_shadow_is_background_unless_the_object_looks_so() -> None:
     mask = np.zeros((60, 60), bool)
     mask[22:38, 22:38] = True
     window = (0, 0, 60, 60)
-    odds, known = against_plate(shaded, plate, window, Looks())
+    odds, known = against_plate(shaded, plate, window, Contrast())
     assert known.all() and (odds[25:35, 25:35] < -1.0).mean() > 0.95
-    gray, _ = against_plate(shaded, plate, window, Looks(plate, [(shaded, mask)]))
+    gray, _ = against_plate(shaded, plate, window, Contrast(plate, [(shaded, mask)]))
     assert np.median(gray[25:35, 25:35]) > odds[25:35, 25:35].max(), "a thing that is the wall's colour, only darker, would be lost"
     red = shaded.copy()
     red[mask] = (180, 30, 30)
     # The shadow was taken for a part of the thing, and is not.
-    odds, _ = against_plate(red, plate, window, Looks(plate, [(red, dark < 1.0)]))
+    odds, _ = against_plate(red, plate, window, Contrast(plate, [(red, dark < 1.0)]))
     assert odds[25:35, 25:35].min() > 2.0
     assert np.median(odds[(dark < 1.0) & ~cv2.dilate(mask.astype(np.uint8), np.ones((5, 5))).astype(bool)]) < -1.0
 
@@ -113,16 +113,16 @@ def test_what_a_codec_leaves_round_a_thing_is_not_the_thing() -> None:
     plate = Plate(np.full((80, 80, 3), 90, np.uint8), np.ones((80, 80), bool), 1.0)
     mask, trace = np.zeros((80, 80), bool), np.zeros((80, 80), bool)
     mask[30:50, 30:50] = trace[22:58, 22:58] = True
-    picture = plate.color.copy()
-    picture[trace], picture[mask] = (98, 90, 84), (200, 40, 40)
-    usual, _ = against_plate(picture, plate, (0, 0, 80, 80), Looks())
-    learnt, _ = against_plate(picture, plate, (0, 0, 80, 80), Looks(plate, [(picture, mask)]))
+    frame = plate.color.copy()
+    frame[trace], frame[mask] = (98, 90, 84), (200, 40, 40)
+    usual, _ = against_plate(frame, plate, (0, 0, 80, 80), Contrast())
+    learnt, _ = against_plate(frame, plate, (0, 0, 80, 80), Contrast(plate, [(frame, mask)]))
     beside = trace & ~cv2.dilate(mask.astype(np.uint8), np.ones((9, 9))).astype(bool)
     assert np.median(usual[beside]) > 0.0 > np.median(learnt[beside]) + 1.0
     assert learnt[33:47, 33:47].min() > 3.0
 
 
-def test_what_shows_beside_a_thing_in_a_later_picture_only_is_learnt_there() -> None:
+def test_what_shows_beside_a_thing_in_a_later_frame_only_is_learnt_there() -> None:
     plate = Plate(np.full((80, 80, 3), 90, np.uint8), np.ones((80, 80), bool), 1.0)
     mask, beside = np.zeros((80, 80), bool), np.zeros((80, 80), bool)
     mask[30:50, 30:50] = beside[30:50, 52:60] = True
@@ -130,8 +130,8 @@ def test_what_shows_beside_a_thing_in_a_later_picture_only_is_learnt_there() -> 
     first[mask] = (200, 40, 40)
     later = first.copy()
     later[beside] = (97, 90, 84)
-    once, _ = against_plate(later, plate, (0, 0, 80, 80), Looks(plate, [(first, mask)]))
-    often, _ = against_plate(later, plate, (0, 0, 80, 80), Looks(plate, [(first, mask), (later, mask)]))
+    once, _ = against_plate(later, plate, (0, 0, 80, 80), Contrast(plate, [(first, mask)]))
+    often, _ = against_plate(later, plate, (0, 0, 80, 80), Contrast(plate, [(first, mask), (later, mask)]))
     inner = np.s_[34:46, 55:57]
     assert np.median(once[inner]) > 0.0 > np.median(often[inner]), "it is no part of the thing"
     assert often[33:47, 33:47].min() > 3.0
@@ -144,12 +144,12 @@ def test_motion_in_a_window_is_found_once() -> None:
     assert np.array_equal(moving((5, 5, 50, 50)), moving_odds(frames, (5, 5, 50, 50), 2.0))
 
 
-def test_evidence_is_cut_along_the_edges_of_the_picture() -> None:
-    picture = np.full((60, 60, 3), 40, np.uint8)
-    picture[:, 30:] = 200
+def test_evidence_is_cut_along_the_edges_of_the_frame() -> None:
+    frame = np.full((60, 60, 3), 40, np.uint8)
+    frame[:, 30:] = 200
     expected = np.zeros((60, 60), bool)
     expected[:, 32:] = True
-    found = cut_out(against_shape(expected, 8.0), picture)
+    found = cut_out(against_shape(expected, 8.0), frame)
     assert abs(found.sum() - 60 * 30) < 60 * 3
     assert against_shape(expected, 8.0)[30, 59] > 0.0 > against_shape(expected, 8.0)[30, 0]
 
@@ -160,9 +160,9 @@ def test_an_outline_ends_where_half_of_its_contrast_is_left() -> None:
     plain = np.full((60, 60, 3), 60, np.uint8)
 
     def outlined(shape: np.ndarray, reliable: np.ndarray) -> np.ndarray:
-        picture = np.where(shape[..., None], np.uint8(180), plain)
+        frame = np.where(shape[..., None], np.uint8(180), plain)
         large = cv2.dilate(shape.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        return trimmed(cv2.GaussianBlur(picture, (0, 0), 1.5), large, Plate(plain, reliable, 2.0))
+        return trimmed(cv2.GaussianBlur(frame, (0, 0), 1.5), large, Plate(plain, reliable, 2.0))
 
     known = np.ones((60, 60), bool)
     assert abs(int(outlined(disc, known).sum()) - int(disc.sum())) < 0.03 * disc.sum()

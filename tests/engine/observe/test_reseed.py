@@ -50,7 +50,7 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
     texture = {name: noise(rng, size, (120, 40, 10), (255, 190, 90), 1.5).astype(np.float32) for name, size in sizes.items()}
     frames, masks = [], []
     for t in range(FRAMES):
-        picture, mask = behind + rng.normal(0, 1.0, behind.shape), np.zeros((HEIGHT, WIDTH), np.float32)
+        frame, mask = behind + rng.normal(0, 1.0, behind.shape), np.zeros((HEIGHT, WIDTH), np.float32)
         for name, face in corners().items():
             place = turned(face, t)
             normal = np.cross(place[1] - place[0], place[3] - place[0])
@@ -62,9 +62,9 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
             warped = cv2.warpPerspective(texture[name], matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR)
             cover = cv2.warpPerspective(np.ones((height, width), np.float32), matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR)
             solid = cover > 0.5
-            picture[solid] = warped[solid] / cover[solid][:, None]
+            frame[solid] = warped[solid] / cover[solid][:, None]
             mask = np.maximum(mask, cover)
-        frames.append(np.clip(np.round(picture), 0, 255).astype(np.uint8))
+        frames.append(np.clip(np.round(frame), 0, 255).astype(np.uint8))
         masks.append(mask > 0.5)
     path = tmp_path_factory.mktemp("board") / "clip.avi"
     write_video(path, frames, 30.0)
@@ -143,11 +143,11 @@ def test_the_recovery_is_told_how_sure_the_ties_are(seen: Observation, body: Bod
     assert (targets.visible <= seen.visible).all() and targets.visible[:, first == 0].sum() == seen.visible[:, first == 0].sum()
 
 
-@pytest.mark.parametrize("every", [3, 5])
-def test_a_kill_costs_no_picture_that_was_followed(
+@pytest.mark.parametrize("every", [3, pytest.param(5, marks=pytest.mark.slow)])
+def test_a_kill_costs_no_frame_that_was_followed(
     board: tuple[Path, np.ndarray], marked: ObserveSettings, seen: Observation, tmp_path: Path, every: int
 ) -> None:
-    found, kills, pictures = in_pieces(board[0], marked, tmp_path, every)
+    found, kills, frames = in_pieces(board[0], marked, tmp_path, every)
     assert_same(found, seen)
     # Twice through the clip, roughly and well, and nothing again.
-    assert pictures == 2 * (FRAMES - 1) and kills == (pictures - 1) // every
+    assert frames == 2 * (FRAMES - 1) and kills == (frames - 1) // every

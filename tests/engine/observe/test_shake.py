@@ -77,11 +77,11 @@ def test_object_in_the_world_is_free_of_tremble(trembling: tuple[Scene, np.ndarr
     assert np.median(np.linalg.norm(still - body, axis=2)[seen.visible]) < 0.35
 
 
-def test_a_kill_costs_no_picture_of_a_trembling_camera(trembling: tuple[Scene, np.ndarray], tmp_path: Path) -> None:
+def test_a_kill_costs_no_frame_of_a_trembling_camera(trembling: tuple[Scene, np.ndarray], tmp_path: Path) -> None:
     settings = ObserveSettings(box=trembling[0].box, distance=DISTANCE)
-    found, kills, pictures = in_pieces(trembling[0].path, settings, tmp_path, 4)
+    found, kills, frames = in_pieces(trembling[0].path, settings, tmp_path, 4)
     assert_same(found, observe(trembling[0].path, settings, NoProgress()))
-    assert kills == 5 and pictures == 24
+    assert kills == 5 and frames == 24
 
 
 def test_steadying_and_back_again() -> None:
@@ -108,7 +108,7 @@ def test_a_turn_that_jumps_away_and_back_is_a_mistake() -> None:
     assert np.array_equal(without_spikes(pushed, CAMERA), pushed)
 
 
-def test_unrelated_pictures_are_no_tremble() -> None:
+def test_unrelated_frames_are_no_tremble() -> None:
     rng = np.random.default_rng(4)
     frames = np.stack([noise(rng, (HEIGHT, WIDTH), (0, 0, 0), (255, 255, 255), 3.0).astype(np.uint8) for _ in range(3)])
     assert camera_turns(frames, CAMERA, np.zeros((HEIGHT, WIDTH), bool), NoProgress(), Journal()) is None

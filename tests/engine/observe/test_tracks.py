@@ -50,8 +50,8 @@ def test_a_rim_that_does_not_turn_is_not_followed(tmp_path: Path) -> None:
     t = np.arange(10.0)
     angles = 0.06 * t
 
-    def body(picture: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
-        turn = angles[picture]
+    def body(frame: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        turn = angles[frame]
         u, v = np.cos(turn) * dx + np.sin(turn) * dy, np.cos(turn) * dy - np.sin(turn) * dx
         spots = [(16 * np.cos(2.4 * k), 12 * np.sin(2.4 * k + 0.4)) for k in range(8)]
         plain = 45.0 + sum(70.0 * np.exp(-0.5 * ((u - x) ** 2 + (v - y) ** 2) / 2.2**2) for x, y in spots)
@@ -67,14 +67,14 @@ def test_a_rim_that_does_not_turn_is_not_followed(tmp_path: Path) -> None:
 
 def test_alignment_recovers_a_known_affine() -> None:
     rng = np.random.default_rng(3)
-    picture = cv2.GaussianBlur(rng.uniform(0, 255, (80, 80)).astype(np.float32), (0, 0), 1.5)
+    frame = cv2.GaussianBlur(rng.uniform(0, 255, (80, 80)).astype(np.float32), (0, 0), 1.5)
     affine = np.array([[1.06, 0.05], [-0.04, 0.97]])
     center, moved = np.array([40.0, 40.0]), np.array([41.3, 38.6])
     back = np.linalg.inv(affine)
     warped = 20 + 0.7 * cv2.warpAffine(
-        picture, np.c_[back, center - back @ moved], (80, 80), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REFLECT
+        frame, np.c_[back, center - back @ moved], (80, 80), flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REFLECT
     )
-    found = align(cut_patches(picture, np.ones_like(picture), center[None]), warped, center[None], np.eye(2)[None])
+    found = align(cut_patches(frame, np.ones_like(frame), center[None]), warped, center[None], np.eye(2)[None])
     assert np.allclose(found.xy[0], moved, atol=0.05) and np.allclose(found.affine[0], affine, atol=0.02)
     assert found.ncc[0] > 0.99 and found.sigma[0] < 0.1
 
@@ -105,7 +105,7 @@ def test_small_fast_ball_is_followed_by_its_centroid(ball: Scene) -> None:
     assert any("centroid" in message["message"] for message in told if message["type"] == "warning")
 
 
-def test_ball_that_leaves_the_picture_becomes_invisible(tmp_path: Path) -> None:
+def test_ball_that_leaves_the_frame_becomes_invisible(tmp_path: Path) -> None:
     t = np.arange(12.0)
     scene = moving_body(tmp_path, np.stack([60 + 18 * t, 80 + 0 * t], axis=1), 0 * t, 6.0, None)
     told: list[dict] = []
@@ -233,9 +233,9 @@ def test_a_pattern_that_fades_hands_over_to_the_silhouette(tmp_path: Path) -> No
     t = np.arange(16)
     pattern = noise(np.random.default_rng(4), (160, 220), (60, 20, 10), (250, 160, 90), 1.6)
 
-    def body(picture: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
-        own = np.roll(pattern, (5 * picture, 4 * picture), (0, 1))
-        return own if picture < 11 else np.broadcast_to(pattern.mean(axis=(0, 1)), own.shape)
+    def body(frame: int, dx: np.ndarray, dy: np.ndarray) -> np.ndarray:
+        own = np.roll(pattern, (5 * frame, 4 * frame), (0, 1))
+        return own if frame < 11 else np.broadcast_to(pattern.mean(axis=(0, 1)), own.shape)
 
     scene = painted_scene(tmp_path, np.stack([60 + 4.0 * t, 60 + 2.0 * t], axis=1), 0.0 * t, 34.0, body)
     told: list[dict] = []

@@ -17,7 +17,7 @@ from seeing_wind.engine.observe.working_size import LONGEST, WorkingSize, workin
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.settings import ObserveSettings
 
-TIMES, PICTURES = 8, 4
+TIMES, FRAMES = 8, 4
 """How many times larger the disc's clip is made: 1760 x 1280; and how much of it."""
 
 
@@ -25,7 +25,7 @@ TIMES, PICTURES = 8, 4
 def large(disc: Scene, tmp_path_factory: pytest.TempPathFactory) -> Path:
     size = (disc.frames.shape[2] * TIMES, disc.frames.shape[1] * TIMES)
     path = tmp_path_factory.mktemp("large") / "clip.avi"
-    write_video(path, [cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC) for frame in disc.frames[:PICTURES]], 30.0)
+    write_video(path, [cv2.resize(frame, size, interpolation=cv2.INTER_CUBIC) for frame in disc.frames[:FRAMES]], 30.0)
     return path
 
 
@@ -43,10 +43,10 @@ def test_results_are_in_the_files_pixels(disc: Scene, large: Path, tmp_path: Pat
     (tmp_path / "camera.json").write_text(json.dumps({**camera, "camera_to_world": front_view(1.5).tolist()}))
     files = {name: str(tmp_path / file) for name, file in (("mask", "mask.png"), ("depth", "depth.npy"), ("camera", "camera.json"))}
     seen = observe(large, ObserveSettings(**files), NoProgress())
-    assert seen.masks.shape == (PICTURES, height, width) and seen.image.shape == seen.background.shape == (height, width, 3)
+    assert seen.masks.shape == (FRAMES, height, width) and seen.image.shape == seen.background.shape == (height, width, 3)
     assert (seen.camera.width, seen.camera.height) == (width, height)
     assert (seen.camera.fx, seen.camera.fy, seen.camera.cx, seen.camera.cy) == pytest.approx((2000.0, 2010.0, 880.0, 633.0))
-    true = np.stack([cv2.resize(one.astype(np.uint8), (width, height)) > 0 for one in disc.masks[:PICTURES]])
+    true = np.stack([cv2.resize(one.astype(np.uint8), (width, height)) > 0 for one in disc.masks[:FRAMES]])
     overlap = (seen.masks & true).sum(axis=(1, 2)) / (seen.masks | true).sum(axis=(1, 2))
     assert overlap.min() > 0.9
     inner = cv2.erode(mask, np.ones((15, 15), np.uint8)) > 0
@@ -54,14 +54,14 @@ def test_results_are_in_the_files_pixels(disc: Scene, large: Path, tmp_path: Pat
     assert seen.depth[rows, columns] == pytest.approx(np.linspace(1.0, 2.0, width)[columns], abs=2e-3)
     start = (seen.xy[0] + 0.5) / TIMES - 0.5
     alive = seen.visible[-1]
-    off = np.linalg.norm(seen.xy[-1, alive] - outward(disc.moved(start[alive], PICTURES - 1)), axis=1)
+    off = np.linalg.norm(seen.xy[-1, alive] - outward(disc.moved(start[alive], FRAMES - 1)), axis=1)
     assert alive.sum() > 40 and np.median(off) < 0.25 * TIMES
     assert (seen.sigma > 0.06).all()
 
 
 def test_box_points_and_tracks_are_given_in_the_files_pixels(disc: Scene, large: Path, tmp_path: Path) -> None:
     start = disc.centers[0] + np.array([[0.0, 0.0], [10.0, 5.0], [-8.0, 12.0]])
-    xy = outward(np.stack([disc.moved(start, t) for t in range(PICTURES)]))
+    xy = outward(np.stack([disc.moved(start, t) for t in range(FRAMES)]))
     np.savez(tmp_path / "tracks.npz", xy=xy, visible=np.ones(xy.shape[:2], bool))
     middle = outward(disc.centers[0])
     settings = ObserveSettings(points=(middle[0], middle[1]), tracks=str(tmp_path / "tracks.npz"), pixels_per_metre=900.0)
@@ -81,7 +81,7 @@ def test_files_of_another_size_are_refused_by_name(disc: Scene, large: Path, tmp
             observe(large, ObserveSettings(**{option: str(tmp_path / "small.png")}, **more, distance=1.0), NoProgress())
 
 
-def test_size_is_chosen_by_the_picture_and_the_object() -> None:
+def test_size_is_chosen_by_the_frame_and_the_object() -> None:
     assert working_scale(ObserveSettings(), 720, 1280) == 1.0
     assert working_scale(ObserveSettings(), 2160, 3840) == pytest.approx(LONGEST / 3840)
     assert working_scale(ObserveSettings(box=(0.0, 0.0, 90.0, 40.0)), 2160, 3840) == 1.0, "a small thing keeps its pixels"

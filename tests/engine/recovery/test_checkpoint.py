@@ -111,8 +111,8 @@ def test_a_solve_that_is_killed_again_and_again_finds_the_same(tmp_path: Path, e
     assert_equal(got, work(Journal()))
 
 
-def test_windows_that_are_solved_are_kept(tmp_path: Path, eager: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.windows"], "PACE", replace(PACE, window=4, overlap=2))
+def test_blocks_that_are_solved_are_kept(tmp_path: Path, eager: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.blocks"], "PACE", replace(PACE, block=4, overlap=2))
     got, kills = killed_until_done(Take(tmp_path), free, 1)
     assert kills > 2
     assert_equal(got, free(Journal()))

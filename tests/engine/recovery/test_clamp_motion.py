@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from seeing_wind.engine.mpm import State, model_for, rollout
+from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.mpm.rollout import rollout
+from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Material
 from seeing_wind.engine.recovery.recover import recover

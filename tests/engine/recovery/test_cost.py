@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from seeing_wind.engine.materials import Material, find
-from seeing_wind.engine.mpm.model_for import model_for
+from seeing_wind.engine.materials import Material
+from seeing_wind.engine.mpm.courant import substeps_of
 from seeing_wind.engine.progress import Cancelled, Progress
 from seeing_wind.engine.recovery import cost, stage
-from seeing_wind.engine.recovery.cost import Speed, Work, known_speed, measure_speed, substeps_of, work_of
+from seeing_wind.engine.recovery.cost import Speed, Work, known_speed, measure_speed, work_of
 from seeing_wind.engine.settings import RecoverSettings
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, plate, points
@@ -47,7 +47,7 @@ def test_a_solve_takes_longer_with_more_of_everything() -> None:
     stiffer = dataclasses.replace(RUBBER, youngs_modulus=4.0 * RUBBER.youngs_modulus)
     ratio = substeps_of(plate(), stiffer, FPS) / substeps_of(plate(), RUBBER, FPS)
     assert 1.5 < ratio <= 2.1 and seconds(material=stiffer) == pytest.approx(ratio * seconds())
-    # Within a window the unknowns grow with the frames, and each is carried further; a window more is only one more.
+    # Within a block the unknowns grow with the frames, and each is carried further; a block more is only one more.
     assert 2.0 < seconds(frames=32) / seconds(frames=16) < 4.0
     assert 1.5 < seconds(frames=168) / seconds(frames=88) < 2.2
 
@@ -57,21 +57,11 @@ def test_what_is_looked_for_counts() -> None:
     assert seconds(points=1) < 0.8 * seconds(), "a body that is seen as one point has a uniform force"
     assert seconds(iterations=1) < 0.7 * seconds(), "a draft"
     slower = seconds(held(plate()), frames=88) / seconds(held(plate()), frames=32)
-    assert slower < 0.8 * seconds(frames=88) / seconds(frames=32), "later windows of a held body know its stiffness"
+    assert slower < 0.8 * seconds(frames=88) / seconds(frames=32), "later blocks of a held body know its stiffness"
 
 
 def test_nothing_is_said_of_what_nobody_has_measured() -> None:
     assert work_of(plate(), RUBBER, FPS, 24, 40, RecoverSettings(schedule="paper")) is None
-
-
-@pytest.mark.parametrize("material", [RUBBER, CLAY, find("steel"), find("leaf"), dataclasses.replace(RUBBER, youngs_modulus=1.0)])
-@pytest.mark.parametrize("pinned", [False, True])
-@pytest.mark.parametrize("stiffness", [None, 0.25])
-def test_the_substeps_are_those_of_the_solver(material: Material, pinned: bool, stiffness: float | None) -> None:
-    body = held(plate()) if pinned else plate()
-    if stiffness is not None:
-        body = dataclasses.replace(body, stiffness=np.full(len(body.x), stiffness))
-    assert substeps_of(body, material, FPS) == model_for(body, material, FPS)[0].substeps
 
 
 def test_the_speed_is_measured_by_the_kernels_and_kept_for_this_machine(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:

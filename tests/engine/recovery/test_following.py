@@ -13,7 +13,7 @@ from seeing_wind.engine.recovery.prior import learning as beliefs
 from seeing_wind.engine.recovery.prior.basis import knots_between, spatial_basis, velocity_basis
 from seeing_wind.engine.recovery.prior.learning import track_misfit
 from seeing_wind.engine.recovery.recover import recover
-from seeing_wind.engine.recovery.solve import warm_start, window
+from seeing_wind.engine.recovery.solve import block, warm_start
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.solve.forward import Forward
 from seeing_wind.engine.recovery.solve.gauss_newton import Linearisation, solve
@@ -97,7 +97,7 @@ def found(rippling, progress=None, **changed):
 def usual(rippling):
     """The recovery that is content with the usual pace."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(window, "PACE", replace(PACE, refollow_misfit=np.inf))
+        patch.setattr(block, "PACE", replace(PACE, refollow_misfit=np.inf))
         return found(rippling)
 
 
@@ -118,29 +118,29 @@ def test_a_sheet_that_was_lost_is_followed_again_finely_and_progress_goes_on(rip
 @pytest.mark.slow
 def test_a_sheet_that_strays_finely_more_or_breaks_keeps_what_was_found_before(rippling, usual, monkeypatch):
     def breaks(solver, pace, share):
-        if pace is window.FINELY:
+        if pace is block.FINELY:
             raise SimulationError("Burst.", "None.")
         return follow(solver, pace, share)
 
-    follow = window.follow
-    monkeypatch.setattr(window, "PACE", replace(PACE, refollow_misfit=0.0))
+    follow = block.follow
+    monkeypatch.setattr(block, "PACE", replace(PACE, refollow_misfit=0.0))
     misfits = iter([5.0, 9.0])
     with monkeypatch.context() as worse:
-        worse.setattr(window, "track_misfit", lambda *given: next(misfits))
+        worse.setattr(block, "track_misfit", lambda *given: next(misfits))
         np.testing.assert_array_equal(found(rippling).force_density, usual.force_density)
-    monkeypatch.setattr(window, "follow", breaks)
+    monkeypatch.setattr(block, "follow", breaks)
     np.testing.assert_array_equal(found(rippling).force_density, usual.force_density)
 
 
 def test_a_draft_is_followed_once_and_two_iterations_are_more_than_a_draft(rippling, monkeypatch):
     paces, solved = [], []
-    follow, learn = window.follow, window.learn_kernel
-    monkeypatch.setattr(window, "follow", lambda solver, pace, share: paces.append(pace) or follow(solver, pace, share))
-    monkeypatch.setattr(window, "learn_kernel", lambda *given: solved.append(1) or learn(*given))  # between coarse and fine
+    follow, learn = block.follow, block.learn_kernel
+    monkeypatch.setattr(block, "follow", lambda solver, pace, share: paces.append(pace) or follow(solver, pace, share))
+    monkeypatch.setattr(block, "learn_kernel", lambda *given: solved.append(1) or learn(*given))  # between coarse and fine
     found(rippling, iterations=1)
-    assert paces == [window.USUAL] and not solved
+    assert paces == [block.USUAL] and not solved
     found(rippling, iterations=2)
-    assert paces[1:] == [window.USUAL, window.FINELY] and solved
+    assert paces[1:] == [block.USUAL, block.FINELY] and solved
 
 
 def forward_of(body, material, frames, substeps=None):
@@ -157,7 +157,7 @@ def test_a_force_that_tears_the_body_is_halved_before_it_is_looked_ahead(size, s
     unknown = np.zeros(3 * 6 + 3)
     unknown[0] = size  # [m/s²]
     with pytest.raises(SimulationError):
-        forward.window_changes(None, unknown, np.full(21, 1e-3), 0, 4)
+        forward.look_ahead_changes(None, unknown, np.full(21, 1e-3), 0, 4)
     borne, x, changed = warm_start.bearable(forward, None, unknown, np.full(21, 1e-3), 0, 4)
     assert borne[0] == share * size and np.isfinite(x).all() and np.isfinite(changed).all()
 

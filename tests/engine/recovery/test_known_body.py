@@ -78,7 +78,7 @@ def test_a_body_known_from_another_clip_keeps_its_stiffness_in_one_that_tells_li
 def test_a_known_body_holds_for_other_particles_of_the_same_thing(rung):
     known, other = KnownBody.of(rung[3], "other.take"), post(3)
     model, _ = model_for(other, RUBBER, FPS)
-    belief = known.believed(other, model, free=True)
+    belief = known.stiffness_of(other, model, free=True)
     assert belief.s == pytest.approx(np.log(known.youngs_modulus / RUBBER.youngs_modulus))
     assert belief.deeper == pytest.approx(known.clamp / model.dx - model.clamp_depth)
     assert belief.known and belief.deviation > np.sqrt(known.covariance[0, 0])

@@ -1,4 +1,4 @@
-"""From one window of a clip of a held body to the next."""
+"""From one block of a clip of a held body to the next."""
 
 import sys
 from dataclasses import replace
@@ -10,8 +10,8 @@ from seeing_wind.engine.errors import SimulationError
 from seeing_wind.engine.progress import NoProgress
 from seeing_wind.engine.records import Outcome, TrackTargets
 from seeing_wind.engine.recovery.recover import recover
+from seeing_wind.engine.recovery.solve import block as blocks
 from seeing_wind.engine.recovery.solve import onward
-from seeing_wind.engine.recovery.solve import window as windows
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.settings import RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, blow, camera, every, plate, points, relative
@@ -21,7 +21,7 @@ GIVEN = RecoverSettings(gravity=(0.0, 0.0, 0.0), stiffness="given")
 
 
 def gusts(X, t):
-    """Two gusts across the post, one in each window, from different sides."""
+    """Two gusts across the post, one in each block, from different sides."""
     return np.zeros_like(X) + [3.0 * np.sin(0.4 * t), 2.0 * (t > 11), 0.0]
 
 
@@ -33,10 +33,10 @@ def blown():
 
 @pytest.fixture
 def followed(monkeypatch):
-    """Windows of ten or so frames; the first frames of those that were followed from the start."""
-    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.windows"], "PACE", replace(PACE, window=12, overlap=4))
-    found, follow = [], windows.follow
-    monkeypatch.setattr(windows, "follow", lambda solver, *rest: found.append(solver.objective.first) or follow(solver, *rest))
+    """Blocks of ten or so frames; the first frames of those that were followed from the start."""
+    monkeypatch.setattr(sys.modules["seeing_wind.engine.recovery.blocks"], "PACE", replace(PACE, block=12, overlap=4))
+    found, follow = [], blocks.follow
+    monkeypatch.setattr(blocks, "follow", lambda solver, *rest: found.append(solver.objective.first) or follow(solver, *rest))
     return found
 
 
@@ -83,7 +83,7 @@ def test_where_that_field_loses_the_body_it_is_followed_again(blown, followed, m
     assert error < 0.1
 
 
-def test_a_free_body_is_followed_in_every_window(followed):
+def test_a_free_body_is_followed_in_every_block(followed):
     body = plate()
     x, _ = blow(body, gusts, FRAMES)
     recover(body, RUBBER, [points(body, x)], FPS, GIVEN, NoProgress())

@@ -149,7 +149,7 @@ def test_a_round_covariance_is_a_sigma():
 
 
 @pytest.mark.parametrize("errors", [{}, {"sigma": 2e-5}, {"covariance": np.tile(4e-10 * np.eye(3), (60, 1, 1))}])
-def test_a_picture_that_shows_nothing_tells_nothing(errors):
+def test_a_frame_that_shows_nothing_tells_nothing(errors):
     body, rng = plate((5, 4, 3)), np.random.default_rng(0)
     x, force = blow(body, wind, 12, velocity=[2.0, 0.0, 0.0])
     seen = points(body, x + 2e-5 * rng.normal(size=x.shape))
@@ -162,7 +162,7 @@ def test_a_picture_that_shows_nothing_tells_nothing(errors):
     assert relative(found.force_density, 400.0 * force) < 0.03
 
 
-def test_fewer_points_than_modes_in_all_pictures():
+def test_fewer_points_than_modes_in_all_frames():
     body = plate((4, 4, 4))
     x, _ = blow(body, wind, 6)
     visible = np.ones(x.shape[:2], bool)

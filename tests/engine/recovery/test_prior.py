@@ -51,7 +51,7 @@ def test_prior_knows_that_the_field_stays_where_it_is_when_the_body_moves_on():
 def test_sizes_of_the_prior_are_learnt_from_a_draw():
     body = plate((8, 6, 2))
     basis = spatial_basis(body.x, body.volume, 10)
-    places = Places.along(basis, still(body, 60), knots(60, 2.0))
+    places = Places.along(basis, still(body, 40), knots(40, 2.0))
     true = Kernel(np.diag([0.3, 0.3, 2.4]), length=1.0, duration=6.0, uniform=0.05)
     believed = Prior(true, places, np.zeros(0))
     draw = np.linalg.cholesky(np.linalg.inv(believed.precision())) @ np.random.default_rng(4).standard_normal(believed.count)

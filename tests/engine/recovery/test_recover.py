@@ -9,11 +9,11 @@ from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field.confidence import confidence_map
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Outcome, Particles, TrackTargets
+from seeing_wind.engine.recovery.blocks import blocks
 from seeing_wind.engine.recovery.diagnostics.remarks import distrusted, far_off
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.targets.points import point_channels
-from seeing_wind.engine.recovery.windows import windows
 from seeing_wind.engine.settings import RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
@@ -71,7 +71,7 @@ def test_a_wind_is_seen_in_pixels_against_gravity():
     assert any("view" in note for note in found.notes)
 
 
-def test_tracks_that_slide_in_the_last_pictures_do_not_pull_the_force_along():
+def test_tracks_that_slide_in_the_last_frames_do_not_pull_the_force_along():
     body, weight = plate((8, 2, 6)), (0.0, 0.0, -9.81)
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [2.0, 0.0, 9.81 + 3 * np.sin(0.2 * t)], 16, gravity=weight)
     xy = np.stack([camera().project(x[t], t)[0] for t in range(17)])
@@ -184,7 +184,7 @@ def test_pins_on_what_moves_in_the_clip_are_named():
     x, _ = blow(body, lambda X, t: np.zeros_like(X) + [2.0, 0.0, 0.0], 8)
 
     def notes(pinned):
-        xy = np.stack([camera().project(picture, t)[0] for t, picture in enumerate(x)])
+        xy = np.stack([camera().project(frame, t)[0] for t, frame in enumerate(x)])
         tracks = TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], 0.1), camera(), every(body))
         return recover(replace(body, pinned=pinned), RUBBER, [tracks], FPS, WEIGHTLESS, NoProgress()).notes
 
@@ -222,7 +222,7 @@ def test_a_body_that_nothing_moves_says_so():
     assert not notes(falling, WEIGHTLESS)
 
 
-def test_three_pictures_are_enough_and_two_are_not():
+def test_three_frames_are_enough_and_two_are_not():
     body = plate((4, 4, 3))
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [5.0, 0.0, 0.0], 2)
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, NoProgress())
@@ -261,14 +261,14 @@ def test_it_can_be_cancelled_on_the_way():
     assert fractions == sorted(fractions)
 
 
-def test_a_long_clip_is_solved_in_windows_that_join():
+def test_a_long_clip_is_solved_in_blocks_that_join():
     body = plate((5, 3, 2))
     x, wind = blow(body, lambda X, t: np.zeros_like(X) + [3.0 * np.cos(0.15 * t), 0.0, 2.0 * np.sin(0.2 * t)], 36)
     heard = []
     found = recover(body, RUBBER, points(body, x), FPS, WEIGHTLESS, Progress(lambda message: heard.append(message)))
-    assert windows(32) == [(0, 32)] and windows(36) == [(0, 22), (14, 36)]
-    assert all(b - a <= 33 for a, b in windows(300)) and windows(300)[-1][1] == 300
-    assert all(0 < end - begin <= 9 for (_, end), (begin, _) in zip(windows(300), windows(300)[1:]))
+    assert blocks(32) == [(0, 32)] and blocks(36) == [(0, 22), (14, 36)]
+    assert all(b - a <= 33 for a, b in blocks(300)) and blocks(300)[-1][1] == 300
+    assert all(0 < end - begin <= 9 for (_, end), (begin, _) in zip(blocks(300), blocks(300)[1:]))
     assert relative(found.force_density, 400.0 * wind) < 0.05
     assert found.x.shape == x.shape and found.F.shape == (37, 30, 3, 3) and found.residual.max() < 2e-4
     assert any("part 2 of 2" in message["message"] for message in heard)
@@ -276,7 +276,7 @@ def test_a_long_clip_is_solved_in_windows_that_join():
     assert fractions == sorted(fractions)
 
 
-def test_points_seen_in_the_first_picture_only_and_a_body_of_one_particle():
+def test_points_seen_in_the_first_frame_only_and_a_body_of_one_particle():
     body = plate((4, 3, 2))
     fall = np.stack([body.x - [0.0, 0.0, 0.5 * 9.81 * (t / FPS) ** 2] for t in range(6)])
     hidden = points(body, fall)

@@ -13,16 +13,16 @@ from seeing_wind.engine.mpm.model_for import model_for, with_clamp_depth
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Body, Gaussians, Recovery, Surface, TrackTargets, as_found, body_as_found
+from seeing_wind.engine.recovery.blocks import most_modes
 from seeing_wind.engine.recovery.diagnostics.remarks import wider_remarks
 from seeing_wind.engine.recovery.prior.constants import PRIOR
 from seeing_wind.engine.recovery.recover import recover
 from seeing_wind.engine.recovery.resimulate import simulate_bodies
+from seeing_wind.engine.recovery.solve import block as blocks
 from seeing_wind.engine.recovery.solve import stiffness
-from seeing_wind.engine.recovery.solve import window as windows
 from seeing_wind.engine.recovery.solve.constants import PACE
 from seeing_wind.engine.recovery.solve.section import section_shapes
 from seeing_wind.engine.recovery.solve.stiffness import is_free, scaled, stiffest, youngs_modulus
-from seeing_wind.engine.recovery.windows import most_modes
 from seeing_wind.engine.settings import BodyEdit, Edit, RecoverSettings
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, camera, every, plate, points, relative
 
@@ -47,7 +47,7 @@ def swell(X, t):
 
 
 def filmed(body, x, noise=0.05, seed=0):
-    xy = np.stack([camera().project(picture, t)[0] for t, picture in enumerate(x)])
+    xy = np.stack([camera().project(frame, t)[0] for t, frame in enumerate(x)])
     xy[1:] += noise * np.random.default_rng(seed).standard_normal(xy[1:].shape)
     return TrackTargets(xy, np.ones(xy.shape[:2], bool), np.full(xy.shape[:2], noise), camera(), every(body))
 
@@ -245,17 +245,17 @@ def test_a_stiffer_body_keeps_its_ratio_and_gets_the_substeps_it_needs():
     assert scaled(model, stiffest(model)).substeps <= LIMITS.max_substeps_held + 1
 
 
-def test_one_stiffness_for_all_windows_of_a_clip(monkeypatch):
-    stage = sys.modules["seeing_wind.engine.recovery.windows"]
-    monkeypatch.setattr(stage, "PACE", replace(PACE, window=10, overlap=4))
+def test_one_stiffness_for_all_blocks_of_a_clip(monkeypatch):
+    stage = sys.modules["seeing_wind.engine.recovery.blocks"]
+    monkeypatch.setattr(stage, "PACE", replace(PACE, block=10, overlap=4))
     body, fractions, solved = post(), [], []
     x, _ = blow(body, lambda X, t: gust(X, t - 9), 16)
-    run = windows.WindowSolver.run
-    monkeypatch.setattr(windows.WindowSolver, "run", lambda self: solved.append((self.start is None, self.stiffness)) or run(self))
+    run = blocks.BlockSolver.run
+    monkeypatch.setattr(blocks.BlockSolver, "run", lambda self: solved.append((self.start is None, self.stiffness)) or run(self))
     heard = Progress(lambda message: fractions.append(message["fraction"]))
     found = recover(body, TOO_STIFF, [filmed(body, x)], FPS, WEIGHTLESS, heard)
     assert fractions == sorted(fractions) and fractions[-1] <= 1.0
-    # The post stands still in the first window, so the second one tells; then both are solved for that body.
+    # The post stands still in the first block, so the second one tells; then both are solved for that body.
     assert [start for start, _ in solved] == [True, False, True, False]
     assert [stiffness.free for _, stiffness in solved] == [True, True, False, False]
     assert len({stiffness.s for _, stiffness in solved[2:]}) == 1
@@ -264,7 +264,7 @@ def test_one_stiffness_for_all_windows_of_a_clip(monkeypatch):
 
 def test_a_body_that_is_lost_tells_no_stiffness(swing, monkeypatch):
     body, tracks, _, _ = swing
-    monkeypatch.setattr(windows, "PACE", replace(PACE, stiffness_lost=-1.0))
+    monkeypatch.setattr(blocks, "PACE", replace(PACE, stiffness_lost=-1.0))
     found = recover(body, TOO_STIFF, tracks, FPS, WEIGHTLESS, NoProgress())
     assert found.youngs_modulus is None and not [note for note in found.notes if "The motion fits" in note]
 

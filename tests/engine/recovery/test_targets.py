@@ -78,7 +78,7 @@ def test_residuals_of_tracks_and_outliers():
     assert np.isfinite(objective.whiten(objective.residual(behind))).all()
 
 
-def test_pictures_at_the_ends_whose_tracks_leave_the_others_count_little():
+def test_frames_at_the_ends_whose_tracks_leave_the_others_count_little():
     body, rng = plate((6, 2, 5)), np.random.default_rng(5)
     xy = np.repeat(camera().project(body.x)[0][None], 20, axis=0) + 0.2 * rng.standard_normal((20, 60, 2))
     still = np.repeat(body.x[None], 20, axis=0)
@@ -97,7 +97,7 @@ def test_pictures_at_the_ends_whose_tracks_leave_the_others_count_little():
         assert one.inflation[where].min() > 1000.0 * np.median(one.inflation[inside])
     for where, size in (([10, 11], 8.0), ([18, 19], 0.2), ([0], 8.0)):  # in the middle, as the others, and frame 0, which shows nothing
         assert not judged(where, size).wild.any()
-    # The end of a window is not that of the clip.
+    # The end of a block is not that of the clip.
     assert not judged([8, 9], 8.0, 0, 9).wild.any()
     assert list(np.flatnonzero(judged([18, 19], 8.0, 8, 19).wild)) == [18, 19]
 
@@ -139,10 +139,10 @@ def test_bad_targets_are_refused_with_a_hint():
 def test_wild_points_are_left_out_and_no_others():
     rng = np.random.default_rng(3)
     body = plate((8, 6, 2))
-    pictures = 6
-    bend = np.stack([body.x + [0.0, 0.0, 1.0] * (2.0 * t * 0.01 * (body.x[:, :1] / 0.08) ** 2) for t in range(pictures)])
+    frames = 6
+    bend = np.stack([body.x + [0.0, 0.0, 1.0] * (2.0 * t * 0.01 * (body.x[:, :1] / 0.08) ** 2) for t in range(frames)])
     moved = bend + 0.0005 * rng.standard_normal(bend.shape)
-    lost = rng.random((pictures, 96)) < 0.1
+    lost = rng.random((frames, 96)) < 0.1
     lost[0] = False
     moved[lost] += 0.05 * rng.standard_normal((lost.sum(), 3)) + 0.05
     targets = PointTargets(moved, np.ones(lost.shape, bool), every(body))
@@ -150,7 +150,7 @@ def test_wild_points_are_left_out_and_no_others():
     np.testing.assert_array_equal(wild(targets, body.x, modes, body.spacing), lost)
 
 
-def test_the_noise_of_picture_0_turns_with_the_body():
+def test_the_noise_of_frame_0_turns_with_the_body():
     """Residuals of a body that turns by half, built from noisy points, have the covariance that the channels say they have."""
     body, angles = plate((8, 6, 2)), np.linspace(0.0, np.pi, 10)
     turns = np.stack([[[np.cos(a), -np.sin(a), 0.0], [np.sin(a), np.cos(a), 0.0], [0.0, 0.0, 1.0]] for a in angles])

@@ -66,7 +66,7 @@ def plan(way: str, tmp_path: Path, **more) -> Plan:
 def test_every_way_plays_back_every_frame_and_is_cleared(grid, tmp_path, way) -> None:
     before, motion = shown(grid, 1), bending(grid)
     baked = bake_motion(grid, motion, plan(way, tmp_path))
-    assert baked.way == way and baked.pictures == 13 and is_intact(grid)
+    assert baked.way == way and baked.frames == 13 and is_intact(grid)
     for frame in range(13):
         assert np.abs(shown(grid, 7 + frame) - motion[frame]).max() < 1e-5
     assert np.abs(shown(grid, 1) - motion[0]).max() < 1e-5 and np.abs(shown(grid, 40) - motion[-1]).max() < 1e-5
@@ -173,9 +173,9 @@ def test_a_very_large_motion_goes_to_a_point_cache(grid, tmp_path, monkeypatch) 
 @pytest.mark.parametrize("way", ["SHAPE_KEYS", "POINT_CACHE", "TRANSFORM"])
 def test_a_range_of_frames(grid, tmp_path, way) -> None:
     motion = tumbling(grid)
-    assert bake_motion(grid, motion, plan(way, tmp_path, frames=(10, 15))).pictures == 6
-    for frame, picture in ((7, 3), (10, 3), (13, 6), (15, 8), (31, 8)):
-        assert np.abs(shown(grid, frame) - motion[picture]).max() < 2e-5
+    assert bake_motion(grid, motion, plan(way, tmp_path, frames=(10, 15))).frames == 6
+    for frame, clip_frame in ((7, 3), (10, 3), (13, 6), (15, 8), (31, 8)):
+        assert np.abs(shown(grid, frame) - motion[clip_frame]).max() < 2e-5
     with pytest.raises(UsageError, match="hold 1 of the simulated frames"):
         bake_motion(grid, motion, plan(way, tmp_path, frames=(1, 7)))
 

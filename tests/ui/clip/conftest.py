@@ -11,9 +11,9 @@ import pytest
 @pytest.fixture(scope="module")
 def video(tmp_path_factory) -> Path:
     """A small clip."""
-    from tests.ui.clip.inputs import HEIGHT, PICTURES, WIDTH  # needs bpy, as all tests of this folder
+    from tests.ui.clip.inputs import FRAMES, HEIGHT, WIDTH  # needs bpy, as all tests of this folder
 
-    return extension.make_clip(tmp_path_factory.mktemp("video") / "clip.mp4", PICTURES, (WIDTH, HEIGHT))
+    return extension.make_clip(tmp_path_factory.mktemp("video") / "clip.mp4", FRAMES, (WIDTH, HEIGHT))
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.records import Camera
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
 
-WIDTH, HEIGHT, PICTURES = 96, 64, 13
+WIDTH, HEIGHT, FRAMES = 96, 64, 13
 """Of the clip."""
 
 
@@ -38,9 +38,9 @@ def stamps() -> list[tuple]:
 
 def read_png(path: Path) -> np.ndarray:
     cv2 = pytest.importorskip("cv2")
-    picture = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    assert picture.shape == (HEIGHT, WIDTH) and picture.dtype == np.uint8
-    return picture > 0
+    frame = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert frame.shape == (HEIGHT, WIDTH) and frame.dtype == np.uint8
+    return frame > 0
 
 
 def spline(layer: bpy.types.MaskLayer, points: list[tuple[float, float]], kind: str = "VECTOR") -> None:
@@ -73,7 +73,7 @@ def solve(clip: bpy.types.MovieClip, k1: float = 0.0, k2: float = 0.0) -> None:
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (12, 3)) * [1.5, 1.0, 1.0]
     for number, point in enumerate(points):
         track = clip.tracking.tracks.new(name=f"Point {number}", frame=1)
-        for frame in range(1, PICTURES):
+        for frame in range(1, FRAMES):
             angle = 0.06 * frame
             turn = np.array(Euler((0.0, angle, 0.0)).to_matrix())
             x, y, z = (point - [4.0 * np.sin(angle), 0.3 * np.sin(2.0 * angle), 4.0 * np.cos(angle)]) @ turn

@@ -15,7 +15,7 @@ from seeing_wind.ui.clip.inputs.camera import camera_source, scene_camera
 from seeing_wind.ui.clip.inputs.clips import loaded_clip
 from seeing_wind.ui.clip.object.options import object_options
 from seeing_wind.ui.recover.request import scene_values
-from tests.ui.clip.inputs import HEIGHT, PICTURES, WIDTH, camera, pixel, solve, with_box, written
+from tests.ui.clip.inputs import FRAMES, HEIGHT, WIDTH, camera, pixel, solve, with_box, written
 
 
 @pytest.mark.parametrize("unit", [1.0, 0.01])
@@ -24,21 +24,21 @@ def test_the_scene_s_camera_is_the_inverse_of_what_a_take_makes(settings, tmp_pa
     scene, given = bpy.context.scene, camera(0.4)
     scene.unit_settings.scale_length = unit
     if moving:
-        given = dataclasses.replace(given, camera_to_world=np.stack([camera(0.1 * k).camera_to_world for k in range(PICTURES)]))
-    setup_clip_scene(scene, settings.clip, dataclasses.asdict(given), 24.0, 0, PICTURES - 1, settings.frame_start)
+        given = dataclasses.replace(given, camera_to_world=np.stack([camera(0.1 * k).camera_to_world for k in range(FRAMES)]))
+    setup_clip_scene(scene, settings.clip, dataclasses.asdict(given), 24.0, 0, FRAMES - 1, settings.frame_start)
     scene.camera.scale = (2.0, 2.0, 2.0)  # a user's way to see it better
     settings.camera_mode = "SCENE"
     values = json.loads(written(settings, tmp_path)["camera"].read_text())
     for name in ("width", "height", "fx", "fy", "cx", "cy"):
         assert values[name] == pytest.approx(getattr(given, name), abs=1e-3)
-    for picture in (0, 5, 12):
-        np.testing.assert_allclose(values["camera_to_world"][picture], given.pose(picture), atol=1e-5)
+    for frame in (0, 5, 12):
+        np.testing.assert_allclose(values["camera_to_world"][frame], given.pose(frame), atol=1e-5)
 
 
 @pytest.mark.parametrize("fit", ["AUTO", "HORIZONTAL", "VERTICAL"])
 def test_sensor_fit(settings, fit) -> None:
     scene = bpy.context.scene
-    setup_clip_scene(scene, settings.clip, dataclasses.asdict(camera(0.0)), 24.0, 0, PICTURES - 1, 1)
+    setup_clip_scene(scene, settings.clip, dataclasses.asdict(camera(0.0)), 24.0, 0, FRAMES - 1, 1)
     data = scene.camera.data
     data.sensor_fit, data.sensor_height = fit, 24.0
     settings.camera_mode = "SCENE"

@@ -25,8 +25,8 @@ def clip(tmp_path):
     cv2 = pytest.importorskip("cv2")
     path = tmp_path / "clip.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 24, (64, 48))
-    for picture in range(12):
-        writer.write(np.full((48, 64, 3), 10 + 20 * picture, np.uint8))
+    for frame in range(12):
+        writer.write(np.full((48, 64, 3), 10 + 20 * frame, np.uint8))
     writer.release()
     return path
 
@@ -56,10 +56,10 @@ def test_blender_s_camera_sees_what_the_engine_s_does(scene, clip, name, unit):
     scene.unit_settings.scale_length = unit
     obj = setup_clip_scene(scene, clip, dataclasses.asdict(camera), 24.0, 0, FRAMES, frame_start=3)
     points = np.random.default_rng(0).uniform([-0.8, -0.5, -0.5], [0.8, 0.5, 0.5], (30, 3))
-    for picture in (0, 2, FRAMES):
-        scene.frame_set(3 + picture)
+    for frame in (0, 2, FRAMES):
+        scene.frame_set(3 + frame)
         bpy.context.view_layer.update()
-        expected, depth = camera.project(points, picture)
+        expected, depth = camera.project(points, frame)
         seen = np.array([world_to_camera_view(scene, obj, Vector(point / unit))[:] for point in points])
         # Blender's frame runs from 0 to 1, bottom to top; its pixel (0, 0) covers -0.5..0.5 in ours
         pixels = np.stack([seen[:, 0] * camera.width - 0.5, (1.0 - seen[:, 1]) * camera.height - 0.5], axis=-1)
@@ -78,7 +78,7 @@ def test_scene_takes_the_clip_s_time_and_size(scene, clip):
 
 
 @pytest.mark.skipif(bpy.app.version >= (5, 0), reason="the compositor is set up in Blender 4's way")
-def test_clip_s_pictures_stand_at_their_frames(scene, clip, tmp_path):
+def test_clip_s_frames_stand_at_their_frames(scene, clip, tmp_path):
     """Rendered through the compositor: scene frame 7 shows clip frame 0 of the take, which is clip frame 3 of the file."""
     setup_clip_scene(scene, clip, dataclasses.asdict(CAMERAS["plain"]), 24.0, 3, FRAMES, frame_start=7)
     scene.use_nodes = True
@@ -90,26 +90,26 @@ def test_clip_s_pictures_stand_at_their_frames(scene, clip, tmp_path):
     scene.render.engine, scene.cycles.samples = "CYCLES", 1
     scene.render.resolution_x, scene.render.resolution_y = 64, 48
     scene.render.image_settings.file_format = "PNG"
-    for frame, picture in ((7, 3), (10, 6)):
+    for frame, clip_frame in ((7, 3), (10, 6)):
         scene.frame_set(frame)
         scene.render.filepath = str(tmp_path / f"frame_{frame}.png")
         bpy.ops.render.render(write_still=True)
         image = bpy.data.images.load(scene.render.filepath)
         image.colorspace_settings.name = "Non-Color"
-        assert 255.0 * image.pixels[4 * 1000] == pytest.approx(10 + 20 * picture, abs=4.0)
+        assert 255.0 * image.pixels[4 * 1000] == pytest.approx(10 + 20 * clip_frame, abs=4.0)
 
 
-def test_recovered_object_wears_the_picture(scene):
-    picture = np.random.default_rng(0).integers(0, 255, (6, 8, 3), dtype=np.uint8)
+def test_recovered_object_wears_the_frame(scene):
+    frame = np.random.default_rng(0).integers(0, 255, (6, 8, 3), dtype=np.uint8)
     vertices = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
     uv = np.array([[0.1, 0.2], [0.9, 0.2], [0.9, 0.8], [0.1, 0.8]])
-    obj = create_recovered_object(scene, "Leaf", vertices, np.array([[0, 1, 2], [0, 2, 3]]), uv, picture)
+    obj = create_recovered_object(scene, "Leaf", vertices, np.array([[0, 1, 2], [0, 2, 3]]), uv, frame)
     mesh = obj.data
     found = {loop.vertex_index: mesh.uv_layers.active.uv[loop.index].vector[:] for loop in mesh.loops}
     assert np.allclose([found[k] for k in range(4)], uv, atol=1e-6)
     texture = next(node for node in mesh.materials[0].node_tree.nodes if node.type == "TEX_IMAGE")
     pixels = np.array(texture.image.pixels[:]).reshape(6, 8, 4)
-    assert np.allclose(255.0 * pixels[::-1, :, :3], picture, atol=0.6) and texture.image.packed_file is not None
+    assert np.allclose(255.0 * pixels[::-1, :, :3], frame, atol=0.6) and texture.image.packed_file is not None
 
 
 def test_recovered_object_covers_its_own_pixels_in_a_render(scene, clip, tmp_path):
@@ -117,14 +117,14 @@ def test_recovered_object_covers_its_own_pixels_in_a_render(scene, clip, tmp_pat
     width, height = 96, 64
     camera = Camera(width, height, 100.0, 100.0, 44.0, 35.5, turned(0.4))
     row, column = np.mgrid[0:height, 0:width]
-    picture = np.stack([4 * (row % 50) + 20, 2 * column + 20, 100 + 60 * np.sin(0.2 * column + 0.1 * row)], axis=-1).astype(np.uint8)
+    frame = np.stack([4 * (row % 50) + 20, 2 * column + 20, 100 + 60 * np.sin(0.2 * column + 0.1 * row)], axis=-1).astype(np.uint8)
     # a sheet a little larger than the frame, as fine as an affine texture needs under perspective
     px, py = np.meshgrid(np.linspace(-8.0, width + 8.0, 40), np.linspace(-8.0, height + 8.0, 30))
     vertices = camera.unproject(np.stack([px, py], axis=-1), 2.5 + 0.004 * px).reshape(-1, 3)
     uv = np.stack([(px + 0.5) / width, 1.0 - (py + 0.5) / height], axis=-1).reshape(-1, 2)
     corner = np.arange(30 * 40).reshape(30, 40)
     a, b, c, d = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel(), corner[1:, 1:].ravel(), corner[1:, :-1].ravel()
-    create_recovered_object(scene, "Sheet", vertices, np.concatenate([np.stack([a, d, c], 1), np.stack([a, c, b], 1)]), uv, picture)
+    create_recovered_object(scene, "Sheet", vertices, np.concatenate([np.stack([a, d, c], 1), np.stack([a, c, b], 1)]), uv, frame)
     setup_clip_scene(scene, clip, dataclasses.asdict(camera), 24.0, 0, FRAMES)
     scene.render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 16, False
     scene.render.image_settings.file_format, scene.render.filepath = "PNG", str(tmp_path / "sheet.png")
@@ -133,7 +133,7 @@ def test_recovered_object_covers_its_own_pixels_in_a_render(scene, clip, tmp_pat
     image.colorspace_settings.name = "Non-Color"
     rendered = 255.0 * np.array(image.pixels[:]).reshape(height, width, -1)[::-1, :, :3]
     smooth = (row % 50 > 2) & (row % 50 < 47) & (row > 2) & (row < height - 3) & (column > 2) & (column < width - 3)
-    difference = (rendered - picture)[smooth]
+    difference = (rendered - frame)[smooth]
     # the first two channels change by 4 and 2 per pixel: their mean differences are shifts in y and x
     assert abs(difference[:, 0].mean()) < 0.4 and abs(difference[:, 1].mean()) < 0.3
     assert np.abs(difference).mean() < 3.0

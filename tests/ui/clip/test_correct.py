@@ -27,13 +27,13 @@ def boxed(settings):
     return settings
 
 
-def test_points_are_of_the_picture_that_is_shown(boxed, tmp_path) -> None:
+def test_points_are_of_the_frame_that_is_shown(boxed, tmp_path) -> None:
     clip = loaded_clip(boxed)
     bpy.context.scene.frame_set(scene_frame(clip, 5))
     assert ops.correct_outline(place=(20.5, 12.0)) == {"FINISHED"}
-    assert ops.correct_outline(place=(30.0, 11.0), picture=2, beside=True) == {"FINISHED"}
+    assert ops.correct_outline(place=(30.0, 11.0), clip_frame=2, beside=True) == {"FINISHED"}
     assert options(boxed, tmp_path)["correct"] == (5.0, 20.5, 12.0, 1.0, 2.0, 30.0, 11.0, 0.0)
-    assert ops.clear_corrections() == {"FINISHED"} and [one.picture for one in boxed.corrections] == [5]
+    assert ops.clear_corrections() == {"FINISHED"} and [one.clip_frame for one in boxed.corrections] == [5]
     assert ops.clear_corrections(all=True) == {"FINISHED"} and options(boxed, tmp_path)["correct"] is None
 
 
@@ -41,10 +41,10 @@ def test_points_that_are_refused(boxed) -> None:
     with pytest.raises(RuntimeError, match="outside the clip.s image"):
         ops.correct_outline(place=(WIDTH + 3.0, 5.0))
     with pytest.raises(RuntimeError, match="Frame 5000 of the file is not among those used"):
-        ops.correct_outline(place=(5.0, 5.0), picture=5000)
+        ops.correct_outline(place=(5.0, 5.0), clip_frame=5000)
     boxed.use_frames, boxed.frames = True, (2, 4)
     with pytest.raises(RuntimeError, match="Frame 1 of the file is not among those used, 2 to 4"):
-        ops.correct_outline(place=(5.0, 5.0), picture=1)
+        ops.correct_outline(place=(5.0, 5.0), clip_frame=1)
     with pytest.raises(RuntimeError, match="no corrections"):
         ops.clear_corrections()
     boxed.clip = ""
@@ -54,14 +54,14 @@ def test_points_that_are_refused(boxed) -> None:
 
 
 def test_points_of_another_clip_are_forgotten(boxed, tmp_path) -> None:
-    ops.correct_outline(place=(20.5, 12.0), picture=2)
+    ops.correct_outline(place=(20.5, 12.0), clip_frame=2)
     other = shutil.copy(boxed.clip, tmp_path / "other.mp4")
     boxed.held_box = (1.0, 2.0, 9.0, 9.0)
     assert ops.choose_clip(filepath=str(other)) == {"FINISHED"}
     assert not len(boxed.corrections) and not any(boxed.held_box)
 
 
-def test_a_blender_mask_of_a_later_picture(boxed, tmp_path) -> None:
+def test_a_blender_mask_of_a_later_frame(boxed, tmp_path) -> None:
     mask = bpy.data.masks.new("Later")
     spline(mask.layers.new(), [(10.0, 8.0), (30.0, 8.0), (30.0, 20.0), (10.0, 20.0)])
     assert options(boxed, tmp_path).get("outline") is None and options(boxed, tmp_path)["outline_frame"] == 0

@@ -13,20 +13,20 @@ from seeing_wind.engine.errors import ObjectError
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene
 from seeing_wind.ui.clip.inputs.clips import loaded_clip
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
-from tests.ui.clip.inputs import HEIGHT, PICTURES, WIDTH, camera, pixel, read_png, spline, stamps, written
+from tests.ui.clip.inputs import FRAMES, HEIGHT, WIDTH, camera, pixel, read_png, spline, stamps, written
 
 
-def test_tracks_are_in_our_pixels_and_rows_are_the_file_s_pictures(settings, tmp_path) -> None:
+def test_tracks_are_in_our_pixels_and_rows_are_the_file_s_frames(settings, tmp_path) -> None:
     clip = loaded_clip(settings)
     one, other = clip.tracking.tracks.new(name="One", frame=1), clip.tracking.tracks.new(name="Other", frame=1)
-    for picture in range(10):
-        one.markers.insert_frame(picture + 1, co=pixel(30.0 + picture, 20.25))
-        other.markers.insert_frame(picture + 1, co=pixel(40.0, 30.0 - 0.5 * picture))
+    for clip_frame in range(10):
+        one.markers.insert_frame(clip_frame + 1, co=pixel(30.0 + clip_frame, 20.25))
+        other.markers.insert_frame(clip_frame + 1, co=pixel(40.0, 30.0 - 0.5 * clip_frame))
     other.markers.find_frame(4).mute = True
     settings.use_tracks = True
     with np.load(written(settings, tmp_path)["tracks"]) as data:
         xy, visible = data["xy"], data["visible"]
-    assert len(xy) > PICTURES, "more rows than frames: the engine takes those of the range that was chosen"
+    assert len(xy) > FRAMES, "more rows than frames: the engine takes those of the range that was chosen"
     np.testing.assert_allclose(xy[:10, 0], np.stack([30.0 + np.arange(10), np.full(10, 20.25)], 1), atol=1e-4)
     assert visible[:10, 0].all() and not visible[10:, 0].any() and visible[:10, 1].tolist() == [True] * 3 + [False] + [True] * 6
     settings.use_frames, settings.frames = True, (11, 12)

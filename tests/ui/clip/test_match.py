@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+
 import bpy
 import pytest
 
@@ -90,3 +92,38 @@ def test_a_clip_outside_the_shots_range_is_told(own, workplace) -> None:
     own.seeing_wind.frame_start = 1001
     bpy.ops.seeing_wind.build_scene()
     assert not said_of_view(own)
+
+
+def test_a_clip_that_was_moved_is_the_same_clip(scene, workplace, tmp_path) -> None:
+    settings, video = scene.seeing_wind, workplace / "clip.mp4"
+    first, later = tmp_path / "first" / "clip.mp4", tmp_path / "later" / "clip.mp4"
+    for path in (first, later):
+        path.parent.mkdir()
+    shutil.copy(video, first)
+    assert bpy.ops.seeing_wind.choose_clip(filepath=str(first)) == {"FINISHED"}
+    settings.box, clip = (20, 20, 44, 44), scene.active_clip
+    clip.tracking.tracks.new(name="mine", frame=1)
+    first.rename(later)
+    assert bpy.ops.seeing_wind.choose_clip(filepath=str(later)) == {"FINISHED"}
+    assert tuple(settings.box) == (20, 20, 44, 44) and bpy.path.abspath(clip.filepath) == str(later)
+    assert scene.active_clip == clip and len(bpy.data.movieclips) == 1 and "mine" in clip.tracking.tracks
+    shutil.copy(later, first)  # both are there: another clip
+    assert bpy.ops.seeing_wind.choose_clip(filepath=str(first)) == {"FINISHED"}
+    assert not any(settings.box) and scene.active_clip != clip
+
+
+def test_two_scenes_show_a_clip_at_frames_of_their_own(scene, workplace) -> None:
+    one, other, video = scene, bpy.data.scenes.new("Other"), workplace / "clip.mp4"
+    bpy.ops.seeing_wind.choose_clip(filepath=str(video))
+    one.active_clip.tracking.tracks.new(name="mine", frame=1)
+    other.seeing_wind.frame_start = 101
+    with bpy.context.temp_override(scene=other, view_layer=other.view_layers[0]):
+        bpy.ops.seeing_wind.choose_clip(filepath=str(video))
+    assert (one.active_clip.frame_start, other.active_clip.frame_start) == (1, 101)
+    assert one.camera.data.background_images[0].clip == one.active_clip
+    assert other.camera.data.background_images[0].clip == other.active_clip and "mine" in other.active_clip.tracking.tracks
+    one.seeing_wind.frame_start = 11
+    bpy.ops.seeing_wind.choose_clip(filepath=str(video))
+    with bpy.context.temp_override(scene=other, view_layer=other.view_layers[0]):
+        bpy.ops.seeing_wind.choose_clip(filepath=str(video))
+    assert (one.active_clip.frame_start, other.active_clip.frame_start) == (11, 101) and len(bpy.data.movieclips) == 2

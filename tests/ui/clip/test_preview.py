@@ -34,12 +34,13 @@ def state(scene) -> State:
 def test_what_is_seen_is_shown_the_worst_first(scene, marked) -> None:
     assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
     shown = [(each.name, each.doubtful, each.advice) for each in marked.verdicts]
-    assert shown == [("scale", True, "Give one."), ("held place", True, "Give it with Held Places."), ("outline", False, "")]
+    assert shown[:2] == [("scale", True, "Give one."), ("held place", True, "Give it with Held Places.")]
+    assert shown[2:] == [("outline", False, ""), ("time", False, "")]
     assert status.of(scene.session_uid).steps["preview"].message == "Doubtful: scale, held place" and state(scene) == State.DONE
-    picture = marked.previewed_picture
-    assert Path(bpy.path.abspath(picture.filepath)) == Path(marked.take) / "preview.png" and tuple(picture.size) == (1, 1)
+    image = marked.preview_image
+    assert Path(bpy.path.abspath(image.filepath)) == Path(marked.take) / "preview.png" and tuple(image.size) == (1, 1)
     assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
-    assert len(marked.verdicts) == 3 and marked.previewed_picture == picture and len(bpy.data.images) == 1
+    assert len(marked.verdicts) == 4 and marked.preview_image == image and len(bpy.data.images) == 1
 
 
 def test_the_panel_offers_the_held_place_that_was_seen_until_one_is_marked(scene, marked) -> None:
@@ -83,6 +84,29 @@ def test_the_body_that_would_be_solved_for_is_asked_for_too(scene, marked) -> No
     assert asked[asked.index("--material") + 1] == "steel" and asked[asked.index("--particles") + 1] == "300"
     marked.particles = 400
     assert state(scene) == State.DONE, "what is seen is the same"
+
+
+def test_what_was_foreseen_of_the_solve_holds_until_the_material_or_the_held_place_changes(scene, marked) -> None:
+    def said() -> str:
+        layout = Drawn()
+        ObjectTab.fill(SimpleNamespace(bl_space_type="VIEW_3D"), bpy.context, layout)
+        return " ".join(layout.labels)
+
+    fresh, outdated = "Time: The solve takes about 2 minutes", "Time: Settings have changed since. Press Preview again."
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    assert fresh in said()
+    material, marked.material = marked.material, "steel"
+    assert outdated in said() and fresh not in said() and "Outline: It lies within the box." in said()
+    marked.material = material
+    assert fresh in said()
+    marked.gravity_mode = "NONE"
+    assert fresh in said(), "it takes as long"
+    assert bpy.ops.seeing_wind.use_held() == {"FINISHED"}
+    assert outdated in said()
+    assert bpy.ops.seeing_wind.preview() == {"FINISHED"}
+    assert fresh in said()
+    marked.iterations = 1
+    assert outdated in said()
 
 
 def test_a_box_drawn_anew_makes_it_stale_and_a_held_place_does_not(scene, marked) -> None:

@@ -11,13 +11,13 @@ import pytest
 
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.ui.clip.clip_scene import setup_clip_scene
-from seeing_wind.ui.clip.frame_on_screen import box_in_picture, box_on_screen
+from seeing_wind.ui.clip.frame_on_screen import box_in_frame, box_on_screen
 from seeing_wind.ui.clip.inputs.clips import as_pattern
 from seeing_wind.ui.clip.inputs.scene_inputs import scene_inputs
 from seeing_wind.ui.clip.options import clip_options
 from seeing_wind.ui.job.takes import INPUTS
 from seeing_wind.ui.recover.request import RecoverRequest, scene_values
-from tests.ui.clip.inputs import HEIGHT, PICTURES, WIDTH, camera, spline, with_box, written
+from tests.ui.clip.inputs import FRAMES, HEIGHT, WIDTH, camera, spline, with_box, written
 
 
 @pytest.mark.parametrize("unit", [1.0, 0.1])
@@ -25,7 +25,7 @@ def test_a_proxy_gives_the_depth_of_each_pixel(settings, tmp_path, unit) -> None
     """A ball: depth along the view axis against the sphere's equation, outline where the discriminant says."""
     scene, seen = bpy.context.scene, camera(0.0)
     scene.unit_settings.scale_length = unit
-    setup_clip_scene(scene, settings.clip, dataclasses.asdict(seen), 24.0, 0, PICTURES - 1, 1)
+    setup_clip_scene(scene, settings.clip, dataclasses.asdict(seen), 24.0, 0, FRAMES - 1, 1)
     centre = seen.unproject(np.array([50.0, 30.0]), 2.5)
     bpy.ops.mesh.primitive_uv_sphere_add(radius=0.5 / unit, location=centre / unit, segments=96, ring_count=48)
     settings.proxy, settings.scale_mode, settings.object_mode = bpy.context.object, "PROXY", "PROXY"
@@ -98,7 +98,7 @@ def test_one_request_gives_options_digest_and_files(settings, tmp_path) -> None:
         RecoverRequest.of(scene)
 
 
-def test_a_sequence_of_pictures_plays_at_the_scene_s_rate(settings, tmp_path) -> None:
+def test_a_sequence_of_frames_plays_at_the_scene_s_rate(settings, tmp_path) -> None:
     assert as_pattern("/a/shot_0007.png") == "/a/shot_%04d.png" and as_pattern("/a/clip7.mp4") == "/a/clip7.mp4"
     first = tmp_path / "wind è_001.png"
     first.write_bytes(b"")
@@ -108,12 +108,12 @@ def test_a_sequence_of_pictures_plays_at_the_scene_s_rate(settings, tmp_path) ->
     assert clip_options(settings, scene_values(settings))[:2] == (str(tmp_path / "wind è_%03d.png"), {"fps": 29.97003, "frames": None})
 
 
-def test_boxes_on_the_screen_and_in_the_picture() -> None:
+def test_boxes_on_the_screen_and_in_the_frame() -> None:
     corners = np.array([[100.0, 50.0], [580.0, 370.0]])
-    box = box_in_picture(corners, np.array([205.0, 300.0]), np.array([400.0, 100.0]), WIDTH, HEIGHT)
+    box = box_in_frame(corners, np.array([205.0, 300.0]), np.array([400.0, 100.0]), WIDTH, HEIGHT)
     assert box == (20.5, 13.5, 59.5, 53.5), "five screen pixels to one of the clip"
     np.testing.assert_allclose(box_on_screen(corners, box, WIDTH, HEIGHT), [[205.0, 100.0], [400.0, 300.0]], atol=0.5)
-    outside = box_in_picture(corners, np.array([0.0, 0.0]), np.array([900.0, 900.0]), WIDTH, HEIGHT)
+    outside = box_in_frame(corners, np.array([0.0, 0.0]), np.array([900.0, 900.0]), WIDTH, HEIGHT)
     assert outside == (0.0, 0.0, WIDTH - 1.0, HEIGHT - 1.0)
 
 

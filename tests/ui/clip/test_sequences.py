@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("stand_in")
 
 
 @pytest.fixture
-def pictures(workplace, tmp_path) -> Path:
+def images(workplace, tmp_path) -> Path:
     """The frames of the clip, numbered from 7 on, in a folder of theirs."""
     import cv2
 
@@ -27,10 +27,10 @@ def pictures(workplace, tmp_path) -> Path:
 
 
 @pytest.mark.parametrize("chosen", ["shot_0007.png", "shot_0012.png"])
-def test_a_sequence_is_recovered_whichever_picture_was_chosen(scene, pictures, tmp_path, chosen) -> None:
+def test_a_sequence_is_recovered_whichever_frame_was_chosen(scene, images, tmp_path, chosen) -> None:
     ops = bpy.ops.seeing_wind
-    assert ops.choose_clip(filepath=str(pictures / chosen)) == {"FINISHED"}
-    assert scene.active_clip.filepath == str(pictures / "shot_0007.png") and scene.frame_end - scene.frame_start == 12
+    assert ops.choose_clip(filepath=str(images / chosen)) == {"FINISHED"}
+    assert scene.active_clip.filepath == str(images / "shot_0007.png") and scene.frame_end - scene.frame_start == 12
     ops.draw_box(box=(20, 20, 44, 44))
     assert ops.recover(distance=2.0, take=str(tmp_path / "out.take")) == {"FINISHED"}
     assert len(bpy.data.movieclips) == 1 and scene.camera.data.background_images[0].clip == scene.active_clip
@@ -38,31 +38,31 @@ def test_a_sequence_is_recovered_whichever_picture_was_chosen(scene, pictures, t
     assert ops.build_scene() == {"FINISHED"}
 
 
-def test_a_changed_picture_makes_the_recovery_stale(scene, pictures, tmp_path) -> None:
-    bpy.ops.seeing_wind.choose_clip(filepath=str(pictures / "shot_0007.png"))
+def test_a_changed_frame_makes_the_recovery_stale(scene, images, tmp_path) -> None:
+    bpy.ops.seeing_wind.choose_clip(filepath=str(images / "shot_0007.png"))
     bpy.ops.seeing_wind.draw_box(box=(20, 20, 44, 44))
     bpy.ops.seeing_wind.recover(distance=2.0, take=str(tmp_path / "out.take"))
     assert now(scene)["recover"].state == "done"
-    (pictures / "shot_0009.png").write_bytes((pictures / "shot_0010.png").read_bytes() + b" ")
+    (images / "shot_0009.png").write_bytes((images / "shot_0010.png").read_bytes() + b" ")
     freshness.refresh(scene)
     assert now(scene)["recover"].state == "stale"
 
 
-def test_files_of_a_clip_are_those_that_the_engine_reads(pictures, workplace) -> None:
+def test_files_of_a_clip_are_those_that_the_engine_reads(images, workplace) -> None:
     from seeing_wind.engine.observe.clip.frames import files_of
 
-    (pictures / "other_1.png").write_bytes(b"")
-    for path in (pictures, pictures / "shot_%04d.png", pictures / "shot_*.png", pictures / "no_%d.png", workplace / "clip.mp4"):
+    (images / "other_1.png").write_bytes(b"")
+    for path in (images, images / "shot_%04d.png", images / "shot_*.png", images / "no_%d.png", workplace / "clip.mp4"):
         expected = files_of(str(path)) or [path]
         assert clips.files_of(str(path)) == expected, path
 
 
-def test_another_clip_needs_another_box(scene, pictures, workplace) -> None:
+def test_another_clip_needs_another_box(scene, images, workplace) -> None:
     ops, settings = bpy.ops.seeing_wind, scene.seeing_wind
     ops.choose_clip(filepath=str(workplace / "clip.mp4"))
     ops.draw_box(box=(20, 20, 44, 44))
     settings.frames, settings.use_frames = (2, 9), True
     ops.choose_clip(filepath=str(workplace / "clip.mp4"))
     assert tuple(settings.box) == (20, 20, 44, 44) and settings.use_frames
-    ops.choose_clip(filepath=str(pictures / "shot_0007.png"))
+    ops.choose_clip(filepath=str(images / "shot_0007.png"))
     assert not any(settings.box) and not settings.use_frames and now(scene)["object"].state != "done"

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR, create_recovered_object
+from seeing_wind.ui.clip.clip_scene import FRAME_COLOUR, create_recovered_object
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.catchers import FLOOR, WALL
 from seeing_wind.ui.composite.mattes import CARD, matte, narrowed, softened, widened
@@ -14,7 +14,7 @@ from seeing_wind.ui.composite.nodes import is_set_up
 from seeing_wind.ui.field import vdb as field_vdb
 from seeing_wind.ui.field.display import in_figures
 from seeing_wind.ui.field.samples import read_samples, samples_of
-from tests.ui.composite.pictures import red_cube, render
+from tests.ui.composite.rendering import red_cube, render
 from tests.ui.jobs import notes_of, recover
 
 
@@ -23,12 +23,12 @@ def test_the_edit_is_rendered_over_the_clip(scene, tmp_path):
     scene.frame_set(4)
     said = composite.set_up(scene, samples=1)
     assert said.behind == "clip" and said.light
-    picture = render(tmp_path / "over.png")
-    assert picture.shape == (64, 96, 3)
+    frame = render(tmp_path / "over.png")
+    assert frame.shape == (64, 96, 3)
     # frame 3 of the clip: grey 60, a square of 230 from column 26 to 50
-    assert np.abs(picture[4:16, 60:90] - 60).max() < 12
-    assert np.abs(picture[28:36, 32:44] - 230).max() < 14
-    cube = picture[44:56, 12:24].reshape(-1, 3).mean(0)
+    assert np.abs(frame[4:16, 60:90] - 60).max() < 12
+    assert np.abs(frame[28:36, 32:44] - 230).max() < 14
+    cube = frame[44:56, 12:24].reshape(-1, 3).mean(0)
     assert cube[0] > 150 and cube[0] > cube[1] + 80
     # another frame shows another clip frame of the clip
     scene.frame_set(12)
@@ -42,9 +42,9 @@ def test_the_clips_object_simulated_anew_is_shown_over_the_clean_plate(scene, tm
     assert bpy.ops.seeing_wind.set_up_composite(samples=1) == {"FINISHED"}
     assert scene.seeing_wind.recovered_object.hide_render
     scene.frame_set(1)
-    picture = render(tmp_path / "plate.png")
-    assert np.abs(picture[2:8, 80:94] - 60).max() < 12, "beside the object the clip goes on"
-    assert np.abs(picture[28:36, 28:36] - [20, 120, 40]).max() < 4, "over it lies the plate"
+    frame = render(tmp_path / "plate.png")
+    assert np.abs(frame[2:8, 80:94] - 60).max() < 12, "beside the object the clip goes on"
+    assert np.abs(frame[28:36, 28:36] - [20, 120, 40]).max() < 4, "over it lies the plate"
     # asked for the clip instead, the object is in it and its outline only hides what is behind
     assert bpy.ops.seeing_wind.set_up_composite(samples=1, behind="CLIP") == {"FINISHED"}
     assert scene.objects[CARD].parent == scene.camera and scene.seeing_wind.recovered_object.hide_render
@@ -64,6 +64,22 @@ def test_set_up_again_makes_nothing_twice(scene):
     kinds = [node.bl_idname for node in tree.nodes if node.get("seeing_wind")]
     assert kinds.count("CompositorNodeMovieClip") == kinds.count("CompositorNodeRLayers") == 1
     assert len([obj for obj in scene.objects if obj.name.startswith(CARD)]) == 1
+
+
+def test_two_scenes_of_a_file_keep_their_composites(scene, workplace):
+    other = bpy.data.scenes.new("Other")
+    with bpy.context.temp_override(scene=other, view_layer=other.view_layers[0]):
+        recover(workplace, take=str(workplace / "other.take"))
+    for _ in range(2):
+        for each in (scene, other):
+            composite.set_up(each, plate="PLATE", samples=1, floor=False)
+            composite.set_up(each, plate="CLIP", samples=1)
+    for each, take in ((scene, "out.take"), (other, "other.take")):
+        (card,) = (obj for obj in each.objects if obj.name.startswith(CARD))
+        (image,) = (node.image for node in card.data.materials[0].node_tree.nodes if node.type == "TEX_IMAGE")
+        assert take in image.filepath
+        assert len([obj for obj in each.objects if obj.type == "LIGHT"]) == 1
+    assert len(bpy.data.images) == len({image.filepath or image.name for image in bpy.data.images})
 
 
 def test_a_clip_or_a_take_that_is_gone_is_told(scene, tmp_path, workplace):
@@ -165,7 +181,7 @@ def test_nodes_of_a_compositor_that_was_switched_off_stay(scene):
     assert "Mine" in scene.node_tree.nodes and is_set_up(scene)
 
 
-def test_a_picture_that_cannot_be_written_is_told(scene, tmp_path):
+def test_a_frame_that_cannot_be_written_is_told(scene, tmp_path):
     (tmp_path / "x.png").mkdir()
     with pytest.raises(RuntimeError, match="could not render") as raised:
         bpy.ops.seeing_wind.render_composite(filepath=str(tmp_path / "x.png"), still=True)
@@ -180,9 +196,9 @@ def test_the_first_look_after_recover(workplace):
     cube = scene.objects["Cube"]
     assert cube.hide_get() and cube.hide_render and any("Alt H" in text for text in notes_of(scene))
     mesh = scene.seeing_wind.recovered_object.data
-    assert mesh.color_attributes.active_color_name == PICTURE_COLOUR
+    assert mesh.color_attributes.active_color_name == FRAME_COLOUR
     # the stand-in's frame is a grey of 90
-    assert np.allclose([value.color[0] for value in mesh.attributes[PICTURE_COLOUR].data], ((90 / 255 + 0.055) / 1.055) ** 2.4, atol=1e-3)
+    assert np.allclose([value.color[0] for value in mesh.attributes[FRAME_COLOUR].data], ((90 / 255 + 0.055) / 1.055) ** 2.4, atol=1e-3)
     cube.hide_set(False)
     cube.location.x = 3.0
     bpy.ops.seeing_wind.build_scene()
@@ -198,10 +214,10 @@ def test_what_flies_behind_the_object_is_cut_by_its_outline_and_what_flies_in_fr
     scene.frame_set(5)
     said = composite.set_up(scene, samples=1, shutter=0.0, grain=0.0)
     assert said.held_out == "outline"
-    picture = render(tmp_path / "board.png")
-    mask = np.zeros(picture.shape[:2], bool)
+    frame = render(tmp_path / "board.png")
+    mask = np.zeros(frame.shape[:2], bool)
     mask[20:44, 28:52] = True  # frame 4 of the clip
-    red = (picture[..., 0] > picture[..., 1] + 80)
+    red = (frame[..., 0] > frame[..., 1] + 80)
     assert red[~widened(mask, 2)].all()
     assert not red[~widened(~mask, 2)].any() if hidden else red[mask].all()
 
@@ -245,15 +261,15 @@ def test_mattes_are_as_wide_and_as_soft_as_they_say():
 
 def test_in_solid_view_the_rim_of_the_object_wears_no_pixel_from_behind_it(scene):
     """A red square on green, its outline known: no vertex is green, nor a mixture, though the mesh reaches beyond."""
-    picture = np.full((40, 40, 3), (0, 255, 0), np.uint8)
-    picture[10:30, 10:30] = (255, 0, 0)
-    outline = picture[..., 0] > 0
+    frame = np.full((40, 40, 3), (0, 255, 0), np.uint8)
+    frame[10:30, 10:30] = (255, 0, 0)
+    outline = frame[..., 0] > 0
     side = np.linspace(0.2, 0.8, 13)
     uv = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
     place = np.column_stack([uv, np.zeros(len(uv))])
     for known, green in ((outline, 0.0), (None, 1.0)):
-        obj = create_recovered_object(scene, "Square", place, np.array([[0, 1, 13]]), uv, picture, outline=known)
-        colours = np.array([each.color[:3] for each in obj.data.attributes[PICTURE_COLOUR].data])
+        obj = create_recovered_object(scene, "Square", place, np.array([[0, 1, 13]]), uv, frame, outline=known)
+        colours = np.array([each.color[:3] for each in obj.data.attributes[FRAME_COLOUR].data])
         assert colours[:, 1].max() == pytest.approx(green)
 
 

@@ -12,7 +12,7 @@ import pytest
 from seeing_wind.ui.composite.composite import set_up
 from seeing_wind.ui.composite.hdri import WORLD
 from seeing_wind.ui.composite.light import SKY, SUN
-from tests.ui.composite.pictures import render
+from tests.ui.composite.rendering import render
 
 
 @pytest.fixture
@@ -30,9 +30,9 @@ def panorama(tmp_path) -> Path:
 
 def lit(path: Path) -> np.ndarray:
     """(2, 3) mean colours of the left and the right side of a ball before the camera."""
-    picture = render(path)
-    height, width = picture.shape[:2]
-    rows = picture[height // 2 - 3 : height // 2 + 3]
+    frame = render(path)
+    height, width = frame.shape[:2]
+    rows = frame[height // 2 - 3 : height // 2 + 3]
     return np.array([rows[:, width // 2 + at : width // 2 + at + 4].mean(axis=(0, 1)) for at in (-9, 5)])
 
 

@@ -15,9 +15,9 @@ from seeing_wind.engine.records import Camera
 from seeing_wind.engine.take import Take
 from seeing_wind.ui.clip.inputs.lens import straightened
 from seeing_wind.ui.composite.composite import set_up
-from seeing_wind.ui.composite.lens import OUTSIDE, WIDEST, overscan_of, st_map, widened
+from seeing_wind.ui.composite.film.lens import OUTSIDE, WIDEST, overscan_of, st_map, widened
 from seeing_wind.ui.job.take_reading import field_summary, read_seen
-from tests.ui.composite.pictures import red_cube, render
+from tests.ui.composite.rendering import red_cube, render
 
 LENSES = [(-1.0, 0.2, 0.0, 0.0, 0.0), (0.6, 0.0, 0.04, -0.03, 0.1)]
 
@@ -30,18 +30,18 @@ def bend(scene, distortion: tuple[float, ...]) -> Camera:
     return camera
 
 
-def middle(picture: np.ndarray, channel: int) -> np.ndarray:
+def middle(frame: np.ndarray, channel: int) -> np.ndarray:
     """(2,) column and row of what shines in one colour."""
-    others = np.delete(picture, channel, axis=2).max(axis=2)
-    shine = np.maximum(picture[..., channel] - others - 60, 0)
+    others = np.delete(frame, channel, axis=2).max(axis=2)
+    shine = np.maximum(frame[..., channel] - others - 60, 0)
     rows, columns = np.indices(shine.shape)
     assert shine.sum() > 0
     return np.array([(shine * columns).sum(), (shine * rows).sum()]) / shine.sum()
 
 
-def green(picture: np.ndarray) -> np.ndarray:
+def green(frame: np.ndarray) -> np.ndarray:
     """(H, W) bool."""
-    return picture[..., 1] > picture[..., 0] + 50
+    return frame[..., 1] > frame[..., 0] + 50
 
 
 @pytest.mark.parametrize("distortion", LENSES)
@@ -87,8 +87,8 @@ def test_what_is_rendered_reaches_the_borders_where_the_lens_draws_in_what_is_be
     for _ in range(2):
         set_up(scene, samples=4, shutter=0.0, grain=0.0)
     assert len(bpy.data.scenes) == 2 and len(bpy.data.cameras) == 2
-    picture = render(tmp_path / "bent.png").astype(int)
-    rim = np.concatenate([picture[0], picture[-1], picture[:, 0], picture[:, -1]])
+    frame = render(tmp_path / "bent.png").astype(int)
+    rim = np.concatenate([frame[0], frame[-1], frame[:, 0], frame[:, -1]])
     assert (rim[:, 0] > rim[:, 1] + 60).all()
     now = (camera.data.sensor_width, camera.data.shift_x, len(camera.data.background_images), scene.render.resolution_x)
     assert scene.camera == camera and now == before

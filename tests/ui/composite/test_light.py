@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from seeing_wind.ui.clip.clip_scene import PICTURE_COLOUR
+from seeing_wind.ui.clip.clip_scene import FRAME_COLOUR
 from seeing_wind.ui.composite import composite
 from seeing_wind.ui.composite.light import BANDS, SKY, bands_of, light_of, linear, set_light, sun_of
 from tests.ui.jobs import recover
@@ -43,7 +43,7 @@ def test_the_sun_stands_where_a_matt_object_is_brightest(scene, way):
     rng = np.random.default_rng(0)
 
     def paint(values: np.ndarray) -> None:
-        attribute = ball.data.attributes.get(PICTURE_COLOUR) or ball.data.attributes.new(PICTURE_COLOUR, "FLOAT_COLOR", "POINT")
+        attribute = ball.data.attributes.get(FRAME_COLOUR) or ball.data.attributes.new(FRAME_COLOUR, "FLOAT_COLOR", "POINT")
         attribute.data.foreach_set("color", np.repeat(values[:, None], 4, axis=1).astype(np.float32).ravel())
 
     paint(shaded(normals, way) * rng.uniform(0.8, 1.2, len(normals)))
@@ -56,9 +56,9 @@ def test_the_sun_stands_where_a_matt_object_is_brightest(scene, way):
 
 def test_sun_and_sky_light_a_white_card_white_and_are_as_bright_as_the_clips_surroundings(scene):
     """A blue sky over a brown ground: a white wall between them, turned to the sun, is neutral and brighter than the sky alone makes it."""
-    picture = np.zeros((8, 4, 3), np.uint8)
-    picture[:4], picture[4:] = (120, 160, 220), (110, 90, 60)
-    light = light_of(picture, np.linspace(0.21, -0.21, 8), 2.0)
+    frame = np.zeros((8, 4, 3), np.uint8)
+    frame[:4], frame[4:] = (120, 160, 220), (110, 90, 60)
+    light = light_of(frame, np.linspace(0.21, -0.21, 8), 2.0)
     below, above = light.around[0], light.around[-1]
     assert above[2] > 1.5 * above[0] and below[0] > below[2] and light.heights[0] == -0.21
     assert light.colour[0] > 1.0 > light.colour[2] and light.colour.mean() == pytest.approx(1.0)

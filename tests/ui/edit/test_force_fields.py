@@ -27,8 +27,11 @@ def exported(workplace) -> dict[str, np.ndarray]:
         return dict(data)
 
 
-@pytest.mark.parametrize("kind", CHECK["KINDS"])
-@pytest.mark.parametrize("unit", [1.0, 0.1])
+@pytest.mark.parametrize(
+    ("kind", "unit"),
+    [(kind, 1.0) for kind in CHECK["KINDS"]]
+    + [pytest.param(kind, 0.1, marks=pytest.mark.slow if kind == "TURBULENCE" else ()) for kind in CHECK["KINDS"]],
+)
 def test_a_body_is_pushed_as_a_particle_of_blender_of_its_mass(workplace, recovered, kind, unit):
     """The engine divides by the body's whole mass: so the file has newtons, and Blender's particle of that mass the acceleration."""
     recovered.unit_settings.scale_length = unit

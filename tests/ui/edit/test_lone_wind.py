@@ -58,9 +58,9 @@ def test_an_appended_wind_can_be_simulated_in(field, checks, tmp_path):
     counts = arrays["force"].shape[1:4]
     axes = [np.linspace(*box[:, k], counts[k]) for k in range(3)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    for picture in (0, 5):
-        truth = checks["swirl"](nodes + checks["CENTRE"], picture)
-        np.testing.assert_allclose(arrays["force"][picture].reshape(-1, 3), truth, atol=1e-4 * np.abs(truth).max())
+    for frame in (0, 5):
+        truth = checks["swirl"](nodes + checks["CENTRE"], frame)
+        np.testing.assert_allclose(arrays["force"][frame].reshape(-1, 3), truth, atol=1e-4 * np.abs(truth).max())
     place = np.load(Path(scene.seeing_wind.simulated_take) / "field_place.npy")
     np.testing.assert_allclose(place[0, :3, 3], checks["CENTRE"] + [0.5, 0.0, 0.0], atol=1e-6)
     bpy.ops.seeing_wind.bake()

@@ -133,7 +133,7 @@ def test_a_collider_with_keyframes_goes_with_the_clock(workplace, recovered, tab
     freshness.refresh(recovered)
     assert state("resimulate") == "stale", "the clip lasts twice as many frames, its keyframes do not"
     bpy.ops.seeing_wind.resimulate()
-    np.testing.assert_allclose(way(workplace), [shown(table, 1 + 2 * picture) for picture in range(13)], atol=1e-6)
+    np.testing.assert_allclose(way(workplace), [shown(table, 1 + 2 * frame) for frame in range(13)], atol=1e-6)
 
 
 def test_what_stays_has_no_way(workplace, recovered, table) -> None:

@@ -49,8 +49,8 @@ def test_solvers_step_to_a_frame_with_the_force_of_the_middle_of_that_step(scene
 
 def test_between_frames_the_force_of_that_interval_acts(scene) -> None:
     field = numbered(scene)
-    for frame, picture in ((START + 1.0, 0), (START + 1.25, 1), (START + 2.0, 1), (START + 2.75, 2)):
-        assert felt(field, scene, frame) == pytest.approx(picture, abs=1e-4)
+    for frame, clip_frame in ((START + 1.0, 0), (START + 1.25, 1), (START + 2.0, 1), (START + 2.75, 2)):
+        assert felt(field, scene, frame) == pytest.approx(clip_frame, abs=1e-4)
 
 
 @pytest.mark.parametrize("fps", [24, 48, 30])
@@ -100,7 +100,7 @@ def test_everything_of_a_take_keeps_the_clock(scene, stand_in, workplace) -> Non
     times = np.array([0.0, 0.1, 0.2, 0.33, 0.5])
     before = [[shown(obj, t) for t in times] for obj in (settings.recovered_object, box)]
     scene.render.fps = 30
-    assert said_of_speed(settings.field_object, scene).startswith("Goes by at 1.25 times")
+    assert said_of_speed(settings.field_object, scene).startswith("Plays at 1.25 times")
     assert bpy.ops.seeing_wind.conform() == {"FINISHED"}
     assert np.allclose([[shown(obj, t) for t in times] for obj in (settings.recovered_object, box)], before, atol=1e-4)
     assert scene.frame_end == settings.frame_start + 15

@@ -42,8 +42,8 @@ def test_solvers_feel_the_lattice_inside_and_beside_its_box(scene, checks, half_
     rng = np.random.default_rng(1)
     places = np.concatenate([rng.uniform(-1.2, 1.2, (60, 3)), rng.uniform(-4.0, 4.0, (30, 3)), known.box / half_size]) * half_size
     share = left_of(reach_of(reach, known.box), beside(known.box, places))
-    for frame, picture in ((1, 0), (5, 1), (50, 2)):
-        truth = known.at(places)[picture] * share[:, None] @ np.array(turn).T
+    for frame, clip_frame in ((1, 0), (5, 1), (50, 2)):
+        truth = known.at(places)[clip_frame] * share[:, None] @ np.array(turn).T
         _, found = checks["released_accelerations"](scene, field, places @ np.array(turn).T, frame)
         assert np.allclose(1e5 * found, truth, atol=2e-3)
     assert (share[-2:] == 1.0).all() and (share.min() == 1.0) == (reach == HOLD)

@@ -63,6 +63,23 @@ def test_an_appended_or_linked_field_is_calibrated_and_carries_its_values(librar
         assert bpy.ops.seeing_wind.apply_to_field() == {"FINISHED"} and field["seeing_wind_reach"] == "HOLD"
 
 
+def test_the_selected_field_is_exported_whose_ever_it_is(library, workplace, tmp_path, monkeypatch) -> None:
+    written: list[str] = []
+    monkeypatch.setattr("seeing_wind.ui.field.vdb.write_vdb", lambda scene, field, folder: written.append(field.name) or [])
+    field = brought(library, False)
+    assert bpy.ops.seeing_wind.export_field(format="VDB", filepath=str(tmp_path / "vdb")) == {"FINISHED"}
+    with pytest.raises(RuntimeError, match="without its take, which PLY"):
+        bpy.ops.seeing_wind.export_field(format="PLY", filepath=str(tmp_path / "ply"))
+    recover(workplace)
+    own = bpy.context.scene.seeing_wind.field_object
+    bpy.ops.object.select_all(action="DESELECT")
+    field.select_set(True)
+    bpy.ops.seeing_wind.export_field(format="VDB", filepath=str(tmp_path / "vdb"))
+    field.select_set(False)
+    bpy.ops.seeing_wind.export_field(format="VDB", filepath=str(tmp_path / "vdb"))
+    assert written == [field.name, field.name, own.name] and field != own
+
+
 def test_of_several_fields_the_selected_or_named_one_is_meant(library) -> None:
     first, second = brought(library, False), brought(library, False)
     second["seeing_wind_density"] = 12.0

@@ -109,6 +109,23 @@ def test_solvers_go_round_with_geometry_nodes(library) -> None:
     assert np.array(pushed) / pushed[0] == pytest.approx([1.0, 2.0, 3.0, 4.0, 1.0, 2.0], rel=0.02)
 
 
+def test_a_wind_of_the_library_goes_into_vdb_files_beside_the_scene(library, tmp_path, monkeypatch) -> None:
+    written: list[Path] = []
+    monkeypatch.setattr("seeing_wind.ui.field.vdb.write_vdb", lambda scene, field, folder: written.append(folder) or [])
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    assert bpy.ops.seeing_wind.add_wind() == {"FINISHED"} and bpy.ops.seeing_wind.export_field(format="VDB") == {"FINISHED"}
+    assert [folder.parent for folder in written] == [tmp_path]
+    with pytest.raises(RuntimeError, match="without its take, which PLY"):
+        bpy.ops.seeing_wind.export_field(format="PLY")
+
+
+def test_a_wind_is_no_body_and_no_obstacle(library) -> None:
+    assert bpy.ops.seeing_wind.add_wind() == {"FINISHED"} and bpy.context.active_object is not None
+    for insert in (bpy.ops.seeing_wind.insert_mesh, bpy.ops.seeing_wind.insert_collider):
+        with pytest.raises(RuntimeError, match="No mesh is selected|no mesh to collide"):
+            insert()
+
+
 def test_a_wind_goes_by_at_its_own_speed_and_what_it_carries_is_whole(library) -> None:
     scene = bpy.context.scene
     scene.render.fps, scene.cursor.location = 48, (1.0, 2.0, 3.0)

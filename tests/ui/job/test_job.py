@@ -54,7 +54,7 @@ def test_messages_arrive_in_order_and_end_with_the_exit() -> None:
     assert seen[-1] == {"type": "exit", "code": 0, "outcome": "done", "log": "log line of the worker"}
 
 
-def test_a_job_that_lacks_a_picture_is_done() -> None:
+def test_a_job_that_lacks_a_product_is_done() -> None:
     last = collect(start("warned"))[-1]
     assert last["outcome"] == "done" and last["code"] == DONE_WITH_WARNINGS
 

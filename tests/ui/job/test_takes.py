@@ -161,7 +161,7 @@ def test_a_take_that_was_recovered_anew_elsewhere_is_not_simulated_in_silently(p
     recover("//clip.mp4", distance=5.0, take="//clip.take")
     bpy.context.window.scene = mine
     for call in (bpy.ops.seeing_wind.resimulate, lambda: bpy.ops.seeing_wind.export_field(format="FGA")):
-        with pytest.raises(RuntimeError, match="recovered anew"):
+        with pytest.raises(RuntimeError, match="has been recovered again"):
             call()
     assert not job_operator.jobs
     assert bpy.ops.seeing_wind.build_scene() == {"FINISHED"} and status.of(mine.session_uid).steps["resimulate"].state == "stale"

@@ -45,7 +45,7 @@ def test_reload_into_a_new_file_fills_the_panel(take, workplace) -> None:
     assert settings.use_frames and settings.fov == pytest.approx(40.0) and settings.camera_mode == "FOV"
     assert (settings.material, settings.use_density, settings.density, settings.law) == ("paper", True, 800.0, "COROTATED")
     assert settings.gravity_mode == "CUSTOM" and settings.gravity[2] == pytest.approx(-3.0) and settings.iterations == 7
-    points = [(one.picture, tuple(one.place), one.beside) for one in settings.corrections]
+    points = [(one.clip_frame, tuple(one.place), one.beside) for one in settings.corrections]
     assert points == [(5, (20.5, 12.0), False), (3, (30.0, 11.0), True)]
     assert settings.mask == "", "a file that is gone is left out"
     steps = now(bpy.context.scene)
@@ -90,7 +90,7 @@ def simulated(take) -> Path:
     return theirs
 
 
-def test_the_edit_list_is_filled_and_the_object_wears_its_picture(take, simulated) -> None:
+def test_the_edit_list_is_filled_and_the_object_wears_its_frame(take, simulated) -> None:
     bpy.ops.seeing_wind.build_scene(take=str(take))
     scene = bpy.context.scene
     made = import_bodies(scene, simulated, scene.seeing_wind.frame_start)

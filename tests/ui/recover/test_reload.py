@@ -153,3 +153,15 @@ def test_what_was_deleted_is_made_anew(recovered, name: str) -> None:
     assert all(obj is not None and obj.name in recovered.objects for obj in made(recovered))
     field = recovered.seeing_wind.field_object
     assert field.field.type == "TEXTURE" and field.field.shape == "POINTS" and recovered.seeing_wind.arrows_object.parent == field
+
+
+def test_reload_after_everything_was_deleted_makes_it_once(recovered) -> None:
+    before = sorted(obj.name for obj in recovered.objects)
+    for obj in list(recovered.objects):
+        obj.hide_select = obj.hide_viewport = False
+        obj.hide_set(False)
+    bpy.ops.object.select_all(action="SELECT")
+    bpy.ops.object.delete()
+    assert not len(recovered.objects) and bpy.ops.seeing_wind.build_scene() == {"FINISHED"}
+    assert sorted(obj.name for obj in recovered.objects) == sorted(obj.name for obj in bpy.data.objects) == before
+    assert len(bpy.data.collections) == 1 and all(obj.users_scene for obj in bpy.data.objects)

@@ -108,7 +108,7 @@ def test_undo_and_redo_over_every_operator(workplace) -> None:
         ("add view", lambda: ops.add_view(clip=clip)),
         ("remove view", lambda: ops.remove_view()),
         ("draw box", lambda: ops.draw_box(box=(20.0, 20.0, 44.0, 44.0))),
-        ("correct outline", lambda: ops.correct_outline(place=(30.0, 30.0), picture=2, beside=True)),
+        ("correct outline", lambda: ops.correct_outline(place=(30.0, 30.0), clip_frame=2, beside=True)),
         ("clear corrections", lambda: ops.clear_corrections()),
         ("preview", lambda: ops.preview()),
         ("use held", lambda: ops.use_held()),

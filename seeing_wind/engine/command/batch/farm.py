@@ -49,7 +49,7 @@ class Farm:
         attempts: starts of one job at most.
     """
 
-    def __init__(self, cluster: Cluster, summary: Summary, progress: Progress, *, shared: bool = False, attempts: int = ATTEMPTS) -> None:
+    def __init__(self, cluster: Cluster, summary: Summary, progress: Progress, *, shared: bool, attempts: int) -> None:
         self.cluster, self.summary, self.progress = cluster, summary, progress
         self.shared, self.attempts = shared, attempts
         self.flights: list[Flight] = []

@@ -97,10 +97,10 @@ class Bundle:
         words += ["--composite"] if job.render is not None else []
         after = self._step(f"{job.name}: bake", BLENDER, _action("{{Param.Blender}}", words), after, [_ENGINE, _EXTENSION])
         if job.render is not None:
-            pictures = self._path(job.render.with_suffix(".frames"))
-            words = ["--background", self._path(scene), "--render-output", f"{pictures}/####", "--render-format", "PNG"]
+            frames = self._path(job.render.with_suffix(".frames"))
+            words = ["--background", self._path(scene), "--render-output", f"{frames}/####", "--render-format", "PNG"]
             words += ["--use-extension", "1", "--render-frame", "{{Task.Param.Frame}}"]
-            count = _pictures(job, maker)
+            count = _frame_count(job, maker)
             self.frames += count
             last = FIRST_FRAME + count - 1
             space = {"taskParameterDefinitions": [{"name": "Frame", "type": "INT", "range": f"{FIRST_FRAME}-{last}"}]}
@@ -180,7 +180,7 @@ def _action(command: str, words: list[str]) -> dict[str, Any]:
     return {"actions": {"onRun": {"command": command, "args": words}}}
 
 
-def _pictures(job: Job, maker: Job | None) -> int:
+def _frame_count(job: Job, maker: Job | None) -> int:
     """How many frames the job's clip has, so how many frames it renders.
 
     Raises:

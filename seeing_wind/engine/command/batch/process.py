@@ -8,11 +8,10 @@ import os
 import queue
 import subprocess
 import sys
-import threading
 from collections import deque
 from collections.abc import Generator, Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from ... import systems
 from ...errors import DONE_WITH_WARNINGS, SeeingWindError
@@ -56,7 +55,7 @@ def messages_of(words: Sequence[str], threads: int | None = None) -> Generator[l
     )  # fmt: skip
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
     log: deque[str] = deque(maxlen=LOG_LINES)
-    readers = [_reader(process.stdout, lines.put), _reader(process.stderr, log.append)]
+    readers = [systems.reader(process.stdout, lines.put), systems.reader(process.stderr, log.append)]
     error: Message | None = None
     try:
         while process.poll() is None or readers[0].is_alive() or not lines.empty():
@@ -84,17 +83,6 @@ def _environment(threads: int | None) -> dict[str, str]:
     path = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
     given = {} if threads is None else dict.fromkeys(THREADS, str(threads))
     return {**os.environ, "PYTHONPATH": path, "PYTHONUTF8": "1", "PYTHONSAFEPATH": "1", CANCEL_BY_STDIN: "1", **given}
-
-
-def _reader(stream: IO[str] | None, put: Any) -> threading.Thread:
-    def read() -> None:
-        with contextlib.suppress(ValueError, OSError):  # the pipe was closed from this side
-            for line in stream or ():
-                put(line.rstrip("\n"))
-
-    thread = threading.Thread(target=read, daemon=True)
-    thread.start()
-    return thread
 
 
 def _message(line: str) -> Message:

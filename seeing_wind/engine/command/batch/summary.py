@@ -42,7 +42,7 @@ class Summary:
         UsageError: where the summary is to be, there is a folder.
     """
 
-    def __init__(self, path: Path, jobs: list[Job], *, whole: bool, again: bool = False) -> None:
+    def __init__(self, path: Path, jobs: list[Job], *, whole: bool, again: bool) -> None:
         self.path = path.with_name(path.stem + SUMMARY)
         if self.path.exists() and not self.path.is_file():
             raise UsageError(f"The summary's place {self.path} is taken by what is no file.", "Move it away, or rename the file of jobs.")

@@ -13,6 +13,10 @@ from .planes import Planes, Stencil, decoder
 TRIPLANE_AXES = [(0, 1), (0, 2), (1, 2)]
 
 
+WIDTH = 16
+"""Of the hidden layer of the encoder of time."""
+
+
 class CausalTimeEncoder(nn.Module):
     """phi: a small MLP from time to a feature vector, with weights of its own in every frame.
 
@@ -21,20 +25,20 @@ class CausalTimeEncoder(nn.Module):
     frames at once.
     """
 
-    def __init__(self, frames: int, features: int, width: int = 16) -> None:
+    def __init__(self, frames: int, features: int) -> None:
         super().__init__()
-        self.frames, self.features, self.width = frames, features, width
-        first = torch.cat([0.5 * torch.randn(2 * width), torch.randn(features * width) / width**0.5, torch.zeros(features)])
+        self.frames, self.features = frames, features
+        first = torch.cat([0.5 * torch.randn(2 * WIDTH), torch.randn(features * WIDTH) / WIDTH**0.5, torch.zeros(features)])
         self.first = nn.Parameter(first)
         self.step = nn.Parameter(torch.zeros(frames - 1, len(first)))
 
     def codes(self) -> torch.Tensor:
         """phi of every frame, (T, features)."""
         theta = self.first + torch.cat([torch.zeros_like(self.first)[None], self.step.cumsum(dim=0)])
-        slope, offset, out, bias = theta.split([self.width, self.width, self.features * self.width, self.features], dim=1)
+        slope, offset, out, bias = theta.split([WIDTH, WIDTH, self.features * WIDTH, self.features], dim=1)
         time = torch.linspace(-1, 1, self.frames, dtype=theta.dtype)[:, None] if self.frames > 1 else theta.new_zeros(1, 1)
         hidden = torch.tanh(slope * time + offset)
-        return torch.einsum("tfw,tw->tf", out.view(self.frames, self.features, self.width), hidden) + bias
+        return torch.einsum("tfw,tw->tf", out.view(self.frames, self.features, WIDTH), hidden) + bias
 
     def variation(self) -> torch.Tensor:
         """L_time = |theta_t - theta_(t-1)|, Eq. (15), as a mean square: the absolute value has its kink at the start."""

@@ -65,9 +65,9 @@ def relit(plate: np.ndarray, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return np.clip(np.round(plate * ratio), 0, 255).astype(np.uint8)
 
 
-def _light(picture: np.ndarray) -> np.ndarray:
+def _light(frame: np.ndarray) -> np.ndarray:
     """Blurred by `LIGHT`, and faintly by the far light, which is blurred in a frame reduced four times."""
-    height, width = picture.shape[:2]
-    small = cv2.resize(picture, (max(width // 4, 1), max(height // 4, 1)), interpolation=cv2.INTER_AREA)
+    height, width = frame.shape[:2]
+    small = cv2.resize(frame, (max(width // 4, 1), max(height // 4, 1)), interpolation=cv2.INTER_AREA)
     far = cv2.resize(cv2.GaussianBlur(small, (0, 0), FAR * LIGHT / 4), (width, height), interpolation=cv2.INTER_LINEAR)
-    return cv2.GaussianBlur(picture, (0, 0), LIGHT) + FAINT * far
+    return cv2.GaussianBlur(frame, (0, 0), LIGHT) + FAINT * far

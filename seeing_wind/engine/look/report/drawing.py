@@ -43,12 +43,12 @@ class Dials:
         self._alpha = panels[..., 3:] / 255
         self._panel = panels[..., :3] * self._alpha
 
-    def draw(self, canvas: np.ndarray, seen: np.ndarray, mean: np.ndarray, picture: int, seconds: float) -> None:
+    def draw(self, canvas: np.ndarray, seen: np.ndarray, mean: np.ndarray, frame: int, seconds: float) -> None:
         """Draw into `canvas` (H, W, 3) RGB.
 
         Args:
             seen: (3,) mean force density in the camera's axes [N/m³]; mean: the same in world axes.
-            picture, seconds: what the clock shows.
+            frame, seconds: what the clock shows.
         """
         canvas[:] = (canvas * (1 - self._alpha) + self._panel + 0.5).astype(np.uint8)
         strength = float(np.linalg.norm(mean))
@@ -57,7 +57,7 @@ class Dials:
         draw_arrow(canvas, centre, centre + seen[:2] / self.strongest * self.radius * 0.96, colour, 1.2 * self.unit)
         u, beside = self.unit, self.centre[0] + self.radius + 14 * self.unit
         self._write(canvas, (beside, self.centre[1] - 9 * u), f"{_three_digits(strength)} N/m³", self.bold, INK)
-        self._write(canvas, (24 * u, 28 * u), f"{picture:03d}", self.bold, INK)
+        self._write(canvas, (24 * u, 28 * u), f"{frame:03d}", self.bold, INK)
         self._write(canvas, (66 * u, 28 * u), f"{seconds:.2f} s", self.small, FAINT)
 
     def _write(

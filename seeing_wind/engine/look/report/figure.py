@@ -29,7 +29,7 @@ def draw_report(
     particles: Particles,
     fps: float,
     confidence: np.ndarray,
-    observation: Observation | None = None,
+    observation: Observation | None,
 ) -> None:
     """Draw four panels (net force, residual, confidence on the body, the first frame) to a PNG.
 
@@ -41,15 +41,15 @@ def draw_report(
     # A figure of its own canvas: pyplot would keep global state and choose a back end by the display.
     figure = Figure(figsize=(12.4, 8.2), dpi=120, facecolor=PAPER, layout=ConstrainedLayoutEngine(w_pad=0.14, h_pad=0.14))
     FigureCanvasAgg(figure)
-    (force, picture), (residual, cover) = figure.subplots(2, 2, width_ratios=(1.15, 1))
+    (force, image), (residual, cover) = figure.subplots(2, 2, width_ratios=(1.15, 1))
     figure.suptitle(_headline(figures), x=0.012, ha="left", fontsize=13, color=INK, fontweight="bold")
     _net_force(force, np.array(figures["net_force"]), fps, recovery.wild)
     _residual(residual, recovery, fps)
     _confidence(cover, figure, recovery, confidence)
     if observation is None:
-        _path(picture, figure, recovery, particles)
+        _path(image, figure, recovery, particles)
     else:
-        _first_picture(picture, observation)
+        _first_frame(image, observation)
     figure.savefig(path, format="png")
 
 
@@ -144,7 +144,7 @@ def _path(axes: Axes, figure: Figure, recovery: Recovery, particles: Particles) 
     _bar(figure, axes, dots)
 
 
-def _first_picture(axes: Axes, observation: Observation) -> None:
+def _first_frame(axes: Axes, observation: Observation) -> None:
     axes.set_title("First frame: object, tracked points and their paths", **STYLE)
     axes.imshow(observation.image)
     mask = observation.masks[0]

@@ -56,10 +56,10 @@ def film(observation: Observation, recovery: Recovery, small: Observation, keep:
     return Footage(clip, observation, Lens(observation.camera), small)
 
 
-def check_length(pictures: int, recovery: Recovery) -> None:
+def check_length(frames: int, recovery: Recovery) -> None:
     """Raises ClipError where the clip has fewer frames than the recovery."""
-    if pictures < len(recovery.x):
-        raise ClipError(f"The clip has {pictures} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
+    if frames < len(recovery.x):
+        raise ClipError(f"The clip has {frames} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
 
 
 def reduced(observation: Observation) -> Observation:
@@ -70,8 +70,8 @@ def reduced(observation: Observation) -> Observation:
         return observation
     size = (round(width * factor), round(height * factor))
 
-    def smaller(picture: np.ndarray) -> np.ndarray:
-        return cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    def smaller(frame: np.ndarray) -> np.ndarray:
+        return cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
 
     scale = np.array(size) / [width, height]
     return replace(

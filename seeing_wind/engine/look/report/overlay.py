@@ -50,14 +50,14 @@ def write_overlay(
     """
     progress = progress or NoProgress()
     drawing = _Drawing(observation, recovery, field.fps, sampled or sample_points(field, recovery.x[:-1]))
-    pictures = iter(frames)
+    images = iter(frames)
     with take.writing("overlay.mp4") as path, video_writer(path, field.fps, drawing.size) as writer:
-        for picture in range(recovery.x.shape[0]):
-            image = next(pictures, None)
+        for number in range(recovery.x.shape[0]):
+            image = next(images, None)
             if image is None:
-                raise ClipError(f"The clip has {picture} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
-            writer.write(cv2.cvtColor(drawing.draw(image, picture), cv2.COLOR_RGB2BGR))
-            progress.update((picture + 1) / len(recovery.x), "overlay.mp4")
+                raise ClipError(f"The clip has {number} frames, the recovery {len(recovery.x)}.", "Has the file been changed?")
+            writer.write(cv2.cvtColor(drawing.draw(image, number), cv2.COLOR_RGB2BGR))
+            progress.update((number + 1) / len(recovery.x), "overlay.mp4")
 
 
 class _Drawing:
@@ -77,22 +77,22 @@ class _Drawing:
         self.dials = Dials(self.size, self.top, float(np.linalg.norm(self.mean, axis=1).max()))
         self.metres = LONGEST * height * _depth(self.camera, recovery.x[0], 0) / self.camera.fy
 
-    def draw(self, image: np.ndarray, picture: int) -> np.ndarray:
-        """Frame `picture` (H, W, 3) RGB with arrows and dials, at the video's size. The last frame repeats the last interval's force."""
-        frame = min(picture, len(self.force) - 1)
+    def draw(self, image: np.ndarray, number: int) -> np.ndarray:
+        """Frame `number` (H, W, 3) RGB with arrows and dials, at the video's size. The last frame repeats the last interval's force."""
+        frame = min(number, len(self.force) - 1)
         canvas = cv2.resize(image, self.size, interpolation=cv2.INTER_CUBIC)
         force, confidence = self.force[frame], self.confidence[frame]
-        start = self.recovery.x[picture, self.chosen]
-        tail, depth = self.camera.project(start, picture)
-        tip, tip_depth = self.camera.project(start + force / self.top * self.metres, picture)
+        start = self.recovery.x[number, self.chosen]
+        tail, depth = self.camera.project(start, number)
+        tip, tip_depth = self.camera.project(start + force / self.top * self.metres, number)
         colours = force_colours(np.linalg.norm(force, axis=1) / self.top)
         paleness = np.clip(1 - 2 * confidence, 0, 1)[:, None]
         colours += paleness * (200 - colours)
         for k in np.argsort(-depth):
             if min(depth[k], tip_depth[k]) > 0 and confidence[k] >= SHOWN:
                 draw_arrow(canvas, self._on_canvas(tail[k]), self._on_canvas(tip[k]), tuple(colours[k].tolist()), self.dials.unit)
-        rotation = self.camera.pose(picture)[:3, :3]
-        self.dials.draw(canvas, self.mean[frame] @ rotation, self.mean[frame], picture, picture / self.fps)
+        rotation = self.camera.pose(number)[:3, :3]
+        self.dials.draw(canvas, self.mean[frame] @ rotation, self.mean[frame], number, number / self.fps)
         return canvas
 
     def _on_canvas(self, pixel: np.ndarray) -> np.ndarray:
@@ -108,5 +108,5 @@ def _carriers(observation: Observation, x: np.ndarray) -> np.ndarray:
     return farthest_points(x[0], min(count, x.shape[1]))
 
 
-def _depth(camera: Camera, x: np.ndarray, picture: int) -> float:
-    return float(np.abs(camera.project(x.mean(axis=0), picture)[1]))
+def _depth(camera: Camera, x: np.ndarray, number: int) -> float:
+    return float(np.abs(camera.project(x.mean(axis=0), number)[1]))

@@ -13,14 +13,14 @@ from ...progress import Journal, NoProgress, Progress
 from ...records import Body, Gaussians, Material, Observation, Particles, Recovery, as_found
 from ...settings import RecoverSettings, to_mapping
 from ...take import Take
-from ..over_clip import pictures_fitted
+from ..over_clip import frames_fitted
 from ..ply import write_ply
 from .accuracy import field_errors, uniform_errors
 from .figure import draw_report
 from .footage import Footage, film, reduced
 from .overlay import write_overlay
 from .products import Level, Products
-from .resimulated import likeness, look_over_clip, pictures_measured, write_resimulated
+from .resimulated import frames_measured, likeness, look_over_clip, write_resimulated
 
 
 def write_report(
@@ -68,8 +68,8 @@ def write_report(
         return figures
     small, full = reduced(observation), level == "full"
     _first(take, products, figures, recovery, body.particles, field.fps, confidence, small)
-    measured = pictures_measured(observation.masks, recovery) if full else []
-    keep = {*measured, *pictures_fitted(observation.masks, recovery).tolist()} if full else set(measured)
+    measured = frames_measured(observation.masks, recovery) if full else []
+    keep = {*measured, *frames_fitted(observation.masks, recovery).tolist()} if full else set(measured)
     footage = products.make("clip", lambda: film(observation, recovery, small, keep, progress))
     if footage is not None:
         products.film(take.file("overlay.mp4"), lambda: write_overlay(take, footage.clip.frames, small, recovery, field, progress, sampled))
@@ -161,7 +161,7 @@ def _figures(
         "seconds": {stage: round(spent, 3) for stage, spent in (seconds | {"total": _total(seconds)}).items()},
         "residual": _residual(recovery.residual),
         "residual_unit": recovery.residual_unit,
-        "residual_per_picture": [float(value) if np.isfinite(value) else None for value in recovery.residual],
+        "residual_per_frame": [float(value) if np.isfinite(value) else None for value in recovery.residual],
         "frames": field.frames,
         "fps": field.fps,
         "particles": len(particles.x),

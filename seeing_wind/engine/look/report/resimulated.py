@@ -14,7 +14,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from ...masks import Masks, areas
+from ...masks import Masks, areas, box_of, rows_columns
 from ...observe.clip.lens import Lens
 from ...observe.clip.stored import Frames
 from ...observe.clip.video import video_writer
@@ -24,7 +24,7 @@ from ...take import Take
 from .. import over_clip
 from ..gaussians import covariances
 from ..over_clip import Box
-from ..splatting import picture
+from ..splatting import render_gaussians
 from .backdrop import behind
 from .footage import Footage, check_length
 
@@ -100,8 +100,8 @@ def write_resimulated(
             writer.write(cv2.cvtColor(image[: height // 2 * 2, : width // 2 * 2], cv2.COLOR_RGB2BGR))
             mask = observation.masks[t]
             if mask.any():
-                rows, columns = _around(mask)
-                likeness.add(t, filmed[rows, columns], image[rows, columns], mask[rows, columns])
+                part = rows_columns(box_of(mask))
+                likeness.add(t, filmed[part], image[part], mask[part])
     return likeness.figures()
 
 
@@ -124,34 +124,28 @@ def _in_parts(render: Callable[[int], np.ndarray], count: int, journal: Journal)
         return _Part(np.cumsum([len(one) for one in files]), np.concatenate(files))
 
     for begin in range(0, count, PART):
-        kept = journal.once("pictures", _Part, partial(part, begin))
+        kept = journal.once("frames", _Part, partial(part, begin))
         for low, high in pairwise([0, *kept.ends.tolist()]):
             yield cv2.imdecode(kept.packed[low:high], cv2.IMREAD_COLOR)
 
 
-def pictures_measured(masks: Masks, recovery: Recovery) -> list[int]:
+def frames_measured(masks: Masks, recovery: Recovery) -> list[int]:
     """Frame 0 and at most `SAMPLED` later ones that show the object, evenly spread: those of a large clip that `likeness` is told of."""
     seen = 1 + np.flatnonzero(areas(masks[t] for t in range(1, len(recovery.x))) > 0)
     spread = np.unique(np.linspace(0, len(seen) - 1, SAMPLED).round().astype(int)) if len(seen) else []
     return ([0] if masks[0].any() else []) + [int(t) for t in seen[spread]]
 
 
-def likeness(footage: Footage, body: Body, recovery: Recovery, pictures: list[int], progress: Progress | None = None) -> dict[str, float]:
+def likeness(footage: Footage, body: Body, recovery: Recovery, frames: list[int], progress: Progress | None = None) -> dict[str, float]:
     """The figures of `write_resimulated` at the file's own size, of some of its frames, which are rendered in the object's box only."""
     progress, found = progress or NoProgress(), _Likeness()
-    for number, t in enumerate(pictures):
-        progress.update(number / len(pictures), "likeness to the clip")
+    for number, t in enumerate(frames):
+        progress.update(number / len(frames), "likeness to the clip")
         mask, filmed = footage.seen.masks[t], footage.straight(t)
-        rows, columns = _around(mask)
-        box = (columns.start, rows.start, columns.stop, rows.stop)
-        found.add(t, filmed[rows, columns], resimulated(filmed, footage.seen, body, recovery, t, box), mask[rows, columns])
+        box = box_of(mask)
+        part = rows_columns(box)
+        found.add(t, filmed[part], resimulated(filmed, footage.seen, body, recovery, t, box), mask[part])
     return found.figures()
-
-
-def _around(mask: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of the box round a mask (H, W) bool that is not empty."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
 
 
 def look_over_clip(footage: Footage, body: Body, recovery: Recovery, progress: Progress | None = None) -> Body:
@@ -192,7 +186,7 @@ def resimulated(filmed: np.ndarray, observation: Observation, body: Body, recove
         return canvas
     part = replace(camera, width=x1 - x0, height=y1 - y0, cx=camera.cx - x0, cy=camera.cy - y0)
     part = replace(part, camera_to_world=camera.pose(t), distortion=())
-    colour, alpha = picture(body.gaussians, part, 0, x, F)
+    colour, alpha = render_gaussians(body.gaussians, part, 0, x, F)
     alpha = np.clip(alpha, 0.0, 1.0)[..., None]
     canvas = canvas.copy()
     under = canvas[y0 - top : y1 - top, x0 - left : x1 - left]

@@ -29,7 +29,7 @@ class CopiesRun:
         device.start(model.device)
         self.model, self.packing = model, Packing(model, "double", 1)
         self.particle = self.packing.particle.reshape(-1)
-        self.window = np.zeros(3 * (substep.SOLID_LO + 1), np.int32)
+        self.bounds = np.zeros(3 * (substep.SOLID_LO + 1), np.int32)
         self.kernel = Launcher(copies_forward.substeps_of_copies, self.packing.real)
         self.most, self.capacity = most_nodes or MOST_NODES, 0
         """Nodes of each grid."""
@@ -96,7 +96,7 @@ class CopiesRun:
         most = max(1, _WORK_PER_LAUNCH * 3 // len(force))
         begin = 0
         for piece, end in zip(pieces, ends_of(len(pieces), substeps)):
-            self.window[3 * substep.CLAMP_LO :] = piece.lo
+            self.bounds[3 * substep.CLAMP_LO :] = piece.lo
             while begin < end:
                 begin = min(begin + most, end)
                 if not ((status[:, CODE] == substep.RUNNING) & (status[:, DONE] < begin)).any():
@@ -104,7 +104,7 @@ class CopiesRun:
                 progress.check()
                 self.kernel(
                     self.model.plastic, begin, self.capacity, self.particle, state, force, piece.pin_velocity, *piece.boundary,
-                    piece.lattice, self.window, boxes, self.grid, self.velocity if len(boxes) else self.grid, status,
+                    piece.lattice, self.bounds, boxes, self.grid, self.velocity if len(boxes) else self.grid, status,
                 )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ class Body:
         self.status = np.zeros((self.packing.tasks, 2), np.int32)
         self.workers = min(self.packing.tasks, workers or device.cores())
         self.roster = roster(parallel_forward.PHASES * _MOST_PER_LAUNCH, self.workers)
-        self.window = np.zeros(parallel.WINDOW, np.int32)
+        self.bounds = np.zeros(parallel.BOUNDS, np.int32)
         """lo, dims of the box of nodes in use, `Piece.lo`, then a number each, see `parallel`: what kernels look up, changed in place."""
         self.forward_kernel = Launcher(parallel_forward.substeps, self.real)
         self.adjoint_kernel = Launcher(parallel_adjoint.substep_adjoint, self.real)
@@ -78,7 +78,7 @@ class Body:
         gradient: np.ndarray | None,
         frame: int,
         progress: Progress,
-        stride: Callable[[int], int] = lambda substeps: substeps,
+        stride: Callable[[int], int],
         into: State | None = None,
     ) -> tuple[State | None, FrameRun, tuple[int, int, int]]:
         """As `frame`, with None and a status (code, particle, substep) of `substep` where that raises SimulationError."""
@@ -109,7 +109,7 @@ class Body:
             code, particle, boxes, done = self._substeps(run, s, 1 if kept else self._stretch(run, s, end, stride), state, after, boxes)
             if code != substep.RUNNING:
                 return code, particle, s + max(done - 1, 0)
-            if kept and stride == 1 and 4 * (nodes := math.prod(window(before)[1])) <= len(run.order):
+            if kept and stride == 1 and 4 * (nodes := math.prod(bounds(before)[1])) <= len(run.order):
                 run.grids[s] = aligned_copy(self.momentum[:nodes])
             state, s = after, s + done
             if s == end or s % stride == 0:
@@ -136,7 +136,7 @@ class Body:
             boxes = boxes.copy()
         self.status[:] = 0
         self._launch(run, piece, state, after, boxes, count)
-        done = int(self.window[parallel.DONE])
+        done = int(self.bounds[parallel.DONE])
         if self.status.any():
             code = int(self.status[np.flatnonzero(self.status[:, 0])[0], 0])
             return *self._diagnosis(code, run, piece, after), boxes, done
@@ -153,16 +153,16 @@ class Body:
         return code, int(run.order[worst])
 
     def _launch(self, run: FrameRun, piece: Piece, state: np.ndarray, after: np.ndarray, boxes: np.ndarray, count: int) -> None:
-        """So many substeps from the window of `boxes` on, which `_look` has set; with 0 one as far as the nodes."""
+        """So many substeps from the bounds of `boxes` on, which `_look` has set; with 0 one as far as the nodes."""
         self.roster[: parallel_forward.PHASES * max(count, 1)] = 0
         self.forward_kernel(
             self.plastic, count, self.workers, self.roster, run.first, run.particle, state, after, run.force,
-            piece.pin_velocity, *piece.boundary, piece.lattice, self.window, boxes, self.status, self.grid, self.momentum, self.velocity,
+            piece.pin_velocity, *piece.boundary, piece.lattice, self.bounds, boxes, self.status, self.grid, self.momentum, self.velocity,
         )  # fmt: skip
 
     def _look(self, piece: Piece, boxes: np.ndarray) -> bool:
-        """Sets the window to that of `boxes`, and makes the grids large enough, with room to grow; False where it has burst."""
-        lo, dims = window(boxes)
+        """Sets the bounds to those of `boxes`, and makes the grids large enough, with room to grow; False where it has burst."""
+        lo, dims = bounds(boxes)
         wanted, plane = math.prod(dims), dims[1] * dims[2]
         if wanted > MOST_NODES or max(dims[1:]) > MOST_NODES_ACROSS:
             return False
@@ -175,8 +175,8 @@ class Body:
             self.momentum, self.velocity = (aligned((wanted + wanted // 3, 4), self.real) for _ in range(2))
         if room > len(self.grid):
             self.grid = aligned((min(room + room // 3, MOST_INDEXED), 4), self.real)
-        self.window[:3], self.window[3:6], self.window[6:12] = lo, dims, piece.lo
-        self.window[parallel.CAPACITY :] = min(len(self.velocity), MOST_NODES), len(self.grid), 0, 0
+        self.bounds[:3], self.bounds[3:6], self.bounds[6:12] = lo, dims, piece.lo
+        self.bounds[parallel.CAPACITY :] = min(len(self.velocity), MOST_NODES), len(self.grid), 0, 0
         return True
 
     # -- backwards ----------------------------------------------------------------------------------------------------------------
@@ -222,12 +222,12 @@ class Body:
         self.roster[: parallel_adjoint.PHASES] = 0
         self.adjoint_kernel(
             self.plastic, int(material), self.workers, self.roster, run.first, run.particle, state, run.kept[s + 1][0], run.force,
-            bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.window, boxes,
+            bar, force_bar, particle_bar, *piece.boundary, piece.lattice, self.bounds, boxes,
             self.grid_bar, momentum, self.velocity, self.momentum_bar,
         )  # fmt: skip
 
 
-def window(boxes: np.ndarray) -> tuple[list[int], list[int]]:
+def bounds(boxes: np.ndarray) -> tuple[list[int], list[int]]:
     """First node and node counts, three each, of the box that all tasks' particles touch."""
     # In Python's integers: the box of an exploding body overflows 32 bits.
     first_and_last = list(zip(*boxes.tolist()))

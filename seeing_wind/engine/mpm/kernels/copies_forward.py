@@ -102,7 +102,7 @@ def substeps_of_copies(
     particle: constants, state: states, force: forces, pin_velocity: rows,
     # at the nodes, see `conditions.boundary_velocity`
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
-    lattice: numbers, window: integers,  # `lattice_of`; rows CLAMP_LO and SOLID_LO of `substep`
+    lattice: numbers, bounds: integers,  # `lattice_of`; rows CLAMP_LO and SOLID_LO of `substep`
     # (S, 6) out, first node and node counts, or (0, 6). With it there is one copy, the states of all substeps lie one after the other, as
     # do the grids of momentum and mass; without it all is in place, and the velocities are in the grid
     boxes: table, grid: nodes, velocity: nodes,
@@ -129,7 +129,7 @@ def substeps_of_copies(
                     copy_to_grid(plastic, now, r * count, count, wanted, at, particle, state, force, offset, dx, dt, lo, dims, grid)
                     for node in range(wanted):
                         velocity[bounded(to + node, MOST_NODES)] = node_velocity(
-                            node, grid[bounded(at + node, MOST_NODES)], lo, dims, window, offset, dx,
+                            node, grid[bounded(at + node, MOST_NODES)], lo, dims, bounds, offset, dx,
                             clamp, clamp_velocity, planes, solid,
                         )  # fmt: skip
                     code, status[r, CULPRIT], lo, dims = grid_to_copy(

@@ -32,7 +32,7 @@ def share(part, parts, count):
 
 
 @ti.func
-def taken(roster: ti.template(), phase, worker, workers, tasks):
+def take(roster: ti.template(), phase, worker, workers, tasks):
     """A task of the phase for this worker alone; `tasks` when none is left.
 
     A worker takes those of its own share first, the same in every phase, as what they need may still be in its core's cache.

@@ -8,7 +8,7 @@ All comes from the states, the boxes and the grids of every substep, as `copies_
 from ..compiler import ti
 from ..lattice.conditions import in_box
 from ..laws.constitutive import kirchhoff, kirchhoff_adjoint
-from ..laws.eigen import left_cauchy_green, product, relative_deviator
+from ..laws.eigen import from_columns, left_cauchy_green, product, relative_deviator
 from ..laws.plasticity import VON_MISES, certainly_elastic, hencky_both_ways, plastic_flow_adjoint
 from ..laws.viscous import doubled_rate, is_damped, viscous
 from .packed import (
@@ -27,7 +27,6 @@ from .packed import (
     integers,
     lattice_of,
     lattice_rows,
-    matrix,
     nodes,
     numbers,
     rows,
@@ -39,7 +38,7 @@ from .packed import (
     triple,
 )
 from .packed import MOST_NODES as MOST_INDEXED
-from .substep import CLAMP_LO, brought, node_velocity, place
+from .substep import CLAMP_LO, node_terms, node_velocity, place
 
 WEIGHTS, PLACE, STRESS, PULL, SLOPES, FLOAT, TURN, SWIRL, GROWTH = 0, 9, 12, 93, 102, 111, 123, 132, 159
 """Where in a linearised particle's numbers they are:
@@ -51,7 +50,7 @@ and in a body with a plastic law, where STRESS is without tau L^T,
 
     SLOPES   3 i + a  derivatives of the weights [1/m]     TURN    dv by dx, 3 c + e
     GROWTH   I + dt C                                      SWIRL   dC by dx, 9 c + 3 d + e
-    FLOAT    S X Y Z of `substep.brought`, three each: what the particle brings to node (i, j, k) is S + i X + j Y + k Z
+    FLOAT    S X Y Z of `substep.node_terms`, three each: what the particle brings to node (i, j, k) is S + i X + j Y + k Z
 """
 RECORD, PLASTIC_RECORD = 102, 168
 """How many there are."""
@@ -72,7 +71,7 @@ masses = ti.types.ndarray(dtype=ti.f32, ndim=2)
 @ti.kernel
 def node_motion(
     begin: ti.i32, end: ti.i32, capacity: ti.i32, least_mass: ti.f64, boxes: table, momentum: nodes,
-    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, lattice: numbers, window: integers,
+    clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows, lattice: numbers, bounds: integers,
     inverse_mass: masses, velocity: singles,
 ):  # fmt: skip
     """Out, for substeps `begin` to `end`: inverse_mass (S, nodes), zero for nodes that are clamped or have less than least_mass [kg], and
@@ -81,7 +80,7 @@ def node_motion(
         offset, dx, dt = lattice_of(lattice)
         lo, dims = ti.Vector([boxes[s, a] for a in range(3)]), ti.Vector([boxes[s, 3 + a] for a in range(3)])
         if node < dims[0] * dims[1] * dims[2]:
-            g, c = momentum[bounded(s * capacity + node, MOST_INDEXED)], place(node, lo, dims) - triple(window, CLAMP_LO)
+            g, c = momentum[bounded(s * capacity + node, MOST_INDEXED)], place(node, lo, dims) - triple(bounds, CLAMP_LO)
             stands = False
             if in_box(c, clamp):
                 stands = clamp[c[0], c[1], c[2]] != 0
@@ -89,7 +88,7 @@ def node_motion(
             if g[3] > least_mass and not stands:
                 inverse = 1.0 / g[3]
             inverse_mass[s, node] = ti.cast(inverse, ti.f32)
-            v = node_velocity(node, g, lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid)
+            v = node_velocity(node, g, lo, dims, bounds, offset, dx, clamp, clamp_velocity, planes, solid)
             for a in ti.static(range(3)):
                 velocity[3 * (s * inverse_mass.shape[1] + node) + a] = ti.cast(v[a], ti.f32)
 
@@ -187,7 +186,7 @@ def linearise(
         F0, F1, F2 = state[row], state[row + 1], state[row + 2]
         node, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
         corner[s, p] = node
-        w, F, C = spline(f), matrix(F0, F1, F2), matrix(state[row + 3], state[row + 4], state[row + 5])
+        w, F, C = spline(f), from_columns(F0, F1, F2), from_columns(state[row + 3], state[row + 4], state[row + 5])
         for i, a in ti.static(ti.ndrange(3, 3)):
             record[at + WEIGHTS + 3 * i + a] = ti.cast(w[i][a], ti.f32)
             record[at + PULL + 3 * i + a] = ti.cast(dt * F[i, a], ti.f32)
@@ -195,8 +194,8 @@ def linearise(
             record[at + PLACE + a] = ti.cast(f[a], ti.f32)
         tau = stress_derivative(plastic, at + STRESS, own, dx, dt, particle, F, C, record)
         if ti.static(plastic):
-            slope, rate = spline_slope(f), matrix(state[after + 3], state[after + 4], state[after + 5])
-            S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
+            slope, rate = spline_slope(f), from_columns(state[after + 3], state[after + 4], state[after + 5])
+            S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
             for i, a in ti.static(ti.ndrange(3, 3)):
                 record[at + SLOPES + 3 * i + a] = ti.cast(slope[i][a] / dx, ti.f32)
                 record[at + GROWTH + 3 * i + a] = ti.cast(dt * rate[i, a] + (1.0 if ti.static(i == a) else 0.0), ti.f32)

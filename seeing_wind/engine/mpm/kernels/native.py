@@ -26,8 +26,8 @@ def aligned_zeros(shape: tuple[int, ...], real: np.typing.DTypeLike) -> np.ndarr
     return array
 
 
-def aligned_copy(array: np.ndarray, real: np.typing.DTypeLike = None) -> np.ndarray:
-    """A copy of the array that is `aligned`, of dtype `real` or its own."""
-    copy = aligned(array.shape, real or array.dtype)
+def aligned_copy(array: np.ndarray) -> np.ndarray:
+    """A copy of the array that is `aligned`."""
+    copy = aligned(array.shape, array.dtype)
     copy[...] = array
     return copy

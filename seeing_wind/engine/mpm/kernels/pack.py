@@ -3,7 +3,8 @@
 # mypy: ignore-errors
 
 from ..compiler import ti
-from .packed import MOST_PARTICLES, bounded, forces, matrix, rows_of, states
+from ..laws.eigen import from_columns
+from .packed import MOST_PARTICLES, bounded, forces, rows_of, states
 
 order_of = ti.types.ndarray(dtype=ti.i32, ndim=1)
 numbers = ti.types.ndarray(dtype=ti.f64, ndim=1)
@@ -92,6 +93,6 @@ def combine_forces(phi: vectors, dphi: matrices, gravity: vectors, coefficients:
             G += c.outer_product(slope)
         at = rows_of(q)
         F0, F1, F2 = state[at[0]], state[at[0] + 1], state[at[0] + 2]
-        G = G @ matrix(F0, F1, F2).inverse()
+        G = G @ from_columns(F0, F1, F2).inverse()
         for j in ti.static(range(3)):
             force[at[1] + j] = ti.Vector([G[0, j], G[1, j], G[2, j], a[j]])

@@ -64,22 +64,22 @@ def lattice_of(lattice: ti.template()):
 
 
 @ti.func
-def triple(window: ti.template(), row: ti.template()):
-    """A row of three of the array of integers `window`, see `body.Body`."""
-    return ti.Vector([window[3 * row], window[3 * row + 1], window[3 * row + 2]])
+def triple(bounds: ti.template(), row: ti.template()):
+    """A row of three of the array of integers `bounds`, see `body.Body`."""
+    return ti.Vector([bounds[3 * row], bounds[3 * row + 1], bounds[3 * row + 2]])
 
 
 @ti.func
-def window_of(window: ti.template()):
+def bounds_of(bounds: ti.template()):
     """lo (3,), dims (3,), the box of nodes in use."""
-    d = triple(window, 1)
-    return triple(window, 0), ti.Vector([d[0], bounded(d[1], MOST_NODES_ACROSS), bounded(d[2], MOST_NODES_ACROSS)])
+    d = triple(bounds, 1)
+    return triple(bounds, 0), ti.Vector([d[0], bounded(d[1], MOST_NODES_ACROSS), bounded(d[2], MOST_NODES_ACROSS)])
 
 
 @ti.func
-def node_count(window: ti.template()):
+def node_count(bounds: ti.template()):
     """Nodes in the box of those in use."""
-    d = triple(window, 1)
+    d = triple(bounds, 1)
     return d[0] * d[1] * d[2]
 
 
@@ -93,18 +93,6 @@ def with_fourth(a, fourth):
 def fourths(a, b, c, fourth):
     """The fourth numbers of a, b, c, and `fourth`."""
     return ti.Vector([a[3], b[3], c[3], fourth])
-
-
-@ti.func
-def matrix(a, b, c):
-    """(3, 3) with the columns a, b, c, of which the fourth numbers are left out."""
-    return ti.Matrix([[a[i], b[i], c[i]] for i in ti.static(range(3))])
-
-
-@ti.func
-def combined(a, b, c, by):
-    """by_0 a + by_1 b + by_2 c: the product of the matrix of columns a, b, c with `by`."""
-    return by[0] * a + by[1] * b + by[2] * c
 
 
 @ti.func

@@ -2,7 +2,7 @@
 
 Particles are sorted by cell and dealt out to `tasks` in runs of equal length, so that a task's particles fill a slab of the grid. Every
 task adds to a grid of its own, as large as its slab, with plain adds; only the slabs' overlaps are summed.
-The window of nodes in use is found from `boxes`, which each g2p leaves behind.
+The bounds of the nodes in use are found from `boxes`, which each g2p leaves behind.
 """
 # The compiler reads the annotations of kernels at run time: they are values, which mypy cannot check and `annotations` may not postpone.
 # mypy: ignore-errors
@@ -15,20 +15,20 @@ from .packed import (
     MOST_PARTICLES,
     base_of,
     bounded,
+    bounds_of,
     lattice_of,
     node_count,
     rows_of,
     spread,
-    window_of,
 )
 from .substep import RUNNING, grid_to_particle, node_velocity, particle_to_grid
 
-CAPACITY, ROOM, DONE, STOPPED, WINDOW = 12, 13, 14, 15, 16
-"""Places in the array `window`, after its rows of three, of the nodes that there is room for in the window, and in the tasks' own grids
+CAPACITY, ROOM, DONE, STOPPED, BOUNDS = 12, 13, 14, 15, 16
+"""Places in the array `bounds`, after its rows of three, of the nodes that there is room for within the bounds, and in the tasks' own grids
 together, of the substeps done, and of whether one of them was the last that could be; length. See `Body`."""
 ORIGIN, BOX = 6, 7
 """In a task's row of `boxes`, after the first and the last of its particles' first nodes: what to add to the number of a node in the
-window for that in the task's own grid; length."""
+bounds for that in the task's own grid; length."""
 
 
 @ti.func
@@ -43,20 +43,20 @@ def summed(node, tasks, i, boxes: ti.template(), grid: ti.template()):
 
 @ti.func
 def node_to_velocity(
-    node, tasks, window: ti.template(), boxes: ti.template(), grid: ti.template(), momentum: ti.template(), velocity: ti.template(),
+    node, tasks, bounds: ti.template(), boxes: ti.template(), grid: ti.template(), momentum: ti.template(), velocity: ti.template(),
     offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid: ti.template(),
 ):  # fmt: skip
     """Sums the tasks' parts of a node."""
-    lo, dims = window_of(window)
+    lo, dims = bounds_of(bounds)
     g = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, grid)
     momentum[node] = g
-    velocity[node] = node_velocity(node, g, lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid)
+    velocity[node] = node_velocity(node, g, lo, dims, bounds, offset, dx, clamp, clamp_velocity, planes, solid)
 
 
 @ti.func
-def cleared(task, window: ti.template(), boxes: ti.template(), grid: ti.template()):
-    """Clears a task's own grid; returns the number that the window's first node has, or would have, in it."""
-    lo, dims = window_of(window)
+def clear(task, bounds: ti.template(), boxes: ti.template(), grid: ti.template()):
+    """Clears a task's own grid; returns the number that the first node of the bounds has, or would have, in it."""
+    lo, dims = bounds_of(bounds)
     first_node, plane = boxes[task, ORIGIN], dims[1] * dims[2]
     for node in range((boxes[task, 0] - lo[0]) * plane, (boxes[task, 3] + 3 - lo[0]) * plane):
         grid[bounded(first_node + node, MOST_NODES)] = ti.Vector.zero(float, 4)
@@ -66,12 +66,12 @@ def cleared(task, window: ti.template(), boxes: ti.template(), grid: ti.template
 @ti.func
 def task_to_grid(
     task, plastic: ti.template(), first: ti.template(), particle: ti.template(), state: ti.template(), force: ti.template(),
-    lattice: ti.template(), window: ti.template(), boxes: ti.template(), grid: ti.template(),
+    lattice: ti.template(), bounds: ti.template(), boxes: ti.template(), grid: ti.template(),
 ):  # fmt: skip
     """p2g of a task's particles into its own grid."""
     offset, dx, dt = lattice_of(lattice)
-    lo, dims = window_of(window)
-    first_node = cleared(task, window, boxes, grid)
+    lo, dims = bounds_of(bounds)
+    first_node = clear(task, bounds, boxes, grid)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         row, push, own = rows_of(p)
@@ -81,12 +81,12 @@ def task_to_grid(
 @ti.func
 def grid_to_task(
     task, plastic: ti.template(), first: ti.template(), particle: ti.template(), state: ti.template(), state_out: ti.template(),
-    pin_velocity: ti.template(), lattice: ti.template(), window: ti.template(), boxes: ti.template(), status: ti.template(),
+    pin_velocity: ti.template(), lattice: ti.template(), bounds: ti.template(), boxes: ti.template(), status: ti.template(),
     velocity: ti.template(),
 ):  # fmt: skip
     """g2p of a task's particles; its row of `boxes` becomes the next substep's."""
     offset, dx, dt = lattice_of(lattice)
-    lo, dims = window_of(window)
+    lo, dims = bounds_of(bounds)
     low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
@@ -105,22 +105,22 @@ def grid_to_task(
 
 @ti.func
 def nodes_of_task(
-    task, tasks, window: ti.template(), boxes: ti.template(), grid: ti.template(), momentum: ti.template(), velocity: ti.template(),
+    task, tasks, bounds: ti.template(), boxes: ti.template(), grid: ti.template(), momentum: ti.template(), velocity: ti.template(),
     lattice: ti.template(), clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(), solid: ti.template(),
 ):  # fmt: skip
     """Velocities of a task's share of all nodes."""
     offset, dx, _dt = lattice_of(lattice)
-    begin, end = share(task, tasks, node_count(window))
+    begin, end = share(task, tasks, node_count(bounds))
     for index in range(begin, end):
         node_to_velocity(
-            bounded(index, MOST_NODES), tasks, window, boxes, grid, momentum, velocity, offset, dx,
+            bounded(index, MOST_NODES), tasks, bounds, boxes, grid, momentum, velocity, offset, dx,
             clamp, clamp_velocity, planes, solid,
         )  # fmt: skip
 
 
 @ti.func
-def look(tasks, window: ti.template(), boxes: ti.template(), status: ti.template()):
-    """Moves the window to the box of nodes that all particles touch; stops where a particle broke or the grids are too small for it."""
+def move_bounds(tasks, bounds: ti.template(), boxes: ti.template(), status: ti.template()):
+    """Moves the bounds to the box of nodes that all particles touch; stops where a particle broke or the grids are too small for it."""
     lo, last = ti.Vector([2**30, 2**30, 2**30]), ti.Vector([-(2**30), -(2**30), -(2**30)])
     planes, whole = ti.cast(0, ti.i64), True
     for task in range(tasks):
@@ -130,16 +130,16 @@ def look(tasks, window: ti.template(), boxes: ti.template(), status: ti.template
             lo[a] = ti.min(lo[a], boxes[task, a])
             last[a] = ti.max(last[a], boxes[task, 3 + a])
     dims = last - lo + 3
-    # Nothing overflows: no particle that is whole has moved further than a cell from a window that fitted.
+    # Nothing overflows: no particle that is whole has moved further than a cell from bounds that fitted.
     plane = ti.cast(dims[1], ti.i64) * dims[2]
-    small = dims[0] * plane <= window[CAPACITY] and planes * plane <= window[ROOM]
+    small = dims[0] * plane <= bounds[CAPACITY] and planes * plane <= bounds[ROOM]
     if whole and small and dims[1] <= MOST_NODES_ACROSS and dims[2] <= MOST_NODES_ACROSS:
         for a in ti.static(range(3)):
-            window[a], window[3 + a] = lo[a], dims[a]
+            bounds[a], bounds[3 + a] = lo[a], dims[a]
         planes_before = 0
         for task in range(tasks):
             boxes[task, ORIGIN] = (planes_before - (boxes[task, 0] - lo[0])) * dims[1] * dims[2]
             planes_before += boxes[task, 3] - boxes[task, 0] + 3
     else:
-        window[STOPPED] = 1
-    window[DONE] += 1
+        bounds[STOPPED] = 1
+    bounds[DONE] += 1

@@ -10,9 +10,10 @@ from ..compiler import ti
 from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_jacobian
 from ..laws.constitutive import kirchhoff_both_ways
+from ..laws.eigen import from_columns, times_columns
 from ..laws.plasticity import VON_MISES, plastic_flow_adjoint
 from ..laws.viscous import is_damped, viscous, viscous_adjoint
-from .crew import await_all, counters, finish, share, taken
+from .crew import await_all, counters, finish, share, take
 from .packed import (
     LAM,
     LAW,
@@ -25,7 +26,7 @@ from .packed import (
     VOLUME,
     YIELD_STRESS,
     bounded,
-    combined,
+    bounds_of,
     constants,
     corner_of,
     flags,
@@ -35,7 +36,6 @@ from .packed import (
     integers,
     lattice_of,
     lattice_rows,
-    matrix,
     node_count,
     nodes,
     numbers,
@@ -46,11 +46,10 @@ from .packed import (
     states,
     table,
     triple,
-    window_of,
     with_fourth,
 )
-from .parallel import cleared, summed
-from .substep import CLAMP_LO, SOLID_LO, STRIDE, brought, node_velocity, place
+from .parallel import clear, summed
+from .substep import CLAMP_LO, SOLID_LO, STRIDE, node_terms, node_velocity, place
 
 PHASES = 4
 """Of a substep: the nodes' velocities, g2p backwards, the nodes backwards, p2g backwards."""
@@ -64,10 +63,15 @@ def plastic_flow_back(
     columns = [F0_bar, F1_bar, F2_bar]
     law = ti.cast(particle[own + LAW], ti.i32)
     if law >= VON_MISES:
-        trial = matrix(F0 + dt * combined(C0, C1, C2, F0), F1 + dt * combined(C0, C1, C2, F1), F2 + dt * combined(C0, C1, C2, F2))
-        through, mu_bar, yield_bar, viscosity_bar = plastic_flow_adjoint(
-            law, trial, particle[own + MU], particle[own + YIELD_STRESS], particle[own + VISCOSITY], dt, matrix(F0_bar, F1_bar, F2_bar)
+        trial = from_columns(
+            F0 + dt * times_columns(C0, C1, C2, F0),
+            F1 + dt * times_columns(C0, C1, C2, F1),
+            F2 + dt * times_columns(C0, C1, C2, F2),
         )
+        through, mu_bar, yield_bar, viscosity_bar = plastic_flow_adjoint(
+            law, trial, particle[own + MU], particle[own + YIELD_STRESS], particle[own + VISCOSITY], dt,
+            from_columns(F0_bar, F1_bar, F2_bar),
+        )  # fmt: skip
         for j in ti.static(range(3)):
             columns[j] = ti.Vector([through[0, j], through[1, j], through[2, j], columns[j][3]])
         if material != 0:
@@ -101,13 +105,13 @@ def grid_to_particle_adjoint(
     Y = with_fourth(k * (C1_bar + dt * (F0[1] * F0_bar + F1[1] * F1_bar + F2[1] * F2_bar)), 0.0)
     Z = with_fourth(k * (C2_bar + dt * (F0[2] * F0_bar + F1[2] * F1_bar + F2[2] * F2_bar)), 0.0)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
-    S = v_bar - combined(X, Y, Z, f)
+    S = v_bar - times_columns(X, Y, Z, f)
     scatter(f, S, X, Y, Z, bounded(first_node + at, MOST_NODES), dims, grid_bar)
     # Rows of C: C^T F_bar is the product with its transpose.
     R0, R1, R2 = [ti.Vector([C0[i], C1[i], C2[i], 0.0]) for i in ti.static(range(3))]
-    bar[row] = with_fourth(F0_bar + dt * combined(R0, R1, R2, F0_bar), x_bar[0])
-    bar[row + 1] = with_fourth(F1_bar + dt * combined(R0, R1, R2, F1_bar), x_bar[1])
-    bar[row + 2] = with_fourth(F2_bar + dt * combined(R0, R1, R2, F2_bar), x_bar[2])
+    bar[row] = with_fourth(F0_bar + dt * times_columns(R0, R1, R2, F0_bar), x_bar[0])
+    bar[row + 1] = with_fourth(F1_bar + dt * times_columns(R0, R1, R2, F1_bar), x_bar[1])
+    bar[row + 2] = with_fourth(F2_bar + dt * times_columns(R0, R1, R2, F2_bar), x_bar[2])
     # For the pull of the weights, which `particle_to_grid_adjoint` finds for both grids at once.
     bar[row + 3], bar[row + 4], bar[row + 5] = with_fourth(X, v_bar[0]), with_fourth(Y, v_bar[1]), with_fourth(Z, v_bar[2])
 
@@ -120,12 +124,12 @@ def sums(a, b, c):
 
 @ti.func
 def node_to_velocity_adjoint(
-    node, tasks, window: ti.template(), boxes: ti.template(), grid_bar: ti.template(), momentum: ti.template(),
+    node, tasks, bounds: ti.template(), boxes: ti.template(), grid_bar: ti.template(), momentum: ti.template(),
     momentum_bar: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
     solid: ti.template(),
 ):  # fmt: skip
     """v = boundary(q / m): turns the nodes' v_bar into q_bar and m_bar."""
-    lo, dims = window_of(window)
+    lo, dims = bounds_of(bounds)
     s = summed(node, tasks, lo[0] + node // (dims[1] * dims[2]), boxes, grid_bar)
     g = momentum[node]
     q_bar, m_bar = ti.Vector.zero(float, 3), g[3] * 0.0
@@ -133,7 +137,7 @@ def node_to_velocity_adjoint(
         v = ti.Vector([g[0], g[1], g[2]]) / g[3]
         J = boundary_jacobian(
             place(node, lo, dims), v, offset, dx,
-            triple(window, CLAMP_LO), clamp, planes, triple(window, SOLID_LO), solid,
+            triple(bounds, CLAMP_LO), clamp, planes, triple(bounds, SOLID_LO), solid,
         )  # fmt: skip
         q_bar = J.transpose() @ ti.Vector([s[0], s[1], s[2]]) / g[3]
         m_bar = -q_bar.dot(v)
@@ -149,7 +153,7 @@ def particle_to_grid_adjoint(
     """p2g backwards, and what g2p has through the particle's place: completes `bar`, adds to the derivatives by force and constants."""
     row, push, own = rows_of(p)
     F0, F1, F2 = state[row], state[row + 1], state[row + 2]
-    F = matrix(F0, F1, F2)
+    F = from_columns(F0, F1, F2)
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, 0)
     law = ti.cast(particle[own + LAW], ti.i32)
     q_bar, Mx, My, Mz = gather(f, at, dims, momentum_bar)
@@ -157,19 +161,19 @@ def particle_to_grid_adjoint(
     A0_bar = with_fourth(dx * (Mx - f[0] * q_bar), q_bar[0])
     A1_bar = with_fourth(dx * (My - f[1] * q_bar), q_bar[1])
     A2_bar = with_fourth(dx * (Mz - f[2] * q_bar), q_bar[2])
-    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + VOLUME]) * matrix(A0_bar, A1_bar, A2_bar)
+    tau_bar = ((-4.0 * dt / (dx * dx)) * particle[own + VOLUME]) * from_columns(A0_bar, A1_bar, A2_bar)
     mu, lam, viscosity = particle[own + MU], particle[own + LAM], particle[own + VISCOSITY]
     tau, F_bar, mu_bar, lam_bar = kirchhoff_both_ways(plastic, law, F, mu, lam, tau_bar)
     C_bar, viscosity_bar = ti.Matrix.zero(float, 3, 3), 0.0
     if is_damped(law, viscosity):
-        C = matrix(state[row + 3], state[row + 4], state[row + 5])
+        C = from_columns(state[row + 3], state[row + 4], state[row + 5])
         tau += viscous(C, mu, lam, viscosity)
         C_bar, by_mu, by_lam, viscosity_bar = viscous_adjoint(C, mu, lam, viscosity, tau_bar)
         mu_bar, lam_bar = mu_bar + by_mu, lam_bar + by_lam
-    S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
+    S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
     D0, D1, D2 = bar[row + 3], bar[row + 4], bar[row + 5]
     U, V, W = with_fourth(D0, 0.0), with_fourth(D1, 0.0), with_fourth(D2, 0.0)
-    T = fourths(D0, D1, D2, 0.0) - combined(U, V, W, f)
+    T = fourths(D0, D1, D2, 0.0) - times_columns(U, V, W, f)
     pull_x, pull_y, pull_z = spline_pull(f, S, X, Y, Z, at, dims, momentum_bar, T, U, V, W, velocity)
     v_next = fourths(state_next[row + 3], state_next[row + 4], state_next[row + 5], 0.0)
     pull = (1.0 / dx) * sums(pull_x - X * q_bar - U * v_next, pull_y - Y * q_bar - V * v_next, pull_z - Z * q_bar - W * v_next)
@@ -193,13 +197,13 @@ def particle_to_grid_adjoint(
 @ti.func
 def grid_to_task_adjoint(
     task, plastic: ti.template(), material, first: ti.template(), particle: ti.template(), state: ti.template(),
-    state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), lattice: ti.template(), window: ti.template(),
+    state_next: ti.template(), bar: ti.template(), particle_bar: ti.template(), lattice: ti.template(), bounds: ti.template(),
     boxes: ti.template(), grid_bar: ti.template(),
 ):  # fmt: skip
     """`grid_to_particle_adjoint` of a task's particles, into its own grid."""
     offset, dx, dt = lattice_of(lattice)
-    lo, dims = window_of(window)
-    first_node = cleared(task, window, boxes, grid_bar)
+    lo, dims = bounds_of(bounds)
+    first_node = clear(task, bounds, boxes, grid_bar)
     for index in range(first[task], first[task + 1]):
         p = bounded(index, MOST_PARTICLES)
         grid_to_particle_adjoint(
@@ -211,11 +215,11 @@ def grid_to_task_adjoint(
 def particles_to_task_adjoint(
     task, plastic: ti.template(), material, first: ti.template(), particle: ti.template(), state: ti.template(),
     state_next: ti.template(), force: ti.template(), bar: ti.template(), force_bar: ti.template(), particle_bar: ti.template(),
-    lattice: ti.template(), window: ti.template(), velocity: ti.template(), momentum_bar: ti.template(),
+    lattice: ti.template(), bounds: ti.template(), velocity: ti.template(), momentum_bar: ti.template(),
 ):  # fmt: skip
     """`particle_to_grid_adjoint` of a task's particles."""
     offset, dx, dt = lattice_of(lattice)
-    lo, dims = window_of(window)
+    lo, dims = bounds_of(bounds)
     for index in range(first[task], first[task + 1]):
         particle_to_grid_adjoint(
             plastic, material, bounded(index, MOST_PARTICLES), particle, state, state_next, force, bar, force_bar, particle_bar,
@@ -233,7 +237,7 @@ def substep_adjoint(
     # derivatives, in: by the next state, out: by this one; those by force and constants are added up
     bar: states, force_bar: forces, particle_bar: constants,
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
-    lattice: numbers, window: integers, boxes: table,
+    lattice: numbers, bounds: integers, boxes: table,
     grid_bar: nodes, momentum: nodes, velocity: nodes, momentum_bar: nodes,
 ):  # fmt: skip
     """g2p and p2g backwards."""
@@ -241,43 +245,43 @@ def substep_adjoint(
     for turn in range(workers * STRIDE):
         if turn % STRIDE == 0:
             offset, dx, _dt = lattice_of(lattice)
-            lo, dims = window_of(window)
+            lo, dims = bounds_of(bounds)
             worker, tasks = turn // STRIDE, first.shape[0] - 1
-            task = taken(roster, 0, worker, workers, tasks)
+            task = take(roster, 0, worker, workers, tasks)
             while task < tasks:
-                begin, end = share(task, tasks, node_count(window))
+                begin, end = share(task, tasks, node_count(bounds))
                 for index in range(begin, end):
                     node = bounded(index, MOST_NODES)
                     velocity[node] = node_velocity(
-                        node, momentum[node], lo, dims, window, offset, dx, clamp, clamp_velocity, planes, solid
+                        node, momentum[node], lo, dims, bounds, offset, dx, clamp, clamp_velocity, planes, solid
                     )
                 finish(roster, 0)
-                task = taken(roster, 0, worker, workers, tasks)
+                task = take(roster, 0, worker, workers, tasks)
             # Nobody reads these velocities before the last phase.
-            task = taken(roster, 1, worker, workers, tasks)
+            task = take(roster, 1, worker, workers, tasks)
             while task < tasks:
                 grid_to_task_adjoint(
-                    task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, window, boxes, grid_bar
+                    task, plastic, material, first, particle, state, state_next, bar, particle_bar, lattice, bounds, boxes, grid_bar
                 )
                 finish(roster, 1)
-                task = taken(roster, 1, worker, workers, tasks)
+                task = take(roster, 1, worker, workers, tasks)
             await_all(roster, 1, tasks)
-            task = taken(roster, 2, worker, workers, tasks)
+            task = take(roster, 2, worker, workers, tasks)
             while task < tasks:
-                begin, end = share(task, tasks, node_count(window))
+                begin, end = share(task, tasks, node_count(bounds))
                 for index in range(begin, end):
                     node_to_velocity_adjoint(
-                        bounded(index, MOST_NODES), tasks, window, boxes, grid_bar, momentum, momentum_bar, offset, dx,
+                        bounded(index, MOST_NODES), tasks, bounds, boxes, grid_bar, momentum, momentum_bar, offset, dx,
                         clamp, clamp_velocity, planes, solid,
                     )  # fmt: skip
                 finish(roster, 2)
-                task = taken(roster, 2, worker, workers, tasks)
+                task = take(roster, 2, worker, workers, tasks)
             await_all(roster, 0, tasks)
             await_all(roster, 2, tasks)
-            task = taken(roster, 3, worker, workers, tasks)
+            task = take(roster, 3, worker, workers, tasks)
             while task < tasks:
                 particles_to_task_adjoint(
                     task, plastic, material, first, particle, state, state_next, force, bar, force_bar, particle_bar, lattice,
-                    window, velocity, momentum_bar,
+                    bounds, velocity, momentum_bar,
                 )  # fmt: skip
-                task = taken(roster, 3, worker, workers, tasks)
+                task = take(roster, 3, worker, workers, tasks)

@@ -3,9 +3,9 @@
 # mypy: ignore-errors
 
 from ..compiler import ti
-from .crew import await_all, counters, finish, taken
+from .crew import await_all, counters, finish, take
 from .packed import constants, flags, forces, integers, lattice_rows, nodes, numbers, rows, states, table
-from .parallel import STOPPED, grid_to_task, look, nodes_of_task, task_to_grid
+from .parallel import STOPPED, grid_to_task, move_bounds, nodes_of_task, task_to_grid
 from .substep import STRIDE
 
 PHASES = 4
@@ -23,7 +23,7 @@ def substeps(
     clamp: flags, clamp_velocity: lattice_rows, planes: rows, solid: lattice_rows,
     # `lattice_of`; integers, see `Body`; boxes (tasks, BOX): first and last of the particles' first nodes, in and out, and their origin;
     # status (tasks, 2) out: code, particle
-    lattice: numbers, window: integers, boxes: table, status: table,
+    lattice: numbers, bounds: integers, boxes: table, status: table,
     # grids: the tasks' own, one after the other, then momentum and velocity of all
     grid: nodes, momentum: nodes, velocity: nodes,
 ):  # fmt: skip
@@ -34,32 +34,32 @@ def substeps(
             worker, tasks = turn // STRIDE, first.shape[0] - 1
             phase, last = 0, PHASES * ti.max(count, 1)
             while phase < last:
-                task = taken(roster, phase, worker, workers, tasks)
+                task = take(roster, phase, worker, workers, tasks)
                 while task < tasks:
-                    task_to_grid(task, plastic, first, particle, state, force, lattice, window, boxes, grid)
+                    task_to_grid(task, plastic, first, particle, state, force, lattice, bounds, boxes, grid)
                     finish(roster, phase)
-                    task = taken(roster, phase, worker, workers, tasks)
+                    task = take(roster, phase, worker, workers, tasks)
                 await_all(roster, phase, tasks)
-                task = taken(roster, phase + 1, worker, workers, tasks)
+                task = take(roster, phase + 1, worker, workers, tasks)
                 while task < tasks:
                     nodes_of_task(
-                        task, tasks, window, boxes, grid, momentum, velocity, lattice, clamp, clamp_velocity, planes, solid
+                        task, tasks, bounds, boxes, grid, momentum, velocity, lattice, clamp, clamp_velocity, planes, solid
                     )
                     finish(roster, phase + 1)
-                    task = taken(roster, phase + 1, worker, workers, tasks)
+                    task = take(roster, phase + 1, worker, workers, tasks)
                 if count > 0:
                     await_all(roster, phase + 1, tasks)
-                    task = taken(roster, phase + 2, worker, workers, tasks)
+                    task = take(roster, phase + 2, worker, workers, tasks)
                     while task < tasks:
                         grid_to_task(
-                            task, plastic, first, particle, state, state_out, pin_velocity, lattice, window, boxes, status, velocity
+                            task, plastic, first, particle, state, state_out, pin_velocity, lattice, bounds, boxes, status, velocity
                         )
                         finish(roster, phase + 2)
-                        task = taken(roster, phase + 2, worker, workers, tasks)
+                        task = take(roster, phase + 2, worker, workers, tasks)
                     await_all(roster, phase + 2, tasks)
-                    if taken(roster, phase + 3, worker, workers, 1) == 0:
-                        look(tasks, window, boxes, status)
+                    if take(roster, phase + 3, worker, workers, 1) == 0:
+                        move_bounds(tasks, bounds, boxes, status)
                         finish(roster, phase + 3)
                     await_all(roster, phase + 3, 1)
                 # Whoever is late and sees the stop of a later substep finds nothing to do in between either.
-                phase = ti.select(window[STOPPED] != 0, last, phase + PHASES)
+                phase = ti.select(bounds[STOPPED] != 0, last, phase + PHASES)

@@ -16,6 +16,7 @@ from ..compiler import ti
 from ..lattice.boundary import FREE
 from ..lattice.conditions import boundary_velocity
 from ..laws.constitutive import kirchhoff
+from ..laws.eigen import from_columns, times_columns
 from ..laws.plasticity import VON_MISES, plastic_flow
 from ..laws.viscous import is_damped, viscous
 from .packed import (
@@ -27,11 +28,9 @@ from .packed import (
     VISCOSITY,
     VOLUME,
     YIELD_STRESS,
-    combined,
     corner_of,
     fourths,
     gather,
-    matrix,
     scatter,
     triple,
     with_fourth,
@@ -43,11 +42,11 @@ STRIDE = 1024
 """Turns of a kernel's outer loop for each worker, all but one of them empty: the compiler runs loops of less than about a thousand turns on
 one thread."""
 CLAMP_LO, SOLID_LO = 2, 3
-"""Rows of three in an array of integers that kernels call `window`: first nodes of the boxes of clamped and solid nodes."""
+"""Rows of three in an array of integers that kernels call `bounds`: first nodes of the boxes of clamped and solid nodes."""
 
 
 @ti.func
-def brought(tau, row, push, own, f, particle: ti.template(), state: ti.template(), force: ti.template(), dx, dt):
+def node_terms(tau, row, push, own, f, particle: ti.template(), state: ti.template(), force: ti.template(), dx, dt):
     """What a particle at f from its first node brings to its nodes under the stress tau, S + i X + j Y + k Z: momentum and mass.
 
     It is m (v + dt a) + A (x_i - x_p) with A of the MLS-MPM transfer; B = dx A.
@@ -58,7 +57,7 @@ def brought(tau, row, push, own, f, particle: ti.template(), state: ti.template(
     moving = [scale * (state[row + 3 + j] + dt * force[push + j]) for j in ti.static(range(3))]
     columns = [moving[j] - k * ti.Vector([tau[0, j], tau[1, j], tau[2, j], 0.0]) for j in ti.static(range(3))]
     X, Y, Z = [with_fourth(columns[j], 0.0) for j in ti.static(range(3))]
-    S = (1.0 / dx) * fourths(columns[0], columns[1], columns[2], scale) - combined(X, Y, Z, f)
+    S = (1.0 / dx) * fourths(columns[0], columns[1], columns[2], scale) - times_columns(X, Y, Z, f)
     return S, X, Y, Z
 
 
@@ -72,10 +71,10 @@ def particle_to_grid(
     at, f = corner_of(fourths(F0, F1, F2, 0.0), offset, 1.0 / dx, lo, dims, first_node)
     law = ti.cast(particle[own + LAW], ti.i32)
     mu, lam, viscosity = particle[own + MU], particle[own + LAM], particle[own + VISCOSITY]
-    tau, _known = kirchhoff(plastic, law, matrix(F0, F1, F2), mu, lam)
+    tau, _known = kirchhoff(plastic, law, from_columns(F0, F1, F2), mu, lam)
     if is_damped(law, viscosity):
-        tau += viscous(matrix(state[row + 3], state[row + 4], state[row + 5]), mu, lam, viscosity)
-    S, X, Y, Z = brought(tau, row, push, own, f, particle, state, force, dx, dt)
+        tau += viscous(from_columns(state[row + 3], state[row + 4], state[row + 5]), mu, lam, viscosity)
+    S, X, Y, Z = node_terms(tau, row, push, own, f, particle, state, force, dx, dt)
     scatter(f, S, X, Y, Z, at, dims, grid)
 
 
@@ -96,8 +95,8 @@ def grid_to_particle(
     k = 4.0 / dx
     Cx, Cy, Cz = k * (Mx - f[0] * v), k * (My - f[1] * v), k * (Mz - f[2] * v)
     x = x + dt * (free * v + prescribed)
-    F0, F1, F2 = F0 + dt * combined(Cx, Cy, Cz, F0), F1 + dt * combined(Cx, Cy, Cz, F1), F2 + dt * combined(Cx, Cy, Cz, F2)
-    F = matrix(F0, F1, F2)
+    F0, F1, F2 = F0 + dt * times_columns(Cx, Cy, Cz, F0), F1 + dt * times_columns(Cx, Cy, Cz, F1), F2 + dt * times_columns(Cx, Cy, Cz, F2)
+    F = from_columns(F0, F1, F2)
     status, speed_sqr, J = RUNNING, v[0] * v[0] + v[1] * v[1] + v[2] * v[2], F.determinant()
     # Also when one is NaN. What is not finite in C is not in F.
     if not (speed_sqr < 1e30 and ti.abs(J) < 1e30):
@@ -128,7 +127,7 @@ def place(node, lo, dims):
 
 @ti.func
 def node_velocity(
-    node, g, lo, dims, window: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
+    node, g, lo, dims, bounds: ti.template(), offset, dx, clamp: ti.template(), clamp_velocity: ti.template(), planes: ti.template(),
     solid: ti.template(),
 ):  # fmt: skip
     """Momentum over mass, and what the boundary makes of it, with the mass."""
@@ -136,6 +135,6 @@ def node_velocity(
     if g[3] > 0.0:
         v = boundary_velocity(
             place(node, lo, dims), ti.Vector([g[0], g[1], g[2]]) / g[3], offset, dx,
-            triple(window, CLAMP_LO), clamp, clamp_velocity, planes, triple(window, SOLID_LO), solid,
+            triple(bounds, CLAMP_LO), clamp, clamp_velocity, planes, triple(bounds, SOLID_LO), solid,
         )  # fmt: skip
     return ti.Vector([v[0], v[1], v[2], g[3]])

@@ -90,7 +90,7 @@ def _settled(normal: np.ndarray, upright: np.ndarray, x: np.ndarray, pinned: np.
 
 
 def lattice_offset(
-    x: np.ndarray, pinned: np.ndarray, spacing: float, dx: float, colliders: Sequence[Collider] = (), *, depth: float = 0.0
+    x: np.ndarray, pinned: np.ndarray, spacing: float, dx: float, colliders: Sequence[Collider] = (), *, depth: float
 ) -> np.ndarray:
     """Position (3,) [m] of a node of the lattice, from rest positions x (N, 3) [m] and pinned (N,) bool; it moves with the body.
 
@@ -118,7 +118,7 @@ def lattice_offset(
 
 
 def clamped_nodes(
-    x: np.ndarray, mass: np.ndarray, pinned: np.ndarray, offset: np.ndarray, dx: float, *, depth: float = 0.0
+    x: np.ndarray, mass: np.ndarray, pinned: np.ndarray, offset: np.ndarray, dx: float, *, depth: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """First node (3,) int32 of a box of the lattice, and which of the box's nodes stand still, int32 (a, b, c) of 0 and 1.
 

@@ -188,7 +188,7 @@ def collider_grid(colliders: Sequence[Collider], offset: np.ndarray, dx: float, 
     return ColliderGrid(planes, lo.astype(np.int32), solid, depth)
 
 
-def laid_on(offset: np.ndarray, dx: float, colliders: Sequence[Collider], fixed_axis: int = -1) -> np.ndarray:
+def laid_on(offset: np.ndarray, dx: float, colliders: Sequence[Collider], fixed_axis: int) -> np.ndarray:
     """The lattice's offset (3,) [m], moved so that a layer of nodes lies `INSET` cells behind the first plane along each axis.
 
     Args:

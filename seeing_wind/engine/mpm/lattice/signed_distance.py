@@ -35,7 +35,7 @@ class Solid(Protocol):
         """(M, 3, 3) of the triangles that have an area [m]."""
 
 
-def node_box(mesh: Solid, offset: np.ndarray, dx: float, region: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def node_box(mesh: Solid, offset: np.ndarray, dx: float, region: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """First and last node (3,) of those that may lie inside, and in a region (2, 3) [m] if there is one; none where first is past last."""
     low, high = mesh.vertices[mesh.faces.ravel()].min(axis=0), mesh.vertices[mesh.faces.ravel()].max(axis=0)
     if region is not None:

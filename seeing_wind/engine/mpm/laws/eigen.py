@@ -30,13 +30,13 @@ def column(A, j: ti.template()):
 
 @ti.func
 def times_columns(a, b, c, by):
-    """The product of the matrix of columns a, b, c with `by`, (3,)."""
+    """The product of the matrix of columns a, b, c with `by` (3,), as long as they are."""
     return by[0] * a + by[1] * b + by[2] * c
 
 
 @ti.func
 def from_columns(a, b, c):
-    """The matrix (3, 3) of these columns."""
+    """The matrix (3, 3) of these columns, of which no more than three numbers count."""
     return ti.Matrix([[a[i], b[i], c[i]] for i in ti.static(range(3))])
 
 

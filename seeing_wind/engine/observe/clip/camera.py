@@ -46,9 +46,9 @@ def resized(camera: Camera, height: int, width: int) -> Camera:
 
 
 def find_camera(
-    settings: ObserveSettings, width: int, height: int, pictures: int, first_frame: int, depth: float | None, progress: Progress
+    settings: ObserveSettings, width: int, height: int, frames: int, first_frame: int, depth: float | None, progress: Progress
 ) -> tuple[Camera, float]:
-    """The camera of a clip of `pictures` frames (width x height, from `first_frame` of its file) and the object's distance [m].
+    """The camera of a clip of `frames` frames (width x height, from `first_frame` of its file) and the object's distance [m].
 
     `depth` [m] is the object's from a depth file, None without one; a distance or scale in the settings goes before it.
 
@@ -62,7 +62,7 @@ def find_camera(
     if depth is not None:
         _check_distance(depth, "The depth file")
     if settings.camera is not None:
-        camera = read_camera(settings.camera, width, height, pictures, first_frame)
+        camera = read_camera(settings.camera, width, height, frames, first_frame)
         if given:
             return camera, _distance(settings, camera.fx)
         return camera, depth if depth is not None else _distance_of_origin(camera, progress)
@@ -81,7 +81,7 @@ def find_camera(
     return Camera(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1), front_view(distance)), distance
 
 
-def read_camera(path: str, width: int, height: int, pictures: int, first_frame: int = 0) -> Camera:
+def read_camera(path: str, width: int, height: int, frames: int, first_frame: int = 0) -> Camera:
     """A camera file: JSON with width, height, fx, fy, cx, cy [px] and camera_to_world (4x4, or one per frame); or a `transforms.json`.
 
     k1, k2, p1, p2, k3 describe the lens (OpenCV's model, no bend where they are missing); other keys are ignored.
@@ -117,7 +117,7 @@ def read_camera(path: str, width: int, height: int, pictures: int, first_frame: 
             f"The camera {path} has a focal length or centre that is not usable.", "fx and fy must be positive, all four finite."
         )
     _check_pinhole(path, width, height, fx, fy, cx, cy)
-    camera = Camera(width, height, fx, fy, cx, cy, _poses(path, poses, pictures, first_frame))
+    camera = Camera(width, height, fx, fy, cx, cy, _poses(path, poses, frames, first_frame))
     return replace(camera, distortion=_distortion(path, lens, camera))
 
 
@@ -173,17 +173,17 @@ def _read_json(path: str) -> dict[str, Any]:
     return values
 
 
-def _poses(path: str, poses: np.ndarray, pictures: int, first_frame: int) -> np.ndarray:
+def _poses(path: str, poses: np.ndarray, frames: int, first_frame: int) -> np.ndarray:
     """Checked camera_to_world: (4, 4) when the camera stands still, else (T+1, 4, 4)."""
     if poses.shape[-2:] != (4, 4) or poses.ndim not in (2, 3):
         raise UsageError(f"camera_to_world of {path} has the shape {poses.shape}.", "Give one 4x4 matrix, or one per frame.")
-    if poses.ndim == 3 and len(poses) != pictures:
+    if poses.ndim == 3 and len(poses) != frames:
         # The file may describe the whole clip of which a range was chosen.
-        if len(poses) < first_frame + pictures:
+        if len(poses) < first_frame + frames:
             raise UsageError(
-                f"{path} has {len(poses)} camera matrices, the clip {pictures} frames.", "Give one matrix, or one per frame."
+                f"{path} has {len(poses)} camera matrices, the clip {frames} frames.", "Give one matrix, or one per frame."
             )
-        poses = poses[first_frame : first_frame + pictures]
+        poses = poses[first_frame : first_frame + frames]
     if not np.isfinite(poses).all():
         raise UsageError(f"camera_to_world of {path} holds values that are not finite.", "Export the camera again.")
     if np.abs(poses[..., :3, 3]).max() > conventions.FARTHEST:

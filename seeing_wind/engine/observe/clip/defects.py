@@ -7,7 +7,7 @@ import numpy as np
 
 from ...conventions import frame_named
 from ...errors import ClipError
-from ...masks import Masks
+from ...masks import Masks, box_of, rows_columns
 from ...progress import Progress
 from .stored import Frames
 
@@ -33,7 +33,7 @@ FAST = 0.03
 """The object's step from frame to frame in units of its size from which blur is blamed on motion."""
 
 
-def check_pictures(frames: Frames, first_frame: int, progress: Progress) -> None:
+def check_frames(frames: Frames, first_frame: int, progress: Progress) -> None:
     """Look for defects that make any result nonsense.
 
     Args:
@@ -43,9 +43,9 @@ def check_pictures(frames: Frames, first_frame: int, progress: Progress) -> None
         ClipError: the clip is black, or cuts from one shot to another.
     """
     small = np.empty((len(frames), SMALL[1], SMALL[0]), np.float32)
-    for t, picture in enumerate(frames):
+    for t, frame in enumerate(frames):
         progress.check()
-        small[t] = cv2.cvtColor(cv2.resize(picture, SMALL, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+        small[t] = cv2.cvtColor(cv2.resize(frame, SMALL, interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     bright = small.max(axis=(1, 2))
     if bright.max() < BLACK:
         raise ClipError("The clip is black.", "Was the lens covered? Export it again, or choose another range of --frames.")
@@ -99,18 +99,17 @@ def _blurred(frames: Frames, masks: Masks, progress: Progress) -> np.ndarray:
     """Frames in which the object is much less sharp than at its best while it moves fast."""
     sharp, middle = np.full(len(frames), np.nan), np.full((len(frames), 2), np.nan)
     size = float(np.sqrt(max(masks[0].sum(), 1)))
-    for t, (picture, mask) in enumerate(zip(frames, masks)):
+    for t, (frame, mask) in enumerate(zip(frames, masks)):
         progress.check()
-        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-        if not len(rows):
+        if not mask.any():
             continue
-        part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        part = rows_columns(box_of(mask))
         inside = cv2.erode(mask[part].astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
         if inside.sum() < 100:
             continue
-        gray = cv2.GaussianBlur(cv2.cvtColor(np.ascontiguousarray(picture[part]), cv2.COLOR_RGB2GRAY), (0, 0), 1.0)
+        gray = cv2.GaussianBlur(cv2.cvtColor(np.ascontiguousarray(frame[part]), cv2.COLOR_RGB2GRAY), (0, 0), 1.0)
         sharp[t] = cv2.Laplacian(gray, cv2.CV_32F)[inside].var()
-        middle[t] = columns.mean(), rows.mean()
+        middle[t] = np.flatnonzero(mask.any(axis=0)).mean(), np.flatnonzero(mask.any(axis=1)).mean()
     if np.isfinite(sharp).sum() < 3:
         return np.zeros(0, int)
     step = np.linalg.norm(np.gradient(middle, axis=0), axis=1) / size

@@ -10,13 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ...conventions import FRAME_RATES, PICTURE_SUFFIXES, is_sequence, pictures_of
+from ...conventions import FRAME_RATES, IMAGE_SUFFIXES, image_files, is_sequence
 from ...errors import ClipError, UsageError
 from ...progress import NoProgress, Progress
 from ...records import Doubt
 from .filmed.combing import Combing
 from .filmed.container import said_by
-from .images import check_size, read_picture
+from .images import check_size, read_image
 from .stored import Frames, StoredFrames
 
 UNEVEN = 0.1
@@ -51,9 +51,9 @@ class Clip:
     doubts: tuple[Doubt, ...] = ()
     """What is wrong with how it was filmed, as far as the file and its frames say so."""
 
-    def as_filmed(self, picture: int) -> np.ndarray:
+    def as_filmed(self, frame: int) -> np.ndarray:
         """One of the `kept` frames (H, W, 3) uint8 RGB at the file's own size."""
-        return self.own[self.kept.index(picture)]
+        return self.own[self.kept.index(frame)]
 
 
 def read_clip(
@@ -90,7 +90,7 @@ def read_clip(
     combing = Combing()
     times: list[float] = []
     count = 0
-    for index, (picture, time) in enumerate(source):
+    for index, (frame, time) in enumerate(source):
         progress.check()
         count = index + 1
         if last is not None and index > last:
@@ -98,13 +98,13 @@ def read_clip(
         if index < first:
             continue
         if copies is None:
-            copies = _Copies((picture.shape[0], picture.shape[1]), resized, keep)
-        elif picture.shape[:2] != copies.file:
+            copies = _Copies((frame.shape[0], frame.shape[1]), resized, keep)
+        elif frame.shape[:2] != copies.file:
             raise ClipError(
-                f"Frame {index} of {path} is {_size(picture.shape)}, the first one {_size(copies.file)}.",
+                f"Frame {index} of {path} is {_size(frame.shape)}, the first one {_size(copies.file)}.",
                 "All frames must have the same size.",
             )
-        upright = cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)
+        upright = cv2.cvtColor(frame, cv2.COLOR_BGR2RGB)
         copies.add(upright)
         combing.add(upright)
         times.append(time)
@@ -129,16 +129,16 @@ class _Copies:
         self.own = self.frames if self._size == file else StoredFrames(*file)
         self.kept: tuple[int, ...] = ()
 
-    def add(self, picture: np.ndarray) -> None:
+    def add(self, frame: np.ndarray) -> None:
         """Store the next frame (H, W, 3) uint8 RGB."""
         index = len(self.frames)
         if self.own is self.frames:
             self.kept += (index,)
         elif index in self._keep:
-            self.own.append(picture)
+            self.own.append(frame)
             self.kept += (index,)
         smaller = self._size != self.file
-        self.frames.append(cv2.resize(picture, self._size[::-1], interpolation=cv2.INTER_AREA) if smaller else picture)
+        self.frames.append(cv2.resize(frame, self._size[::-1], interpolation=cv2.INTER_AREA) if smaller else frame)
 
 
 def require_clip(path: str) -> None:
@@ -163,7 +163,7 @@ def files_of(path: str, frames: tuple[int, int] | None = None) -> list[Path]:
     if not is_sequence(path):
         return [Path(path)]
     first, last = frames or (0, None)
-    return pictures_of(path)[max(first, 0) : None if last is None else last + 1]
+    return image_files(path)[max(first, 0) : None if last is None else last + 1]
 
 
 def _range(frames: tuple[int, int] | None) -> tuple[int, int | None]:
@@ -234,9 +234,9 @@ def _open(path: str) -> tuple[Iterator[tuple[np.ndarray, float]], float]:
     place = Path(path)
     require_clip(path)
     if is_sequence(path):
-        return _pictures(pictures_of(path), path), float("nan")
-    if place.suffix.lower() in PICTURE_SUFFIXES:
-        return _pictures([place], path), float("nan")
+        return _images(image_files(path), path), float("nan")
+    if place.suffix.lower() in IMAGE_SUFFIXES:
+        return _images([place], path), float("nan")
     _refuse_playlist(place)
     capture = cv2.VideoCapture(path)
     if not capture.isOpened():
@@ -254,21 +254,21 @@ def _video(capture: cv2.VideoCapture) -> Iterator[tuple[np.ndarray, float]]:
     turn = TURNS.get(round(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 360)
     try:
         while True:
-            read, picture = capture.read()
+            read, frame = capture.read()
             if not read:
                 return
             time = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
-            yield (picture if turn is None else cv2.rotate(picture, turn)), time
+            yield (frame if turn is None else cv2.rotate(frame, turn)), time
     finally:
         capture.release()
 
 
-def _pictures(files: list[Path], path: str) -> Iterator[tuple[np.ndarray, float]]:
+def _images(files: list[Path], path: str) -> Iterator[tuple[np.ndarray, float]]:
     if not files:
         raise ClipError(f"No images at {path}.", "Give a folder or pattern of PNG, JPEG, TIFF, BMP or WebP files.")
     for file in files:
         try:
-            picture = read_picture(file)
+            frame = read_image(file)
         except (OSError, ValueError) as error:
             raise ClipError(f"The image {file} cannot be read: {error}.", "Remove or replace that file.") from error
-        yield picture, float("nan")
+        yield frame, float("nan")

@@ -8,43 +8,43 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ...conventions import LARGEST_PICTURE
+from ...conventions import LARGEST_IMAGE
 from ...reading import regular
 
 
-def read_picture(path: str | os.PathLike[str], flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
+def read_image(path: str | os.PathLike[str], flags: int = cv2.IMREAD_COLOR) -> np.ndarray:
     """An image as OpenCV decodes it with `flags`, by default (H, W, 3) uint8 BGR.
 
     Raises:
         OSError: no regular file.
-        ValueError: no image, or one of more than `LARGEST_PICTURE` pixels. The worker has OpenCV refuse those by their header,
+        ValueError: no image, or one of more than `LARGEST_IMAGE` pixels. The worker has OpenCV refuse those by their header,
             whatever the format (see `engine/__main__.py`).
     """
     regular(path)
     try:
-        picture = cv2.imdecode(np.fromfile(path, np.uint8), flags)
+        image = cv2.imdecode(np.fromfile(path, np.uint8), flags)
     except cv2.error as error:
         raise ValueError(_too_large("its header states") if "CV_IO_MAX_IMAGE" in str(error) else "it is damaged") from error
-    if picture is None:
+    if image is None:
         raise ValueError("it is no image, or is damaged")
-    check_size(picture.shape[1], picture.shape[0])
-    return picture
+    check_size(image.shape[1], image.shape[0])
+    return image
 
 
-def write_png(path: Path, picture: np.ndarray) -> None:
+def write_png(path: Path, image: np.ndarray) -> None:
     """Write an image (H, W) or (H, W, 3) BGR, uint8.
 
     Raises:
         OSError: when the file cannot be written.
     """
-    path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())
+    path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
 
 
 def check_size(width: float, height: float) -> None:
-    """ValueError for an image of more than `LARGEST_PICTURE` pixels."""
-    if width * height > LARGEST_PICTURE:
+    """ValueError for an image of more than `LARGEST_IMAGE` pixels."""
+    if width * height > LARGEST_IMAGE:
         raise ValueError(_too_large(f"it has {width:.0f}x{height:.0f},"))
 
 
 def _too_large(what: str) -> str:
-    return f"{what} more than {LARGEST_PICTURE / 1e6:.0f} million pixels"
+    return f"{what} more than {LARGEST_IMAGE / 1e6:.0f} million pixels"

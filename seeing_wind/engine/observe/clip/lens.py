@@ -29,13 +29,13 @@ class Lens:
         """Frames (T+1, H, W, 3) uint8 as the pinhole would have filmed them; beyond the filmed part the rim is repeated."""
         if self._maps is None:
             return frames
-        return each(frames, lambda t, picture: self.straight_one(picture), progress)
+        return each(frames, lambda t, frame: self.straight_one(frame), progress)
 
-    def straight_one(self, picture: np.ndarray) -> np.ndarray:
+    def straight_one(self, frame: np.ndarray) -> np.ndarray:
         """One frame (H, W, 3) as `straight`."""
         if self._maps is None:
-            return picture
-        return cv2.remap(picture, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+            return frame
+        return cv2.remap(frame, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
     def straight_map(self, values: np.ndarray, outside: float = 0.0) -> np.ndarray:
         """A mask or depth map (H, W) of the filmed frame over the straightened one; `outside` the filmed part."""

@@ -134,9 +134,9 @@ def through(matrix: np.ndarray, xy: np.ndarray) -> np.ndarray:
 def steadied(frames: Frames, turns: np.ndarray, camera: Camera, progress: Progress) -> Frames:
     """All frames as the camera of frame 0 would have seen them, (T+1, H, W, 3) uint8."""
 
-    def steady(t: int, picture: np.ndarray) -> np.ndarray:
-        matrix, size = homography(turns[t], camera), picture.shape[1::-1]
-        return cv2.warpPerspective(picture, matrix, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    def steady(t: int, frame: np.ndarray) -> np.ndarray:
+        matrix, size = homography(turns[t], camera), frame.shape[1::-1]
+        return cv2.warpPerspective(frame, matrix, size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
     return each(frames, steady, progress)
 

@@ -9,7 +9,7 @@ from functools import cache, cached_property
 import cv2
 import numpy as np
 
-from ...masks import Masks
+from ...masks import Masks, box_of, rows_columns
 from ...progress import Progress
 from ...records import Camera
 from ..clip.shake import surrounding_corners
@@ -63,22 +63,22 @@ class Plate:
         """`color` without its grain, blurred once for all frames that are compared with it."""
         return cv2.GaussianBlur(self.color, (0, 0), 1.0)
 
-    def difference(self, picture: np.ndarray) -> np.ndarray:
+    def difference(self, frame: np.ndarray) -> np.ndarray:
         """(H, W) float32: largest channel difference to the plate, blurred over a pixel against noise; 0 where unreliable."""
-        away = cv2.absdiff(picture, self.color).astype(np.float32)
+        away = cv2.absdiff(frame, self.color).astype(np.float32)
         return np.where(self.reliable, largest(_grainless(away)), np.float32(0.0))
 
-    def compared(self, picture: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
-        """How `picture` (H, W, 3) differs from the background in `window`, also where that is not reliable, grain averaged out first.
+    def compared(self, frame: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
+        """How `frame` (H, W, 3) differs from the background in `window`, also where that is not reliable, grain averaged out first.
 
         Returns:
             (h, w) float32: the largest difference of a channel [grey levels]; (h, w) int8: 1 where the plate is brighter by one factor in
             all channels, a shadow that went, -1 where it is darker, one that came, else 0.
         """
-        now, behind = cv2.GaussianBlur(cut(picture, window), (0, 0), 1.0), cut(self._smooth, window)
+        now, behind = cv2.GaussianBlur(cut(frame, window), (0, 0), 1.0), cut(self._smooth, window)
         away = largest(cv2.absdiff(now, behind)).astype(np.float32)
         # Channel by channel: planes stay in the processor's cache.
-        light, shade = ([one + np.float32(4.0) for one in cv2.split(picture)] for picture in (now, behind))
+        light, shade = ([one + np.float32(4.0) for one in cv2.split(frame)] for frame in (now, behind))
         ratios = [above / below for above, below in zip(light, shade)]
         middle = (ratios[0] + ratios[1] + ratios[2]) * np.float32(1.0 / 3.0)
         # In the dark, a codec's rounding tints as much as a colour does.
@@ -90,14 +90,14 @@ class Plate:
         alike &= cut(self.reliable, window, cv2.BORDER_CONSTANT) & (middle > SHADOW[0]) & (middle < SHADOW[1])
         return away, alike.view(np.int8) - np.int8(2) * (alike & (middle < 1.0)).view(np.int8)
 
-    def relit(self, picture: np.ndarray, window: Window) -> np.ndarray:
+    def relit(self, frame: np.ndarray, window: Window) -> np.ndarray:
         """(h, w) bool in `window`: a shadow came or went there."""
-        return self.compared(picture, window)[1] != 0
+        return self.compared(frame, window)[1] != 0
 
 
-def largest(picture: np.ndarray) -> np.ndarray:
+def largest(frame: np.ndarray) -> np.ndarray:
     """The largest of three channels (H, W, 3) -> (H, W); NumPy is twenty times slower over so short an axis."""
-    first, second, third = cv2.split(picture)
+    first, second, third = cv2.split(frame)
     return cv2.max(cv2.max(first, second), third)
 
 
@@ -154,19 +154,19 @@ def _median_and_spread(frames: Frames, progress: Progress, seen: Callable[[np.nd
     return color, spread
 
 
-def _as_it_is(picture: np.ndarray) -> np.ndarray:
-    return picture
+def _as_it_is(frame: np.ndarray) -> np.ndarray:
+    return frame
 
 
-def _grainless(picture: np.ndarray) -> np.ndarray:
+def _grainless(frame: np.ndarray) -> np.ndarray:
     """A frame (H, W, 3) blurred over a pixel, as it is before it is compared with the plate: grain is averaged out."""
-    return cv2.GaussianBlur(picture, (0, 0), GRAIN)
+    return cv2.GaussianBlur(frame, (0, 0), GRAIN)
 
 
-def _row_blocks(picture: np.ndarray, count: int) -> Iterator[slice]:
-    """Rows of `picture` (H, W, 3) in blocks of 2 MB over `count` frames: they bound the memory and keep the safe points close together."""
-    rows = max(1, int(2e6 // max(1, count * picture[0].size)))
-    return (slice(top, min(top + rows, len(picture))) for top in range(0, len(picture), rows))
+def _row_blocks(frame: np.ndarray, count: int) -> Iterator[slice]:
+    """Rows of `frame` (H, W, 3) in blocks of 2 MB over `count` frames: they bound the memory and keep the safe points close together."""
+    rows = max(1, int(2e6 // max(1, count * frame[0].size)))
+    return (slice(top, min(top + rows, len(frame))) for top in range(0, len(frame), rows))
 
 
 def _median(block: np.ndarray) -> np.ndarray:
@@ -224,9 +224,8 @@ def seen_first(plate: Plate, frames: Frames, mask: np.ndarray, around: np.ndarra
     doubtful = (away | ~plate.reliable) & ~near
     plate = Plate(plate.color, plate.reliable & ~(around & ~mask & away), plate.noise)
     color, reliable = plate.color, plate.reliable & (cv2.dilate(stayed, np.ones((9, 9), np.uint8)) == 0)
-    rows, columns = np.flatnonzero(doubtful.any(axis=1)), np.flatnonzero(doubtful.any(axis=0))
-    if len(rows):
-        part = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    if doubtful.any():
+        part = rows_columns(box_of(doubtful))
         first = np.array(frames[0][part])
         agree = np.zeros(first.shape[:2], np.int32)
         for t in chosen:

@@ -10,7 +10,7 @@ from ...progress import Journal, Progress
 from ...settings import ObserveSettings
 from ..clip.stored import Frames
 from .background import Plate, plate_behind, seen_first
-from .evidence import Looks, trimmed
+from .evidence import Contrast, trimmed
 from .flows import Flows
 from .follow import MaskFollower
 from .from_box import NEARBY, Moving, refined
@@ -36,7 +36,7 @@ def with_background(
     around: np.ndarray,
     progress: Progress,
     journal: Journal,
-) -> tuple[np.ndarray, Plate, Looks | None, Flows | None]:
+) -> tuple[np.ndarray, Plate, Contrast | None, Flows | None]:
     """The outline of frame 0, the background, how the object differs from it, each found again by the others, and how it moves.
 
     The object, followed roughly, shows what is behind it.
@@ -53,18 +53,18 @@ def with_background(
     plate = seen_first(plate, frames, mask, around if settings.box is not None else mask)
     if motion is not None:
         mask = refined(frames[0], mask, plate, allowed, motion)
-    looks, flows, stayed = None, None, np.zeros_like(mask)
+    contrast, flows, stayed = None, None, np.zeros_like(mask)
     if not settings.mask_model:
         masks, flows = _roughly(frames, mask, plate, progress, journal)
         if areas(masks)[1:].any():
             plate = plate_behind(frames, masks, plate, median, progress)
             seen = np.flatnonzero(areas(masks))
             some = seen[np.unique(np.linspace(0, len(seen) - 1, min(LEARNT, len(seen))).astype(int))]
-            looks = Looks(plate, ((frames[int(t)], masks[int(t)]) for t in some))
+            contrast = Contrast(plate, ((frames[int(t)], masks[int(t)]) for t in some))
             stayed = stays(frames[0], masks, Plate(median, np.ones_like(mask), plate.noise)) & allowed
     if motion is not None:
-        mask = trimmed(frames[0], refined(frames[0], mask | stayed, plate, allowed, motion, looks), plate)
-    return mask, plate, looks, flows
+        mask = trimmed(frames[0], refined(frames[0], mask | stayed, plate, allowed, motion, contrast), plate)
+    return mask, plate, contrast, flows
 
 
 def stays(first: np.ndarray, masks: Masks, median: Plate) -> np.ndarray:
@@ -86,8 +86,8 @@ def _roughly(frames: Frames, mask: np.ndarray, plate: Plate, progress: Progress,
     full = mask.shape[::-1]
     size = (round(full[0] * scale), round(full[1] * scale))
 
-    def small(picture: np.ndarray) -> np.ndarray:
-        return picture if scale == 1.0 else cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    def small(frame: np.ndarray) -> np.ndarray:
+        return frame if scale == 1.0 else cv2.resize(frame, size, interpolation=cv2.INTER_AREA)
 
     def large(found: np.ndarray) -> np.ndarray:
         return cv2.resize(found.astype(np.uint8) * 255, full, interpolation=cv2.INTER_LINEAR) >= 128

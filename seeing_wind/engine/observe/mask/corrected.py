@@ -14,7 +14,7 @@ from ..clip.shake import through
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import RIM, Looks
+from .evidence import RIM, Contrast
 from .first_mask import SEED
 from .flows import Flows
 from .follow import MaskFollower
@@ -80,10 +80,10 @@ def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, 
         UsageError: a mark in no frame of the clip, or outside it.
     """
     rows = np.array(corrections, dtype=np.float64).reshape(-1, 4)
-    pictures, height, width = shape
+    frames, height, width = shape
     for number, x, y, _ in rows:
-        if not 0 <= number - first < pictures:
-            last = first + pictures - 1
+        if not 0 <= number - first < frames:
+            last = first + frames - 1
             raise UsageError(f"The correction in frame {number:g} of the file lies outside the clip's {first} to {last}.", WHERE)
         if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
             raise UsageError(
@@ -94,8 +94,8 @@ def marks_of(corrections: tuple[float, ...], first: int, shape: tuple[int, int, 
     return {int(one) - first: Marks(*(rows[(numbers == one) & (rows[:, 3] == on), 1:3] for on in (1, 0))) for one in np.unique(numbers)}
 
 
-def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Progress) -> np.ndarray:
-    """The object (H, W) bool in `picture` (H, W, 3) uint8, found again round the `marks`, by GrabCut begun with `mask` (H, W) bool.
+def with_marks(frame: np.ndarray, mask: np.ndarray, marks: Marks, progress: Progress) -> np.ndarray:
+    """The object (H, W) bool in `frame` (H, W, 3) uint8, found again round the `marks`, by GrabCut begun with `mask` (H, W) bool.
 
     A mark on the object only adds and one beside it only takes away, in one piece with the mark and about as deep as a mistake is in whose
     middle the mark stands.
@@ -114,10 +114,10 @@ def with_marks(picture: np.ndarray, mask: np.ndarray, marks: Marks, progress: Pr
             column, row = np.round(points).astype(int).T
             # Nearer the outline it is the rim that is wrong, where a colour is both sides'.
             far = cv2.distanceTransform(wrong, cv2.DIST_L2, 5)[row, column] > 2.0 * RIM
-            alike = _alike(picture, points[far], radius) & (wrong > 0)
+            alike = _alike(frame, points[far], radius) & (wrong > 0)
             if alike.sum() < MOST * mask.sum():
                 begun[alike], sure[alike] = on, True
-        found = _asked(mask, _cut_again(picture, begun, discs, round(max(LOCAL * size, 4 * radius)), progress), marks, discs, sure)
+        found = _asked(mask, _cut_again(frame, begun, discs, round(max(LOCAL * size, 4 * radius)), progress), marks, discs, sure)
     found = (found | discs[0]) & ~discs[1]
     if found.sum() < LEAST_PIXELS:
         raise ObjectError("The corrections leave nothing of the object.", "Mark points on it, too.")
@@ -137,9 +137,9 @@ def _asked(mask: np.ndarray, found: np.ndarray, marks: Marks, discs: list[np.nda
     return asked
 
 
-def _alike(picture: np.ndarray, points: np.ndarray, radius: int) -> np.ndarray:
+def _alike(frame: np.ndarray, points: np.ndarray, radius: int) -> np.ndarray:
     """(H, W) bool: what is coloured as the places round `points` (P, 2) [px] are, as far as it hangs together with them."""
-    smooth, found = cv2.GaussianBlur(picture, (0, 0), 1.5), np.zeros((picture.shape[0] + 2, picture.shape[1] + 2), np.uint8)
+    smooth, found = cv2.GaussianBlur(frame, (0, 0), 1.5), np.zeros((frame.shape[0] + 2, frame.shape[1] + 2), np.uint8)
     for x, y in np.round(points).astype(int):
         place = smooth[max(y - 2 * radius, 0) : y + 2 * radius + 1, max(x - 2 * radius, 0) : x + 2 * radius + 1].reshape(-1, 3)
         if place.std(axis=0).max() < GRAIN:  # a place of several colours stands for none of them
@@ -147,16 +147,16 @@ def _alike(picture: np.ndarray, points: np.ndarray, radius: int) -> np.ndarray:
     return found[1:-1, 1:-1] > 0
 
 
-def _cut_again(picture: np.ndarray, mask: np.ndarray, discs: list[np.ndarray], reach: int, progress: Progress) -> np.ndarray:
+def _cut_again(frame: np.ndarray, mask: np.ndarray, discs: list[np.ndarray], reach: int, progress: Progress) -> np.ndarray:
     """What GrabCut takes for the object within `reach` [px] of `discs` (H, W) bool on it and beside it; elsewhere `mask` as it is."""
     distance = cv2.distanceTransform(1 - (discs[0] | discs[1]).astype(np.uint8), cv2.DIST_L2, 5)
     near = distance <= reach
-    window = within(window_of(mask | near, 20), picture)
+    window = within(window_of(mask | near, 20), frame)
     trimap = np.where(mask & ~discs[1], cv2.GC_FGD, cv2.GC_BGD).astype(np.uint8)
     trimap[near & mask], trimap[near & ~mask] = cv2.GC_PR_FGD, cv2.GC_PR_BGD
     trimap[discs[0]], trimap[discs[1]] = cv2.GC_FGD, cv2.GC_BGD
     found = np.zeros_like(mask)
-    paste(found, grab_cut(cut(picture, window), cut(trimap, window), 5, progress), window)
+    paste(found, grab_cut(cut(frame, window), cut(trimap, window), 5, progress), window)
     return tidy(found, (mask & ~near) | discs[0])
 
 
@@ -178,8 +178,8 @@ def carried_to_first(frames: Frames, shown: dict[int, np.ndarray], plate: Plate 
     follower = MaskFollower(frames[start], mask, plate, progress, trim=True)
     for t in range(start - 1, -1, -1):
         progress.check()
-        picture = frames[t]
-        mask = follower.finished(picture, follower.advance(picture))
+        frame = frames[t]
+        mask = follower.finished(frame, follower.advance(frame))
     if not mask.any():
         raise ObjectError(
             f"The object is marked in frame {start} and cannot be followed back to the first one.",
@@ -196,9 +196,9 @@ def corrected(frames: Frames, masks: Masks, better: dict[int, np.ndarray], progr
     differs by more than half of the correction from the one that was corrected, it is wrong in another way, and stays; where it does so in
     three frames in a row, the mistake is over.
     """
-    pictures, found = sorted(better), {t: better[t] for t in better}
-    ends = [(one + other) // 2 for one, other in zip(pictures, pictures[1:])]
-    for start, low, high in zip(pictures, [0, *(end + 1 for end in ends)], [*ends, len(frames) - 1]):
+    at, found = sorted(better), {t: better[t] for t in better}
+    ends = [(one + other) // 2 for one, other in zip(at, at[1:])]
+    for start, low, high in zip(at, [0, *(end + 1 for end in ends)], [*ends, len(frames) - 1]):
         area = int(better[start].sum())
         changes = [(part, True) for part in _parts(better[start] & ~masks[start], area)]
         changes += [(part, False) for part in _parts(masks[start] & ~better[start], area)]
@@ -277,7 +277,7 @@ def with_corrections(
     shown: dict[int, np.ndarray],
     marks: dict[int, Marks],
     plate: Plate | None,
-    looks: Looks | None,
+    contrast: Contrast | None,
     flows: Flows | None,
     progress: Progress,
     journal: Journal,
@@ -290,7 +290,7 @@ def with_corrections(
     """
     if not shown and not marks:
         return None
-    follower = MaskFollower(frames[0], mask, plate, progress, looks, trim=True, known=flows)
+    follower = MaskFollower(frames[0], mask, plate, progress, contrast, trim=True, known=flows)
     found = followed(frames.__getitem__, len(frames), follower, progress.part(0.2, 0.3), journal.loop("follow to correct"))
     found = Masks.of(found[t] if t else unaided for t in range(len(found)))
     marked = {t: with_marks(frames[t], shown.get(t, found[t]), each, progress) for t, each in marks.items()}

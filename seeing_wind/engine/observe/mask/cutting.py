@@ -17,7 +17,7 @@ GRABCUT_PIXELS = 120_000
 """Region size beyond which GrabCut runs on a smaller copy: its time grows faster than its accuracy."""
 
 
-def grab_cut(crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Progress | None = None) -> np.ndarray:
+def grab_cut(crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Progress) -> np.ndarray:
     """Foreground (h, w) bool of `crop` (h, w, 3) uint8 by GrabCut from `trimap` (h, w) of cv2.GC_* labels, on a smaller copy if large.
 
     `progress` is asked between iterations, each of which may take a fifth of a second.
@@ -34,8 +34,7 @@ def grab_cut(crop: np.ndarray, trimap: np.ndarray, iterations: int, progress: Pr
     behind, front = np.zeros((1, 65)), np.zeros((1, 65))
     for iteration in range(iterations):
         cv2.grabCut(small, labels, None, behind, front, 1, cv2.GC_EVAL if iteration else cv2.GC_INIT_WITH_MASK)
-        if progress is not None:
-            progress.check()
+        progress.check()
         if not (labels & 1).any():
             break
     found = (labels & 1).astype(np.float32)

@@ -59,6 +59,9 @@ COLORS = 12
 BIN = np.arange(256, dtype=np.uint16) * COLORS // 256 * np.array([[COLORS**2], [COLORS], [1]], np.uint16)
 """What each channel's value adds to the number of a colour's bin, (3, 256)."""
 
+NO_EDGE = 10.0
+"""Grey levels of contrast below which there is no edge."""
+
 COLOR_SURE = 2.5
 """Log odds that a colour can give."""
 
@@ -79,12 +82,12 @@ class Colors:
         red, green, blue = (cv2.LUT(plane, table) for plane, table in zip(planes, BIN))
         return (red + green + blue).reshape(colors.shape[:-1]).astype(np.intp)
 
-    def odds(self, picture: np.ndarray) -> np.ndarray:
-        """(h, w) float32 log odds of the colours of `picture` (h, w, 3) uint8."""
-        return self._odds[self._bins(picture)]
+    def odds(self, frame: np.ndarray) -> np.ndarray:
+        """(h, w) float32 log odds of the colours of `frame` (h, w, 3) uint8."""
+        return self._odds[self._bins(frame)]
 
 
-class Looks:
+class Contrast:
     """How an object and its surroundings differ from the background, learnt from one frame.
 
     The surroundings differ, too: by shadows, gleams, and what a codec leaves round all that moves. How much of each there is belongs to
@@ -94,10 +97,10 @@ class Looks:
     def __init__(self, plate: Plate | None = None, seen: Iterable[tuple[np.ndarray, np.ndarray]] = ()) -> None:
         """`seen`: frames (H, W, 3) uint8 before `plate`, each with the object (H, W) bool in it; without them, what is usual."""
         inside, beside = [np.zeros(0, np.uint8)], [np.zeros(0, np.uint8)]
-        for picture, mask in seen:
+        for frame, mask in seen:
             assert plate is not None  # without one, nothing can be seen before it
             window = window_of(mask, 8 + int(0.35 * np.sqrt(mask.sum())))
-            classes, known = _classes(*plate.compared(picture, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
+            classes, known = _classes(*plate.compared(frame, window), plate.noise), cut(plate.reliable, window, cv2.BORDER_CONSTANT)
             shape = _unshaded(cut(mask, window, cv2.BORDER_CONSTANT), classes % 3 > 0).astype(np.uint8)
             # The rim is both.
             inside.append(classes[(cv2.erode(shape, np.ones((3, 3), np.uint8)) > 0) & known])
@@ -158,14 +161,16 @@ def _unshaded(shape: np.ndarray, relit: np.ndarray) -> np.ndarray:
     return filled if filled.sum() > OWN * shape.sum() else shape
 
 
-def against_plate(picture: np.ndarray, plate: Plate, window: Window, looks: Looks, least: float = -SURE) -> tuple[np.ndarray, np.ndarray]:
+def against_plate(
+    frame: np.ndarray, plate: Plate, window: Window, contrast: Contrast, least: float = -SURE
+) -> tuple[np.ndarray, np.ndarray]:
     """Log odds (h, w) in `window` by what differs from the background, and where that is known (h, w) bool.
 
     What does not differ speaks against the object with `least` at most. At a rim, the object ends at half of its contrast.
     """
-    away, light = plate.compared(picture, window)
+    away, light = plate.compared(frame, window)
     known = cut(plate.reliable, window, cv2.BORDER_CONSTANT)
-    odds = looks.odds(away, light, plate.noise)
+    odds = contrast.odds(away, light, plate.noise)
     odds = np.where(away < DIFFERS * plate.noise, np.maximum(odds, least), odds)
     rim = cv2.distanceTransform((odds > 0.0).astype(np.uint8), cv2.DIST_L2, 3) <= RIM
     reach = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * int(RIM) + 1, 2 * int(RIM) + 1))
@@ -173,7 +178,7 @@ def against_plate(picture: np.ndarray, plate: Plate, window: Window, looks: Look
     return np.where(rim, np.minimum(odds, half), odds).astype(np.float32), known
 
 
-def trimmed(picture: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
+def trimmed(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     """The outline `mask` (H, W) bool without the outer half of its blurred rim, where the background is known.
 
     A lens spreads an edge over pixels on either side of it: the object ends where half is left of the contrast that it has farther in.
@@ -182,7 +187,7 @@ def trimmed(picture: np.ndarray, mask: np.ndarray, plate: Plate) -> np.ndarray:
     if not mask.any():
         return mask
     window = window_of(mask, 3)
-    apart = cv2.GaussianBlur(cut(picture, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
+    apart = cv2.GaussianBlur(cut(frame, window).astype(np.float32) - cut(plate.color, window), (0, 0), 0.5)
     shape, (red, green, blue) = cut(mask, window, cv2.BORDER_CONSTANT), cv2.split(apart)
     away = np.sqrt(red * red + green * green + blue * blue)
     depth = cv2.distanceTransform(shape.astype(np.uint8), cv2.DIST_L2, 5)
@@ -213,18 +218,14 @@ def band_of(area: float) -> float:
     return float(np.clip(0.06 * np.sqrt(area), 2.0, 9.0))
 
 
-def cut_out(odds: np.ndarray, picture: np.ndarray, radius: int = 2, smooth: float = 10.0) -> np.ndarray:
-    """(h, w) bool where `odds` (h, w), smoothed along the edges of `picture` (h, w, 3) uint8 in a window of `radius` [px], are positive.
-
-    `smooth` [grey levels]: contrasts below it are no edges.
-    """
-    guide = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+def cut_out(odds: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """(h, w) bool where `odds` (h, w), smoothed along the edges of `frame` (h, w, 3) uint8, are positive: He's guided filter."""
+    guide = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
     values = np.clip(odds, -2.0 * SURE, 2.0 * SURE).astype(np.float32)
-    size = (2 * radius + 1, 2 * radius + 1)
 
     def mean(of: np.ndarray) -> np.ndarray:
-        return cv2.blur(of, size)
+        return cv2.blur(of, (5, 5))
 
     middle, level = mean(guide), mean(values)
-    slope = (mean(guide * values) - middle * level) / (mean(guide * guide) - middle**2 + smooth**2)
+    slope = (mean(guide * values) - middle * level) / (mean(guide * guide) - middle**2 + NO_EDGE**2)
     return (mean(slope) * guide + mean(level - slope * middle) > 0.0) & (odds > OUTSIDE / 2)

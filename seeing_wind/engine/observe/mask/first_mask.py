@@ -11,7 +11,7 @@ from ...errors import ObjectError, UsageError
 from ...progress import Progress
 from ...settings import ObserveSettings
 from ..clip.depth import read_depth
-from ..clip.images import read_picture
+from ..clip.images import read_image
 from ..clip.stored import Frames
 from .background import Plate
 from .cutting import LEAST_PIXELS, grab_cut, tidy
@@ -34,16 +34,16 @@ def first_mask(settings: ObserveSettings, frames: Frames, plate: Plate | None, p
         ObjectError: nothing there, or too little.
         UsageError: a mask of another size or unreadable, or a point outside the frame.
     """
-    picture = frames[0]
-    height, width = picture.shape[:2]
+    frame = frames[0]
+    height, width = frame.shape[:2]
     if settings.mask is not None:
         mask = read_mask(settings.mask, height, width)
     elif settings.points is not None:
-        mask = mask_from_points(picture, point_list(settings.points, height, width), plate, progress)
+        mask = mask_from_points(frame, point_list(settings.points, height, width), plate, progress)
     elif settings.depth is not None and not np.isfinite(depth := read_depth(settings.depth, height, width)).all():
         mask = np.isfinite(depth) & (depth > 0)
     else:
-        mask = _what_moves(picture, plate)
+        mask = _what_moves(frame, plate)
         progress.warn("Neither mask nor box was given: the one thing that moves against the background is taken for the object.")
     if mask.sum() < LEAST_PIXELS:
         raise ObjectError(f"The object covers {int(mask.sum())} pixels of the first frame, too few to follow.", NEITHER)
@@ -61,7 +61,7 @@ def read_mask(path: str, height: int, width: int, what: str = "mask") -> np.ndar
     if not Path(path).is_file():
         raise UsageError(f"There is no {what} at {path}.", "Check the path.")
     try:
-        values = read_picture(path, cv2.IMREAD_UNCHANGED)
+        values = read_image(path, cv2.IMREAD_UNCHANGED)
     except (OSError, ValueError) as error:
         raise UsageError(f"The {what} {path} cannot be read: {error}.", "Save it as PNG, as large as the clip.") from error
     if values.shape[:2] != (height, width):
@@ -90,7 +90,7 @@ def point_list(points: tuple[float, ...], height: int, width: int) -> np.ndarray
     return pairs
 
 
-def mask_from_points(picture: np.ndarray, points: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
+def mask_from_points(frame: np.ndarray, points: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray:
     """The object (H, W) bool that `points` (P, 2) [px] lie on.
 
     What differs from the background of a camera that stands still, where every point lies on it; otherwise what has the colours at the
@@ -99,14 +99,14 @@ def mask_from_points(picture: np.ndarray, points: np.ndarray, plate: Plate | Non
     Raises:
         ObjectError: what is found is next to nothing, or nearly the whole frame.
     """
-    height, width = picture.shape[:2]
+    height, width = frame.shape[:2]
     seeds = np.zeros((height, width), np.uint8)
     radius = max(2, round(SEED * min(height, width)))
     for x, y in np.round(points).astype(int):
         cv2.circle(seeds, (int(x), int(y)), radius, 1, -1)
-    found = _changed_at(picture, seeds, points, plate, progress)
+    found = _changed_at(frame, seeds, points, plate, progress)
     if found is None:
-        found = _coloured_as(picture, seeds, points, progress)
+        found = _coloured_as(frame, seeds, points, progress)
     # Hardly more than the discs round the points: their colours are everywhere, and nothing was added to them.
     if not max(LEAST_PIXELS, 1.5 * seeds.sum()) <= found.sum() <= LARGEST_OF_POINTS * found.size:
         raise ObjectError(
@@ -116,11 +116,11 @@ def mask_from_points(picture: np.ndarray, points: np.ndarray, plate: Plate | Non
     return found
 
 
-def _changed_at(picture: np.ndarray, seeds: np.ndarray, points: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray | None:
+def _changed_at(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, plate: Plate | None, progress: Progress) -> np.ndarray | None:
     """The moving things under the points, cut along their edges; None where a point is on nothing that moves."""
     if plate is None:
         return None
-    changed = (plate.difference(picture) > 6.0 * plate.noise) | ~plate.reliable
+    changed = (plate.difference(frame) > 6.0 * plate.noise) | ~plate.reliable
     _, labels = cv2.connectedComponents(cv2.morphologyEx(changed.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)))
     column, row = np.round(points).astype(int).T
     own = np.unique(labels[row, column])
@@ -128,14 +128,14 @@ def _changed_at(picture: np.ndarray, seeds: np.ndarray, points: np.ndarray, plat
         return None
     # Part of it is the background that the object moves over, or a shadow that moves along: the colours tell.
     trimap = np.where(np.isin(labels, own), cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
-    relit = plate.relit(picture, (0, 0, picture.shape[1], picture.shape[0]))
+    relit = plate.relit(frame, (0, 0, frame.shape[1], frame.shape[0]))
     if relit[seeds > 0].mean() < 0.5:
         trimap[relit] = cv2.GC_BGD
     trimap[seeds > 0] = cv2.GC_FGD
-    return tidy(grab_cut(picture, trimap, 5, progress), seeds > 0)
+    return tidy(grab_cut(frame, trimap, 5, progress), seeds > 0)
 
 
-def _coloured_as(picture: np.ndarray, seeds: np.ndarray, points: np.ndarray, progress: Progress) -> np.ndarray:
+def _coloured_as(frame: np.ndarray, seeds: np.ndarray, points: np.ndarray, progress: Progress) -> np.ndarray:
     trimap = np.full(seeds.shape, cv2.GC_PR_BGD, np.uint8)
     hull = np.zeros_like(seeds)
     cv2.fillConvexPoly(hull, cv2.convexHull(np.round(points).astype(np.int32)), 1)
@@ -145,16 +145,16 @@ def _coloured_as(picture: np.ndarray, seeds: np.ndarray, points: np.ndarray, pro
     edge[rim:-rim, rim:-rim] = False
     trimap[edge] = cv2.GC_BGD
     trimap[seeds > 0] = cv2.GC_FGD
-    found = grab_cut(picture, trimap, 6, progress)
+    found = grab_cut(frame, trimap, 6, progress)
     _, labels = cv2.connectedComponents(found.astype(np.uint8), connectivity=4)
     own = np.unique(labels[(seeds > 0) & found])
     return tidy(np.isin(labels, own[own > 0]), seeds > 0)
 
 
-def _what_moves(picture: np.ndarray, plate: Plate | None) -> np.ndarray:
+def _what_moves(frame: np.ndarray, plate: Plate | None) -> np.ndarray:
     if plate is None:
         raise ObjectError("No object was marked, and the camera moves, so nothing says what it is.", NEITHER)
-    changed = (plate.difference(picture) > 6.0 * plate.noise + 6.0).astype(np.uint8)
+    changed = (plate.difference(frame) > 6.0 * plate.noise + 6.0).astype(np.uint8)
     changed = cv2.morphologyEx(
         cv2.morphologyEx(changed, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
     )

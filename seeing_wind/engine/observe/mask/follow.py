@@ -8,7 +8,7 @@ import numpy as np
 from ...progress import Progress
 from .background import Plate
 from .cutting import LEAST_PIXELS, tidy
-from .evidence import Colors, Looks, against_plate, against_shape, band_of, cut_out, trimmed
+from .evidence import Colors, Contrast, against_plate, against_shape, band_of, cut_out, trimmed
 from .flows import Flows
 from .motion import Flow, FlowSolver, Window, body_shift, cut, joined, middle_of, paste, placed, window_of, within
 from .veil import Veil, out_again
@@ -48,32 +48,32 @@ class MaskFollower:
 
     def __init__(
         self,
-        picture: np.ndarray,
+        frame: np.ndarray,
         mask: np.ndarray,
         plate: Plate | None,
         progress: Progress,
-        looks: Looks | None = None,
+        contrast: Contrast | None = None,
         trim: bool = False,
         known: Flows | None = None,
         kept: Flows | None = None,
     ) -> None:
-        """`picture` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
+        """`frame` (H, W, 3) uint8 RGB and `mask` (H, W) bool of frame 0; `progress` is asked several times a frame.
 
-        `looks`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
+        `contrast`: how the object differs from the plate; None learns it from frame 0. `trim`: masks end in the middle of a blurred rim.
         `known`: motion that a former pass found, `kept`: takes what this one finds.
         """
         self._trim, self._known, self._kept = trim, known, kept
         self._progress = progress
         self._plate = plate
-        self._looks = looks if looks is not None or plate is None else Looks(plate, [(picture, mask)])
+        self._contrast = contrast if contrast is not None or plate is None else Contrast(plate, [(frame, mask)])
         self._solver = FlowSolver(rough=True)
         near = cv2.dilate(cut(mask, window_of(mask, 24)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        around = cut(picture, window_of(mask, 24))
-        self._colors = Colors(picture[mask], around[~near])
-        self._gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        around = cut(frame, window_of(mask, 24))
+        self._colors = Colors(frame[mask], around[~near])
+        self._gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
         self._shape_window: Window = window_of(mask, 0)
         self._shape = cut(mask, self._shape_window)
-        self._template = cut(picture, self._shape_window).copy()
+        self._template = cut(frame, self._shape_window).copy()
         self._steps = 0
         self._missed = 0
         self._veil = Veil(mask)
@@ -82,10 +82,10 @@ class MaskFollower:
         self.hidden = False
         self.flow: Flow | None = None
 
-    def advance(self, picture: np.ndarray) -> np.ndarray:
-        """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
-        gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
-        shift = self._search(picture)
+    def advance(self, frame: np.ndarray) -> np.ndarray:
+        """The mask (H, W) bool of the next `frame` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
+        gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
+        shift = self._search(frame)
         self._progress.check()
         window = self._shape_window
         side = max(window[2] - window[0], window[3] - window[1])
@@ -100,19 +100,19 @@ class MaskFollower:
         motion = self._motion(shift)
         self._veil.move(motion)
         carried, where = self._carry(shift, margin)
-        carried, where = self._with_what_is_out_again(picture, carried, where)
-        found, background = self._silhouette(picture, carried, where)
+        carried, where = self._with_what_is_out_again(frame, carried, where)
+        found, background = self._silhouette(frame, carried, where)
         self._veil.keep(self._moved(motion, where), found, background, where)
-        self._remember(picture, gray, shift, carried, found, where)
+        self._remember(frame, gray, shift, carried, found, where)
         mask = np.zeros(gray.shape, bool)
         if not self.hidden:
             paste(mask, found, where)
         self.mask = mask
         return mask
 
-    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """See `through.Follower.finished`."""
-        return trimmed(picture, mask, self._plate) if self._trim and self._plate is not None else mask
+        return trimmed(frame, mask, self._plate) if self._trim and self._plate is not None else mask
 
     def state(self) -> dict[str, np.ndarray]:
         """See `through.Follower.state`."""
@@ -124,24 +124,24 @@ class MaskFollower:
             "counts": np.array([self._steps, self._missed, self.hidden]),
         } | self._veil.state() | (self._kept.state() if self._kept is not None else {})
 
-    def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+    def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
         """See `through.Follower.resume`."""
         x0, y0, x1, y1 = (int(value) for value in state["shape_window"])
         steps, missed, hidden = (int(value) for value in state["counts"])
         self._shape, self._shape_window, self._template = state["shape"], (x0, y0, x1, y1), state["template"]
         self._steps, self._missed, self.hidden, self.velocity = steps, missed, hidden > 0, state["velocity"]
-        self._gray, self.mask, self.flow = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), mask, None
+        self._gray, self.mask, self.flow = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY), mask, None
         self._veil.resume(state)
         if self._kept is not None:
             self._kept.resume(state)
 
-    def _changed(self, picture: np.ndarray) -> np.ndarray | None:
+    def _changed(self, frame: np.ndarray) -> np.ndarray | None:
         """Evidence (H, W) float32 in 0..1 that a pixel is not background: 0.5 at five times the noise."""
-        if self._plate is None or self._looks is None:
+        if self._plate is None or self._contrast is None:
             return None
-        return np.clip(self._plate.difference(picture) / (10.0 * self._plate.noise), 0.0, 1.0)
+        return np.clip(self._plate.difference(frame) / (10.0 * self._plate.noise), 0.0, 1.0)
 
-    def _search(self, picture: np.ndarray) -> np.ndarray:
+    def _search(self, frame: np.ndarray) -> np.ndarray:
         size = float(np.sqrt(self._shape.sum()))
         # Nothing is known of the first step; a small thing may leap several of its own widths, a large one only part of its own.
         reach = max(24.0, 4.0 * size if self._shape.sum() < SMALL else 0.7 * size) if self._steps == 0 else max(12.0, 0.5 * size)
@@ -150,8 +150,8 @@ class MaskFollower:
         origin = (self._shape_window[0], self._shape_window[1])
         # A plate that holds only part of the object's path as clean would pull towards that part.
         clean = self._plate is not None and cut(self._plate.reliable, self._shape_window).mean() > 0.9
-        changed = self._changed(picture) if clean else None
-        return body_shift(self._template, self._shape, origin, picture, changed, self.velocity, min(reach, 200.0))
+        changed = self._changed(frame) if clean else None
+        return body_shift(self._template, self._shape, origin, frame, changed, self.velocity, min(reach, 200.0))
 
     def _motion(self, shift: np.ndarray) -> np.ndarray:
         """(2,) [px], of the whole object: what it lost or gained on a side moves its middle, too, but not its points."""
@@ -166,17 +166,17 @@ class MaskFollower:
         x0, y0, x1, y1 = self._shape_window
         return placed(self._shape, (x0 + dx, y0 + dy, x1 + dx, y1 + dy), where)
 
-    def _with_what_is_out_again(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
+    def _with_what_is_out_again(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, Window]:
         """The carried silhouette with what was hidden and now looks like the object, in a window that holds both."""
         if self._veil.window is None:
             return carried, where
-        around = within(self._veil.window, picture)
-        seen = self._against_plate(picture, around)
+        around = within(self._veil.window, frame)
+        seen = self._against_plate(frame, around)
         if seen is None:
             return carried, where
         behind, known = seen
-        looks = known & (behind > 0.0) & (self._colors.odds(cut(picture, around)) > 0.0)
-        again = out_again(self._veil.over(around) & looks, placed(carried, where, around), band_of(float(carried.sum())))
+        alike = known & (behind > 0.0) & (self._colors.odds(cut(frame, around)) > 0.0)
+        again = out_again(self._veil.over(around) & alike, placed(carried, where, around), band_of(float(carried.sum())))
         if not again.any():
             return carried, where
         x0, y0, x1, y1 = window_of(again, FILTERS)
@@ -201,7 +201,7 @@ class MaskFollower:
         carried = cv2.morphologyEx(carried, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
         return cv2.morphologyEx(carried, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0, where
 
-    def _silhouette(self, picture: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, np.ndarray]:
+    def _silhouette(self, frame: np.ndarray, carried: np.ndarray, where: Window) -> tuple[np.ndarray, np.ndarray]:
         """The object by its `carried` silhouette, and where nothing but the background is seen, (h, w) bool in the window `where`."""
         found, background = np.zeros_like(carried), np.zeros_like(carried)
         if not carried.any():
@@ -209,26 +209,26 @@ class MaskFollower:
         band = band_of(float(carried.sum()))
         # Farther away than three bands, no evidence outweighs the silhouette's.
         near = window_of(carried, int(3 * band) + FILTERS)
-        around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), picture)
+        around = within((near[0] + where[0], near[1] + where[1], near[2] + where[0], near[3] + where[1]), frame)
         if around[0] < around[2] and around[1] < around[3]:
             near = (around[0] - where[0], around[1] - where[1], around[2] - where[0], around[3] - where[1])
-            seen = self._against_plate(picture, around)
+            seen = self._against_plate(frame, around)
             if seen is not None:
                 paste(background, seen[1] & (seen[0] < 0.0), near)
-            paste(found, self._cut_out(picture, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
+            paste(found, self._cut_out(frame, cut(carried, near, cv2.BORDER_CONSTANT), around, band, seen), near)
         return found, background
 
-    def _against_plate(self, picture: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
+    def _against_plate(self, frame: np.ndarray, around: Window) -> tuple[np.ndarray, np.ndarray] | None:
         """What `against_plate` says in a window; None where no background is known, or in a window without area."""
-        if self._plate is None or self._looks is None or around[0] >= around[2] or around[1] >= around[3]:
+        if self._plate is None or self._contrast is None or around[0] >= around[2] or around[1] >= around[3]:
             return None
-        return against_plate(picture, self._plate, around, self._looks)
+        return against_plate(frame, self._plate, around, self._contrast)
 
     def _cut_out(
-        self, picture: np.ndarray, carried: np.ndarray, where: Window, band: float, plate: tuple[np.ndarray, np.ndarray] | None
+        self, frame: np.ndarray, carried: np.ndarray, where: Window, band: float, plate: tuple[np.ndarray, np.ndarray] | None
     ) -> np.ndarray:
         """`plate`: what `against_plate` says in the window `where`, if a background is known."""
-        crop = cut(picture, where)
+        crop = cut(frame, where)
         odds = against_shape(carried, band)
         colors = self._colors.odds(crop)
         if plate is None:
@@ -239,7 +239,7 @@ class MaskFollower:
         return tidy(cut_out(odds, crop), carried)
 
     def _remember(
-        self, picture: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window
+        self, frame: np.ndarray, gray: np.ndarray, shift: np.ndarray, carried: np.ndarray, found: np.ndarray, where: Window
     ) -> None:
         area = float(found.sum())
         self.hidden = area < max(LOST * carried.sum(), min(LEAST_PIXELS, 0.5 * carried.sum()))
@@ -256,4 +256,4 @@ class MaskFollower:
         local = window_of(found, 0)
         self._shape_window = (local[0] + where[0], local[1] + where[1], local[2] + where[0], local[3] + where[1])
         self._shape = cut(found, local)
-        self._template = cut(picture, self._shape_window).copy()
+        self._template = cut(frame, self._shape_window).copy()

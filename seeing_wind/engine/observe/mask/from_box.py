@@ -14,7 +14,7 @@ from ...progress import Progress
 from ..clip.stored import Frames
 from .background import Plate, largest
 from .cutting import LEAST_PIXELS, grab_cut, tidy
-from .evidence import OUTSIDE, Colors, Looks, against_plate, against_shape, band_of, cut_out
+from .evidence import OUTSIDE, Colors, Contrast, against_plate, against_shape, band_of, cut_out
 from .motion import Window, cut, paste, window_of, within
 
 CUT_OFF = (0.08, 1.0)
@@ -55,14 +55,14 @@ NEITHER = "Mark the object in the first frame by --box, --points, or --mask with
 
 
 def mask_in_box(
-    picture: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None, progress: Progress, moving: Moving | None = None
+    frame: np.ndarray, box: tuple[float, float, float, float], plate: Plate | None, progress: Progress, moving: Moving | None = None
 ) -> np.ndarray:
     """The object (H, W) bool inside `box` (x0, y0, x1, y1) [px]; what surrounds the box is background.
 
     GrabCut (Rother 2004), begun with what changes over the clip as the object and what does not as background.
 
     Args:
-        picture: (H, W, 3) uint8 RGB, frame 0.
+        frame: (H, W, 3) uint8 RGB, frame 0.
         plate: the background; None where the camera moves, and then only colours count.
         moving: see `moving_in`; None where there is but one frame.
 
@@ -70,14 +70,14 @@ def mask_in_box(
         UsageError: a box outside the frame or without area.
         ObjectError: nothing in the box stands out.
     """
-    inside = _pixels_of(box, *picture.shape[:2])
+    inside = _pixels_of(box, *frame.shape[:2])
     margin = max(20, (window_of(inside, 0)[2] - window_of(inside, 0)[0]) // 2, (window_of(inside, 0)[3] - window_of(inside, 0)[1]) // 2)
-    window = within(window_of(inside, margin), picture)
-    crop, boxed = cut(picture, window), cut(inside, window)
+    window = within(window_of(inside, margin), frame)
+    crop, boxed = cut(frame, window), cut(inside, window)
     motion = behind = None
     if plate is not None and moving is not None:
-        motion, behind = np.zeros(boxed.shape, np.float32), _left(picture, plate, window)
-        near = within(window_of(inside, NEARBY), picture)
+        motion, behind = np.zeros(boxed.shape, np.float32), _left(frame, plate, window)
+        near = within(window_of(inside, NEARBY), frame)
         paste(motion, moving(near), (near[0] - window[0], near[1] - window[1], near[2] - window[0], near[3] - window[1]))
     found = _begun(crop, boxed, motion, behind, progress)
     if found.sum() < LEAST_PIXELS and motion is not None and behind is not None:
@@ -86,7 +86,7 @@ def mask_in_box(
     mask = np.zeros(inside.shape, bool)
     paste(mask, tidy(found & boxed), window)
     if plate is not None and LEAST_PIXELS <= mask.sum() < FEW:
-        mask = _beyond_box(mask, inside, picture, plate, progress)
+        mask = _beyond_box(mask, inside, frame, plate, progress)
     if mask.sum() < LEAST_PIXELS:
         raise ObjectError(
             f"Nothing in the box {numbers(box)} stands out from its surroundings.", "Draw the box closer, or give --mask with a PNG."
@@ -170,9 +170,9 @@ def moving_odds(frames: Frames, window: Window, noise: float) -> np.ndarray:
     return cv2.resize(odds, size, interpolation=cv2.INTER_LINEAR) if scale < 1.0 else odds
 
 
-def _left(picture: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
+def _left(frame: np.ndarray, plate: Plate, window: Window) -> np.ndarray:
     """Log odds (h, w) in `window` for what differs from the background, against shadows and blurred rims; 0 where nothing differs."""
-    odds, known = against_plate(picture, plate, window, Looks(), 0.0)
+    odds, known = against_plate(frame, plate, window, Contrast(), 0.0)
     return np.where(known, np.minimum(odds, MOTION_SURE), 0.0).astype(np.float32)
 
 
@@ -197,19 +197,19 @@ def _begun(crop: np.ndarray, boxed: np.ndarray, motion: np.ndarray | None, behin
 
 
 def refined(
-    picture: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray, looks: Looks | None = None
+    frame: np.ndarray, mask: np.ndarray, plate: Plate, allowed: np.ndarray, motion: np.ndarray, contrast: Contrast | None = None
 ) -> np.ndarray:
-    """The object in `picture` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
+    """The object in `frame` (H, W, 3), frame 0, found again with the background known, within `allowed` (H, W) bool.
 
     `mask` (H, W) bool: where it was found before; `motion` (h, w): `moving_odds` in the window of `allowed` and NEARBY pixels
     round it, as far as the frame goes.
     """
     band = band_of(float(mask.sum()))
-    window = within(window_of(allowed, NEARBY), picture)
-    crop, shape = cut(picture, window), cut(mask, window, cv2.BORDER_CONSTANT)
+    window = within(window_of(allowed, NEARBY), frame)
+    crop, shape = cut(frame, window), cut(mask, window, cv2.BORDER_CONSTANT)
     near = cv2.dilate(shape.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     colors = Colors(crop[shape], crop[~near]).odds(crop)
-    odds, known = against_plate(picture, plate, window, looks or Looks(plate, [(picture, mask)]), STILL_PART)
+    odds, known = against_plate(frame, plate, window, contrast or Contrast(plate, [(frame, mask)]), STILL_PART)
     # What never changes may be a part of the object that is held: its colour can outweigh that, here alone.
     odds = 0.5 * against_shape(shape, band) + np.where(known, odds + 0.6 * colors, colors + np.where(motion > 0.0, BLEEDS, 1.0) * motion)
     odds[~cut(allowed, window, cv2.BORDER_CONSTANT)] = OUTSIDE
@@ -219,11 +219,11 @@ def refined(
     return better if better.sum() >= max(LEAST_PIXELS, 0.3 * mask.sum()) else mask
 
 
-def _beyond_box(mask: np.ndarray, inside: np.ndarray, picture: np.ndarray, plate: Plate, progress: Progress) -> np.ndarray:
+def _beyond_box(mask: np.ndarray, inside: np.ndarray, frame: np.ndarray, plate: Plate, progress: Progress) -> np.ndarray:
     """The small object `mask` (H, W) with what a box drawn through it cut off: changed pixels outside that adjoin it, shadows aside."""
     height, width = mask.shape
-    changed = plate.difference(picture) > 6.0 * plate.noise
-    outside = changed & ~inside & ~plate.relit(picture, (0, 0, width, height))
+    changed = plate.difference(frame) > 6.0 * plate.noise
+    outside = changed & ~inside & ~plate.relit(frame, (0, 0, width, height))
     _, labels = cv2.connectedComponents((mask | outside).astype(np.uint8), connectivity=4)
     own = np.unique(labels[mask])
     grown = outside & np.isin(labels, own)

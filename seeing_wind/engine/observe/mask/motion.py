@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from ...masks import box_of
+
 Window = tuple[int, int, int, int]
 """x0, y0, x1, y1 [px], the end exclusive; may reach outside the frame."""
 
@@ -60,8 +62,8 @@ class Flow:
 
 def window_of(mask: np.ndarray, margin: int) -> Window:
     """The bounding box of `mask` (H, W) bool, `margin` pixels wider on each side."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return int(columns[0]) - margin, int(rows[0]) - margin, int(columns[-1]) + margin + 1, int(rows[-1]) + margin + 1
+    x0, y0, x1, y1 = box_of(mask)
+    return x0 - margin, y0 - margin, x1 + margin, y1 + margin
 
 
 def joined(window: Window, other: Window | None) -> Window:
@@ -80,9 +82,9 @@ def placed(part: np.ndarray, window: Window, where: Window) -> np.ndarray:
     return values
 
 
-def within(window: Window, picture: np.ndarray) -> Window:
-    """The part of `window` that lies in `picture` (H, W, ...); without area where none does."""
-    height, width = picture.shape[:2]
+def within(window: Window, frame: np.ndarray) -> Window:
+    """The part of `window` that lies in `frame` (H, W, ...); without area where none does."""
+    height, width = frame.shape[:2]
     x0, y0, x1, y1 = window
     return min(max(x0, 0), width), min(max(y0, 0), height), max(min(x1, width), 0), max(min(y1, height), 0)
 
@@ -94,18 +96,18 @@ def middle_of(mask: np.ndarray) -> np.ndarray:
     return np.array([x0 + moments["m10"] / moments["m00"], y0 + moments["m01"] / moments["m00"]])
 
 
-def cut(picture: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
-    """The part of `picture` (H, W, ...) in `window`; outside the frame its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
-    height, width = picture.shape[:2]
+def cut(frame: np.ndarray, window: Window, border: int = cv2.BORDER_REPLICATE) -> np.ndarray:
+    """The part of `frame` (H, W, ...) in `window`; outside the frame its rim is repeated (or zero with cv2.BORDER_CONSTANT)."""
+    height, width = frame.shape[:2]
     x0, y0, x1, y1 = window
     # Far outside, the rim's last pixel stands for all: clip so that the slice is never empty.
     a0, b0 = min(max(x0, 0), width - 1), min(max(y0, 0), height - 1)
     a1, b1 = max(min(x1, width), a0 + 1), max(min(y1, height), b0 + 1)
-    part = picture[b0:b1, a0:a1]
+    part = frame[b0:b1, a0:a1]
     pads = (max(0, b0 - y0), max(0, y1 - b1), max(0, a0 - x0), max(0, x1 - a1))
     if any(pads):
         values = part.astype(np.uint8) if part.dtype == bool else part
-        part = cv2.copyMakeBorder(values, *pads, borderType=border).astype(picture.dtype)
+        part = cv2.copyMakeBorder(values, *pads, borderType=border).astype(frame.dtype)
     top, left = max(0, y0 - b0), max(0, x0 - a0)
     return part[top : top + y1 - y0, left : left + x1 - x0]
 
@@ -123,7 +125,7 @@ def body_shift(
     template: np.ndarray,
     weight: np.ndarray,
     origin: tuple[int, int],
-    picture: np.ndarray,
+    frame: np.ndarray,
     changed: np.ndarray | None,
     expected: np.ndarray,
     reach: float,
@@ -137,7 +139,7 @@ def body_shift(
         template: (h, w, 3) uint8, the object's bounding box in the frame before.
         weight: (h, w) bool, the object in it.
         origin: x, y of the template's corner.
-        picture: (H, W, 3) uint8, the next frame.
+        frame: (H, W, 3) uint8, the next frame.
         changed: (H, W) float32 in 0..1, evidence against background; None when there is no plate.
         expected: (2,) [px], the shift so far.
         reach: [px] searched on each side of the expected shift.
@@ -152,7 +154,7 @@ def body_shift(
     room = (max(size[0], round((width + 2 * reach) * scale)), max(size[1], round((height + 2 * reach) * scale)))
     object_colors = cv2.resize(template, size, interpolation=cv2.INTER_AREA).astype(np.float32)
     inside = cv2.resize(weight.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    search = cv2.resize(cut(picture, window), room, interpolation=cv2.INTER_AREA).astype(np.float32)
+    search = cv2.resize(cut(frame, window), room, interpolation=cv2.INTER_AREA).astype(np.float32)
     colour_mask = np.repeat(inside[..., None], 3, axis=2)
     cost = cv2.matchTemplate(search, object_colors, cv2.TM_SQDIFF, mask=colour_mask) / max(float((colour_mask**2).sum()), 1e-6)
     cost = np.sqrt(np.maximum(cost, 0.0))

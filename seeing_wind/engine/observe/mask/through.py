@@ -23,21 +23,21 @@ class Follower(Protocol):
     mask: np.ndarray
     flow: Flow | None
 
-    def advance(self, picture: np.ndarray) -> np.ndarray:
-        """The mask (H, W) bool of the next `picture` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
+    def advance(self, frame: np.ndarray) -> np.ndarray:
+        """The mask (H, W) bool of the next `frame` (H, W, 3) uint8 RGB; all False when the object is hidden or gone."""
 
-    def finished(self, picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """The `mask` that `advance` gave for `picture`, as it is handed on. Nothing of what follows depends on it, so it may run beside."""
+    def finished(self, frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """The `mask` that `advance` gave for `frame`, as it is handed on. Nothing of what follows depends on it, so it may run beside."""
 
     def state(self) -> dict[str, np.ndarray]:
         """All that the frames to come depend on, besides the newest frame and its mask."""
 
-    def resume(self, picture: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
-        """Go on behind `picture` with its `mask`, as what gave `state` would have."""
+    def resume(self, frame: np.ndarray, mask: np.ndarray, state: dict[str, np.ndarray]) -> None:
+        """Go on behind `frame` with its `mask`, as what gave `state` would have."""
 
 
 def followed(
-    picture: Callable[[int], np.ndarray],
+    frame: Callable[[int], np.ndarray],
     count: int,
     follower: Follower,
     progress: Progress,
@@ -47,7 +47,7 @@ def followed(
     """The masks (T+1, H, W) of `count` frames, all False where the object is hidden or gone.
 
     Args:
-        picture: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
+        frame: (H, W, 3) uint8 RGB by its number from 0 to T; follower: at frame 0.
         points: advanced behind the follower, so that a large clip is read once; on another core, while it looks at the next frame.
     """
     packing = Packing()
@@ -56,9 +56,9 @@ def followed(
     if done:
         masks = from_arrays(Masks, kept, "masks.")
         packing = Packing(masks)
-        follower.resume(picture(done), masks[done], kept)
+        follower.resume(frame(done), masks[done], kept)
         if points is not None:
-            points.resume(picture, masks, kept)
+            points.resume(frame, masks, kept)
 
     with ThreadPoolExecutor(1) as beside:
         behind: Future[None] | None = None
@@ -76,7 +76,7 @@ def followed(
 
         for t in range(done + 1, count):
             progress.update(t / count, f"following the object, frame {t} of {count - 1}")
-            now = picture(t)
+            now = frame(t)
             found = follower.advance(now)
             if behind is not None:
                 behind.result()

@@ -27,8 +27,8 @@ ODD_VIEW = 1.15
 """Ratio between the field of view that a network sees and the camera's from which the user is told."""
 
 
-def predict_depth(name: str, picture: np.ndarray, focal: float, progress: Progress) -> np.ndarray:
-    """Depth (H, W) float32 [m] along the view axis of `picture` (H, W, 3) uint8 RGB.
+def predict_depth(name: str, frame: np.ndarray, focal: float, progress: Progress) -> np.ndarray:
+    """Depth (H, W) float32 [m] along the view axis of `frame` (H, W, 3) uint8 RGB.
 
     Args:
         name: a model's folder, or its name in the hub's cache.
@@ -44,11 +44,11 @@ def predict_depth(name: str, picture: np.ndarray, focal: float, progress: Progre
     kind = config.get("model_type")
     with torch.inference_mode():
         if kind == "depth_anything":
-            depth = _depth_anything(folder, config, picture)
+            depth = _depth_anything(folder, config, frame)
         elif kind == "depth_pro":
-            depth = _depth_pro(folder, config, picture, focal, progress)
+            depth = _depth_pro(folder, config, frame, focal, progress)
         elif str(config.get("model", {}).get("name", "") if isinstance(config.get("model"), dict) else "").startswith("UniDepth"):
-            depth = _unidepth(folder, config, picture, focal)
+            depth = _unidepth(folder, config, frame, focal)
         else:
             raise ModelError(
                 f"The folder {folder} holds a {kind or 'nameless'} model, which gives no metric depth here.",
@@ -60,8 +60,8 @@ def predict_depth(name: str, picture: np.ndarray, focal: float, progress: Progre
     return depth.astype(np.float32)
 
 
-def normalised(picture: np.ndarray, width: int, height: int, folder: Path, default: Any) -> torch.Tensor:
-    """`picture` (H, W, 3) uint8 as the network wants it: (1, 3, height, width) float32, mean and deviation from the folder or `default`."""
+def normalised(frame: np.ndarray, width: int, height: int, folder: Path, default: Any) -> torch.Tensor:
+    """`frame` (H, W, 3) uint8 as the network wants it: (1, 3, height, width) float32, mean and deviation from the folder or `default`."""
     mean, deviation = default
     place = folder / "preprocessor_config.json"
     if place.is_file():
@@ -70,39 +70,39 @@ def normalised(picture: np.ndarray, width: int, height: int, folder: Path, defau
             mean, deviation = values.get("image_mean", mean), values.get("image_std", deviation)
         except (OSError, ValueError, AttributeError) as error:
             raise ModelError(f"{place} cannot be read ({error}).", "Copy all files of the model.") from error
-    shrinks = width * height < picture.shape[0] * picture.shape[1]
-    small = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC).astype(np.float32) / 255.0
+    shrinks = width * height < frame.shape[0] * frame.shape[1]
+    small = cv2.resize(frame, (width, height), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC).astype(np.float32) / 255.0
     return torch.from_numpy(((small - np.float32(mean)) / np.float32(deviation)).transpose(2, 0, 1)[None].copy())
 
 
-def _enlarged(values: torch.Tensor, picture: np.ndarray) -> np.ndarray:
-    return cv2.resize(values.float().numpy(), picture.shape[1::-1], interpolation=cv2.INTER_LINEAR)
+def _enlarged(values: torch.Tensor, frame: np.ndarray) -> np.ndarray:
+    return cv2.resize(values.float().numpy(), frame.shape[1::-1], interpolation=cv2.INTER_LINEAR)
 
 
-def _depth_anything(folder: Path, config: dict[str, Any], picture: np.ndarray) -> np.ndarray:
+def _depth_anything(folder: Path, config: dict[str, Any], frame: np.ndarray) -> np.ndarray:
     if config.get("depth_estimation_type") != "metric":
         raise ModelError(f"{folder} gives relative depth, which has no scale.", "Use a Metric-Indoor or Metric-Outdoor version of it.")
     kind = package("transformers", TRANSFORMERS).DepthAnythingForDepthEstimation
     model = load(kind, folder, "Depth-Anything-V2-Metric")
     # The authors' size: 518 along the shorter side, both multiples of the patch.
     patch, side = int(config.get("patch_size", 14)), int(model.config.backbone_config.image_size)
-    scale = side / min(picture.shape[:2])
-    width, height = (max(patch, round(length * scale / patch) * patch) for length in picture.shape[1::-1])
-    return _enlarged(model(pixel_values=normalised(picture, width, height, folder, IMAGENET)).predicted_depth[0], picture)
+    scale = side / min(frame.shape[:2])
+    width, height = (max(patch, round(length * scale / patch) * patch) for length in frame.shape[1::-1])
+    return _enlarged(model(pixel_values=normalised(frame, width, height, folder, IMAGENET)).predicted_depth[0], frame)
 
 
-def _depth_pro(folder: Path, config: dict[str, Any], picture: np.ndarray, focal: float, progress: Progress) -> np.ndarray:
+def _depth_pro(folder: Path, config: dict[str, Any], frame: np.ndarray, focal: float, progress: Progress) -> np.ndarray:
     model = load(package("transformers", TRANSFORMERS).DepthProForDepthEstimation, folder, "apple/DepthPro-hf")
     side = _depth_pro_side(config)
-    found = model(pixel_values=normalised(picture, side, side, folder, HALF))
-    width = picture.shape[1]
+    found = model(pixel_values=normalised(frame, side, side, folder, HALF))
+    width = frame.shape[1]
     if found.field_of_view is not None:
         seen = 0.5 * width / np.tan(0.5 * np.radians(float(found.field_of_view.ravel()[0])))
         if np.isfinite(seen) and seen > 0 and not 1 / ODD_VIEW < seen / focal < ODD_VIEW:
             angles = [float(np.degrees(2 * np.arctan(0.5 * width / one))) for one in (seen, focal)]
             progress.warn(f"Depth Pro sees a field of view of {angles[0]:.0f} degrees, the camera says {angles[1]:.0f}: check --fov.")
     # The network's output is canonical inverse depth: 1 / depth = output * width / focal (Bochkovskii et al. 2024, Eq. 1).
-    inverse = _enlarged(found.predicted_depth[0], picture) * width / focal
+    inverse = _enlarged(found.predicted_depth[0], frame) * width / focal
     return 1.0 / np.clip(inverse, 1e-4, 1e4)
 
 
@@ -112,7 +112,7 @@ def _depth_pro_side(config: dict[str, Any]) -> int:
     return round(int(config.get("patch_size", 384)) / min(ratios))
 
 
-def _unidepth(folder: Path, config: dict[str, Any], picture: np.ndarray, focal: float) -> np.ndarray:
+def _unidepth(folder: Path, config: dict[str, Any], frame: np.ndarray, focal: float) -> np.ndarray:
     entry = known("lpiccinelli/unidepth-v2-vits14")
     # What the authors' code prints must not get among the engine's messages.
     with contextlib.redirect_stdout(sys.stderr):
@@ -121,7 +121,7 @@ def _unidepth(folder: Path, config: dict[str, Any], picture: np.ndarray, focal: 
         if kind is None:
             raise ModelError(f"The installed unidepth has no {config['model']['name']}.", "Update it.")
         model = load_plain(kind(config), folder, "lpiccinelli/unidepth-v2-vits14")
-        height, width = picture.shape[:2]
+        height, width = frame.shape[:2]
         intrinsics = torch.tensor([[focal, 0.0, (width - 1) / 2], [0.0, focal, (height - 1) / 2], [0.0, 0.0, 1.0]])
-        found = model.infer(torch.from_numpy(picture.transpose(2, 0, 1).copy()), intrinsics)
+        found = model.infer(torch.from_numpy(frame.transpose(2, 0, 1).copy()), intrinsics)
     return found["depth"].float().numpy().reshape(height, width)

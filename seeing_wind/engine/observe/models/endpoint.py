@@ -84,25 +84,25 @@ def _is_here(host: str) -> bool:
         return host == "localhost"
 
 
-def ask(endpoint: Endpoint, question: str, pictures: list[np.ndarray], progress: Progress) -> str:
-    """The model's answer to `question` about `pictures` ((H, W, 3) uint8 RGB each), as text.
+def ask(endpoint: Endpoint, question: str, images: list[np.ndarray], progress: Progress) -> str:
+    """The model's answer to `question` about `images` ((H, W, 3) uint8 RGB each), as text.
 
     Raises:
         ModelError: no connection, an error from the server, or an answer that is not one.
         Cancelled: while waiting.
     """
     content: list[dict[str, Any]] = [{"type": "text", "text": question}]
-    content += [{"type": "image_url", "image_url": {"url": data_url(picture)}} for picture in pictures]
+    content += [{"type": "image_url", "image_url": {"url": data_url(image)}} for image in images]
     body = {"model": endpoint.model, "messages": [{"role": "user", "content": content}], "temperature": 0.0, "max_tokens": 800}
     return _text(endpoint, _waiting(lambda: _post(endpoint, body), progress))
 
 
-def data_url(picture: np.ndarray) -> str:
+def data_url(image: np.ndarray) -> str:
     """An image (H, W, 3) uint8 RGB as a JPEG data address, no larger than `LONGEST_SIDE`."""
-    scale = min(1.0, LONGEST_SIDE / max(picture.shape[:2]))
+    scale = min(1.0, LONGEST_SIDE / max(image.shape[:2]))
     if scale < 1.0:
-        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    done, coded = cv2.imencode(".jpg", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 92])
+        image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    done, coded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, 92])
     assert done
     return "data:image/jpeg;base64," + base64.b64encode(coded.tobytes()).decode("ascii")
 

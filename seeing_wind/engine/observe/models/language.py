@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import ModelError, TakeError
+from ...masks import box_of, rows_columns
 from ...progress import Progress
 from ...reading import parse_json
 from ...records import Observation
@@ -88,15 +89,15 @@ class Estimate:
         return "von_mises" if self.type == "elastoplastic" else "viscoplastic"
 
 
-def estimate(endpoint: Endpoint, picture: np.ndarray, mask: np.ndarray, progress: Progress) -> Estimate:
-    """Ask what the object in `mask` (H, W) bool of `picture` (H, W, 3) uint8 RGB is, then what such a thing's properties are.
+def estimate(endpoint: Endpoint, frame: np.ndarray, mask: np.ndarray, progress: Progress) -> Estimate:
+    """Ask what the object in `mask` (H, W) bool of `frame` (H, W, 3) uint8 RGB is, then what such a thing's properties are.
 
     Raises:
         ModelError: the endpoint does not answer, or twice with something that is not wanted.
         Cancelled: while waiting.
     """
-    crop = cut_out(picture, mask)
-    what = checked(endpoint, WHAT, [picture, crop], check_what, progress)
+    crop = cut_out(frame, mask)
+    what = checked(endpoint, WHAT, [frame, crop], check_what, progress)
     return properties(endpoint, what, crop, progress)
 
 
@@ -109,22 +110,20 @@ def properties(endpoint: Endpoint, what: dict[str, str], crop: np.ndarray, progr
     return Estimate(**what, **numbers)  # type: ignore[arg-type]
 
 
-def cut_out(picture: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """The part of `picture` (H, W, 3) round the object in `mask` (H, W)."""
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    margin = max(8, round(CROP_MARGIN * max(rows[-1] - rows[0], columns[-1] - columns[0])))
-    top, left = max(0, rows[0] - margin), max(0, columns[0] - margin)
-    return picture[top : rows[-1] + margin + 1, left : columns[-1] + margin + 1]
+def cut_out(frame: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The part of `frame` (H, W, 3) round the object in `mask` (H, W)."""
+    x0, y0, x1, y1 = box_of(mask)
+    return frame[rows_columns(box_of(mask, max(8, round(CROP_MARGIN * (max(x1 - x0, y1 - y0) - 1)))))]
 
 
-def checked(endpoint: Endpoint, question: str, pictures: list[np.ndarray], check: Callable[[Any], Any], progress: Progress) -> Any:
+def checked(endpoint: Endpoint, question: str, images: list[np.ndarray], check: Callable[[Any], Any], progress: Progress) -> Any:
     """`check` of the JSON object that answers `question`; a refused answer is sent back once with the reason.
 
     `check` raises ValueError with a sentence for the model where an answer is not what was asked.
     """
     reason = ""
     for _ in range(ATTEMPTS):
-        text = ask(endpoint, question + (AGAIN.replace("REASON", reason) if reason else ""), pictures, progress)
+        text = ask(endpoint, question + (AGAIN.replace("REASON", reason) if reason else ""), images, progress)
         try:
             return check(_parsed(text))
         except ValueError as error:
@@ -183,9 +182,9 @@ def check_properties(values: Any, kind: str) -> dict[str, float | None]:
     return result
 
 
-def kept_estimate(take: Take, endpoint: Endpoint, picture: np.ndarray, mask: np.ndarray, progress: Progress) -> Estimate:
+def kept_estimate(take: Take, endpoint: Endpoint, frame: np.ndarray, mask: np.ndarray, progress: Progress) -> Estimate:
     """As `estimate`, but an answer that this take holds already, for the same frame, mask and model, is not asked for again."""
-    key = stamp_of("material", VERSION, endpoint.url, endpoint.model, np.ascontiguousarray(picture), np.ascontiguousarray(mask))
+    key = stamp_of("material", VERSION, endpoint.url, endpoint.model, np.ascontiguousarray(frame), np.ascontiguousarray(mask))
     try:
         kept = take.read_json(FILE) if take.file(FILE).is_file() else {}
     except TakeError as error:
@@ -198,7 +197,7 @@ def kept_estimate(take: Take, endpoint: Endpoint, picture: np.ndarray, mask: np.
             return Estimate(**what, **check_properties(values, what["type"]))  # type: ignore[arg-type]
         except ValueError as error:
             progress.warn(f"A kept answer is not used: {error}")
-    found = estimate(endpoint, picture, mask, progress)
+    found = estimate(endpoint, frame, mask, progress)
     take.write_json(FILE, {**(kept if isinstance(kept, dict) else {}), key: asdict(found)})
     return found
 

@@ -26,8 +26,8 @@ ONE = 1
 """The only object's number in a SAM 2 session."""
 
 
-def find_box(name: str, text: str, picture: np.ndarray, progress: Progress) -> tuple[float, float, float, float]:
-    """The box x0 y0 x1 y1 [px] of what `text` says in `picture` (H, W, 3) uint8 RGB, the most certain one.
+def find_box(name: str, text: str, frame: np.ndarray, progress: Progress) -> tuple[float, float, float, float]:
+    """The box x0 y0 x1 y1 [px] of what `text` says in `frame` (H, W, 3) uint8 RGB, the most certain one.
 
     Raises:
         ModelError: no such model or wrong files. ObjectError: nothing in the frame is that. MissingPackage: transformers is missing.
@@ -44,9 +44,9 @@ def find_box(name: str, text: str, picture: np.ndarray, progress: Progress) -> t
             words = transformers.AutoTokenizer.from_pretrained(folder, local_files_only=True)(phrase, return_tensors="pt")
     except (OSError, ValueError) as error:
         raise ModelError(f"The tokenizer in {folder} cannot be loaded.", "Copy all files of the model.") from error
-    height, width = picture.shape[:2]
+    height, width = frame.shape[:2]
     scale = min(SHORT_SIDE / min(height, width), LONG_SIDE / max(height, width))
-    pixels = normalised(picture, round(width * scale), round(height * scale), folder, IMAGENET)
+    pixels = normalised(frame, round(width * scale), round(height * scale), folder, IMAGENET)
     with torch.inference_mode():
         found = model(pixel_values=pixels, **words)
     progress.check()
@@ -79,24 +79,24 @@ class MaskModel:
         self._side = int(side[0]) if isinstance(side, (list, tuple)) else int(side)
         self._session: Any = None
 
-    def in_box(self, picture: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
-        """The mask (H, W) bool of the object in `box` (x0 y0 x1 y1 [px]) of `picture` (H, W, 3) uint8 RGB; starts a clip with it."""
-        return self._prompted(picture, np.array(box).reshape(2, 2), [2, 3])
+    def in_box(self, frame: np.ndarray, box: tuple[float, float, float, float]) -> np.ndarray:
+        """The mask (H, W) bool of the object in `box` (x0 y0 x1 y1 [px]) of `frame` (H, W, 3) uint8 RGB; starts a clip with it."""
+        return self._prompted(frame, np.array(box).reshape(2, 2), [2, 3])
 
-    def at_points(self, picture: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """The mask (H, W) bool of the object that `points` (P, 2) [px] of `picture` (H, W, 3) uint8 RGB lie on; starts a clip with it."""
-        return self._prompted(picture, points, [1] * len(points))
+    def at_points(self, frame: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """The mask (H, W) bool of the object that `points` (P, 2) [px] of `frame` (H, W, 3) uint8 RGB lie on; starts a clip with it."""
+        return self._prompted(frame, points, [1] * len(points))
 
-    def _prompted(self, picture: np.ndarray, points: np.ndarray, labels: list[int]) -> np.ndarray:
+    def _prompted(self, frame: np.ndarray, points: np.ndarray, labels: list[int]) -> np.ndarray:
         """`labels` say what each point is: 1 on the object, 2 and 3 the corners of a box round it."""
-        height, width = self._start(picture)
+        height, width = self._start(frame)
         # Pixel centres are at integers here, at halves in the network's coordinates.
         scale = torch.tensor([self._side / width, self._side / height])
         places = (torch.from_numpy(np.asarray(points, dtype=np.float32)) + 0.5) * scale
         prompt = {"point_coords": places[None, None], "point_labels": torch.tensor([[labels]], dtype=torch.int32)}
         self._session.add_point_inputs(self._session.obj_id_to_idx(ONE), 0, prompt)
         self._session.obj_with_new_inputs = [ONE]
-        return self._next(picture)
+        return self._next(frame)
 
     def follow(self, frames: Frames, mask: np.ndarray, progress: Progress) -> Iterator[np.ndarray]:
         """The masks (H, W) bool of frames 1 to T of `frames` (T+1, H, W, 3), from `mask` (H, W) in frame 0."""
@@ -109,20 +109,20 @@ class MaskModel:
             progress.check()
             yield self._next(frames[t])
 
-    def _start(self, picture: np.ndarray) -> tuple[int, int]:
+    def _start(self, frame: np.ndarray) -> tuple[int, int]:
         from transformers.models.sam2_video.modeling_sam2_video import Sam2VideoInferenceSession
 
-        height, width = picture.shape[:2]
+        height, width = frame.shape[:2]
         self._session = Sam2VideoInferenceSession(video_height=height, video_width=width, dtype=torch.float32)
         return height, width
 
-    def _next(self, picture: np.ndarray) -> np.ndarray:
-        pixels = normalised(picture, self._side, self._side, self._folder, IMAGENET)[0]
+    def _next(self, frame: np.ndarray) -> np.ndarray:
+        pixels = normalised(frame, self._side, self._side, self._folder, IMAGENET)[0]
         with torch.inference_mode():
             found = self._model(self._session, frame=pixels)
         # What was seen lives on in the session's memories; the frame itself, 12 MB each, is not looked at again.
         self._session.processed_frames[found.frame_idx] = torch.empty(0)
-        height, width = picture.shape[:2]
+        height, width = frame.shape[:2]
         return cv2.resize(found.pred_masks[0, 0].float().numpy(), (width, height), interpolation=cv2.INTER_LINEAR) > 0.0
 
 

@@ -47,8 +47,8 @@ class Found:
         return f"--mask {shlex.quote(mask_path)} {' '.join(words)}"
 
 
-def find_objects(endpoint: Endpoint, picture: np.ndarray, detector: str | None, masker: str | None, progress: Progress) -> list[Found]:
-    """The objects of `picture` (H, W, 3) uint8 RGB.
+def find_objects(endpoint: Endpoint, frame: np.ndarray, detector: str | None, masker: str | None, progress: Progress) -> list[Found]:
+    """The objects of `frame` (H, W, 3) uint8 RGB.
 
     Args:
         detector, masker: networks that find an object by its name and cut it out; without them the language model's own box is cut out
@@ -58,21 +58,21 @@ def find_objects(endpoint: Endpoint, picture: np.ndarray, detector: str | None, 
         ObjectError: nothing, or nothing that stands out. ModelError, MissingPackage: endpoint or networks that cannot be used.
     """
     progress.begin("material", f"asking {endpoint.name} what is in the frame")
-    height, width = picture.shape[:2]
+    height, width = frame.shape[:2]
     scale = min(1.0, LONGEST_SIDE / max(height, width))
     size = (round(width * scale), round(height * scale))
     question = WHICH.replace("WIDTH", str(size[0])).replace("HEIGHT", str(size[1]))
-    things = checked(endpoint, question, [picture], lambda values: _check_things(values, size), progress)
+    things = checked(endpoint, question, [frame], lambda values: _check_things(values, size), progress)
     found = []
     for number, (what, box) in enumerate(things):
         progress.update(number / len(things), f"{what['object']} of {what['material']}")
         grown = [value / scale for value in box]
         try:
-            mask = _mask(picture, (grown[0], grown[1], grown[2], grown[3]), what["object"], detector, masker, progress)
+            mask = _mask(frame, (grown[0], grown[1], grown[2], grown[3]), what["object"], detector, masker, progress)
         except ObjectError as error:
             progress.warn(f"{what['object']}: {error}")
             continue
-        found.append(Found(properties(endpoint, what, cut_out(picture, mask), progress), mask))
+        found.append(Found(properties(endpoint, what, cut_out(frame, mask), progress), mask))
     found = _assigned(found)
     if not found:
         raise ObjectError(f"{endpoint.name} names no object that stands out in the frame.", "Draw a --box round it with `recover`.")
@@ -97,17 +97,17 @@ def _check_things(values: Any, size: tuple[int, int]) -> list[tuple[dict[str, st
 
 
 def _mask(
-    picture: np.ndarray, box: tuple[float, float, float, float], text: str, detector: str | None, masker: str | None, progress: Progress
+    frame: np.ndarray, box: tuple[float, float, float, float], text: str, detector: str | None, masker: str | None, progress: Progress
 ) -> np.ndarray:
     if detector is not None:
         from .masks import find_box
 
-        box = find_box(detector, text, picture, progress)
+        box = find_box(detector, text, frame, progress)
     if masker is not None:
         from .masks import MaskModel
 
-        return MaskModel(masker).in_box(picture, box)
-    return mask_in_box(picture, box, None, progress)
+        return MaskModel(masker).in_box(frame, box)
+    return mask_in_box(frame, box, None, progress)
 
 
 def _assigned(found: list[Found]) -> list[Found]:

@@ -14,7 +14,7 @@ from ..clip.stored import Frames
 from .catalogue import known
 from .folders import find, load_plain, package
 
-WINDOW = 60
+AT_ONCE = 60
 """Frames that the published offline model sees at once."""
 
 LEAST_SIGMA = 0.3
@@ -41,7 +41,7 @@ def follow_points(
     package("cotracker", entry.how if entry else "")
     # What the authors' code prints must not get among the engine's messages.
     with contextlib.redirect_stdout(sys.stderr), torch.inference_mode():
-        predictor = importlib.import_module("cotracker.predictor").CoTrackerPredictor(checkpoint=None, window_len=WINDOW)
+        predictor = importlib.import_module("cotracker.predictor").CoTrackerPredictor(checkpoint=None, window_len=AT_ONCE)
         load_plain(predictor.model, folder, "facebook/cotracker3 (scaled_offline)")
         progress.check()
         # The authors' predictor wants the whole clip at once: with it, and only with it, memory grows with the clip.

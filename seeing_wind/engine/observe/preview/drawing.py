@@ -35,9 +35,9 @@ class Canvas:
         depth = seen.depth[np.isfinite(seen.depth)]
         self._pixels_per_metre = float(seen.camera.fx * scale[0] / np.median(depth)) if len(depth) else 0.0
 
-    def drawn(self, picture: np.ndarray, t: int) -> np.ndarray:
-        """`picture` (h, w, 3) uint8 RGB, frame t of the clip, straightened, with all that was seen in it."""
-        canvas, width = picture.copy(), self._width
+    def drawn(self, frame: np.ndarray, t: int) -> np.ndarray:
+        """`frame` (h, w, 3) uint8 RGB, frame t of the clip, straightened, with all that was seen in it."""
+        canvas, width = frame.copy(), self._width
         _outline(canvas, self._resized(np.asarray(self._seen.masks[t])), OUTLINE, width)
         for held, color in self._held:
             canvas[held] = (0.4 * canvas[held] + 0.6 * np.array(color)).astype(np.uint8)
@@ -55,18 +55,18 @@ class Canvas:
         return cv2.resize(mask.astype(np.uint8) * 255, self._shape, interpolation=cv2.INTER_AREA) >= 128
 
 
-def with_verdicts(picture: np.ndarray, verdicts: Sequence[Verdict]) -> np.ndarray:
-    """`picture` (H, W, 3) with the verdicts in lines below it."""
-    size = float(np.clip(picture.shape[1] / 1400, 0.4, 0.8))
+def with_verdicts(frame: np.ndarray, verdicts: Sequence[Verdict]) -> np.ndarray:
+    """`frame` (H, W, 3) with the verdicts in lines below it."""
+    size = float(np.clip(frame.shape[1] / 1400, 0.4, 0.8))
     line = round(34 * size)
     lines: list[tuple[str, tuple[int, int, int]]] = []
     for one in verdicts:
         color = TEXT if one.severity == 0.0 else (255, 190, 80) if one.severity < 1.0 else (255, 100, 90)
-        lines += [(part, color) for part in _wrapped(f"{one.item}: {one.verdict}. {one.because} {one.do}".strip(), picture.shape[1], size)]
-    board = np.full((line * len(lines) + 10, picture.shape[1], 3), 28, np.uint8)
+        lines += [(part, color) for part in _wrapped(f"{one.item}: {one.verdict}. {one.because} {one.do}".strip(), frame.shape[1], size)]
+    board = np.full((line * len(lines) + 10, frame.shape[1], 3), 28, np.uint8)
     for row, (text, color) in enumerate(lines):
         cv2.putText(board, text, (8, line * (row + 1) - 6), cv2.FONT_HERSHEY_SIMPLEX, size, color, 1, cv2.LINE_AA)
-    return np.vstack([picture, board])
+    return np.vstack([frame, board])
 
 
 def _wrapped(text: str, width: int, size: float) -> list[str]:

@@ -190,7 +190,8 @@ def _blur(seen: Observation) -> Verdict:
     blur = OPEN * fast
     if blur > max(BLURRED * side, 3.0):
         return Verdict(
-            "blur", min(blur / side, 0.9), f"It moves by up to {fast:.0f} px a frame, so its rim is blurred by about {blur:.0f} px.",
+            "blur", min(blur / side, 0.9),
+            f"It moves by up to {fast:.0f} px a frame. If the shutter was open for half a frame, its rim is blurred by {blur:.0f} px.",
             "Film with a shorter exposure or more frames a second.",
         )  # fmt: skip
     return Verdict("blur", 0.0, f"It moves by up to {fast:.1f} px a frame.")

@@ -29,18 +29,18 @@ _OFFSETS = np.stack(np.meshgrid(*2 * (np.arange(-HALF, HALF + 1, dtype=np.float3
 _NEAR = np.exp(-0.5 * (_OFFSETS**2).sum(axis=1) / (0.6 * HALF) ** 2).astype(np.float32)
 
 
-def smooth(picture: np.ndarray) -> np.ndarray:
+def smooth(image: np.ndarray) -> np.ndarray:
     """The gray float32 frame (H, W) that patches are cut from, of an RGB uint8 one (H, W, 3)."""
-    return cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), BLUR)
+    return cv2.GaussianBlur(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32), (0, 0), BLUR)
 
 
-def sample(picture: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Bilinear values (...,) of `picture` (H, W) at points (..., 2) [px], the rim repeated outside."""
+def sample(image: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Bilinear values (...,) of `image` (H, W) at points (..., 2) [px], the rim repeated outside."""
     points = np.ascontiguousarray(xy, dtype=np.float32)
     if not points.size:
         return np.zeros(points.shape[:-1], np.float32)
     flat = points.reshape(-1, points.shape[-2] if points.ndim > 2 else 1, 2)
-    return cv2.remap(picture, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(points.shape[:-1])
+    return cv2.remap(image, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(points.shape[:-1])
 
 
 @dataclass(frozen=True)
@@ -75,15 +75,15 @@ class Alignment:
     """(K,) standard deviation of the position from the residuals [px]."""
 
 
-def cut_patches(picture: np.ndarray, mask: np.ndarray, xy: np.ndarray) -> Patches:
-    """Templates round points (K, 2) [px] of the smoothed `picture` (H, W), weighted by `mask` (H, W) float32 in 0..1."""
+def cut_patches(image: np.ndarray, mask: np.ndarray, xy: np.ndarray) -> Patches:
+    """Templates round points (K, 2) [px] of the smoothed `image` (H, W), weighted by `mask` (H, W) float32 in 0..1."""
     grid = xy.astype(np.float32)[:, None, :] + _OFFSETS
     weight = _NEAR * sample(mask, grid) + np.float32(1e-9)
     weight /= weight.sum(axis=1, keepdims=True)
-    values, deviation = _normalise(sample(picture, grid), weight)
+    values, deviation = _normalise(sample(image, grid), weight)
     step = np.array([[0.5, 0.0], [0.0, 0.5]], np.float32)
-    gx = (sample(picture, grid + step[0]) - sample(picture, grid - step[0])) / deviation
-    gy = (sample(picture, grid + step[1]) - sample(picture, grid - step[1])) / deviation
+    gx = (sample(image, grid + step[0]) - sample(image, grid - step[0])) / deviation
+    gy = (sample(image, grid + step[1]) - sample(image, grid - step[1])) / deviation
     u, v = _OFFSETS[:, 0], _OFFSETS[:, 1]
     steepest = np.stack([gx, gy, gx * u, gx * v, gy * u, gy * v], axis=1)
     # Normalising removes a constant and a factor from the residual, so their directions carry no information.
@@ -107,14 +107,14 @@ def _normalise(raw: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndar
     return centred / deviation, deviation
 
 
-def align(patches: Patches, picture: np.ndarray, xy: np.ndarray, affine: np.ndarray) -> Alignment:
-    """Align the patches with the smoothed `picture` (H, W), starting from positions (K, 2) [px] and shapes (K, 2, 2)."""
+def align(patches: Patches, image: np.ndarray, xy: np.ndarray, affine: np.ndarray) -> Alignment:
+    """Align the patches with the smoothed `image` (H, W), starting from positions (K, 2) [px] and shapes (K, 2, 2)."""
     xy, affine = np.array(xy, dtype=np.float64), np.array(affine, dtype=np.float64)
     moving = np.arange(len(xy))
     for _ in range(ITERATIONS):
         if not len(moving):
             break
-        residual = _values(picture, xy[moving], affine[moving], patches.weight[moving]) - patches.values[moving]
+        residual = _values(image, xy[moving], affine[moving], patches.weight[moving]) - patches.values[moving]
         update = np.matmul(patches.descent[moving], residual[:, :, None])[:, :, 0]
         # Two pixels and a fifth of shape at once: beyond, the linearisation says nothing.
         update[:, :2] = np.clip(update[:, :2], -2.0, 2.0)
@@ -124,7 +124,7 @@ def align(patches: Patches, picture: np.ndarray, xy: np.ndarray, affine: np.ndar
         step = np.matmul(affine[moving], update[:, :2, None])[:, :, 0]
         xy[moving] -= step
         moving = moving[np.linalg.norm(step, axis=1) > CONVERGED]
-    values = _values(picture, xy, affine, patches.weight)
+    values = _values(image, xy, affine, patches.weight)
     ncc = (patches.weight * values * patches.values).sum(axis=1)
     residual_variance = (patches.weight * (values - patches.values) ** 2).sum(axis=1)
     shape = np.matmul(np.matmul(affine, patches.covariance), np.swapaxes(affine, 1, 2))
@@ -132,6 +132,6 @@ def align(patches: Patches, picture: np.ndarray, xy: np.ndarray, affine: np.ndar
     return Alignment(xy, affine, ncc, sigma)
 
 
-def _values(picture: np.ndarray, xy: np.ndarray, affine: np.ndarray, weight: np.ndarray) -> np.ndarray:
+def _values(image: np.ndarray, xy: np.ndarray, affine: np.ndarray, weight: np.ndarray) -> np.ndarray:
     grid = np.matmul(_OFFSETS, np.swapaxes(affine, 1, 2).astype(np.float32)) + xy.astype(np.float32)[:, None, :]
-    return _normalise(sample(picture, grid), weight)[0]
+    return _normalise(sample(image, grid), weight)[0]

@@ -50,12 +50,12 @@ def centroid_track(frames: Frames, masks: Masks, plate: Plate | None) -> tuple[n
     usual = float(np.median(size[size > 0]))
     full: np.ndarray | None = None
     registered = np.zeros(len(frames), bool)
-    for t, (picture, mask) in enumerate(zip(frames, masks)):
+    for t, (frame, mask) in enumerate(zip(frames, masks)):
         if not mask.any() or (t > 0 and _at_rim(mask)):
             continue
         window = window_of(mask, RIM + 6)
         origin = np.array(window[:2], dtype=np.float64)
-        cover, known = _cover(picture, mask, plate, color, window)
+        cover, known = _cover(frame, mask, plate, color, window)
         missing = 1.0 - float(known[cut(mask, window)].mean())
         partly = mask.sum() < SMALL and (missing > LIKE_BACKGROUND or mask.sum() < (1 - LIKE_BACKGROUND) * usual)
         if partly and full is not None and plate is not None:
@@ -82,7 +82,7 @@ def _at_rim(mask: np.ndarray) -> bool:
 
 
 def _cover(
-    picture: np.ndarray, mask: np.ndarray, plate: Plate | None, color: np.ndarray, window: tuple[int, int, int, int]
+    frame: np.ndarray, mask: np.ndarray, plate: Plate | None, color: np.ndarray, window: tuple[int, int, int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """How far each pixel of `window` is covered by the object (0..1), and where that is known.
 
@@ -95,7 +95,7 @@ def _cover(
     contrast = color - behind
     strength = (contrast**2).sum(axis=2)
     known = cut(plate.reliable, window) & (strength > (12.0 * plate.noise) ** 2)
-    cover = ((cut(picture, window) - behind) * contrast).sum(axis=2) / np.maximum(strength, 1.0)
+    cover = ((cut(frame, window) - behind) * contrast).sum(axis=2) / np.maximum(strength, 1.0)
     near = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8)) > 0
     # A patterned object has other colours than its median: inside, the mask is better evidence than one colour.
     solid = cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from ...masks import Masks
-from ...progress import NoProgress, Progress
+from ...progress import Progress
 from ..clip.opencv_threads import one_thread
 from ..clip.stored import Frames
 from ..mask.motion import Flow, FlowSolver, middle_of, window_of
@@ -15,7 +15,7 @@ MARGIN = 16
 """Pixels round the silhouette in which flow is computed."""
 
 
-def dense_flow(frames: Frames, masks: Masks, progress: Progress | None = None) -> list[Flow | None]:
+def dense_flow(frames: Frames, masks: Masks, progress: Progress) -> list[Flow | None]:
     """Flow inside a window round the object, T entries; None where the object is in neither frame of a pair.
 
     Args:
@@ -24,7 +24,6 @@ def dense_flow(frames: Frames, masks: Masks, progress: Progress | None = None) -
     Raises:
         Cancelled: between frames.
     """
-    progress = progress or NoProgress()
     solver = FlowSolver()
     flows: list[Flow | None] = []
     with one_thread():

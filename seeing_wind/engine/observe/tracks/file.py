@@ -18,13 +18,13 @@ SHAPES = "It needs xy (T+1, K, 2) pixels and visible (T+1, K) bool; sigma (T+1, 
 
 
 def read_tracks(
-    path: str, pictures: int, first_frame: int, mask: np.ndarray, progress: Progress
+    path: str, frames: int, first_frame: int, mask: np.ndarray, progress: Progress
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """xy (T+1, K, 2) [px], visible (T+1, K) bool and sigma (T+1, K) [px] of the tracks that start on the object.
 
     Args:
         path: NPZ; one row per frame of the chosen range, or of the whole file.
-        pictures: T + 1, the frames of the range, which begins at `first_frame`.
+        frames: T + 1, the frames of the range, which begins at `first_frame`.
         mask: (H, W) bool, the object in frame 0.
 
     Raises:
@@ -34,10 +34,10 @@ def read_tracks(
     if xy.ndim != 3 or xy.shape[2] != 2 or visible.shape != xy.shape[:2] or sigma.shape not in ((), xy.shape[:2]):
         raise UsageError(f"The tracks {path} have xy {xy.shape} and visible {visible.shape}.", SHAPES)
     sigma = np.broadcast_to(sigma, visible.shape)
-    if len(xy) != pictures:
-        if len(xy) < first_frame + pictures:
-            raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {pictures} frames.", SHAPES)
-        part = slice(first_frame, first_frame + pictures)
+    if len(xy) != frames:
+        if len(xy) < first_frame + frames:
+            raise UsageError(f"The tracks {path} have {len(xy)} rows, the clip {frames} frames.", SHAPES)
+        part = slice(first_frame, first_frame + frames)
         xy, visible, sigma = xy[part], visible[part], sigma[part]
     if not np.isfinite(xy[visible]).all() or not np.isfinite(sigma[visible]).all() or (sigma[visible] <= 0).any():
         raise UsageError(

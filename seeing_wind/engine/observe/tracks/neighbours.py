@@ -6,6 +6,9 @@ import numpy as np
 
 NEIGHBOURS = 12
 
+LEAST = 4
+"""Neighbours whose motion proves something."""
+
 
 def predict(
     rest: np.ndarray, now: np.ndarray, trusted: np.ndarray, previous: np.ndarray, reach: float
@@ -59,6 +62,6 @@ def _fit(
     return predicted, affine
 
 
-def disagreement(xy: np.ndarray, predicted: np.ndarray, support: np.ndarray, least: int = 4) -> np.ndarray:
-    """Distance (K,) [px] of points (K, 2) from their neighbours' prediction; 0 with fewer than `least` neighbours, which prove nothing."""
-    return np.where(support >= least, np.linalg.norm(xy - predicted, axis=1), 0.0)
+def disagreement(xy: np.ndarray, predicted: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """Distance (K,) [px] of points (K, 2) from their neighbours' prediction; 0 with fewer than `LEAST` neighbours."""
+    return np.where(support >= LEAST, np.linalg.norm(xy - predicted, axis=1), 0.0)

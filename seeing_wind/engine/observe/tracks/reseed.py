@@ -46,33 +46,33 @@ class _Generation:
 class Generations:
     """Points of frame 0, and those that began later."""
 
-    def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray, *, reseed: bool) -> None:
-        """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of frame 0; `reseed` False keeps to those."""
+    def __init__(self, frame: np.ndarray, mask: np.ndarray, corners: np.ndarray, *, reseed: bool) -> None:
+        """`frame` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of frame 0; `reseed` False keeps to those."""
         self._generations: list[_Generation] = []
         self._reseed = reseed
         self._count = 0
         self._late = 0
         self._apart = APART * float(np.sqrt(mask.sum() / max(len(corners), 1)))
-        self._begin(picture, mask, corners)
+        self._begin(frame, mask, corners)
         self._count = 1
 
-    def advance(self, picture: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
+    def advance(self, frame: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
         """Follow all points into the next frame, as `Tracker.advance`; seek new ones where the object is bare of them."""
         for one in self._generations:
-            one.tracker.advance(picture, flow, mask)
+            one.tracker.advance(frame, flow, mask)
             one.rows.append((one.tracker.xy, one.tracker.visible, one.tracker.sigma))
         if self._reseed and mask.any() and self._late < MOST_LATE:
             bare = self._bare(mask)
             share = float(bare.sum()) / float(mask.sum())
             if share > BARE:
-                corners = find_corners(picture, bare, min(max(LEAST_NEW, round(share * MOST)), MOST_LATE - self._late))
+                corners = find_corners(frame, bare, min(max(LEAST_NEW, round(share * MOST)), MOST_LATE - self._late))
                 if len(corners) >= LEAST_NEW:
-                    self._begin(picture, mask, corners)
+                    self._begin(frame, mask, corners)
                     self._late += len(corners)
         self._count += 1
 
-    def _begin(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
-        tracker = Tracker(picture, mask, corners)
+    def _begin(self, frame: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
+        tracker = Tracker(frame, mask, corners)
         self._generations.append(_Generation(self._count, corners, tracker, [(tracker.xy, tracker.visible, tracker.sigma)]))
 
     def state(self) -> dict[str, np.ndarray]:
@@ -84,14 +84,14 @@ class Generations:
             found |= {f"generation {number}.{key}": value for key, value in parts.items()}
         return found
 
-    def resume(self, picture: Callable[[int], np.ndarray], masks: Masks, state: dict[str, np.ndarray]) -> None:
-        """Go on behind the last of `masks`, as what gave `state` would have; `picture` gives (H, W, 3) uint8 RGB by its number."""
+    def resume(self, frame: Callable[[int], np.ndarray], masks: Masks, state: dict[str, np.ndarray]) -> None:
+        """Go on behind the last of `masks`, as what gave `state` would have; `frame` gives (H, W, 3) uint8 RGB by its number."""
         self._generations.clear()
         for number, first in enumerate(state["generations"].tolist()):
             before = f"generation {number}."
             own = {key.removeprefix(before): value for key, value in state.items() if key.startswith(before)}
             self._count = first
-            self._begin(picture(first), masks[first], own["corners"])
+            self._begin(frame(first), masks[first], own["corners"])
             begun = self._generations[-1]
             begun.tracker.resume(own)
             begun.rows = list(zip(own["rows.xy"], own["rows.visible"], own["rows.sigma"]))

@@ -10,7 +10,7 @@ import numpy as np
 from ...record_arrays import from_arrays, to_arrays
 from ..mask.motion import Flow, middle_of
 from .anchor import HALF, Patches, align, cut_patches, sample, smooth
-from .neighbours import disagreement, predict
+from .neighbours import LEAST, disagreement, predict
 
 MOST = 200
 """Tracks at most: more cost time and, a few pixels apart, say the same."""
@@ -56,12 +56,12 @@ FORGOTTEN = 12
 """Frames without sight after which a point is not looked for any more."""
 
 
-def find_corners(picture: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.ndarray:
-    """Shi-Tomasi corners (K, 2) [px], K <= `most`, well inside `mask` (H, W) of `picture` (H, W, 3) uint8 RGB.
+def find_corners(frame: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.ndarray:
+    """Shi-Tomasi corners (K, 2) [px], K <= `most`, well inside `mask` (H, W) of `frame` (H, W, 3) uint8 RGB.
 
     The minimum distance is found by bisection so that the corners spread over the whole object.
     """
-    gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+    gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
     rim = int(np.clip(0.05 * np.sqrt(mask.sum()), 1, 6))
     inside = cv2.erode(mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * rim + 1, 2 * rim + 1)), borderValue=0)
     # goodFeaturesToTrack measures quality against the best corner inside the mask; the patch must also have contrast of its own.
@@ -77,7 +77,7 @@ def find_corners(picture: np.ndarray, mask: np.ndarray, most: int = MOST) -> np.
             high = middle
         if len(found) >= len(best) or len(best) > most:
             best = found
-    return _off_outline(picture, mask, _refined(gray, best[:most]))
+    return _off_outline(frame, mask, _refined(gray, best[:most]))
 
 
 def _refined(gray: np.ndarray, corners: np.ndarray) -> np.ndarray:
@@ -90,7 +90,7 @@ def _refined(gray: np.ndarray, corners: np.ndarray) -> np.ndarray:
     return corners[values > 1e-4]
 
 
-def _off_outline(picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> np.ndarray:
+def _off_outline(frame: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """The corners (K, 2) [px] that are not bits of the object's outline; all of them where too few would be left.
 
     On a plain body the weak corners lie on its rim, where the outline and what it reflects stay behind when the body turns.
@@ -98,7 +98,7 @@ def _off_outline(picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> 
     if not len(corners):
         return corners
     view = _View.of(mask)
-    first, inside = view.smaller(picture, mask)
+    first, inside = view.smaller(frame, mask)
     xy = view.inward(corners)
     variance = np.linalg.eigvalsh(cut_patches(first, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), 1.0), xy).covariance)
     depth = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
@@ -122,12 +122,12 @@ class _View:
         size = (round(mask.shape[1] / factor), round(mask.shape[0] / factor))
         return _View(size, np.array(mask.shape[::-1]) / size)
 
-    def smaller(self, picture: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def smaller(self, frame: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The smoothed gray frame and the mask at the working size."""
         if self.size != mask.shape[::-1]:
-            picture = cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA)
+            frame = cv2.resize(frame, self.size, interpolation=cv2.INTER_AREA)
             mask = cv2.resize(mask.astype(np.uint8), self.size, interpolation=cv2.INTER_NEAREST) > 0
-        return smooth(picture), mask
+        return smooth(frame), mask
 
     def inward(self, xy: np.ndarray) -> np.ndarray:
         """File pixels to working pixels; pixel centres are at integers in both."""
@@ -148,11 +148,11 @@ class Tracker:
         visible: (K,) bool.
     """
 
-    def __init__(self, picture: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
-        """`picture` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of frame 0."""
+    def __init__(self, frame: np.ndarray, mask: np.ndarray, corners: np.ndarray) -> None:
+        """`frame` (H, W, 3) uint8 RGB, `mask` (H, W) bool, `corners` (K, 2) [px] of frame 0."""
         count = len(corners)
         self._view = _View.of(mask)
-        first, inside = self._view.smaller(picture, mask)
+        first, inside = self._view.smaller(frame, mask)
         self._rest = self._view.inward(corners)
         self._patches = cut_patches(first, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), 1.0), self._rest)
         self._second: Patches = self._patches
@@ -176,12 +176,12 @@ class Tracker:
         """(K,) [px]."""
         return self._sigma * self._view.scale.mean()
 
-    def advance(self, picture: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
-        """Follow the points into the next `picture` (H, W, 3) uint8 RGB with its `mask` (H, W) and the flow that leads there.
+    def advance(self, frame: np.ndarray, flow: Flow | None, mask: np.ndarray) -> None:
+        """Follow the points into the next `frame` (H, W, 3) uint8 RGB with its `mask` (H, W) and the flow that leads there.
 
         Without flow or mask (the object is hidden) all points are invisible; when it is back they start where its centre has gone.
         """
-        now, mask = self._view.smaller(picture, mask)
+        now, mask = self._view.smaller(frame, mask)
         if not len(self._xy) or not mask.any():
             self.visible = np.zeros(len(self._xy), bool)
             self._unseen = self._unseen + 1
@@ -197,13 +197,13 @@ class Tracker:
         # A point out of sight has no chain of its own: it starts where its neighbours are.
         lost = ~known
         start[lost] = guess[lost]
-        wanted = ~lost | ((support >= 4) & (self._unseen <= FORGOTTEN))
+        wanted = ~lost | ((support >= LEAST) & (self._unseen <= FORGOTTEN))
         xy, shape, sigma, anchored = self._anchor(now, start, affine, wanted)
         predicted, _, support = predict(self._rest, xy, anchored, shape, self._reach)
         off = disagreement(xy, predicted, support)
         good = anchored & (off < ODD)
         # An anchor that failed or is odd, but whose chain the neighbours confirm, lives on.
-        chain = ~good & self.visible & (support >= 4) & (disagreement(start, predicted, support) < CHAIN_AGREES)
+        chain = ~good & self.visible & (support >= LEAST) & (disagreement(start, predicted, support) < CHAIN_AGREES)
         xy[chain] = start[chain]
         sigma[chain] = np.hypot(self._sigma[chain], CHAIN_STEP)
         flat = np.linalg.svd(shape, compute_uv=False)[:, 1] < EDGE_ON

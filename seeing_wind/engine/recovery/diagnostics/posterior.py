@@ -7,7 +7,6 @@ from scipy.ndimage import maximum_filter1d
 
 from ...records import PointTargets
 from ..solve.forward import Forward
-from ..targets.channels import attachment_matrix
 
 USUAL = 4.0
 """What is missed in a frame is not noise when it is so many times the usual."""
@@ -46,7 +45,7 @@ def missed_acceleration(targets: PointTargets, x: np.ndarray, fps: float) -> np.
     The usual is the median, or what is expected of noise that the points do not share: a kick in a short clip is missed in all its frames.
     """
     count = targets.visible.sum(axis=1)
-    missed = np.where(targets.visible[..., None], targets.x - attachment_matrix(targets.attachment, x.shape[1]) @ x, 0.0)
+    missed = np.where(targets.visible[..., None], targets.x - targets.attachment.matrix(x.shape[1]) @ x, 0.0)
     mean = missed.sum(axis=1) / np.maximum(count, 1)[:, None]
     both = targets.visible[1:] & targets.visible[:-1]
     step = np.where(both[..., None], np.diff(missed, axis=0), 0.0).sum(axis=1) / np.maximum(both.sum(axis=1), 1)[:, None]

@@ -55,36 +55,36 @@ class FlowDepthLoss:
             raise ObjectError("No tracked point has a depth.", "Use --objective tracking, or give --depth and textured surroundings.")
         self.scene, self.scale = scene, scale
         self.rider = Rider(scene.surface)
-        self.picture = 0
+        self.frame = 0
         self.use: np.ndarray
         self.goal: torch.Tensor
         self.depth: torch.Tensor
 
-    def begin(self, x: np.ndarray, picture: int) -> None:
-        self.picture = picture
-        self.use, goal, depth = self._targets(self.scene.surface.follow(x), picture)
+    def begin(self, x: np.ndarray, frame: int) -> None:
+        self.frame = frame
+        self.use, goal, depth = self._targets(self.scene.surface.follow(x), frame)
         self.goal, self.depth = torch.from_numpy(goal), torch.from_numpy(depth)
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
         if not len(self.use):
             return 0.0 * x.sum()
-        pixels, along = project(self.rider.follow(x, self.use), self.scene.camera, self.picture)
+        pixels, along = project(self.rider.follow(x, self.use), self.scene.camera, self.frame)
         across = (pixels - self.goal) * (along.detach() / self.scene.camera.fx)[:, None]
         miss = torch.cat([across, (along - self.depth)[:, None]], dim=1)
         return smooth_length(miss / self.scale, SMOOTH).mean()
 
-    def _targets(self, before: np.ndarray, picture: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _targets(self, before: np.ndarray, frame: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points to use (U,), pixels (U, 2) and depths (U,) [m] they should have; `before` (K, 3) is where they were one frame ago."""
-        camera, masks, flow = self.scene.camera, self.scene.masks, self.scene.flow[picture - 1]
-        start, depth = camera.project(before, picture - 1)
-        use = np.flatnonzero((depth > 0.0) & _inside(masks[picture - 1], start))
-        known = np.isfinite(self.scene.lifted[picture]).all(axis=-1)
+        camera, masks, flow = self.scene.camera, self.scene.masks, self.scene.flow[frame - 1]
+        start, depth = camera.project(before, frame - 1)
+        use = np.flatnonzero((depth > 0.0) & _inside(masks[frame - 1], start))
+        known = np.isfinite(self.scene.lifted[frame]).all(axis=-1)
         if flow is None or not len(use) or not known.any():
             return use[:0], np.zeros((0, 2)), np.zeros(0)
         goal = start[use] + flow(start[use])
-        kept = _inside(masks[picture], goal)
+        kept = _inside(masks[frame], goal)
         use, goal = use[kept], goal[kept]
-        anchors, distance = camera.project(self.scene.lifted[picture, known], picture)
+        anchors, distance = camera.project(self.scene.lifted[frame, known], frame)
         return use, goal, _blend(anchors, distance, goal)
 
 

@@ -5,14 +5,13 @@ Rendering is the project's own differentiable splatting (`object/splatting`); de
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
 from ...errors import ObjectError
-from ...look.gaussians import SH0, rest_covariances, view_camera
+from ...look.gaussians import SH0, Crop, rest_covariances
 from ...look.splatting import Tiles, blend, project, tiles_of
 from ...masks import Masks
 from ...observe.clip.stored import Frames
@@ -20,7 +19,7 @@ from ...records import Camera, Gaussians
 from .losses import Rider
 
 PIXELS = 30_000
-"""A window of more pixels is reduced by an integer factor."""
+"""A crop of more pixels is reduced by an integer factor."""
 MARGIN = 10
 """Pixels round the silhouettes of an interval's two frames."""
 RENEW = 10
@@ -30,7 +29,7 @@ SMOOTH = 1.0 / 255.0
 
 
 @dataclass(frozen=True)
-class Pictures:
+class Filmed:
     """What one camera filmed."""
 
     frames: Frames
@@ -44,11 +43,11 @@ class Pictures:
 
 
 @dataclass
-class _Window:
+class _Target:
     """What one frame is compared with, cut out and reduced."""
 
     camera: Camera
-    target: torch.Tensor
+    image: torch.Tensor
     """(h, w, 3) in 0..1."""
     background: torch.Tensor
     change: float
@@ -58,7 +57,7 @@ class _Window:
 
 
 class ImageLoss:
-    """Mean absolute colour difference |I - pi(G)| in a window round the object, divided by how much the frame changed.
+    """Mean absolute colour difference |I - pi(G)| in a crop round the object, divided by how much the frame changed.
 
     Args:
         frames: clip, silhouettes and Gaussians.
@@ -68,48 +67,40 @@ class ImageLoss:
         ObjectError: for a clip in which the object is in no frame.
     """
 
-    def __init__(self, pictures: Pictures, dtype: torch.dtype = torch.float32) -> None:
-        if not pictures.masks[0].any():
+    def __init__(self, filmed: Filmed, dtype: torch.dtype = torch.float32) -> None:
+        if not filmed.masks[0].any():
             raise ObjectError("The object is not in the first frame.", "Check the mask.")
-        self.pictures, self.dtype = pictures, dtype
-        self.rider = Rider(pictures.gaussians.attachment)
-        self.rest = torch.from_numpy(rest_covariances(pictures.gaussians)).to(dtype)
-        self.opacity = torch.from_numpy(pictures.gaussians.opacity).to(dtype)
-        self.colour = (0.5 + SH0 * torch.from_numpy(pictures.gaussians.sh[:, 0])).clamp(0.0, 1.0).to(dtype)
-        self.window: _Window
+        self.filmed, self.dtype = filmed, dtype
+        self.rider = Rider(filmed.gaussians.attachment)
+        self.rest = torch.from_numpy(rest_covariances(filmed.gaussians)).to(dtype)
+        self.opacity = torch.from_numpy(filmed.gaussians.opacity).to(dtype)
+        self.colour = (0.5 + SH0 * torch.from_numpy(filmed.gaussians.sh[:, 0])).clamp(0.0, 1.0).to(dtype)
+        self.target: _Target
 
-    def begin(self, x: np.ndarray, picture: int) -> None:
-        self.window = self._window(picture)
+    def begin(self, x: np.ndarray, frame: int) -> None:
+        self.target = self._target(frame)
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
-        window = self.window
+        target = self.target
         centres, carried = self.rider.follow(x).to(self.dtype), self.rider.follow(F).to(self.dtype)
         spread = carried @ self.rest @ carried.transpose(1, 2)  # Sigma^t = F Sigma^0 F^T, Eq. (8)
-        mean, flat, depth = project(centres, spread, window.camera)
-        width, height = window.camera.width, window.camera.height
-        if window.tiles is None or window.calls % RENEW == 0:
-            window.tiles = tiles_of(mean, flat, depth, width, height)
-        window.calls += 1
-        colour, alpha = blend(mean, flat, self.opacity, self.colour, window.tiles, width, height)
-        difference = colour + (1.0 - alpha)[..., None] * window.background - window.target
-        return ((difference.square() + SMOOTH**2).sqrt() - SMOOTH).mean().double() / window.change
+        mean, flat, depth = project(centres, spread, target.camera)
+        width, height = target.camera.width, target.camera.height
+        if target.tiles is None or target.calls % RENEW == 0:
+            target.tiles = tiles_of(mean, flat, depth, width, height)
+        target.calls += 1
+        colour, alpha = blend(mean, flat, self.opacity, self.colour, target.tiles, width, height)
+        difference = colour + (1.0 - alpha)[..., None] * target.background - target.image
+        return ((difference.square() + SMOOTH**2).sqrt() - SMOOTH).mean().double() / target.change
 
-    def _window(self, picture: int) -> _Window:
-        """The part of `picture` in which the object is or was."""
-        p = self.pictures
-        either = p.masks[picture] | p.masks[picture - 1]
+    def _target(self, frame: int) -> _Target:
+        """The part of `frame` in which the object is or was."""
+        p = self.filmed
+        either = p.masks[frame] | p.masks[frame - 1]
         where = either if either.any() else p.masks[0]
-        rows, columns = np.flatnonzero(where.any(axis=1)), np.flatnonzero(where.any(axis=0))
-        height, width = where.shape
-        x0, y0 = max(int(columns[0]) - MARGIN, 0), max(int(rows[0]) - MARGIN, 0)
-        x1, y1 = min(int(columns[-1]) + 1 + MARGIN, width), min(int(rows[-1]) + 1 + MARGIN, height)
-        reduce = max(1, int(np.ceil(np.sqrt((x1 - x0) * (y1 - y0) / PIXELS))))
-        camera = dataclasses.replace(view_camera(p.camera, (x0, y0, x1, y1), reduce), camera_to_world=p.camera.pose(picture))
-
-        def cut(image: np.ndarray) -> np.ndarray:
-            part = image[y0 : y0 + camera.height * reduce, x0 : x0 + camera.width * reduce].astype(np.float64) / 255.0
-            return part.reshape(camera.height, reduce, camera.width, reduce, 3).mean(axis=(1, 3))
-
-        target, before = cut(p.frames[picture]), cut(p.frames[picture - 1])
+        crop = Crop.around(where, p.camera, frame, MARGIN, PIXELS)
+        target, before, behind = (
+            crop.reduced(crop.cut(one).astype(np.float64) / 255.0) for one in (p.frames[frame], p.frames[frame - 1], p.background)
+        )
         change = float(np.abs(target - before).mean()) + 0.1 * SMOOTH
-        return _Window(camera, torch.from_numpy(target).to(self.dtype), torch.from_numpy(cut(p.background)).to(self.dtype), change)
+        return _Target(crop.camera, torch.from_numpy(target).to(self.dtype), torch.from_numpy(behind).to(self.dtype), change)

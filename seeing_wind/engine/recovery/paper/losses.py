@@ -24,8 +24,8 @@ SMOOTH = 0.1
 class MotionLoss(Protocol):
     """L_motion of Eq. (14)."""
 
-    def begin(self, x: np.ndarray, picture: int) -> None:
-        """From now on `picture` is compared; the particles x (N, 3) [m] are where they were found to be in the frame before."""
+    def begin(self, x: np.ndarray, frame: int) -> None:
+        """From now on `frame` is compared; the particles x (N, 3) [m] are where they were found to be in the frame before."""
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
         """Particles x (N, 3) [m] and F (N, 3, 3) -> a scalar, about one without any force."""
@@ -50,27 +50,27 @@ class TrackingLoss:
             else:
                 check(one.xy, one.visible, 2, one.attachment, len(particles.x))
                 self.visible.append(one.visible & ~edge_on(one.xy, one.visible))
-        self.scale, self.picture = scale, 0
+        self.scale, self.frame = scale, 0
         self.riders = [Rider(one.attachment) for one in self.sources]
 
-    def begin(self, x: np.ndarray, picture: int) -> None:
-        self.picture = picture
+    def begin(self, x: np.ndarray, frame: int) -> None:
+        self.frame = frame
 
     def __call__(self, x: torch.Tensor, F: torch.Tensor) -> torch.Tensor:
-        parts, picture = [], self.picture
+        parts, frame = [], self.frame
         for one, visible, rider in zip(self.sources, self.visible, self.riders, strict=True):
-            seen = np.flatnonzero(visible[picture])
+            seen = np.flatnonzero(visible[frame])
             if not len(seen):
                 continue
             here = rider.follow(x, seen)
             if isinstance(one, PointTargets):
-                miss = here - torch.from_numpy(one.x[picture, seen])
+                miss = here - torch.from_numpy(one.x[frame, seen])
                 weight = torch.ones(len(seen), dtype=x.dtype)
             else:
-                pixels, depth = project(here, one.camera, picture)
+                pixels, depth = project(here, one.camera, frame)
                 metres = (depth.detach() / one.camera.fx)[:, None]
-                miss = (pixels - torch.from_numpy(one.xy[picture, seen])) * metres
-                sigma = one.sigma[picture, seen]
+                miss = (pixels - torch.from_numpy(one.xy[frame, seen])) * metres
+                sigma = one.sigma[frame, seen]
                 weight = torch.from_numpy(np.median(sigma) / sigma)
             parts.append((weight * smooth_length(miss / self.scale, SMOOTH)).sum() / weight.sum())
         return torch.stack(parts).mean() if parts else 0.0 * x.sum()
@@ -102,9 +102,9 @@ class Rider:
         return torch.einsum("kj,kj...->k...", weight, values[index])
 
 
-def project(points: torch.Tensor, camera: Camera, picture: int) -> tuple[torch.Tensor, torch.Tensor]:
+def project(points: torch.Tensor, camera: Camera, frame: int) -> tuple[torch.Tensor, torch.Tensor]:
     """World points (K, 3) -> pixels (K, 2) and depths (K,) [m]; see `Camera.project`. Points behind the camera are held in front."""
-    pose = torch.from_numpy(np.ascontiguousarray(camera.pose(picture), dtype=np.float64)).to(points.dtype)
+    pose = torch.from_numpy(np.ascontiguousarray(camera.pose(frame), dtype=np.float64)).to(points.dtype)
     local = (points - pose[:3, 3]) @ pose[:3, :3]
     depth = local[:, 2].clamp_min(1e-3)
     return torch.stack([camera.fx * local[:, 0] / depth + camera.cx, camera.fy * local[:, 1] / depth + camera.cy], dim=1), depth

@@ -39,7 +39,7 @@ SPACE_WEIGHT, TIME_WEIGHT = 1e-3, 1e-5
 """lambda_1 and lambda_2, those of the distillation."""
 WEAK = 0.1
 """Errors of the force count relative to it plus this part of its root mean square."""
-WINDOW = 16
+SEGMENT = 16
 """Frames after which derivatives are cut (truncated back-propagation through time, Williams and Peng 1990): bounds the memory."""
 MEMORY = 20
 """Steps that L-BFGS remembers."""
@@ -105,8 +105,8 @@ class _Loss:
 
 
 @dataclass(frozen=True)
-class _Window:
-    """What a window of frames adds to the loss."""
+class _Segment:
+    """What a segment of frames adds to the loss."""
 
     loss: float
     squares: float
@@ -117,7 +117,7 @@ class _Window:
     F: np.ndarray
     """At its end."""
     derivatives: np.ndarray
-    """By all parameters, those of the windows before added."""
+    """By all parameters, those of the segments before added."""
 
 
 class _Run:
@@ -186,9 +186,9 @@ class _Run:
     def _loss(self, progress: Progress, what: str, done: float) -> _Loss:
         frames, total, squares = len(self.force), 0.0, 0.0
         state, derivatives = self.start, np.zeros_like(self._parameters())
-        for begin in range(0, frames, WINDOW):
-            window = range(begin, min(begin + WINDOW, frames))
-            found = self.journal.once("window", _Window, partial(self._window, window, state, derivatives, progress), begin)
+        for begin in range(0, frames, SEGMENT):
+            segment = range(begin, min(begin + SEGMENT, frames))
+            found = self.journal.once("segment", _Segment, partial(self._segment, segment, state, derivatives, progress), begin)
             total, squares, derivatives = total + found.loss, squares + found.squares, found.derivatives
             state = tuple(torch.from_numpy(part) for part in (found.x, found.v, found.C, found.F))  # type: ignore[assignment]
             progress.update(min(done, 1.0), what)
@@ -198,10 +198,10 @@ class _Run:
         rough.backward()
         return _Loss(total + float(rough.detach()), (squares / frames) ** 0.5, self._derivatives())
 
-    def _window(self, window: range, state: State, derivatives: np.ndarray, progress: Progress) -> _Window:
+    def _segment(self, segment: range, state: State, derivatives: np.ndarray, progress: Progress) -> _Segment:
         self._derive(derivatives)
         frames, squares, loss = len(self.force), 0.0, torch.zeros((), dtype=torch.float64)
-        for t, acceleration, after in self._frames(window, state, progress):
+        for t, acceleration, after in self._frames(segment, state, progress):
             off = (after[0] - self.path[t + 1]).square().sum(dim=-1).mean()
             anchor = (self.weight[t] * (acceleration - self.force[t]).square().sum(dim=-1)).mean()
             loss = loss + (off / self.unit**2 + ANCHOR * anchor) / frames
@@ -209,7 +209,7 @@ class _Run:
             state = after
         loss.backward()
         x, v, C, F = (part.detach().numpy() for part in state)
-        return _Window(float(loss.detach()), squares, x, v, C, F, self._derivatives())
+        return _Segment(float(loss.detach()), squares, x, v, C, F, self._derivatives())
 
     def _parameters(self) -> np.ndarray:
         return parameters_to_vector(self.module.parameters()).detach().numpy()
@@ -222,9 +222,9 @@ class _Run:
         for one, part in in_parts(values, self.module.parameters()):
             one.grad = part.clone()
 
-    def _frames(self, window: range, state: State, progress: Progress) -> Iterator[tuple[int, torch.Tensor, State]]:
-        """Frame, acceleration (N, 3) on the recovered path, and state at its end, for the frames of a window one after the other."""
-        for t in window:
+    def _frames(self, segment: range, state: State, progress: Progress) -> Iterator[tuple[int, torch.Tensor, State]]:
+        """Frame, acceleration (N, 3) on the recovered path, and state at its end, for the frames of a segment one after the other."""
+        for t in segment:
             acceleration, gradient = self._field(t)
             # What the field does beside the path it was solved on; the body strays too little for more than the first order.
             felt = acceleration + torch.einsum("nij,nj->ni", gradient, state[0] - self.path[t])

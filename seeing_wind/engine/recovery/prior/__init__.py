@@ -2,5 +2,5 @@
 
     kernel.py    the Gaussian process over space and time     stretch.py   forces that only stretch a body
     basis.py     the functions in which the solve writes it   evidence.py  its hyperparameters, by type-II maximum likelihood
-    learning.py  a window's beliefs, before and after                 constants.py  its numbers
+    learning.py  a block's beliefs, before and after                 constants.py  its numbers
 """

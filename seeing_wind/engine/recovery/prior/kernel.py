@@ -123,7 +123,7 @@ class Prior:
         return full
 
     def with_stretch_penalty(
-        self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, share: float = PRIOR.stretch, volume_only: bool = False
+        self, basis: SpatialBasis, x: np.ndarray, F: np.ndarray, share: float, volume_only: bool = False
     ) -> Prior:
         """The same beliefs, and that the field turns a body x (N, 3) deformed by F (T+1, N, 3, 3) rather than stretches it.
 

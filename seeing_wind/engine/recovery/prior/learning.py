@@ -1,4 +1,4 @@
-"""The prior of one window, and what is learnt from the clip: hyperparameters, the stretch penalty, the solver's mismatch."""
+"""The prior of one block, and what is learnt from the clip: hyperparameters, the stretch penalty, the solver's mismatch."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def prior_along(kernel: Kernel, forward: Forward, path: Trajectory, expected: Ex
 
 
 def learn_kernel(
-    prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None], journal: Journal = Journal()
+    prior: Prior, normal: np.ndarray, pull: np.ndarray, expected: Expected, check: Callable[[], None], journal: Journal
 ) -> Kernel:
     """The kernel of greatest evidence. A body seen as one point keeps the present one: its data cannot determine a size in space."""
     if len(prior.places.project) == 1:
@@ -69,7 +69,7 @@ def learn_hyperparameters(
     objective: Objective,
     expected: Expected,
     check: Callable[[], None],
-    journal: Journal = Journal(),
+    journal: Journal,
 ) -> tuple[Prior, Linearisation, Objective]:
     """Learn the prior's hyperparameters and the solver's mismatch, and whiten the linearisation anew.
 

@@ -65,7 +65,7 @@ def enter_all(edit: Edit, field: ForceField, recovered: tuple[Body, Recovery] | 
 
 
 def enter(
-    body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path, coarseness: float = 1.0
+    body: BodyEdit, field: ForceField, recovered: tuple[Body, Recovery] | None, base_dir: Path, coarseness: float
 ) -> Actor | sheets.Hanging:
     """Mesh, particles or shell, material and pins of one body. What was recovered keeps its particles: its force was found with them."""
     for name in ("mass_scale", "youngs_modulus_scale"):

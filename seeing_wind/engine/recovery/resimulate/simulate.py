@@ -263,10 +263,10 @@ def _model(actors: Sequence[Actor], frame: int, around: Surroundings) -> tuple[M
 
 def _pin_path(actors: Sequence[Actor], particles: Sequence[Particles]) -> np.ndarray | None:
     """(T+1, M, 3) [m] which way all that is pinned in `particles` goes; None where it stays."""
-    pictures = next((len(actor.path) for actor in actors if actor.path is not None), 0)
-    if not pictures:
+    frames = next((len(actor.path) for actor in actors if actor.path is not None), 0)
+    if not frames:
         return None
-    ways = [np.broadcast_to(a.particles.x, (pictures, *a.particles.x.shape)) if a.path is None else a.path for a in actors]
+    ways = [np.broadcast_to(a.particles.x, (frames, *a.particles.x.shape)) if a.path is None else a.path for a in actors]
     return np.concatenate([way[:, one.pinned] for way, one in zip(ways, particles)], axis=1)
 
 

@@ -11,10 +11,10 @@ COST = "Cost; what it changes: docs/notebook/sensitivity.md."
 
 @dataclass(frozen=True)
 class PaceConstants:
-    """Of windows and knots; the receding horizon; Gauss-Newton; and steps of the stiffness."""
+    """Of blocks and knots; the receding horizon; Gauss-Newton; and steps of the stiffness."""
 
-    window: int = constant(32, "frames", "Solved together, at most.", "Cost: a dense solve grows with the cube of it.")
-    overlap: int = constant(8, "frames", "Of a window that the next one solves again.", "The prior's `duration`.")
+    block: int = constant(32, "frames", "Solved together, at most.", "Cost: a dense solve grows with the cube of it.")
+    overlap: int = constant(8, "frames", "Of a block that the next one solves again.", "The prior's `duration`.")
     knot: float = constant(2.0, "frames", "Between knots of the last solves.", "docs/notebook/sensitivity.md.")
     unknowns: int = constant(900, "unknowns", "Of a dense solve, at most; beyond them the knots get sparser.", "Cost.")
     rough: float = constant(0.5, "1", "Substeps of the rough model, in those of the fine one.", "The fine ones have a margin of three.")
@@ -42,7 +42,7 @@ class PaceConstants:
         (1.0, 0.5, 0.0), "1", "Of the force so far, tried in turn where the body breaks down under it.", "Chosen."
     )
     refollow_misfit: float = constant(
-        3.0, "deviations", "Track misfit above which the first field of a window is found again with finer steps.",
+        3.0, "deviations", "Track misfit above which the first field of a block is found again with finer steps.",
         "Seen: 0.1 to 0.4 for leaves, posts and plants, 1.4 for a banner that turns edge-on, 6 for a flag that was lost.",
     )  # fmt: skip
 

@@ -1,6 +1,6 @@
-"""The first field of a window: one that keeps the simulation near the targets from its first frame to its last.
+"""The first field of a block: one that keeps the simulation near the targets from its first frame to its last.
 
-The part of the window that is followed grows a segment at a time: in each, the receding horizon (`warm_start`) leads on from the
+The part of the block that is followed grows a segment at a time: in each, the receding horizon (`warm_start`) leads on from the
 simulation so far; then the knots of the segment and those shortly before it are solved. A pace says how finely. Few modes, sparse knots
 and a smooth field are enough for most bodies. A soft sheet that ripples in gusts shorter than itself strays with them: what the smooth
 field cannot explain is put down to a motion along the view, and no later solve finds out of that. It is followed again, finely.
@@ -25,14 +25,14 @@ from .warm_start import WarmStart, warm_start
 
 @dataclass(frozen=True)
 class Pace:
-    """How finely a window is followed and solved after."""
+    """How finely a block is followed and solved after."""
 
     degree: int | None
     """Highest degree of the modes; None is all of them."""
     knot: float
     """Frames between knots."""
     segment: int
-    """Frames by which the followed part of the window grows."""
+    """Frames by which the followed part of the block grows."""
     behind: float
     """Frames before a segment whose knots are solved with it."""
     leads_on: bool
@@ -63,12 +63,12 @@ FINELY = Pace(
 
 
 def follow(solver: Solver, pace: Pace, share: tuple[float, float]) -> tuple[Forward, Prior, np.ndarray, int]:
-    """Forward model, prior, unknowns that track the whole window, and the Jacobians used.
+    """Forward model, prior, unknowns that track the whole block, and the Jacobians used.
 
     Args:
-        solver: the window.
+        solver: the block.
         pace: how finely.
-        share: of the window's progress, from and to.
+        share: of the block's progress, from and to.
     """
     what = "Following the object again, finely" if pace is FINELY else "Following the object"
     objective, expected = solver.objective, solver.expected

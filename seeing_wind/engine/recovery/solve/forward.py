@@ -122,7 +122,7 @@ class Forward:
             return self._batch(self.model, self.begin, self.per_frame(theta), None)
         return self._batch(self.model, State.at_rest(self.x), self.per_frame(theta), theta[:, self.size :])
 
-    def window(self, state: State | None, unknowns: np.ndarray, first: int, frames: int) -> np.ndarray:
+    def look_ahead(self, state: State | None, unknowns: np.ndarray, first: int, frames: int) -> np.ndarray:
         """Constant coefficients over a few frames from `first` on: (B, modes 3 [+ V]) -> (B, frames+1, N, 3).
 
         State None starts at rest with velocities.
@@ -134,10 +134,10 @@ class Forward:
             return self._batch(rough, State.at_rest(self.x), coefficients, unknowns[:, 3 * modes :])
         return self._batch(rough, state, coefficients, None)
 
-    def window_changes(
+    def look_ahead_changes(
         self, state: State | None, unknown: np.ndarray, offset: np.ndarray, first: int, frames: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (frames+1, N, 3) of `window` under `unknown` (n,), and (n, ...) with each of its entries changed by its offset (n,)."""
+        """Positions (frames+1, N, 3) of `look_ahead` under `unknown` (n,), and (n, ...) with each entry changed by its offset (n,)."""
         modes = self.shape[1]
         unit = np.eye(len(unknown))
         constant = np.repeat(unit[:, : 3 * modes].reshape(-1, 1, modes, 3), frames, axis=1)

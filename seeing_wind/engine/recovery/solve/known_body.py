@@ -51,11 +51,11 @@ class KnownBody:
         size = np.array([1.0, recovery.cell, 1.0, 1.0])
         return KnownBody(modulus, recovery.clamp_depth * recovery.cell, section, axes, covariance * np.outer(size, size))
 
-    def believed(self, particles: Particles, model: Model, free: bool) -> Stiffness:
+    def stiffness_of(self, particles: Particles, model: Model, free: bool) -> Stiffness:
         """The same of a body built anew; `free`: its own clip may change it."""
         size, turn = np.array([1.0, 1.0 / model.dx, 1.0, 1.0]), np.eye(4)
         turn[2:, 2:] = turned(self.axes, section_axes(particles))
         deeper = self.clamp / model.dx - model.clamp_depth
         q = np.array([math.log(self.youngs_modulus / youngs_modulus(model, particles)), deeper, *turn[2:, 2:] @ self.section])
         covariance = turn @ (self.covariance * np.outer(size, size)) @ turn.T + np.diag(np.square(PRIOR.body_anew))
-        return Stiffness.believed(q, covariance, free)
+        return Stiffness.of_another_clip(q, covariance, free)

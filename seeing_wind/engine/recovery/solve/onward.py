@@ -1,7 +1,7 @@
-"""From one window of a clip to the next: a held body's first field is the one that the window before ended with.
+"""From one block of a clip to the next: a held body's first field is the one that the block before ended with.
 
 A body that is held comes back to where it was seen, so a field that is wrong for a few frames does not lose it, and Gauss-Newton finds
-the right one without the receding horizon (`first_field`). How the force varies in space and time is known from the window before, too.
+the right one without the receding horizon (`first_field`). How the force varies in space and time is known from the block before, too.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from .solver import Solver
 
 @dataclass(frozen=True)
 class Onward:
-    """What a window knows of the one after it."""
+    """What a block knows of the one after it."""
 
     kernel: Kernel
     """The hyperparameters learnt."""
     coefficients: np.ndarray
-    """(overlap, modes, 3) of the force in the frames that the next window solves again [m/s²]."""
+    """(overlap, modes, 3) of the force in the frames that the next block solves again [m/s²]."""
 
 
 def carried_on(solver: Solver, before: Onward) -> tuple[Forward, Prior, Solution, int] | None:
-    """Forward model, prior, solution with the modes of the window before, or more, and the Jacobians used; None where the body strays so.
+    """Forward model, prior, solution with the modes of the block before, or more, and the Jacobians used; None where the body strays so.
 
-    The force of the last frame that was solved is held to the window's end, as the first guess. Takes two Jacobians: one there, and one
+    The force of the last frame that was solved is held to the block's end, as the first guess. Takes two Jacobians: one there, and one
     where that leads, with outliers weighed.
     """
     what, objective, frames = "Going on with the force so far", solver.objective, solver.objective.frames

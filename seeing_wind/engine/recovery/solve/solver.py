@@ -1,4 +1,4 @@
-"""What the first field of a window (`first_field`) asks of the solver that it is found for (`window.WindowSolver`)."""
+"""What the first field of a block (`first_field`) asks of the solver that it is found for (`block.BlockSolver`)."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from .gauss_newton import Solution
 
 
 class Solver(Protocol):
-    """One window of a clip, with what is observed in it and what is believed of its force."""
+    """One block of a clip, with what is observed in it and what is believed of its force."""
 
     particles: Particles
     objective: Objective
-    """Of the window alone."""
+    """Of the block alone."""
     basis: SpatialBasis
     """All modes that the data can tell apart."""
     expected: Expected
     start: State | None
-    """The body at the window's first frame; None is at rest in its built shape with an unknown velocity."""
+    """The body at the block's first frame; None is at rest in its built shape with an unknown velocity."""
     iterations: int
     """Jacobians that a solve may use at most."""
     journal: Journal
@@ -45,7 +45,7 @@ class Solver(Protocol):
         """The body before the fine solve."""
 
     def forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
-        """Simulations of the window's first `frames` with these modes."""
+        """Simulations of the block's first `frames` with these modes."""
 
     def solve(
         self,

@@ -61,7 +61,7 @@ class Stiffness:
     """(4, 4) of q's prior."""
 
     @staticmethod
-    def believed(expected: np.ndarray, covariance: np.ndarray, free: bool) -> Stiffness:
+    def of_another_clip(expected: np.ndarray, covariance: np.ndarray, free: bool) -> Stiffness:
         """What another clip of the same body tells beforehand: q (4,) and its covariance (4, 4)."""
         return Stiffness(free, expected, covariance, expected, np.linalg.inv(covariance))
 

@@ -1,7 +1,7 @@
 """A first guess that tracks the body: receding-horizon control.
 
-From the simulated state, a window of a few frames is simulated with a field that is affine over the body and constant over the window;
-a damped Gauss-Newton step fits it, the body is moved on, and the window follows. The simulation never strays far from what was seen,
+From the simulated state, the few frames of the look-ahead are simulated with a field that is affine over the body and constant meanwhile;
+a damped Gauss-Newton step fits it, the body is moved on, and the look-ahead follows. The simulation never strays far from what was seen,
 which a solve over the whole clip from a mean acceleration does as soon as the body turns.
 """
 
@@ -43,10 +43,10 @@ def warm_start(
     objective: Objective,
     size: np.ndarray,
     speed: np.ndarray,
-    state: State | None = None,
-    begin: int = 0,
-    end: int | None = None,
-    last: np.ndarray | None = None,
+    state: State | None,
+    begin: int,
+    end: int,
+    last: np.ndarray | None,
 ) -> WarmStart:
     """Track the targets through the frames begin ... end - 1.
 
@@ -56,30 +56,28 @@ def warm_start(
         size: (3,) expected root mean square of each component of the field [m/s²].
         speed: (V,) standard deviations of the initial velocities [m/s].
         state: at frame `begin`; None starts at rest in frame 0 and finds the initial velocity too.
-        end: None is the clip's end.
         last: (modes, 3) coefficients shortly before `begin` [m/s²], if they are known.
     """
-    end = objective.frames if end is None else end
     deviation = np.outer(forward.basis.size, size)
     count, velocity = deviation.size, np.zeros(0)
     coefficients = np.zeros(count)
     if state is None:
         spread = np.concatenate([deviation.ravel(), speed])
-        window = min(PACE.first_horizon, objective.frames)
-        unknown = _fit(forward, objective, None, 0, window, np.zeros(len(spread)), spread, PACE.first_horizon_steps)
+        ahead = min(PACE.first_horizon, objective.frames)
+        unknown = _fit(forward, objective, None, 0, ahead, np.zeros(len(spread)), spread, PACE.first_horizon_steps)
         coefficients, velocity = unknown[:count], unknown[count:]
         state = forward.start(velocity)
     elif last is not None:
         coefficients = last.ravel()
-    else:  # nothing is known of the field yet: let the first window find it
-        window = min(PACE.horizon, objective.frames - begin)
-        coefficients = _fit(forward, objective, state, begin, window, coefficients, deviation.ravel(), PACE.first_horizon_steps)
+    else:  # nothing is known of the field yet: let the first look-ahead find it
+        ahead = min(PACE.horizon, objective.frames - begin)
+        coefficients = _fit(forward, objective, state, begin, ahead, coefficients, deviation.ravel(), PACE.first_horizon_steps)
 
     found, states = [], [state]
     for t in range(begin, end):
         if (t - begin) % PACE.hop == 0:
-            window = min(PACE.horizon, objective.frames - t)
-            coefficients = _fit(forward, objective, state, t, window, coefficients, PRIOR.jump * deviation.ravel(), PACE.horizon_steps)
+            ahead = min(PACE.horizon, objective.frames - t)
+            coefficients = _fit(forward, objective, state, t, ahead, coefficients, PRIOR.jump * deviation.ravel(), PACE.horizon_steps)
         state = forward.advance(state, coefficients.reshape(-1, 3), t)
         found.append(coefficients.reshape(-1, 3))
         states.append(state)
@@ -87,22 +85,22 @@ def warm_start(
 
 
 def _fit(
-    forward: Forward, objective: Objective, state: State | None, frame: int, window: int, mean: np.ndarray, spread: np.ndarray, steps: int
+    forward: Forward, objective: Objective, state: State | None, frame: int, ahead: int, mean: np.ndarray, spread: np.ndarray, steps: int
 ) -> np.ndarray:
-    """Damped Gauss-Newton over frames frame + 1 ... frame + window, from the prior's mean.
+    """Damped Gauss-Newton over frames frame + 1 ... frame + ahead, from the prior's mean.
 
     The unknowns are the coefficients (modes 3) and, with state None, the initial velocities after them.
     """
-    work = partial(_fitted, forward, objective, state, frame, window, mean, spread, steps)
+    work = partial(_fitted, forward, objective, state, frame, ahead, mean, spread, steps)
     return forward.journal.array("fit", work, frame, mean, spread)
 
 
 def _fitted(
-    forward: Forward, objective: Objective, state: State | None, frame: int, window: int, mean: np.ndarray, spread: np.ndarray, steps: int
+    forward: Forward, objective: Objective, state: State | None, frame: int, ahead: int, mean: np.ndarray, spread: np.ndarray, steps: int
 ) -> np.ndarray:
     unknown, offset, precision = mean, 1e-3 * spread, np.diag(1.0 / spread**2) + _strain_precision(forward, state, spread)
     for _ in range(steps):
-        unknown, x, changed = bearable(forward, state, unknown, offset, frame, window)
+        unknown, x, changed = bearable(forward, state, unknown, offset, frame, ahead)
         white = _whiten(objective, np.concatenate([x[None], changed]), frame)
         before = float((white[0] ** 2).sum() + _prior_cost(unknown - mean, precision))
         jacobian = (white[1:] - white[0]) / offset[:, None]
@@ -110,7 +108,7 @@ def _fitted(
         normal = jacobian @ jacobian.T
         for damping in DAMPING:
             candidates = unknown - np.stack([np.linalg.solve(normal + (1.0 + damp) * precision, gradient) for damp in damping])
-            missed = _whiten(objective, forward.window(state, candidates, frame, window), frame)
+            missed = _whiten(objective, forward.look_ahead(state, candidates, frame, ahead), frame)
             costs = (missed**2).sum(axis=1) + _prior_cost(candidates - mean, precision)
             best = int(np.argmin(costs))
             if costs[best] < before:
@@ -124,15 +122,15 @@ def _fitted(
 
 
 def bearable(
-    forward: Forward, state: State | None, unknown: np.ndarray, offset: np.ndarray, frame: int, window: int
+    forward: Forward, state: State | None, unknown: np.ndarray, offset: np.ndarray, frame: int, ahead: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The first of `unknown` (n,), a half and none of it under which the body does not break down, and `Forward.window_changes` there.
+    """The first of `unknown` (n,), a half and none of it under which the body does not break down, and `Forward.look_ahead_changes` there.
 
-    What moved a soft body so far may tear it when it goes on for a whole window.
+    What moved a soft body so far may tear it when it goes on for a whole look-ahead.
     """
     for share in PACE.horizon_shares:
         try:
-            return share * unknown, *forward.window_changes(state, share * unknown, offset, frame, window)
+            return share * unknown, *forward.look_ahead_changes(state, share * unknown, offset, frame, ahead)
         except SimulationError:
             if share == PACE.horizon_shares[-1] or not unknown.any():
                 raise

@@ -15,13 +15,6 @@ from ...records import Attachment
 from .constants import NOISE
 
 
-def attachment_matrix(attachment: Attachment, particles: int) -> np.ndarray:
-    """Dense (K, N) matrix of an attachment."""
-    matrix = np.zeros((len(attachment.index), particles))
-    np.add.at(matrix, (np.arange(len(matrix))[:, None], attachment.index), attachment.weight)
-    return matrix
-
-
 def noise_of(series: np.ndarray) -> float:
     """Standard deviation of the noise in smooth series (frames, ...), from differences of order 3 to 7 in time.
 
@@ -37,7 +30,7 @@ def noise_of(series: np.ndarray) -> float:
 
 
 def second_derivative(series: np.ndarray, fps: float) -> np.ndarray:
-    """Accelerations of series (frames, n) from parabolas through windows of seven frames (or all, if fewer), (windows, n)."""
+    """Accelerations of series (frames, n) from parabolas through seven frames in a row (or all, if fewer), (T-5, n)."""
     if len(series) < 3:
         return np.zeros((1, series.shape[1]))
     width = min(7, len(series))

@@ -18,7 +18,7 @@ from scipy.interpolate import BSpline, make_smoothing_spline
 from scipy.spatial.transform import Rotation
 
 from ...records import Particles, PointTargets, Recovery
-from .channels import attachment_matrix, check, noise_of
+from .channels import check, noise_of
 from .constants import NOISE
 
 STEP = 0.25
@@ -35,23 +35,23 @@ class ClampMotion:
     """s [m] of time [frames]."""
     turn: BSpline
     """Rotation vector of R [rad] of time [frames]."""
-    pictures: int
+    frames: int
     """T + 1."""
     fps: float
 
     @property
     def largest(self) -> float:
         """How far the clamp moves at most [m]."""
-        return float(np.linalg.norm(self.shift(np.arange(self.pictures)), axis=1).max())
+        return float(np.linalg.norm(self.shift(np.arange(self.frames)), axis=1).max())
 
     @property
     def widest(self) -> float:
         """How far it turns at most [degrees]."""
-        return float(np.degrees(np.linalg.norm(self.turn(np.arange(self.pictures)), axis=1).max()))
+        return float(np.degrees(np.linalg.norm(self.turn(np.arange(self.frames)), axis=1).max()))
 
     def stilled(self, targets: PointTargets) -> PointTargets:
         """The points as seen from the clamp. Their covariance is taken as it is: it is the mean over the clip."""
-        shift, turn = self._at(np.arange(self.pictures))
+        shift, turn = self._at(np.arange(self.frames))
         return replace(targets, x=np.einsum("tji,tkj->tki", turn, targets.x - self.centre - shift[:, None]) + self.centre)
 
     def gravity(self, particles: Particles, gravity: np.ndarray) -> np.ndarray:
@@ -65,10 +65,10 @@ class ClampMotion:
 
     def carried(self, recovery: Recovery, density: float, gravity: np.ndarray, felt: np.ndarray) -> Recovery:
         """What was found in the clamp's frame, in the world: gravity (3,) [m/s²], where it was solved with `felt` (T, N, 3)."""
-        pictures = np.arange(self.pictures)
-        shift, turn = self._at(pictures)
+        frames = np.arange(self.frames)
+        shift, turn = self._at(frames)
         moved = np.einsum("tij,tnj->tni", turn, recovery.x - self.centre)
-        spins = self._spin(pictures)
+        spins = self._spin(frames)
         return replace(
             recovery,
             force_density=density * self._force(recovery, recovery.force_density / density + felt, gravity),
@@ -95,7 +95,7 @@ class ClampMotion:
     @property
     def _middle(self) -> np.ndarray:
         """(T,) the middle of each interval [frames]."""
-        return np.arange(self.pictures - 1) + 0.5
+        return np.arange(self.frames - 1) + 0.5
 
     def _at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """s (n, 3) and R (n, 3, 3) at times (n,)."""
@@ -119,7 +119,7 @@ def clamp_motion(particles: Particles, targets: PointTargets, fps: float) -> Cla
         UsageError, ObjectError: targets that cannot be right.
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
-    on = attachment_matrix(targets.attachment, len(particles.x)) @ particles.pinned.astype(float) > NOISE.clamp_rides
+    on = targets.attachment.matrix(len(particles.x)) @ particles.pinned.astype(float) > NOISE.clamp_rides
     seen = targets.visible[:, on]
     if len(seen) < NOISE.clamp_frames or on.sum() < 3 or not seen.all():
         return None

@@ -103,9 +103,9 @@ class Objective:
     def residual(self, x: np.ndarray, first_frame: int = 0) -> np.ndarray:
         """Trajectories (B, S, N, 3), frames first_frame ... first_frame + S - 1 -> raw residuals (B, S, channels)."""
         rows = []
-        for picture in range(first_frame, first_frame + x.shape[1]):
-            parts = [one.residual(x[:, picture - first_frame], self.first + picture) for one in self.channels]
-            rows.append(np.concatenate(parts, axis=1) * self.used[picture])
+        for frame in range(first_frame, first_frame + x.shape[1]):
+            parts = [one.residual(x[:, frame - first_frame], self.first + frame) for one in self.channels]
+            rows.append(np.concatenate(parts, axis=1) * self.used[frame])
         return np.stack(rows, axis=1)
 
     def whiten(self, residual: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ from ...errors import UsageError
 from ...records import Particles, PointTargets
 from ..prior.basis import held_axis, spatial_basis
 from .arc import along_the_curve
-from .channels import attachment_matrix, check, first_speed, noise_of, second_derivative
+from .channels import check, first_speed, noise_of, second_derivative
 from .constants import NOISE
 from .mismatch import point_mismatch
 
@@ -113,8 +113,8 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
         ObjectError: fewer than three frames, or nothing to follow.
     """
     check(targets.x, targets.visible, 3, targets.attachment, len(particles.x))
-    pictures, count = targets.visible.shape
-    points = attachment_matrix(targets.attachment, len(particles.x))
+    frames, count = targets.visible.shape
+    points = targets.attachment.matrix(len(particles.x))
     start = points @ particles.x
     spread = np.linalg.norm(start - start.mean(axis=0), axis=1).max() if count > 1 else 0.0
     modes = np.ones((count, 1)) if spread < 0.1 * particles.spacing else spatial_basis(start, np.ones(count), NOISE.point_modes).phi
@@ -123,8 +123,8 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     astray = wild(targets, start, modes, particles.spacing)
     targets = replace(targets, visible=targets.visible & ~astray)
     weight = _weights(targets, count)
-    operator, observed = np.zeros((pictures, modes.shape[1], len(particles.x))), np.zeros((pictures, modes.shape[1], 3))
-    known = np.zeros((pictures, modes.shape[1]), bool)
+    operator, observed = np.zeros((frames, modes.shape[1], len(particles.x))), np.zeros((frames, modes.shape[1], 3))
+    known = np.zeros((frames, modes.shape[1]), bool)
     for t, seen in enumerate(targets.visible):
         fitted = min(modes.shape[1], int(seen.sum()))
         if fitted:  # fewer points than modes still tell of the smoothest ones
@@ -150,8 +150,8 @@ def point_channels(particles: Particles, targets: PointTargets, plastic: bool) -
     elif targets.sigma is None:
         sigma = np.repeat([noise_of(whole[:, m]) for m in range(modes.shape[1])], 3)
     mismatch = point_mismatch(particles, moved, plastic, curve is not None)
-    inflation = np.ones((pictures, 3 * modes.shape[1]))
-    used = np.repeat(known & (np.arange(pictures) > 0)[:, None], 3, axis=1)
+    inflation = np.ones((frames, 3 * modes.shape[1]))
+    used = np.repeat(known & (np.arange(frames) > 0)[:, None], 3, axis=1)
     return PointChannels(operator, points, observed, targets, astray, used, sigma, mismatch, inflation, turned, frame, curve)
 
 

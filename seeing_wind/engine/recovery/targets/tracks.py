@@ -8,7 +8,7 @@ import numpy as np
 
 from ...errors import UsageError
 from ...records import Camera, Particles, TrackTargets
-from .channels import attachment_matrix, check, first_speed, second_derivative
+from .channels import check, first_speed, second_derivative
 from .constants import NOISE
 from .mismatch import mismatch_covariance
 
@@ -83,11 +83,11 @@ class TrackChannels:
         usual = max(float(np.median(off)), NOISE.end_usual)
         shown = np.flatnonzero(self.used.any(axis=1))
         for order, last in ((slice(None), shown[0]), (slice(None, None, -1), shown[-1])):
-            pictures, end = looked[order], off[order][: int(NOISE.end_part * len(off))]
+            frames, end = looked[order], off[order][: int(NOISE.end_part * len(off))]
             run = end[: np.argmin(np.append(end > NOISE.end_odd * usual, False))]
-            if pictures[0] == last and run.max(initial=0.0) > max(NOISE.end_wild * usual, NOISE.end_least):
+            if frames[0] == last and run.max(initial=0.0) > max(NOISE.end_wild * usual, NOISE.end_least):
                 # They err together: how many there are does not help.
-                factor[pictures[: len(run)]] = self.variance_factor * (run.max() / usual) ** 2
+                factor[frames[: len(run)]] = self.variance_factor * (run.max() / usual) ** 2
         return factor
 
     def mismatched(self, scale: float) -> TrackChannels:
@@ -127,9 +127,9 @@ class TrackChannels:
 def _running_median(series: np.ndarray) -> np.ndarray:
     """Median over five frames round each, of series (T+1, ...) with NaN where nothing was seen."""
     padded = np.concatenate([np.full((2, *series.shape[1:]), np.nan), series, np.full((2, *series.shape[1:]), np.nan)])
-    windows = np.stack([padded[shift : shift + len(series)] for shift in range(5)])
-    seen = np.isfinite(windows).any(axis=0)
-    return np.nanmedian(np.where(seen, windows, 0.0), axis=0)
+    shifted = np.stack([padded[shift : shift + len(series)] for shift in range(5)])
+    seen = np.isfinite(shifted).any(axis=0)
+    return np.nanmedian(np.where(seen, shifted, 0.0), axis=0)
 
 
 def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -> TrackChannels:
@@ -146,7 +146,7 @@ def track_channels(particles: Particles, targets: TrackTargets, plastic: bool) -
     visible = targets.visible & ~edge_on(targets.xy, targets.visible)
     used = np.repeat(visible, 2, axis=1)
     used[0] = False
-    points, factor = attachment_matrix(targets.attachment, len(particles.x)), max(1.0, float(visible.sum(axis=1).mean()))
+    points, factor = targets.attachment.matrix(len(particles.x)), max(1.0, float(visible.sum(axis=1).mean()))
     mismatch = (NOISE.flowing_white, NOISE.flowing_slow) if plastic else (NOISE.track_white, NOISE.track_slow)
     return TrackChannels(targets, points, used, factor, np.ones(used.shape), mismatch=mismatch)
 
@@ -162,23 +162,32 @@ def edge_on(xy: np.ndarray, visible: np.ndarray) -> np.ndarray:
         return flagged
     start = xy[0, known]
     near = np.argsort(((start[:, None] - start[None]) ** 2).sum(axis=-1), axis=1)[:, : NOISE.neighbours + 1]
-    for row, neighbours in enumerate(near):
-        group = known[neighbours]
-        for t in range(1, len(xy)):
-            here = group[visible[t, group]]
-            if len(here) < 6:
-                continue
-            affine = _affine(xy[0, here], xy[t, here])
-            flagged[t, known[row]] = np.linalg.svd(affine, compute_uv=False)[1] < NOISE.edge_on
+    for t in range(1, len(xy)):
+        seen = visible[t, known[near]]
+        rows = np.flatnonzero(seen.sum(axis=1) >= 6)
+        group = known[near[rows]]
+        slopes = _affine(xy[0, group], xy[t, group], seen[rows])
+        flagged[t, known[rows]] = np.linalg.svd(slopes, compute_uv=False)[:, 1] < NOISE.edge_on
     return flagged
 
 
-def _affine(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """(2, 2) linear part of the map between points (n, 2), fitted twice: then without the worst third, which may be lost tracks."""
-    keep = np.arange(len(before))
+def _affine(before: np.ndarray, after: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """(R, 2, 2) linear parts of the maps between groups of points (R, n, 2), of those that are `seen` (R, n) bool.
+
+    Each is fitted twice: then without the worst third of its group, which may be lost tracks.
+    """
+    before, after, keep = np.where(seen[..., None], before, 0.0), np.where(seen[..., None], after, 0.0), seen
+    most = np.maximum(4, 2 * seen.sum(axis=1) // 3)[:, None]
     for _ in range(2):
-        source, target = before[keep] - before[keep].mean(axis=0), after[keep] - after[keep].mean(axis=0)
-        affine = np.linalg.lstsq(source, target, rcond=1e-2)[0]
-        miss = np.linalg.norm(before @ affine - after - (before @ affine - after)[keep].mean(axis=0), axis=1)
-        keep = np.argsort(miss)[: max(4, 2 * len(before) // 3)]
+        weight = keep[..., None]
+        source, target = (weight * (points - _mean(points, weight)) for points in (before, after))
+        affine = np.linalg.pinv(source, rcond=1e-2) @ target
+        off = before @ affine - after
+        miss = np.where(seen, np.linalg.norm(off - _mean(off, weight), axis=2), np.inf)
+        keep = np.argsort(np.argsort(miss, axis=1), axis=1) < most
     return affine
+
+
+def _mean(points: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(R, 1, 2) of points (R, n, 2) with weights (R, n, 1)."""
+    return (weight * points).sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)

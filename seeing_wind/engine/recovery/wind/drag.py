@@ -105,7 +105,7 @@ def area_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def vertex_drag(
-    wind: np.ndarray, vertices: np.ndarray, velocity: np.ndarray, faces: np.ndarray, law: DragLaw = AIR, closed: bool = False
+    wind: np.ndarray, vertices: np.ndarray, velocity: np.ndarray, faces: np.ndarray, law: DragLaw = AIR
 ) -> tuple[np.ndarray, np.ndarray]:
     """Force of the air on the vertices of a mesh, and its damping for a semi-implicit step.
 
@@ -117,13 +117,13 @@ def vertex_drag(
         vertices: (V, 3) [m].
         velocity: (V, 3) of the vertices [m/s].
         faces: (F, 3) indices.
-        law, closed: as in `face_forces`.
+        law: as in `face_forces`, of a sheet that the air passes on both sides.
 
     Returns:
         Force (V, 3) [N] and damping (V, 3, 3) [N s/m].
     """
     relative = (np.broadcast_to(wind, velocity.shape) - velocity)[faces].mean(axis=1)
-    damping = face_damping(relative, area_normals(vertices, faces), law, closed)
+    damping = face_damping(relative, area_normals(vertices, faces), law)
     share = np.concatenate([(damping @ relative[..., None])[..., 0], damping.reshape(-1, 9)], axis=1) / 3.0
     total = np.zeros((len(vertices), share.shape[1]))
     for corner in range(3):

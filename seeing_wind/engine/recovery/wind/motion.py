@@ -17,7 +17,7 @@ import numpy as np
 from ...mpm.model import Model
 from ...mpm.rollout import advance
 from ...mpm.state import State
-from .drag import AIR, TINY, DragLaw, face_damping
+from .drag import AIR, TINY, face_damping
 from .surface import BodySurface
 
 LOST = 0.25
@@ -34,24 +34,24 @@ class Sail:
     rows: slice
     """Its particles in the model."""
 
-    def drag(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray], dt: float, law: DragLaw) -> np.ndarray:
+    def drag(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray], dt: float) -> np.ndarray:
         """Force of the air on its particles (N, 3) [N], as it acts over a time dt [s]."""
         x, v, F = state.x[self.rows], state.v[self.rows], state.F[self.rows]
         normals = self.surface.normals(x, F)
         relative = wind(self.surface.attachment.follow(x)) - self.surface.attachment.follow(v)
-        damping = face_damping(relative, normals, law, self.surface.closed)
+        damping = face_damping(relative, normals, closed=self.surface.closed)
         behind = self._mass_per_area(model, normals) * np.linalg.norm(normals, axis=1) + TINY
         felt = np.eye(3) + dt * damping / behind[:, None, None]
         after = np.linalg.solve(felt, (relative - dt * model.gravity)[..., None])
         return self.surface.spread((damping @ after)[..., 0], len(x))
 
-    def haste(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray], law: DragLaw) -> float:
+    def haste(self, model: Model, state: State, wind: Callable[[np.ndarray], np.ndarray]) -> float:
         """How fast its velocity relative to the air changes, relative to that velocity, or its attitude does [1/s]."""
         x = state.x[self.rows]
         relative = wind(x) - state.v[self.rows]
         normals = self.surface.normals(x, state.F[self.rows])
         C = state.C[self.rows].mean(axis=0)
-        rate = 0.5 * law.density * law.normal * float(np.linalg.norm(relative, axis=1).max()) / self._mass_per_area(model, normals)
+        rate = 0.5 * AIR.density * AIR.normal * float(np.linalg.norm(relative, axis=1).max()) / self._mass_per_area(model, normals)
         return max(rate, float(np.linalg.norm(C - C.T)) / math.sqrt(2.0))
 
     def _mass_per_area(self, model: Model, normals: np.ndarray) -> float:
@@ -67,7 +67,6 @@ def advance_in_wind(
     sails: Sequence[Sail],
     frame: int,
     further: Callable[[State, np.ndarray, float], np.ndarray],
-    law: DragLaw = AIR,
 ) -> State:
     """One frame of bodies in a wind.
 
@@ -79,13 +78,13 @@ def advance_in_wind(
         SimulationError: as `mpm.rollout`.
     """
 
-    haste = max(sail.haste(model, state, wind, law) for sail in sails)
+    haste = max(sail.haste(model, state, wind) for sail in sails)
     parts = min(max(1, math.ceil(haste * model.frame_dt / LOST)), MOST_PARTS)
     dt = model.frame_dt / parts
     for part in range(parts):
         acceleration = np.zeros_like(state.x)
         for sail in sails:
-            acceleration[sail.rows] = sail.drag(model, state, wind, dt, law) / model.mass[sail.rows, None]
+            acceleration[sail.rows] = sail.drag(model, state, wind, dt) / model.mass[sail.rows, None]
         share = replace(model, frame_dt=dt, substeps=math.ceil(model.substeps / parts), part=(part, parts))
         state = advance(share, state, further(state, acceleration, dt), frame=frame)
     return state

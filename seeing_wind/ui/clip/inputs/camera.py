@@ -13,8 +13,8 @@ from ....engine.records import Camera
 from ....engine.take import Take
 from ...bake.animation import keyframes
 from ...scene_units import metres_per_unit
-from .clips import clip_of, first_picture, loaded_clip, marker_frame, scene_frame
-from .pace import picture_a_frame
+from .clips import clip_of, first_clip_frame, loaded_clip, marker_frame, scene_frame
+from .pace import frame_by_frame
 
 BLENDER_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 """Blender's camera looks along -Z with Y up, OpenCV's along +Z with Y down."""
@@ -65,14 +65,14 @@ def scene_camera(scene: bpy.types.Scene) -> dict[str, Any]:
         UsageError: no such camera, or one that is no perspective camera.
     """
     settings, clip = scene.seeing_wind, loaded_clip(scene.seeing_wind)
-    pictures = clip.frame_duration + clip.frame_offset + SPARE
+    clip_frames = clip.frame_duration + clip.frame_offset + SPARE
     if camera_source(scene)[:1] == ("solve",):
         obj, lens = _solved_object(scene), _solved_lens(clip)
-        poses = _evaluated(scene, obj, clip, pictures) if obj is not None else _reconstructed(clip, pictures, metres_per_unit(scene))
+        poses = _evaluated(scene, obj, clip, clip_frames) if obj is not None else _reconstructed(clip, clip_frames, metres_per_unit(scene))
     elif scene.camera is None:
         raise UsageError(*NO_CAMERA)
     else:
-        lens, poses = _lens(scene, scene.camera, clip), _evaluated(scene, scene.camera, clip, pictures, settings)
+        lens, poses = _lens(scene, scene.camera, clip), _evaluated(scene, scene.camera, clip, clip_frames, settings)
     rigid = poses.copy()
     for pose in rigid:
         u, _, vt = np.linalg.svd(pose[:3, :3])  # a scaled camera object sees the same
@@ -84,7 +84,7 @@ def first_camera(scene: bpy.types.Scene) -> Camera:
     """`scene_camera` in the clip's first frame."""
     given = scene_camera(scene)
     numbers = {name: given[name] for name in ("width", "height", "fx", "fy", "cx", "cy")}
-    pose = np.array(given["camera_to_world"][first_picture(scene.seeing_wind)])
+    pose = np.array(given["camera_to_world"][first_clip_frame(scene.seeing_wind)])
     return Camera(**numbers, camera_to_world=pose, distortion=tuple(given.get(name, 0.0) for name in LENS))
 
 
@@ -171,7 +171,7 @@ def _evaluated(
     scene: bpy.types.Scene,
     obj: bpy.types.Object,
     clip: bpy.types.MovieClip,
-    pictures: int,
+    clip_frames: int,
     settings: bpy.types.PropertyGroup | None = None,
 ) -> np.ndarray:
     """Poses (frames, 4, 4) of an object [m], Blender's axes, frame by frame only where it moves.
@@ -183,13 +183,13 @@ def _evaluated(
     while lineage[-1].parent is not None:
         lineage.append(lineage[-1].parent)
     moves = any(each.animation_data or each.constraints for each in lineage)
-    poses = np.empty((pictures, 4, 4))
+    poses = np.empty((clip_frames, 4, 4))
     try:
-        with picture_a_frame(clip):
-            for picture in range(pictures if moves else 1):
-                at = scene_frame(clip, picture) if settings is None else settings.frame_start + picture - first_picture(settings)
+        with frame_by_frame(clip):
+            for clip_frame in range(clip_frames if moves else 1):
+                at = scene_frame(clip, clip_frame) if settings is None else settings.frame_start + clip_frame - first_clip_frame(settings)
                 scene.frame_set(at)
-                poses[picture] = np.array(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
+                poses[clip_frame] = np.array(obj.evaluated_get(bpy.context.evaluated_depsgraph_get()).matrix_world)
     finally:
         scene.frame_set(int(before), subframe=float(before % 1.0))
     if not moves:
@@ -198,13 +198,13 @@ def _evaluated(
     return poses
 
 
-def _reconstructed(clip: bpy.types.MovieClip, pictures: int, unit: float) -> np.ndarray:
+def _reconstructed(clip: bpy.types.MovieClip, clip_frames: int, unit: float) -> np.ndarray:
     """Poses (frames, 4, 4) of the solve itself [m]; a frame without a solved camera takes that of the nearest one."""
     solved = {camera.frame: np.array(camera.matrix) for camera in clip.tracking.reconstruction.cameras}
     frames = np.array(sorted(solved))
-    poses = np.empty((pictures, 4, 4))
-    for picture in range(pictures):
-        nearest = frames[np.argmin(np.abs(frames - marker_frame(clip, picture)))]
-        poses[picture] = solved[int(nearest)]
+    poses = np.empty((clip_frames, 4, 4))
+    for clip_frame in range(clip_frames):
+        nearest = frames[np.argmin(np.abs(frames - marker_frame(clip, clip_frame)))]
+        poses[clip_frame] = solved[int(nearest)]
     poses[:, :3, 3] *= unit
     return poses

@@ -10,28 +10,75 @@ from pathlib import Path
 
 import bpy
 
-from ....engine.conventions import PICTURE_SUFFIXES, is_sequence, pictures_of
+from ....engine.conventions import IMAGE_SUFFIXES, image_files, is_sequence
 from ....engine.errors import ClipError
 from ...user_paths import absolute
-from .pace import pace_of
+from .pace import Pace, pace_of, set_pace
 
 PLACED = "seeing_wind_placed"
 """Custom property of the clips that we have loaded."""
 
-PICTURES = {*PICTURE_SUFFIXES, ".dpx"}
+IMAGES = {*IMAGE_SUFFIXES, ".dpx"}
 PIECES, PIECE = 16, 4096
 """Of a file, by which a changed one is known from a copy, and bytes of each."""
 
 
 def clip_of(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip | None:
     """The movie clip of the file that the settings name, None while Blender has not loaded it."""
-    return found_clip(absolute(settings.clip)) if settings.clip else None
+    return found_clip(absolute(settings.clip), settings.id_data) if settings.clip else None
 
 
-def found_clip(path: str) -> bpy.types.MovieClip | None:
-    """The movie clip of a file, however its own path is written; None while Blender has not loaded it."""
+def found_clip(path: str, scene: bpy.types.Scene) -> bpy.types.MovieClip | None:
+    """The movie clip of a file, however its own path is written; None while Blender has not loaded it.
+
+    Where several show the file at different frames, that of the scene.
+    """
     wanted = os.path.realpath(opened_by(path))
-    return next((clip for clip in bpy.data.movieclips if os.path.realpath(absolute(clip.filepath, clip.library)) == wanted), None)
+    found = [clip for clip in bpy.data.movieclips if os.path.realpath(absolute(clip.filepath, clip.library)) == wanted]
+    return scene.active_clip if scene.active_clip in found else next(iter(found), None)
+
+
+def place_clip(scene: bpy.types.Scene, clip: bpy.types.MovieClip, picture: int, pace: Pace) -> bpy.types.MovieClip:
+    """Let a scene show a clip at a pace, one frame of its file as the first; returns the clip that it shows.
+
+    A clip has one place in time, whichever scene shows it: where another one shows it at other frames, this scene gets a copy, with the
+    tracks and solves of the original.
+
+    Raises:
+        UsageError: for a clip of another file, whose frames would not last a scene frame each.
+    """
+    first, now = pace_of(clip)
+    there = (now.stride, now.frame_of(picture - first)) == (pace.stride, pace.at)
+    if not there and any(other.active_clip == clip for other in bpy.data.scenes if other != scene):
+        clip = _show_instead(scene, clip, clip.copy())
+    set_pace(clip, picture, pace)
+    return clip
+
+
+def _show_instead(scene: bpy.types.Scene, former: bpy.types.MovieClip, clip: bpy.types.MovieClip) -> bpy.types.MovieClip:
+    """Put a clip wherever only this scene shows a former one: on cameras that no other scene has, and in the compositor."""
+    cameras = [obj.data for obj in scene.objects if obj.type == "CAMERA" and obj.users_scene == (scene,)]
+    tree = getattr(scene, "compositing_node_group", None) or getattr(scene, "node_tree", None)
+    shows = [*(each for camera in cameras for each in camera.background_images), *(tree.nodes if tree is not None else ())]
+    for each in shows:
+        if getattr(each, "clip", None) == former:
+            each.clip = clip
+    if scene.active_clip == former:
+        scene.active_clip = clip
+    return clip
+
+
+def follow_moved(settings: bpy.types.PropertyGroup, path: str) -> bool:
+    """Whether a path is where the clip of the settings has been moved to: it has its name, and where the clip was there is none any more.
+
+    Blender's movie clips of it follow, with their tracks, masks and solves.
+    """
+    former = opened_by(absolute(settings.clip)) if settings.clip else ""
+    if not former or os.path.isfile(former) or os.path.basename(former) != os.path.basename(opened_by(path)):
+        return False
+    while (clip := found_clip(former, settings.id_data)) is not None and clip.library is None:
+        clip.filepath = bpy.path.relpath(opened_by(path)) if clip.filepath.startswith("//") else opened_by(path)
+    return True
 
 
 def load_clip(path: str) -> bpy.types.MovieClip:
@@ -48,18 +95,20 @@ def load_clip(path: str) -> bpy.types.MovieClip:
     return clip
 
 
-def start_of(clip: bpy.types.MovieClip, picture: int, otherwise: int) -> int:
+def start_of(clip: bpy.types.MovieClip, clip_frame: int, otherwise: int) -> int:
     """Scene frame of a frame of a clip's file: where the user has put it, or `otherwise` for a clip that we have loaded."""
-    return otherwise if clip.get(PLACED) else scene_frame(clip, picture)
+    return otherwise if clip.get(PLACED) else scene_frame(clip, clip_frame)
 
 
 def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     """`clip_of`, loaded now if need be.
 
     Raises:
-        ClipError: when Blender cannot read it.
+        ClipError: when none is chosen, or Blender cannot read it.
     """
     clip = clip_of(settings)
+    if not settings.clip:
+        raise ClipError("No clip is chosen.", "Choose one first.")
     if clip is None:
         clip = load_clip(absolute(settings.clip))
     if clip.size[0] < 1 or clip.frame_duration < 1:
@@ -67,26 +116,26 @@ def loaded_clip(settings: bpy.types.PropertyGroup) -> bpy.types.MovieClip:
     return clip
 
 
-def first_picture(settings: bpy.types.PropertyGroup) -> int:
+def first_clip_frame(settings: bpy.types.PropertyGroup) -> int:
     """Index in the file of the first frame that is used."""
     return settings.frames[0] if settings.use_frames else 0
 
 
-def scene_frame(clip: bpy.types.MovieClip, picture: int) -> int:
+def scene_frame(clip: bpy.types.MovieClip, clip_frame: int) -> int:
     """Scene frame at which Blender shows a frame of the clip's file."""
     first, pace = pace_of(clip)
-    return pace.frame_of(picture - first)
+    return pace.frame_of(clip_frame - first)
 
 
-def marker_frame(clip: bpy.types.MovieClip, picture: int) -> int:
+def marker_frame(clip: bpy.types.MovieClip, clip_frame: int) -> int:
     """Frame number by which the clip's markers and solved cameras call a frame of its file."""
-    return picture - clip.frame_offset + 1
+    return clip_frame - clip.frame_offset + 1
 
 
 def as_pattern(path: str) -> str:
     """The path of a video as it is; that of one image of a sequence as the pattern of all, which the engine reads."""
     place = Path(path)
-    if place.suffix.lower() not in PICTURES or "%" in place.name or "*" in place.name:
+    if place.suffix.lower() not in IMAGES or "%" in place.name or "*" in place.name:
         return path
     numbers = list(re.finditer(r"\d+", place.stem))
     if not numbers:
@@ -99,7 +148,7 @@ def as_pattern(path: str) -> str:
 def files_of(path: str) -> list[Path]:
     """The files of a clip in their order: the video itself, or the images that the engine reads for a folder, pattern or image."""
     pattern = as_pattern(path)
-    return (pictures_of(pattern) if is_sequence(pattern) else []) or [Path(path)]
+    return (image_files(pattern) if is_sequence(pattern) else []) or [Path(path)]
 
 
 def opened_by(path: str) -> str:

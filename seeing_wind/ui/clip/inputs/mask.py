@@ -11,29 +11,29 @@ import numpy as np
 
 from ....engine.errors import ObjectError
 from ....engine.take import Take
-from .clips import first_picture, loaded_clip, scene_frame
+from .clips import first_clip_frame, loaded_clip, scene_frame
 from .tracks import plane_corners
 
 SEGMENT = 24
 """Straight lines that stand for one Bézier segment of a mask."""
 
 
-def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, picture: int | None = None) -> None:
+def write_mask(scene: bpy.types.Scene, mask: bpy.types.Mask, path: Path, clip_frame: int | None = None) -> None:
     """Draw a mask as it is at a frame of the clip's file, by default the first that is used, at the clip's size.
 
     Raises:
         ObjectError: when nothing is inside it.
     """
     settings, clip, before = scene.seeing_wind, loaded_clip(scene.seeing_wind), scene.frame_current
-    picture = first_picture(settings) if picture is None else picture
-    scene.frame_set(scene_frame(clip, picture))
+    clip_frame = first_clip_frame(settings) if clip_frame is None else clip_frame
+    scene.frame_set(scene_frame(clip, clip_frame))
     try:
         inside = mask_pixels(mask, *clip.size)
     finally:
         scene.frame_set(before)
     if not inside.any():
         raise ObjectError(
-            f"Nothing is inside the mask {mask.name} in frame {picture} of the file.", "Close its splines (Alt C) and show its layers."
+            f"Nothing is inside the mask {mask.name} in frame {clip_frame} of the file.", "Close its splines (Alt C) and show its layers."
         )
     write_png(path, inside)
 
@@ -46,10 +46,10 @@ def write_plane_mask(scene: bpy.types.Scene, path: Path) -> None:
     """
     settings, clip = scene.seeing_wind, loaded_clip(scene.seeing_wind)
     planes = clip.tracking.plane_tracks
-    plane, picture = planes.active or planes[0], first_picture(settings)
-    corners = plane_corners(clip, plane, picture)
+    plane, clip_frame = planes.active or planes[0], first_clip_frame(settings)
+    corners = plane_corners(clip, plane, clip_frame)
     if corners is None:
-        no_marker = f"The plane track {plane.name} has no marker in frame {picture} of the file."
+        no_marker = f"The plane track {plane.name} has no marker in frame {clip_frame} of the file."
         raise ObjectError(no_marker, "Track it from the first frame on.")
     write_png(path, polygon_pixels(corners, *clip.size))
 
@@ -108,17 +108,20 @@ def polygon_pixels(corners: np.ndarray, width: int, height: int) -> np.ndarray:
 
 def write_png(path: Path, inside: np.ndarray) -> None:
     """A grey PNG of 0 and 255."""
-    height, width = inside.shape
-    rows = np.zeros((height, width + 1), dtype=np.uint8)
-    rows[:, 1:] = 255 * inside
+    with Take(path.parent).writing(path.name) as aside:
+        aside.write_bytes(png(255 * inside.astype(np.uint8)))
+
+
+def png(image: np.ndarray) -> bytes:
+    """A grey image (H, W), or one in colour (H, W, 3), uint8, as a PNG file."""
+    height, width = image.shape[:2]
+    rows = np.concatenate([np.zeros((height, 1), np.uint8), image.reshape(height, -1)], axis=1).tobytes()
 
     def chunk(kind: bytes, data: bytes) -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
-    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
-    content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows.tobytes())) + chunk(b"IEND", b"")
-    with Take(path.parent).writing(path.name) as aside:
-        aside.write_bytes(content)
+    header = struct.pack(">2I5B", width, height, 8, 0 if image.ndim == 2 else 2, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
 def _outline(spline: bpy.types.MaskSpline) -> np.ndarray:

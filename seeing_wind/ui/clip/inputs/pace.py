@@ -50,9 +50,9 @@ class Pace:
         """Driver: the frame where the first clip frame would be, if every clip frame lasted one frame."""
         return f"floor(frame) - {self._shown}"
 
-    def offset(self, pictures: int) -> str:
+    def offset(self, clip_frames: int) -> str:
         """Driver: of an image sequence that begins at `at`; its first and last frame stand still before and after."""
-        return f"clamp({self._shown}, 0, {pictures - 1}) + 1 - max(floor(frame) - {self.at} + 1, 0)"
+        return f"clamp({self._shown}, 0, {clip_frames - 1}) + 1 - max(floor(frame) - {self.at} + 1, 0)"
 
 
 def pace_of_scene(scene: bpy.types.Scene) -> Pace:
@@ -61,7 +61,7 @@ def pace_of_scene(scene: bpy.types.Scene) -> Pace:
     return Pace(settings.frame_start, stride_of(settings.field_object) if settings.field_object is not None else 1.0)
 
 
-def set_pace(clip: bpy.types.MovieClip, picture: int, pace: Pace) -> None:
+def set_pace(clip: bpy.types.MovieClip, clip_frame: int, pace: Pace) -> None:
     """Let a clip go by at a pace, with one frame of its file as the first.
 
     Raises:
@@ -75,46 +75,46 @@ def set_pace(clip: bpy.types.MovieClip, picture: int, pace: Pace) -> None:
         clip.driver_remove("frame_start")
         del clip[PACE]
     # the offset stays: the user's tracks and camera solve count from it
-    before = clip.frame_offset - picture
+    before = clip.frame_offset - clip_frame
     clip.frame_start = pace.at + before
     if pace.stride != 1.0:
-        clip[PACE] = [float(pace.at), float(picture), pace.stride]
+        clip[PACE] = [float(pace.at), float(clip_frame), pace.stride]
         _drive(clip, "frame_start", f"{pace.beginning()} + {before}" if before >= 0 else f"{pace.beginning()} - {-before}")
 
 
 def pace_of(clip: bpy.types.MovieClip) -> tuple[int, Pace]:
     """A frame of the clip's file, and the pace that counts from it."""
     if PACE in clip:
-        at, picture, stride = clip[PACE]
-        return int(picture), Pace(int(at), stride)
+        at, clip_frame, stride = clip[PACE]
+        return int(clip_frame), Pace(int(at), stride)
     return 0, Pace(clip.frame_start - clip.frame_offset)
 
 
 @contextmanager
-def picture_a_frame(clip: bpy.types.MovieClip) -> Iterator[None]:
+def frame_by_frame(clip: bpy.types.MovieClip) -> Iterator[None]:
     """Show one clip frame per scene frame meanwhile, for who has to see every one of them."""
-    picture, pace = pace_of(clip)
+    clip_frame, pace = pace_of(clip)
     if pace.stride == 1.0:
         yield
         return
-    set_pace(clip, picture, Pace(pace.at))
+    set_pace(clip, clip_frame, Pace(pace.at))
     try:
         yield
     finally:
-        set_pace(clip, picture, pace)
+        set_pace(clip, clip_frame, pace)
 
 
-def set_pace_of_images(user: bpy.types.bpy_struct, pictures: int, pace: Pace) -> None:
+def set_pace_of_images(user: bpy.types.bpy_struct, clip_frames: int, pace: Pace) -> None:
     """The same for an image sequence whose first file is the first frame.
 
     Args:
         user: has `frame_start`, `frame_duration` and `frame_offset`: an image user, or an image node of the compositor.
     """
     user.driver_remove("frame_offset")
-    user.frame_start, user.frame_duration, user.frame_offset = pace.at, pictures, 0
+    user.frame_start, user.frame_duration, user.frame_offset = pace.at, clip_frames, 0
     if pace.stride != 1.0:
         user.frame_duration = LONG
-        _drive(user, "frame_offset", pace.offset(pictures))
+        _drive(user, "frame_offset", pace.offset(clip_frames))
 
 
 def _drive(owner: bpy.types.bpy_struct, path: str, expression: str) -> None:

@@ -43,9 +43,9 @@ def scene_inputs(scene: bpy.types.Scene) -> tuple[SceneInput, ...]:
     if settings.object_mode in ("BLENDER_MASK", "PLANE", "PROXY"):
         found += _object(scene)
     if settings.outline_data is not None:
-        picture = settings.outline_frame
-        stamp = (picture, *mask_stamp(settings.outline_data))
-        found.append(SceneInput("outline", "outline.png", stamp, partial(write_mask, scene, settings.outline_data, picture=picture)))
+        clip_frame = settings.outline_frame
+        stamp = (clip_frame, *mask_stamp(settings.outline_data))
+        found.append(SceneInput("outline", "outline.png", stamp, partial(write_mask, scene, settings.outline_data, clip_frame=clip_frame)))
     if settings.use_tracks:
         clip = clip_of(settings)
         if clip is None or not (len(clip.tracking.tracks) or len(clip.tracking.plane_tracks)):

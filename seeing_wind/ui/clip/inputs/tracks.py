@@ -10,7 +10,7 @@ import numpy as np
 from ....engine.errors import ObjectError
 from ....engine.take import Take
 from .camera import SPARE
-from .clips import first_picture, loaded_clip, marker_frame
+from .clips import first_clip_frame, loaded_clip, marker_frame
 
 GRID = 6
 """Points along each side of a plane track: 36 of them follow its four corners."""
@@ -36,7 +36,7 @@ def write_tracks(scene: bpy.types.Scene, path: Path) -> int:
     xy = np.concatenate([xy for xy, _, _ in columns], axis=1)
     visible = np.concatenate([visible for _, visible, _ in columns], axis=1)
     sigma = np.concatenate([np.full(visible.shape, value) for _, visible, value in columns], axis=1)
-    first = first_picture(scene.seeing_wind)
+    first = first_clip_frame(scene.seeing_wind)
     if not visible[first].any():
         raise ObjectError(f"No track has a marker in frame {first} of the file.", "Track from the first frame that is used.")
     Take(path.parent).write_arrays(path.name, {"xy": xy, "visible": visible, "sigma": sigma})
@@ -50,9 +50,9 @@ def tracks_stamp(clip: bpy.types.MovieClip) -> tuple:
     return (*ends, *planes)
 
 
-def plane_corners(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, picture: int) -> np.ndarray | None:
+def plane_corners(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, clip_frame: int) -> np.ndarray | None:
     """Corners (4, 2) [px] of a plane track in a frame, None where it has no marker."""
-    marker = plane.markers.find_frame(marker_frame(clip, picture))
+    marker = plane.markers.find_frame(marker_frame(clip, clip_frame))
     return None if marker is None or marker.mute else pixels(clip, np.array([tuple(corner) for corner in marker.corners]))
 
 
@@ -66,9 +66,9 @@ def _track(clip: bpy.types.MovieClip, track: bpy.types.MovieTrackingTrack, rows:
     xy, visible = np.zeros((rows, 1, 2)), np.zeros((rows, 1), dtype=bool)
     shift = marker_frame(clip, 0)
     for marker in track.markers:
-        picture = marker.frame - shift
-        if 0 <= picture < rows and not marker.mute:
-            xy[picture, 0], visible[picture, 0] = pixels(clip, np.array(marker.co) + np.array(track.offset)), True
+        clip_frame = marker.frame - shift
+        if 0 <= clip_frame < rows and not marker.mute:
+            xy[clip_frame, 0], visible[clip_frame, 0] = pixels(clip, np.array(marker.co) + np.array(track.offset)), True
     return xy, visible, SIGMA
 
 
@@ -77,10 +77,10 @@ def _plane(clip: bpy.types.MovieClip, plane: bpy.types.MovieTrackingPlaneTrack, 
     side = (np.arange(GRID) + 0.5) / GRID
     u, v = (part.ravel() for part in np.meshgrid(side, side))
     xy, visible = np.zeros((rows, GRID**2, 2)), np.zeros((rows, GRID**2), dtype=bool)
-    for picture in range(rows):
-        corners = plane_corners(clip, plane, picture)
+    for clip_frame in range(rows):
+        corners = plane_corners(clip, plane, clip_frame)
         if corners is not None:
-            xy[picture], visible[picture] = through_homography(corners, u, v), True
+            xy[clip_frame], visible[clip_frame] = through_homography(corners, u, v), True
     return xy, visible, SIGMA_PLANE
 
 

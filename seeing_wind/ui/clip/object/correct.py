@@ -5,10 +5,10 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, FloatVectorProperty, IntProperty
 
-from ....engine.errors import ClipError, ObjectError, UsageError
+from ....engine.errors import ObjectError, UsageError
 from ...direct_operator import DirectOperator
 from ..inputs.clips import loaded_clip, pace_of
-from ..on_picture import LOOKING, OnPicture, draw_rectangle
+from ..on_frame import LOOKING, OnFrame, draw_rectangle
 
 NOW = -1
 """For the frame that the scene shows now."""
@@ -17,7 +17,7 @@ MARK, COLOURS = 4.0, {False: (0.2, 1.0, 0.3, 1.0), True: (1.0, 0.25, 0.2, 1.0)}
 """Half the side of a point's mark on the screen [px], and its colour, by whether it is beside the object."""
 
 
-class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operator):
+class SEEING_WIND_OT_correct_outline(OnFrame, DirectOperator, bpy.types.Operator):
     """Click a point on the object that the outline leaves out, in the frame that is shown now; Esc cancels"""
 
     bl_idname = "seeing_wind.correct_outline"
@@ -26,41 +26,41 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
     place: FloatVectorProperty(
         name="Place (px)", size=2, options={"SKIP_SAVE"}, description="From the left and from the top, in pixels of the clip"
     )
-    picture: IntProperty(
+    clip_frame: IntProperty(
         name="Frame", default=NOW, min=NOW, options={"SKIP_SAVE"}, description="Counted from 0 in the file; -1: the one shown now"
     )
-    beside: BoolProperty(name="Beside", options={"SKIP_SAVE"}, description="The point is not on the object, but the outline takes it in")
+    beside: BoolProperty(
+        name="Off the Object", options={"SKIP_SAVE"}, description="The point is not on the object, but the outline takes it in"
+    )
 
     @classmethod
     def description(cls, context, properties):
         """The two buttons say what they are for."""
-        what = "beside the object that the outline takes in" if properties.beside else "on the object that the outline leaves out"
+        what = "off the object that the outline takes in" if properties.beside else "on the object that the outline leaves out"
         return f"Click a point {what}, in the frame that is shown now; Esc cancels"
 
     def act(self, context):
         """One more correction."""
         scene, settings = context.scene, context.scene.seeing_wind
-        if not settings.clip:
-            raise ClipError("No clip is chosen.", "Choose one first.")
         clip = loaded_clip(settings)
         first, pace = pace_of(clip)
-        picture = first + pace.shown(scene.frame_current) if self.picture == NOW else self.picture
+        clip_frame = first + pace.shown(scene.frame_current) if self.clip_frame == NOW else self.clip_frame
         begin, end = settings.frames if settings.use_frames else (0, clip.frame_duration - 1)
-        if not max(begin, 0) <= picture <= min(end, clip.frame_duration - 1):
+        if not max(begin, 0) <= clip_frame <= min(end, clip.frame_duration - 1):
             raise UsageError(
-                f"Frame {picture} of the file is not among those used, {begin} to {end}.", "Go to a scene frame that shows one of them."
+                f"Frame {clip_frame} of the file is not among those used, {begin} to {end}.", "Go to a scene frame that shows one of them."
             )
         if not all(-0.5 <= at <= side - 0.5 for at, side in zip(self.place, clip.size)):
             raise UsageError("The point lies outside the clip's image.", "Click on the image.")
         point = settings.corrections.add()
-        point.picture, point.place, point.beside = picture, self.place, self.beside
-        return f"The outline is corrected in frame {picture} of the file; Preview shows it"
+        point.clip_frame, point.place, point.beside = clip_frame, self.place, self.beside
+        return f"The outline is corrected in frame {clip_frame} of the file; Preview shows it"
 
     def invoke(self, context, event):
         """Wait for a click in the area's frame."""
         if self.properties.is_property_set("place"):
             return self.execute(context)
-        where = "beside" if self.beside else "on"
+        where = "off" if self.beside else "on"
         return {"RUNNING_MODAL"} if self.begin(context, f"Click a point {where} the object", "EYEDROPPER") else {"CANCELLED"}
 
     def modal(self, context, event):
@@ -74,9 +74,9 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
         self.end(context)
         if corners is None:
             return {"CANCELLED"}
-        from ..frame_on_screen import point_in_picture  # needs NumPy
+        from ..frame_on_screen import point_in_frame  # needs NumPy
 
-        self.place = point_in_picture(corners, self.at(event), *self.size)
+        self.place = point_in_frame(corners, self.at(event), *self.size)
         return self.execute(context)
 
     def draw_over(self, context, corners) -> None:
@@ -89,7 +89,7 @@ class SEEING_WIND_OT_correct_outline(OnPicture, DirectOperator, bpy.types.Operat
             return
         first, pace = pace_of(clip)
         shown = first + pace.shown(context.scene.frame_current)
-        for point in (each for each in context.scene.seeing_wind.corrections if each.picture == shown):
+        for point in (each for each in context.scene.seeing_wind.corrections if each.clip_frame == shown):
             (x, y), colour = box_on_screen(corners, (*point.place, *point.place), *self.size).mean(axis=0), COLOURS[point.beside]
             draw_rectangle((x - MARK, y - MARK), (x + MARK, y + MARK), colour)
 

@@ -51,7 +51,7 @@ def object_options(
         values = values | {"outline": None}  # its file is made
     elif values["outline"] is None:
         values = values | {"outline_frame": 0}
-    points = [number for one in settings.corrections for number in (float(one.picture), *map(single, one.place), float(not one.beside))]
+    points = [number for one in settings.corrections for number in (float(one.clip_frame), *map(single, one.place), float(not one.beside))]
     given = part_of(values, ObserveSettings, **{name: values[name] for name in named}) | {"correct": tuple(points) or None}
     check_files(given, ObserveSettings)
     return given | made, inputs

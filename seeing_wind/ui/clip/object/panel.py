@@ -2,14 +2,14 @@
 
 import bpy
 
-from ....engine.conventions import HELD_PLACE
+from ....engine.conventions import BODY, HELD_PLACE, TIME
 from ....engine.materials import MATERIALS
 from ....engine.settings import BuildSettings, ObserveSettings, RecoverSettings
 from ...job import status
 from ...job.panel_pieces import Tab, columns, draw_failure, draw_job, draw_override, draw_progress, draw_text, fold, panels
 from ...job.status import State
 from ...option_properties import panel_options
-from .preview import FILM, PICTURE
+from .preview import FILM, IMAGE
 
 
 class ObjectTab(Tab):
@@ -90,10 +90,10 @@ def _draw_corrections(column, settings) -> None:
         return
     row = body.row(align=True)
     row.operator("seeing_wind.correct_outline", icon="ADD")
-    row.operator("seeing_wind.correct_outline", text="Point Beside", icon="REMOVE").beside = True
+    row.operator("seeing_wind.correct_outline", text="Point off Object", icon="REMOVE").beside = True
     for point in settings.corrections[-3:]:
-        where = f"{'beside' if point.beside else 'on it'} at {point.place[0]:.0f}, {point.place[1]:.0f} px"
-        body.label(text=f"Clip frame {point.picture}: {where}", icon="REMOVE" if point.beside else "ADD")
+        where = f"{'off' if point.beside else 'on'} the object at {point.place[0]:.0f}, {point.place[1]:.0f} px"
+        body.label(text=f"Clip frame {point.clip_frame}: {where}", icon="REMOVE" if point.beside else "ADD")
     if count:
         body.operator("seeing_wind.clear_corrections", icon="X")
     body.prop(settings, "outline_data", text="Blender Mask")
@@ -115,7 +115,8 @@ def _draw_corners(column, settings, name: str) -> None:
 
 def _draw_preview(layout, context, settings) -> None:
     """What is seen, before the solve: an image, and what can be trusted."""
-    steps = status.of(context.scene.session_uid).steps
+    now = status.of(context.scene.session_uid)
+    steps, foreseen = now.steps, now.foreseen
     ready = steps["clip"].state == State.DONE and steps["object"].state == State.DONE
     missing = "" if ready else "Mark the object in a clip first"
     draw_job(layout, context, "preview", "seeing_wind.preview", "Preview", "HIDE_OFF", missing, warned=not len(settings.verdicts))
@@ -124,11 +125,11 @@ def _draw_preview(layout, context, settings) -> None:
     body = fold(layout, "preview", "What Is Seen", closed=False)
     if body is None:
         return
-    picture = settings.previewed_picture
-    if picture is not None and picture.preview is not None:
-        body.template_icon(icon_value=picture.preview.icon_id, scale=8.0)
+    image = settings.preview_image
+    if image is not None and image.preview is not None:
+        body.template_icon(icon_value=image.preview.icon_id, scale=8.0)
     row = body.row(align=True)
-    for name, text, icon in ((PICTURE, "Image", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
+    for name, text, icon in ((IMAGE, "Image", "IMAGE_DATA"), (FILM, "Film", "FILE_MOVIE")):
         row.operator("wm.path_open", text=text, icon=icon).filepath = f"{settings.previewed_take}/{name}"
     marked = bool(settings.pin) if settings.held_mode == "FILE" else ready
     for verdict in settings.verdicts:
@@ -136,7 +137,10 @@ def _draw_preview(layout, context, settings) -> None:
         proposed = settings.proposed_pin if verdict.name == HELD_PLACE else ""
         if proposed and marked:  # since then
             words, doubtful = "It is marked.", False
-        draw_text(body, context, f"{verdict.name.capitalize()}: {words}", "ERROR" if doubtful else "CHECKMARK")
+        icon = "ERROR" if doubtful else "CHECKMARK"
+        if verdict.name in (BODY, TIME) and not foreseen:
+            words, icon = "Settings have changed since. Press Preview again.", "FILE_REFRESH"
+        draw_text(body, context, f"{verdict.name.capitalize()}: {words}", icon)
         if proposed and settings.pin != proposed:
             body.operator("seeing_wind.use_held", icon="PINNED")
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     Clip = tuple[str, dict[str, Any], tuple[View, ...]]
     Marked = tuple[dict[str, Any], tuple[SceneInput, ...]]
 
-PICTURE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
+IMAGE, FILM, HELD = "preview.png", "preview.mp4", "held.png"
 """What the engine leaves in the take."""
 
 
@@ -44,15 +44,13 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
         settings = scene.seeing_wind
         self.folder, python = takes.take_folder(settings), engine_python()
         values = values_of(settings, ObserveSettings, BuildSettings, RecoverSettings)
-        # How long the solve takes hangs on the body, too; what is seen does not.
-        solved = BuildSettings(**part_of(values, BuildSettings)), RecoverSettings(iterations=values["iterations"])
         clip = clip_options(settings, values)
         marked = object_options(settings, values, self.folder / takes.INPUTS)
-        self.digest = preview_digest(clip, marked)
+        self.digest, self.foreseen = preview_digest(clip, marked), foreseen_digest(values, clip, marked)
         takes.bring_along(settings, self.folder)
         for each in marked[1]:
             each.write(self.folder / takes.INPUTS / each.name)
-        words = [*words_of(_asked(clip, marked), *solved), *(word for view in clip[2] for word in ("--view", *view))]
+        words = [*words_of(_asked(clip, marked), *_solved(values)), *(word for view in clip[2] for word in ("--view", *view))]
         return worker.run(
             command(python, "observe", clip[0], *words, "--take", str(self.folder)), cwd=str(ROOT), env=environment()
         )
@@ -65,9 +63,9 @@ class SEEING_WIND_OT_preview(JobOperator, bpy.types.Operator):
             verdict = settings.verdicts.add()
             verdict.name, verdict.because, verdict.advice = (in_panel_words(each[key]) for key in ("item", "because", "do"))
             verdict.doubtful = each["severity"] > 0.0
-        settings.previewed_take, settings.previewed_digest = str(self.folder), self.digest
+        settings.previewed_take, settings.previewed_digest, settings.foreseen_digest = str(self.folder), self.digest, self.foreseen
         settings.proposed_pin = str(self.folder / HELD) if HELD in result.get("files", []) else ""
-        settings.previewed_picture = _loaded(self.folder / PICTURE)
+        settings.preview_image = _loaded(self.folder / IMAGE)
         doubtful = [verdict.name for verdict in settings.verdicts if verdict.doubtful]
         return f"Doubtful: {', '.join(doubtful)}" if doubtful else "All that is seen looks good"
 
@@ -89,6 +87,18 @@ def preview_digest(clip: Clip, marked: Marked) -> str:
         os.path.basename(clip[0]), dataclasses.replace(asked, **names), views,
         [content_of(path) for path in files], tuple(made.values()),
     )  # fmt: skip
+
+
+def foreseen_digest(values: dict[str, Any], clip: Clip, marked: Marked) -> str:
+    """Changes whenever another solve would be foreseen: of `values_of` the scene, and of what `clip_options` and `object_options` say."""
+    pins, pin = [each.stamp for each in marked[1] if each.option == "pin"], marked[0].get("pin")
+    held = pins or (content_of(pin) if pin is not None else None)
+    return digest_of(preview_digest(clip, marked), _solved(values), held)
+
+
+def _solved(values: dict[str, Any]) -> tuple[BuildSettings, RecoverSettings]:
+    """What the time of a solve hangs on beside what is seen."""
+    return BuildSettings(**part_of(values, BuildSettings)), RecoverSettings(iterations=values["iterations"])
 
 
 def _asked(clip: Clip, marked: Marked) -> ObserveSettings:

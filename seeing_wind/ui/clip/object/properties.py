@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty, Int
 from ....engine.settings import BuildSettings, ObserveSettings, options_of
 from ....engine.settings.build import MADE
 from ...option_properties import with_options
-from ...property_kinds import KEPT, MATERIAL_ITEMS, changed, choice, is_mesh, toggle
+from ...property_kinds import KEPT, MATERIAL_ITEMS, PATH, changed, choice, is_mesh, toggle
 from ..properties import OF_THE_CLIP
 
 NUMBERS = [one.name for one in options_of(BuildSettings).values() if one.group == MADE and one.kind is float]
@@ -37,10 +37,10 @@ class ObjectOptions:
         name="Held Box (px)", size=4, options=KEPT, update=changed,
         description="Left, top, right, bottom of the held part in pixels of the first frame",
     )  # fmt: skip
-    use_tracks: toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of by our own")
+    use_tracks: toggle("Tracks", "Follow the object by the tracks and plane tracks of the Movie Clip Editor instead of the engine's own")
 
     scale_mode: choice("Scale", "What gives the size of things", [
-        ("AUTO", "Automatic", "A camera solve or scene camera sees the object as far away as the world's origin; else the distance below"),
+        ("AUTO", "Automatic", "As far away as the world's origin with a camera solve or a scene camera, else at the distance below"),
         ("DISTANCE", "Distance", "The distance from the camera to the object is known"),
         ("PIXELS", "Pixels per Metre", "The image scale in the object's plane is known"),
         ("PROXY", "Proxy Mesh", "A mesh of the scene stands where the object is in the first frame and gives the depth of each pixel"),
@@ -68,9 +68,9 @@ class SEEING_WIND_PG_verdict(bpy.types.PropertyGroup):
 class SEEING_WIND_PG_correction(bpy.types.PropertyGroup):
     """A point by which the outline is corrected in one frame."""
 
-    picture: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
+    clip_frame: IntProperty(name="Clip Frame", min=0, description="Counted from 0 in the file")
     place: FloatVectorProperty(name="Place (px)", size=2, description="From the left and from the top")
-    beside: BoolProperty(name="Beside", description="The point is not on the object")
+    beside: BoolProperty(name="Off the Object", description="The point is not on the object")
 
 
 class ObjectSettings:
@@ -94,10 +94,15 @@ class ObjectSettings:
     corrections: CollectionProperty(type=SEEING_WIND_PG_correction)
 
     verdicts: CollectionProperty(type=SEEING_WIND_PG_verdict)
-    previewed_take: StringProperty(name="Previewed Take", subtype="FILE_PATH", description="Folder that the preview is in")
-    previewed_picture: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
+    previewed_take: StringProperty(
+        name="Previewed Take", subtype="FILE_PATH", options=PATH, description="Folder that the preview is in"
+    )
+    preview_image: PointerProperty(name="Preview", type=bpy.types.Image, description="Outline, tracks, held place and scale as seen")
     previewed_digest: StringProperty(description="Of the settings that the preview was made with")
-    proposed_pin: StringProperty(name="Proposed Held Place", subtype="FILE_PATH", description="Where the object seems to be held")
+    foreseen_digest: StringProperty(description="Of those that it foresaw the solve with")
+    proposed_pin: StringProperty(
+        name="Proposed Held Place", subtype="FILE_PATH", options=PATH, description="Where the object seems to be held"
+    )
 
     guesses: CollectionProperty(type=SEEING_WIND_PG_guess)
     active_guess: IntProperty(name="Active Guess", default=0, min=0)

@@ -1,10 +1,14 @@
-"""What the clip's camera puts on everything that it sees, measured in frame 0, so that a render can have it too.
+"""What the clip's camera puts on everything that it sees, so that a render can have it too.
 
-grain     its noise
-softness  how softly it shows a rim
+grain     its noise, measured in frame 0
+softness  how softly it shows a rim, likewise
+focus     the depth of field of its lens
+lens      where its lens shows what is rendered
 """
 
+from .focus import keep_focus, set_focus
 from .grain import grain_of
+from .lens import Lens, drop_lenses, lens_of
 from .softness import softness_of
 
-__all__ = ["grain_of", "softness_of"]
+__all__ = ["Lens", "drop_lenses", "grain_of", "keep_focus", "lens_of", "set_focus", "softness_of"]

@@ -24,20 +24,20 @@ INTERPOLATED = 0.14
 def softness_of(take: Take) -> float:
     """How softly the clip shows the object's rim in frame 0: standard deviation of the blur [px]; 0 where it does not tell."""
     arrays = take.read_arrays("observation.npz") if take.file("observation.npz").is_file() else {}
-    picture = arrays.get("image")
-    if picture is None or picture.ndim != 3 or "masks.windows" not in arrays:
+    image = arrays.get("image")
+    if image is None or image.ndim != 3 or "masks.windows" not in arrays:
         return 0.0
     mask = from_arrays(Masks, arrays, "masks.")[0]
-    return softness(picture, mask) if mask.shape == picture.shape[:2] else 0.0
+    return softness(image, mask) if mask.shape == image.shape[:2] else 0.0
 
 
-def softness(picture: np.ndarray, mask: np.ndarray) -> float:
+def softness(image: np.ndarray, mask: np.ndarray) -> float:
     """Standard deviation [px] of the blur of a mask's rim (H, W) bool in a frame (H, W, 3) uint8 sRGB; 0 where too little of it tells.
 
     Along the rim's normal a sharp step turns into the integral of the blur, and between a quarter and three quarters of a Gaussian's lie
     1.349 deviations. Only places count where both sides are even; of these the sharper ones, for the others may be blurred by motion.
     """
-    shade = linear(picture) @ LUMINANCE
+    shade = linear(image) @ LUMINANCE
     smooth = softened(mask, 4).astype(np.float64)
     rows, columns = np.nonzero(mask & widened(~mask, 1))
     away = -np.stack([each[rows, columns] for each in np.gradient(smooth)], axis=1)

@@ -36,7 +36,7 @@ STILL = 1e-6
 
 
 def export_edit(
-    request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path, preview: bool = False
+    request: EditRequest, scene: bpy.types.Scene, source: Path, folder: Path, preview: bool
 ) -> tuple[Path, list[str]]:
     """Write an edit of `scene` into `folder`. Returns the path of its edit.toml, and what the user should know of it.
 
@@ -80,9 +80,11 @@ def _forces(
     corners = np.concatenate([field.box, *places])
     found = further_forces(fields, np.stack([corners.min(axis=0), corners.max(axis=0)]), frames, request.metres)
     Take(folder).write_arrays(path.name, found.arrays)
-    said = [f"Beside the recovered field {', '.join(obj.name for obj in fields)} acted, in newtons on a whole body"]
+    names = ", ".join(obj.name for obj in fields)
+    said = [f"Beside the recovered field, {names} acted, with forces in newtons on each whole body"]
     if found.error > COARSELY:
-        said.append(f"They change faster from place to place than their lattice can follow: about {100.0 * found.error:.0f} % off in it")
+        error = 100.0 * found.error
+        said.append(f"They change faster from place to place than the lattice that they are sampled on: they are about {error:.0f} % off")
     return path.relative_to(folder), said
 
 
@@ -136,7 +138,7 @@ def _way(obj: bpy.types.Object, scene: bpy.types.Scene, pinned: np.ndarray, fram
     for frame in _visited(scene, frames):
         vertices = mesh_arrays(obj, bpy.context.evaluated_depsgraph_get())[0]
         if len(vertices) <= pinned.max():
-            raise UsageError(f"{obj.name} has another number of vertices in frame {frame:g}.", "Its modifiers must not change it.")
+            raise UsageError(f"{obj.name} has another number of vertices in frame {frame:g}.", "Switch off the modifier that changes it.")
         way.append(vertices[pinned] * metres_per_unit(scene))
     return _unless_still(way)
 

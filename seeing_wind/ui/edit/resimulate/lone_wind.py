@@ -48,16 +48,16 @@ def adopt(scene: bpy.types.Scene, field: bpy.types.Object) -> None:
     count = math.ceil((scene.frame_end - first) / stride)
     if not 0 < count <= MOST:
         begins = f"{field.name} begins at frame {first}, and the scene ends at {scene.frame_end}."
-        raise UsageError(begins, f"Let the scene last for 1 to {MOST} of its frames.")
+        raise UsageError(begins, f"Let the scene last for 1 to {MOST} frames of the wind.")
     sampled, metres = read_samples(samples), metres_per_unit(scene)
-    counts, pictures, fps = sampled.counts, len(sampled.force), frames_per_second(scene) / stride
+    counts, frames, fps = sampled.counts, len(sampled.force), frames_per_second(scene) / stride
     t = np.arange(count)
-    rows = t % pictures if field[LOOP] else np.minimum(t, pictures - 1)
+    rows = t % frames if field[LOOP] else np.minimum(t, frames - 1)
     box = sampled.box * metres
     fields = {"field.safetensors": ("force", sampled.force)}
     if sampled.velocity is not None and field[KIND] == "WIND":
         fields["wind.safetensors"] = ("wind", sampled.velocity)
-    parts = [_field_file(kind, (values * metres).reshape(pictures, *counts, 3), rows, box, fps) for kind, values in fields.values()]
+    parts = [_field_file(kind, (values * metres).reshape(frames, *counts, 3), rows, box, fps) for kind, values in fields.values()]
     take = Take(takes.home_of(scene, field.name))
     stamp = stamp_of(*parts)
     if take.description().get("stages", {}).get("recover", {}).get("stamp") != stamp:

@@ -95,7 +95,7 @@ class SEEING_WIND_OT_resimulate(Simulation, bpy.types.Operator):
 
 
 class SEEING_WIND_OT_preview_edit(Simulation, bpy.types.Operator):
-    """Simulate the inserted bodies sooner, coarser and only up to the last frame shown, and bake that until Re-simulate replaces it"""
+    """Simulate the inserted bodies quickly: coarser, and up to the last frame shown. It is baked until Re-simulate replaces it"""
 
     bl_idname = "seeing_wind.preview_edit"
     bl_label = "Preview"

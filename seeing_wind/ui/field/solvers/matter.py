@@ -51,7 +51,7 @@ class Matter:
 
 
 def matter(
-    scene: bpy.types.Scene, field: bpy.types.Object | None, density: float | None = None, alone: bool = False,
+    scene: bpy.types.Scene, field: bpy.types.Object | None, density: float | None, alone: bool = False,
     areal_density: float = SHIRTING,
 ) -> Matter:  # fmt: skip
     """Gather what a calibration needs.

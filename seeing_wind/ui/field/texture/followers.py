@@ -48,10 +48,10 @@ def make_followers(field: bpy.types.Object, frames: int, height: float, delay: i
         delay: 1 for what solvers feel: they step *to* a frame, so there stands what acts in the middle of the step before.
     """
     at = f"((ceil(frame)-{0.5 * delay}-first)/lasts+0.0001)"
-    picture = f"{height!r}*floor(min(max({at}-loops*{frames}*floor({at}/{frames}),0),{frames - 1}))"
+    shown = f"{height!r}*floor(min(max({at}-loops*{frames}*floor({at}/{frames}),0),{frames - 1}))"
     clock = _one_color(f"{field.name} Frame")
     for name, key in (("first", "seeing_wind_frame_start"), ("lasts", STRIDE), ("loops", LOOP)):
-        _property(_driver(clock, 0, picture), name, field, f'["{key}"]')
+        _property(_driver(clock, 0, shown), name, field, f'["{key}"]')
     axes = tuple(_turned(field, f"{field.name} {'XYZ'[k]}", [f"1+({ROWS[i][k]})" for i in range(3)]) for k in range(3))
     base = _turned(field, f"{field.name} Turned", [f"1-0.5*({'+'.join(f'({entry})' for entry in row)})" for row in ROWS])
     return Followers(clock, axes, base)

@@ -57,7 +57,7 @@ def body(particles: Particles) -> Body:
 
 
 @pytest.fixture
-def pictures(tmp_path) -> str:
+def frames(tmp_path) -> str:
     folder = tmp_path / "clip"
     folder.mkdir()
     for index in range(FRAMES + 1):
@@ -65,16 +65,16 @@ def pictures(tmp_path) -> str:
     return str(folder)
 
 
-def test_all_files(tmp_path, pictures):
+def test_all_files(tmp_path, frames):
     found, particles = recovery()
     take, field = Take(tmp_path / "a.take"), UniformField(BOX, FPS, FRAMES, FORCE)
     truth = UniformField(BOX, FPS, FRAMES, FORCE / 1.25)
-    figures = write_report(take, observation(pictures), body(particles), found, field, {"observe": 1.0, "recover": 2.5}, truth=truth)
+    figures = write_report(take, observation(frames), body(particles), found, field, {"observe": 1.0, "recover": 2.5}, truth=truth)
     assert json.loads(take.file("report.json").read_text()) == figures
     assert figures["outcome"] == "converged" and figures["iterations"] == 6 and figures["notes"] == ["stiffness capped"]
     assert figures["seconds"] == {"observe": 1.0, "recover": 2.5, "total": 3.5}
     assert figures["residual"] == {"median": 0.3, "p90": pytest.approx(0.56), "max": 0.6}
-    assert figures["residual_per_picture"][3] is None
+    assert figures["residual_per_frame"][3] is None
     assert np.allclose(figures["net_force"], FORCE * COUNT * 2e-4)
     assert figures["confidence"]["mean"] == 1.0
     assert figures["truth"]["magnitude_percent"] == pytest.approx(25)
@@ -85,9 +85,9 @@ def test_all_files(tmp_path, pictures):
     assert sorted(path.name for path in take.path.iterdir()) == names
 
 
-def test_levels(tmp_path, pictures):
+def test_levels(tmp_path, frames):
     found, particles = recovery()
-    field, seen = UniformField(BOX, FPS, FRAMES, FORCE), observation(pictures)
+    field, seen = UniformField(BOX, FPS, FRAMES, FORCE), observation(frames)
     none = write_report(Take(tmp_path / "none.take"), seen, body(particles), found, field, {}, level="none")
     assert not (tmp_path / "none.take").exists() and none["report"]["level"] == "none" and none["frames"] == FRAMES
     quick = write_report(Take(tmp_path / "quick.take"), seen, body(particles), found, field, {}, level="quick")
@@ -97,12 +97,12 @@ def test_levels(tmp_path, pictures):
     assert not (tmp_path / "t.take").exists()
 
 
-def test_a_product_that_cannot_be_made_does_not_cost_the_others(tmp_path, pictures, monkeypatch, capsys):
+def test_a_product_that_cannot_be_made_does_not_cost_the_others(tmp_path, frames, monkeypatch, capsys):
     found, particles = recovery()
     field, told = UniformField(BOX, FPS, FRAMES, FORCE), []
     take = Take(tmp_path / "a.take")
     monkeypatch.setattr("seeing_wind.engine.observe.clip.video.CODECS", ())
-    figures = write_report(take, observation(pictures), body(particles), found, field, {}, progress=Progress(told.append))
+    figures = write_report(take, observation(frames), body(particles), found, field, {}, progress=Progress(told.append))
     assert set(figures["report"]["missing"]) == {"overlay.mp4", "resimulated.mp4"}
     assert "codecs" in figures["report"]["missing"]["overlay.mp4"] and json.loads(take.file("report.json").read_text()) == figures
     assert sorted(path.name for path in take.path.iterdir()) == ["gaussians.ply", "report.json", "report.png"]
@@ -131,9 +131,9 @@ def test_a_force_that_is_not_seen_is_grey(tmp_path):
 
 
 @pytest.mark.slow
-def test_what_a_killed_report_has_made_is_not_made_again(tmp_path, pictures, monkeypatch):
+def test_what_a_killed_report_has_made_is_not_made_again(tmp_path, frames, monkeypatch):
     found, particles = recovery()
-    seen, field = observation(pictures), UniformField(BOX, FPS, FRAMES, FORCE)
+    seen, field = observation(frames), UniformField(BOX, FPS, FRAMES, FORCE)
     whole = write_report(Take(tmp_path / "whole.take"), seen, body(particles), found, field, {})
     take, made = Take(tmp_path / "a.take"), []
 
@@ -168,9 +168,9 @@ def test_what_a_killed_report_has_made_is_not_made_again(tmp_path, pictures, mon
     assert take.file("overlay.mp4").is_file(), "a film that somebody has removed is made again, whatever the journal says"
 
 
-def test_a_clip_that_was_replaced_is_not_drawn_on(tmp_path, pictures):
+def test_a_clip_that_was_replaced_is_not_drawn_on(tmp_path, frames):
     found, particles = recovery()
-    seen, field = observation(pictures), UniformField(BOX, FPS, FRAMES, FORCE)
+    seen, field = observation(frames), UniformField(BOX, FPS, FRAMES, FORCE)
     for path in sorted((tmp_path / "clip").iterdir()):
         cv2.imwrite(str(path), np.zeros((50, 60, 3), np.uint8))
     figures = write_report(Take(tmp_path / "a.take"), seen, body(particles), found, field, {}, level="quick")
@@ -193,7 +193,7 @@ def test_a_report_without_a_clip_or_anything_seen(tmp_path):
     found = dataclasses.replace(found, residual=np.full(FRAMES + 1, np.nan), residual_unit="m")
     take = Take(tmp_path / "b.take")
     figures = write_trajectory_report(take, particles, body(particles).material, found, UniformField(BOX, FPS, FRAMES, FORCE), {})
-    assert figures["residual"] == {} and set(figures["residual_per_picture"]) == {None}
+    assert figures["residual"] == {} and set(figures["residual_per_frame"]) == {None}
     assert "NaN" not in take.file("report.json").read_text()
     assert cv2.imread(str(take.file("report.png"))) is not None
 
@@ -216,13 +216,13 @@ def test_arrows_stand_on_the_object_and_point_with_the_force(tmp_path):
     assert video.shape == (FRAMES + 1, 726, 966, 3), "enlarged to whole multiples, with even sides"
     colourful = np.ptp(video, axis=-1) > 60
     zoom = 6
-    for picture in (0, FRAMES):
-        xy, _ = seen.camera.project(found.x[picture], picture)
+    for frame in (0, FRAMES):
+        xy, _ = seen.camera.project(found.x[frame], frame)
         low, high = xy.min(axis=0) * zoom, xy.max(axis=0) * zoom
-        inside = colourful[picture, int(low[1]) : int(high[1]), int(low[0]) : int(high[0])]
+        inside = colourful[frame, int(low[1]) : int(high[1]), int(low[0]) : int(high[0])]
         assert inside.mean() > 0.02
         # nothing is drawn left of the object, as the force points right
-        assert colourful[picture, int(low[1]) : int(high[1]), 200 : int(low[0]) - 8].mean() < 0.001
+        assert colourful[frame, int(low[1]) : int(high[1]), 200 : int(low[0]) - 8].mean() < 0.001
 
 
 def test_untrusted_forces_are_not_drawn(tmp_path):

@@ -14,9 +14,9 @@ from seeing_wind.engine.look.report.backdrop import behind, relit
 from seeing_wind.engine.look.report.footage import Footage, reduced
 from seeing_wind.engine.look.report.resimulated import (
     SAMPLED,
+    frames_measured,
     likeness,
     look_over_clip,
-    pictures_measured,
     psnr,
     resimulated,
     ssim,
@@ -98,17 +98,17 @@ def test_a_kill_costs_no_part_that_was_rendered(tmp_path, monkeypatch):
     assert take.file("resimulated.mp4").read_bytes() == (tmp_path / "whole" / "resimulated.mp4").read_bytes()
 
 
-def test_a_moving_camera_keeps_each_pictures_own_background():
+def test_a_moving_camera_keeps_each_frames_own_background():
     seen, blobs, found = coloured()
     poses = np.repeat(seen.camera.camera_to_world[None], FRAMES + 1, axis=0)
     seen = dataclasses.replace(seen, camera=dataclasses.replace(seen.camera, camera_to_world=poses))
     filmed = np.full((FRAMES + 1, *seen.image.shape), 90, np.uint8)
     filmed[2] = 200
-    pictures = [resimulated(filmed[t], seen, blobs, found, t) for t in range(FRAMES + 1)]
-    assert (pictures[2][:10] == 200).all() and (pictures[1][:10] == 90).all()
+    frames = [resimulated(filmed[t], seen, blobs, found, t) for t in range(FRAMES + 1)]
+    assert (frames[2][:10] == 200).all() and (frames[1][:10] == 90).all()
 
 
-def test_the_plate_gets_the_pictures_shadow_and_not_the_object():
+def test_the_plate_gets_the_frames_shadow_and_not_the_object():
     rng = np.random.default_rng(2)
     plate = cv2.GaussianBlur(rng.uniform(60, 200, (90, 120, 3)), (0, 0), 1.0).round().astype(np.uint8)
     rows, columns = np.mgrid[:90, :120]
@@ -139,7 +139,7 @@ def test_a_look_for_the_whole_clip_keeps_the_motion(tmp_path):
     assert carried == pytest.approx(np.broadcast_to((found.x - found.x[0]).mean(axis=1)[:, None], carried.shape), abs=1e-6)
 
 
-def test_a_box_shows_what_the_whole_picture_does():
+def test_a_box_shows_what_the_whole_frame_does():
     seen, blobs, found = coloured()
     dim = (0.6 * seen.background).astype(np.uint8)
     for poses in (seen.camera.camera_to_world, np.repeat(seen.camera.camera_to_world[None], FRAMES + 1, axis=0)):
@@ -152,7 +152,7 @@ def test_a_box_shows_what_the_whole_picture_does():
             assert np.abs(part.astype(int) - whole[y0:y1, x0:x1]).max() <= 1
 
 
-def test_a_large_clip_is_measured_in_some_of_its_pictures_at_its_own_size(tmp_path, monkeypatch):
+def test_a_large_clip_is_measured_in_some_of_its_frames_at_its_own_size(tmp_path, monkeypatch):
     monkeypatch.setattr("seeing_wind.engine.look.report.footage.LONGEST", 80)
     seen, blobs, found = coloured()
     filmed = np.stack([resimulated(seen.background, seen, blobs, found, t) for t in range(FRAMES + 1)])
@@ -161,14 +161,14 @@ def test_a_large_clip_is_measured_in_some_of_its_pictures_at_its_own_size(tmp_pa
     assert small.image.shape == (60, 80, 3) and small.masks.shape == (FRAMES + 1, 60, 80)
     x, factor = found.x[2], 80 / 161
     assert small.camera.project(x)[0][:, 0] + 0.5 == pytest.approx(factor * (seen.camera.project(x)[0][:, 0] + 0.5))
-    pictures = pictures_measured(seen.masks, found)
-    assert pictures == list(range(FRAMES + 1)) and len(pictures) <= SAMPLED + 1
+    frames = frames_measured(seen.masks, found)
+    assert frames == list(range(FRAMES + 1)) and len(frames) <= SAMPLED + 1
     pale = dataclasses.replace(blobs, gaussians=dataclasses.replace(blobs.gaussians, sh=0.3 * blobs.gaussians.sh))
     whole = write_resimulated(Take(tmp_path), filmed, seen, pale, found)
-    some = likeness(footage(filmed, seen), pale, found, pictures)
+    some = likeness(footage(filmed, seen), pale, found, frames)
     assert whole["psnr"] < 40.0 and some == pytest.approx(whole, abs=0.02), "as the video of a clip that is not reduced"
     monkeypatch.setattr("seeing_wind.engine.look.report.resimulated.SAMPLED", 2)
-    assert pictures_measured(seen.masks, found) == [0, 1, FRAMES]
+    assert frames_measured(seen.masks, found) == [0, 1, FRAMES]
     assert likeness(footage(filmed, seen), pale, found, [0, 1, FRAMES])["measured"] == 2
 
 

@@ -35,8 +35,8 @@ def folds(x, faces, moved):
 
 
 @pytest.mark.parametrize(("kind", "columns"), [
-    ("grid", 16), ("grid", 24), pytest.param("grid", 32, marks=pytest.mark.slow), pytest.param("irregular", 24, marks=pytest.mark.slow),
-    ("irregular", 32),
+    ("grid", 16), ("irregular", 32),
+    *(pytest.param(*one, marks=pytest.mark.slow) for one in (("grid", 24), ("grid", 32), ("irregular", 24))),
 ])  # fmt: skip
 def test_a_square_on_a_square_table_has_a_fold_at_each_corner(make, kind, columns):
     x, faces = make[kind](SIDE, SIDE, columns, columns)

@@ -27,8 +27,8 @@ NOWHERE = np.zeros((HEIGHT, WIDTH), bool)
 
 def warped(matrix: np.ndarray, grain: int) -> np.ndarray:
     """The room through an affine map (2, 3) from room to frame pixels, with grain."""
-    picture = cv2.warpAffine(ROOM, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-    return np.clip(picture + np.random.default_rng(grain).normal(0, 1.5, picture.shape), 0, 255).astype(np.uint8)
+    frame = cv2.warpAffine(ROOM, matrix, (WIDTH, HEIGHT), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    return np.clip(frame + np.random.default_rng(grain).normal(0, 1.5, frame.shape), 0, 255).astype(np.uint8)
 
 
 def told(frames: list[np.ndarray]) -> list[str]:
@@ -63,13 +63,13 @@ def test_sizes_that_jump_are_no_lens_that_refocuses() -> None:
 
 def read_by_rows(share: float) -> list[np.ndarray]:
     """A camera that sways sideways by up to 12 px, its rows read over `share` of the time between frames."""
-    pictures = []
+    frames = []
     for t in range(24):
         time = t + share * (np.arange(HEIGHT) / HEIGHT)
         x, y = np.meshgrid(np.arange(WIDTH, dtype=np.float32), np.arange(HEIGHT, dtype=np.float32))
         shift = (80 + 12 * np.sin(0.9 * time)).astype(np.float32)
-        pictures.append(np.clip(cv2.remap(ROOM.astype(np.float32), x + shift[:, None], y + 60, cv2.INTER_LINEAR), 0, 255).astype(np.uint8))
-    return pictures
+        frames.append(np.clip(cv2.remap(ROOM.astype(np.float32), x + shift[:, None], y + 60, cv2.INTER_LINEAR), 0, 255).astype(np.uint8))
+    return frames
 
 
 def test_rows_that_are_read_one_after_the_other_are_told() -> None:
@@ -87,7 +87,7 @@ def interlaced(scene: Scene) -> list[np.ndarray]:
     return frames[:-1]
 
 
-def test_interlaced_pictures_are_told(disc: Scene) -> None:
+def test_interlaced_frames_are_told(disc: Scene) -> None:
     for frames, combed in ((interlaced(disc), True), (list(disc.frames), False)):
         combing = Combing()
         for frame in frames:
@@ -98,10 +98,10 @@ def test_interlaced_pictures_are_told(disc: Scene) -> None:
 def test_stripes_that_move_are_no_comb() -> None:
     combing = Combing()
     for t in range(14):
-        picture = np.full((HEIGHT, WIDTH, 3), 60, np.uint8)
-        picture[40:100:2, 20 + 5 * t : 80 + 5 * t] = 200
-        picture[40:100, 20 + 5 * t : 80 + 5 * t : 2] = 200
-        combing.add(picture)
+        frame = np.full((HEIGHT, WIDTH, 3), 60, np.uint8)
+        frame[40:100:2, 20 + 5 * t : 80 + 5 * t] = 200
+        frame[40:100, 20 + 5 * t : 80 + 5 * t : 2] = 200
+        combing.add(frame)
     assert combing.doubt() is None
 
 
@@ -109,11 +109,11 @@ def panned(near: float) -> list[np.ndarray]:
     """A camera that slides past a far wall and a post that moves `near` times as fast, before which a disc falls."""
     frames, disc = [], SKIN[20:70, 20:70]
     for t in range(14):
-        picture = warped(np.array([[1.0, 0.0, -20.0 - 5.0 * t], [0.0, 1.0, -60.0]]), 0)
+        frame = warped(np.array([[1.0, 0.0, -20.0 - 5.0 * t], [0.0, 1.0, -60.0]]), 0)
         x = round(150 - 5.0 * near * t)
-        picture[:, max(x, 0) : max(x + 40, 0)] = cv2.resize(ROOM[:HEIGHT, :40], (40, HEIGHT)).astype(np.uint8)[:, : max(0, min(40, x + 40))]
-        picture[20 + 5 * t : 70 + 5 * t, 40:90] = disc
-        frames.append(picture)
+        frame[:, max(x, 0) : max(x + 40, 0)] = cv2.resize(ROOM[:HEIGHT, :40], (40, HEIGHT)).astype(np.uint8)[:, : max(0, min(40, x + 40))]
+        frame[20 + 5 * t : 70 + 5 * t, 40:90] = disc
+        frames.append(frame)
     return frames
 
 

@@ -21,7 +21,7 @@ from seeing_wind.engine.take import Take
 
 WHAT = {"object": "balloon", "material": "latex", "type": "elastic"}
 NUMBERS = {"density": 920.0, "youngs_modulus": 1.2e6, "poisson_ratio": 0.49, "yield_stress": None, "viscosity": None}
-PICTURE = np.random.default_rng(0).integers(0, 255, (60, 80, 3), dtype=np.uint8)
+FRAME = np.random.default_rng(0).integers(0, 255, (60, 80, 3), dtype=np.uint8)
 MASK = np.zeros((60, 80), bool)
 MASK[20:40, 30:50] = True
 
@@ -36,12 +36,12 @@ class Seen:
 
 def test_first_the_type_then_the_properties_of_that_type(server) -> None:
     server.answers = [WHAT, NUMBERS]
-    found = estimate(endpoint_of(server.url, "any"), PICTURE, MASK, NoProgress())
+    found = estimate(endpoint_of(server.url, "any"), FRAME, MASK, NoProgress())
     assert (found.object, found.density, found.youngs_modulus, found.law) == ("balloon", 920.0, 1.2e6, "neo_hookean")
-    assert len(server.pictures(0)) == 2 and len(server.pictures(1)) == 1, "frame and crop, then the crop"
+    assert len(server.images(0)) == 2 and len(server.images(1)) == 1, "frame and crop, then the crop"
     assert "balloon" in server.question(1) and "latex" in server.question(1) and "balloon" not in server.question(0)
-    crop = cv2.imdecode(np.frombuffer(base64.b64decode(server.pictures(1)[0].split(",")[1]), np.uint8), cv2.IMREAD_COLOR)
-    assert crop.shape == cut_out(PICTURE, MASK).shape and crop.shape[0] < 60
+    crop = cv2.imdecode(np.frombuffer(base64.b64decode(server.images(1)[0].split(",")[1]), np.uint8), cv2.IMREAD_COLOR)
+    assert crop.shape == cut_out(FRAME, MASK).shape and crop.shape[0] < 60
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_first_the_type_then_the_properties_of_that_type(server) -> None:
 )
 def test_type_and_stiffness_give_the_law(server, kind: str, modulus: float, law: str) -> None:
     server.answers = [{**WHAT, "type": kind}, {**NUMBERS, "youngs_modulus": modulus, "yield_stress": 1e4, "viscosity": 1e5}]
-    found = estimate(endpoint_of(server.url, "any"), PICTURE, MASK, NoProgress())
+    found = estimate(endpoint_of(server.url, "any"), FRAME, MASK, NoProgress())
     assert found.law == law
     assert (found.yield_stress is None) == (kind == "elastic") and (found.viscosity is None) == (kind != "viscoplastic")
 
@@ -89,29 +89,29 @@ LIES = ["rubber", "[1, 2]", '{"object": 1}', '{"density": NaN}', "[" * 30_000, {
 def test_a_lie_is_sent_back_once_with_the_reason_then_it_is_an_error(server, lie) -> None:
     server.answers = [lie]
     with pytest.raises(ModelError, match="no usable answer") as caught:
-        estimate(endpoint_of(server.url, "any"), PICTURE, MASK, NoProgress())
+        estimate(endpoint_of(server.url, "any"), FRAME, MASK, NoProgress())
     assert len(server.asked) == 2 and "refused" in server.question(1)
     assert "--material" in caught.value.hint
 
 
 def test_a_mended_answer_and_a_code_fence_are_accepted(server) -> None:
     server.answers = ["rubber!", f"```json\n{json.dumps(WHAT)}\n```", NUMBERS]
-    assert estimate(endpoint_of(server.url, "any"), PICTURE, MASK, NoProgress()).material == "latex"
+    assert estimate(endpoint_of(server.url, "any"), FRAME, MASK, NoProgress()).material == "latex"
 
 
 def test_answers_are_kept_in_the_take_without_the_key(server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(KEY_VARIABLE, "secret-3f9a")
     server.answers = [WHAT, NUMBERS]
     take, endpoint = Take(tmp_path / "a.take"), endpoint_of(server.url, "any")
-    first = kept_estimate(take, endpoint, PICTURE, MASK, NoProgress())
-    assert kept_estimate(take, endpoint, PICTURE, MASK, NoProgress()) == first and len(server.asked) == 2
+    first = kept_estimate(take, endpoint, FRAME, MASK, NoProgress())
+    assert kept_estimate(take, endpoint, FRAME, MASK, NoProgress()) == first and len(server.asked) == 2
     assert server.headers[0]["Authorization"] == "Bearer secret-3f9a"
     written = b"".join(path.read_bytes() for path in tmp_path.rglob("*") if path.is_file())
     assert b"latex" in written and b"secret-3f9a" not in written and "secret" not in repr(endpoint)
     # another frame or another model is another question
     server.answers = [WHAT, {**NUMBERS, "density": 1000.0}, WHAT, NUMBERS]
-    assert kept_estimate(take, endpoint, PICTURE[::-1], MASK, NoProgress()).density == 1000.0
-    kept_estimate(take, endpoint_of(server.url, "other"), PICTURE, MASK, NoProgress())
+    assert kept_estimate(take, endpoint, FRAME[::-1], MASK, NoProgress()).density == 1000.0
+    kept_estimate(take, endpoint_of(server.url, "other"), FRAME, MASK, NoProgress())
     assert len(server.asked) == 6
 
 
@@ -119,15 +119,15 @@ def test_answers_are_kept_in_the_take_without_the_key(server, tmp_path: Path, mo
 def test_damaged_or_forged_kept_answers_are_asked_again(server, tmp_path: Path, damage: str | None) -> None:
     server.answers = [WHAT, NUMBERS, WHAT, NUMBERS]
     take, endpoint = Take(tmp_path / "a.take"), endpoint_of(server.url, "any")
-    kept_estimate(take, endpoint, PICTURE, MASK, NoProgress())
+    kept_estimate(take, endpoint, FRAME, MASK, NoProgress())
     path = take.file(FILE)
     path.write_text(damage if damage is not None else path.read_text().replace("920.0", "-5.0"))
-    assert kept_estimate(take, endpoint, PICTURE, MASK, NoProgress()).density == 920.0 and len(server.asked) == 4
+    assert kept_estimate(take, endpoint, FRAME, MASK, NoProgress()).density == 920.0 and len(server.asked) == 4
 
 
 def test_estimates_fill_what_the_user_left_open(server, tmp_path: Path) -> None:
     server.answers = [WHAT, NUMBERS]
-    seen = Seen(PICTURE, MASK[None])
+    seen = Seen(FRAME, MASK[None])
     settings = estimated(Take(tmp_path), endpoint_of(server.url, "any"), seen, BuildSettings(density=500.0), NoProgress())  # type: ignore[arg-type]
     assert (settings.density, settings.youngs_modulus, settings.law, settings.estimated_material) == (500.0, 1.2e6, "neo_hookean", "latex")
     assert settings.estimated_by == "balloon, by any at 127.0.0.1"
@@ -138,7 +138,7 @@ def test_an_unreachable_endpoint_is_a_warning_and_the_fallback(server, tmp_path:
     server.close()
     told: list[dict] = []
     settings = BuildSettings(material="cotton")
-    assert estimated(Take(tmp_path), endpoint, Seen(PICTURE, MASK[None]), settings, Progress(told.append)) == settings  # type: ignore[arg-type]
+    assert estimated(Take(tmp_path), endpoint, Seen(FRAME, MASK[None]), settings, Progress(told.append)) == settings  # type: ignore[arg-type]
     warning = [message["message"] for message in told if message["type"] == "warning"]
     assert len(warning) == 1 and "does not answer" in warning[0] and "cotton" in warning[0]
 
@@ -148,7 +148,7 @@ def test_refusals_say_what_to_do_and_hide_the_key(server, monkeypatch: pytest.Mo
     monkeypatch.setenv(KEY_VARIABLE, "secret-3f9a")
     server.status, server.answers = status, [b"no entry for secret-3f9a"]
     with pytest.raises(ModelError, match=str(status)) as caught:
-        ask(endpoint_of(server.url, "any"), "what?", [PICTURE], NoProgress())
+        ask(endpoint_of(server.url, "any"), "what?", [FRAME], NoProgress())
     assert says in caught.value.hint and "secret-3f9a" not in str(caught.value)
 
 
@@ -166,10 +166,10 @@ def test_other_servers_are_recognised(server, data: bytes) -> None:
         ask(endpoint_of(server.url, "any"), "what?", [], NoProgress())
 
 
-def test_large_pictures_are_sent_smaller(server) -> None:
+def test_large_frames_are_sent_smaller(server) -> None:
     server.answers = ["yes"]
     ask(endpoint_of(server.url, "any"), "what?", [np.zeros((300, 4000, 3), np.uint8)], NoProgress())
-    sent = cv2.imdecode(np.frombuffer(base64.b64decode(server.pictures(0)[0].split(",")[1]), np.uint8), cv2.IMREAD_COLOR)
+    sent = cv2.imdecode(np.frombuffer(base64.b64decode(server.images(0)[0].split(",")[1]), np.uint8), cv2.IMREAD_COLOR)
     assert max(sent.shape) == LONGEST_SIDE
 
 

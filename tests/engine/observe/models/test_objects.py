@@ -27,7 +27,7 @@ RUBBER_NUMBERS = {"density": 930.0, "youngs_modulus": 2e6, "poisson_ratio": 0.48
 CLAY_NUMBERS = {"density": 1900.0, "youngs_modulus": 1e6, "poisson_ratio": 0.4, "yield_stress": 3e4, "viscosity": None}
 
 
-def picture() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def frame() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(0)
     image = (90 + rng.normal(0, 3, (120, 160, 3))).astype(np.uint8)
     ball, brick = np.zeros((120, 160), np.uint8), np.zeros((120, 160), np.uint8)
@@ -42,7 +42,7 @@ def iou(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def test_types_then_properties_then_masks(server) -> None:
-    image, ball, brick = picture()
+    image, ball, brick = frame()
     server.answers = [{"objects": [BALL, CLAY]}, RUBBER_NUMBERS, CLAY_NUMBERS]
     found = find_objects(endpoint_of(server.url, "any"), image, None, None, NoProgress())
     assert [one.estimate.law for one in found] == ["neo_hookean", "von_mises"]
@@ -51,7 +51,7 @@ def test_types_then_properties_then_masks(server) -> None:
 
 
 def test_networks_find_each_by_its_name_and_overlaps_go_to_the_smaller(server, monkeypatch: pytest.MonkeyPatch) -> None:
-    image, ball, brick = picture()
+    image, ball, brick = frame()
     asked = []
 
     class Whole:
@@ -74,7 +74,7 @@ def test_networks_find_each_by_its_name_and_overlaps_go_to_the_smaller(server, m
 
 
 def test_what_does_not_stand_out_is_told_and_left_out(server) -> None:
-    image, ball, _ = picture()
+    image, ball, _ = frame()
     image[:, 70:] = 90
     server.answers = [{"objects": [BALL, CLAY]}, RUBBER_NUMBERS]
     told: list[dict] = []
@@ -102,11 +102,11 @@ def test_what_does_not_stand_out_is_told_and_left_out(server) -> None:
 def test_lies_about_objects_are_refused(server, lie) -> None:
     server.answers = [lie]
     with pytest.raises(ModelError, match="no usable answer"):
-        find_objects(endpoint_of(server.url, "any"), picture()[0], None, None, NoProgress())
+        find_objects(endpoint_of(server.url, "any"), frame()[0], None, None, NoProgress())
 
 
 def test_the_verb_writes_masks_and_options_that_recover_takes(server, tmp_path: Path) -> None:
-    image, ball, brick = picture()
+    image, ball, brick = frame()
     for number in range(2):
         cv2.imwrite(str(tmp_path / f"p{number}.png"), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     server.answers = [{"objects": [BALL, CLAY]}, RUBBER_NUMBERS, CLAY_NUMBERS]

@@ -57,7 +57,7 @@ def round_lollipop() -> tuple[Camera, np.ndarray, np.ndarray, np.ndarray]:
     return camera, *drawn(lollipop(1.0), camera)
 
 
-@pytest.mark.parametrize("flat", [1.0, 0.5, 1.3])
+@pytest.mark.parametrize("flat", [1.0, 0.5, pytest.param(1.3, marks=pytest.mark.slow)])
 def test_head_and_stem_are_as_deep_as_they_are(flat) -> None:
     camera = looking_down(0.0)
     mask, front, thick = drawn(lollipop(flat), camera)

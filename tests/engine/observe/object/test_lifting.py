@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from seeing_wind.engine.errors import ObjectError
-from seeing_wind.engine.observe.object.motion.lifting import Sight, _Picture, best_rotations, lift, lift_views, neighbour_edges
+from seeing_wind.engine.observe.object.motion.lifting import Sight, _Frame, best_rotations, lift, lift_views, neighbour_edges
 from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Camera
 from seeing_wind.engine.recovery import journal as journals
@@ -49,26 +49,26 @@ def test_rotation_aware_lift_follows_the_turn(scene) -> None:
     assert across < 3e-4
 
 
-def test_a_kill_costs_no_picture_that_was_lifted(scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_kill_costs_no_frame_that_was_lifted(scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class Killed(BaseException):
         pass
 
-    whole, solve, pictures = run(scene), _Picture.solve, 0
+    whole, solve, frames = run(scene), _Frame.solve, 0
 
     def killed_once(self, *arguments):
-        nonlocal pictures
-        pictures += 1
-        if pictures == 8:
+        nonlocal frames
+        frames += 1
+        if frames == 8:
             raise Killed
         return solve(self, *arguments)
 
     monkeypatch.setattr(journals, "LATEST", 0.0)
-    monkeypatch.setattr(_Picture, "solve", killed_once)
+    monkeypatch.setattr(_Frame, "solve", killed_once)
     with pytest.raises(Killed), TakeJournal(Take(tmp_path), "lift", NoProgress()) as journal:
         run(scene, journal=journal)
     with TakeJournal(Take(tmp_path), "lift", NoProgress()) as journal:
         assert np.array_equal(run(scene, journal=journal), whole)
-    assert pictures == 13, "twelve and the one that was begun"
+    assert frames == 13, "twelve and the one that was begun"
 
 
 def test_two_views_hold_a_stretching_plate(scene) -> None:

@@ -44,7 +44,7 @@ def test_closed_and_outward(name: str, request) -> None:
     assert surface.triangles.dtype == np.int32
 
 
-def test_front_looks_at_the_camera_and_uv_lies_in_the_picture(plate) -> None:
+def test_front_looks_at_the_camera_and_uv_lies_in_the_frame(plate) -> None:
     mesh, surface, _ = mesh_of(plate)
     front = (surface.triangles < len(surface.vertices) // 2).all(axis=1)
     to_camera = plate.camera.pose(0)[:3, 3] - mesh.triangles_center[front]

@@ -70,7 +70,7 @@ def test_a_box_that_cuts_the_object(disc: Scene, disc_seen: Observation) -> None
     assert verdict(seen, "outline", tight).severity > 1.0
 
 
-def test_an_object_at_the_edge_of_the_picture(disc_seen: Observation) -> None:
+def test_an_object_at_the_edge_of_the_frame(disc_seen: Observation) -> None:
     masks = np.stack([np.roll(np.asarray(mask), -40, axis=1) for mask in disc_seen.masks])
     masks[:, 60:100, :5] = True
     assert "edge" in verdict(dataclasses.replace(disc_seen, masks=masks, xy=disc_seen.xy - [40.0, 0.0]), "outline").because
@@ -163,13 +163,13 @@ def test_the_verb_says_how_long_the_solve_takes(disc: Scene, tmp_path: Path, mon
     assert found["severity"] > 0.0 and "not known as a sheet" in found["because"] and found["do"]
 
 
-def test_the_verb_leaves_picture_film_and_verdicts(disc: Scene, shown: tuple[Path, dict]) -> None:
+def test_the_verb_leaves_image_film_and_verdicts(disc: Scene, shown: tuple[Path, dict]) -> None:
     take, result = shown
     assert result["outcome"] == "converged" and result["verdicts"][0]["severity"] >= result["verdicts"][-1]["severity"]
     assert json.loads((take / "preview.json").read_text())["verdicts"] == result["verdicts"]
-    picture = cv2.imread(str(take / "preview.png"))
-    assert picture.shape[1] == disc.frames.shape[2] and picture.shape[0] > disc.frames.shape[1]
-    blue, level, red = np.moveaxis(picture[: disc.frames.shape[1]].astype(int), 2, 0)
+    frame = cv2.imread(str(take / "preview.png"))
+    assert frame.shape[1] == disc.frames.shape[2] and frame.shape[0] > disc.frames.shape[1]
+    blue, level, red = np.moveaxis(frame[: disc.frames.shape[1]].astype(int), 2, 0)
     green = (level > red + 90) & (level > blue + 90)
     rim = cv2.dilate(disc.masks[0].astype(np.uint8), np.ones((7, 7))) - cv2.erode(disc.masks[0].astype(np.uint8), np.ones((7, 7)))
     assert green.sum() > 50 and (green & (rim > 0)).sum() > 0.9 * green.sum()

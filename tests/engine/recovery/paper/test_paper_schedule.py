@@ -7,7 +7,7 @@ import torch
 from seeing_wind.engine.conventions import front_view
 from seeing_wind.engine.errors import ObjectError, UsageError
 from seeing_wind.engine.field import distill
-from seeing_wind.engine.look.splatting import picture
+from seeing_wind.engine.look.splatting import render_gaussians
 from seeing_wind.engine.mpm.model_for import model_for
 from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
@@ -16,7 +16,7 @@ from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.records import Attachment, Camera, Gaussians, Material, Particles, PointTargets, TrackTargets
 from seeing_wind.engine.recovery.paper.field import PlaneField
 from seeing_wind.engine.recovery.paper.flow_depth_loss import FlowDepthLoss, SceneFlow
-from seeing_wind.engine.recovery.paper.image_loss import ImageLoss, Pictures
+from seeing_wind.engine.recovery.paper.image_loss import Filmed, ImageLoss
 from seeing_wind.engine.recovery.paper.schedule import recover_by_descent
 from seeing_wind.engine.recovery.paper.start import first_look
 from seeing_wind.engine.settings import RecoverSettings
@@ -143,12 +143,12 @@ def dots(body, count=40):
 def filmed(body, shift):
     """Two frames of the Gaussians, the second with the body moved by `shift` (3,) [m]."""
     gaussians, behind = dots(body), np.full((80, 96, 3), 90, np.uint8)
-    pictures, masks = [], []
+    frames, masks = [], []
     for x in (body.x, body.x + shift):
-        colour, alpha = picture(gaussians, CAMERA, 0, x)
-        pictures.append(np.round(255 * colour + (1 - alpha[..., None]) * behind).clip(0, 255).astype(np.uint8))
+        colour, alpha = render_gaussians(gaussians, CAMERA, 0, x)
+        frames.append(np.round(255 * colour + (1 - alpha[..., None]) * behind).clip(0, 255).astype(np.uint8))
         masks.append(alpha > 0.3)
-    return Pictures(np.stack(pictures), np.stack(masks), behind, CAMERA, gaussians)
+    return Filmed(np.stack(frames), np.stack(masks), behind, CAMERA, gaussians)
 
 
 def test_the_image_loss_is_least_where_the_body_went_and_its_derivatives_are_right():

@@ -14,12 +14,12 @@ from seeing_wind.engine.mpm.rollout import advance
 from seeing_wind.engine.mpm.state import State
 from seeing_wind.engine.progress import Cancelled, Journal, NoProgress, Progress
 from seeing_wind.engine.records import Outcome, Recovery
-from seeing_wind.engine.recovery.paper.refinement import WINDOW, _Run, refine
+from seeing_wind.engine.recovery.paper.refinement import SEGMENT, _Run, refine
 from seeing_wind.engine.recovery.stage import recover_stage
 from seeing_wind.engine.take import Take
 from tests.engine.recovery.bodies import FPS, RUBBER, WEIGHTLESS, blow, plate, points
 
-FRAMES = WINDOW + 4
+FRAMES = SEGMENT + 4
 SLOPE = np.array([[0.0, 5.0, 10.0], [0.0, 0.0, 8.0], [0.0, 0.0, 0.0]])
 REFINED = replace(WEIGHTLESS, refine=8)
 
@@ -66,7 +66,7 @@ def test_the_body_strays_less_and_the_force_stays(known, rough):
 
 
 def test_the_derivatives_are_those_of_the_loss(known, rough):
-    """Within one window, where nothing is cut."""
+    """Within one segment, where nothing is cut."""
     body, recovery = known
     force, deviation, x, F = recovery.force_density[:4], recovery.deviation[:4], recovery.x[:5], recovery.F[:5]
     short = replace(recovery, force_density=force, deviation=deviation, x=x, F=F)
@@ -119,8 +119,8 @@ def test_a_solve_that_is_done_is_refined_without_another(known, tmp_path, monkey
     solves = []
     monkeypatch.setattr(distillation, "ITERATIONS", 60)
     monkeypatch.setattr("seeing_wind.engine.recovery.stage.recover", lambda *_: solves.append(1) or recovery)
-    take, seconds = Take(tmp_path / "a.take"), []
-    for settings in (WEIGHTLESS, REFINED, REFINED):
+    take, seconds, few = Take(tmp_path / "a.take"), [], replace(WEIGHTLESS, refine=2)
+    for settings in (WEIGHTLESS, few, few):
         seconds.append(recover_stage(take, body, RUBBER, points(body, recovery.x), FPS, "up", settings, NoProgress())[2])
     assert len(solves) == 1
     assert ["refine" in one for one in seconds] == [False, True, False]

@@ -50,10 +50,10 @@ def test_a_preview_takes_a_fraction_of_the_work_and_moves_alike(folder, models):
     box, rod = BodyEdit("box", "box.obj", **SOFT), block(folder, "rod", 0.04, 0.04, 0.4)
     plate = dataclasses.replace(block(folder, "plate", 0.3, 0.02, 0.2), pin="plate.npy")
     bodies = box, rod, dataclasses.replace(rod, name="held", pin="rod.npy"), plate
-    full = run(folder, *bodies, field=waves(10))
+    full = run(folder, *bodies, field=waves(6))
     whole = sum(len(model.mass) * model.substeps for model in models)
     models.clear()
-    coarse = run(folder, *bodies, field=waves(10), coarseness=2.0)
+    coarse = run(folder, *bodies, field=waves(6), coarseness=2.0)
     assert sum(len(model.mass) * model.substeps for model in models) < 0.1 * whole
     assert all(coarse[name].particles < 0.3 * full[name].particles for name in full)
     assert off(coarse["box"], full["box"]) < 0.01 and off(coarse["rod"], full["rod"]) < 0.01
@@ -72,7 +72,7 @@ def test_a_stiffness_that_full_substeps_cannot_carry_is_softened_as_much(folder,
 def test_what_is_too_thin_keeps_its_particles_and_says_so(folder):
     flag = BodyEdit("flag", "flag.npz", shell=False, **SOFT)
     thin, plate = block(folder, "thin", 0.3, 0.005, 0.2), block(folder, "plate", 0.3, 0.02, 0.2)
-    full, coarse = (run(folder, flag, thin, plate, field=waves(2), coarseness=value) for value in (1.0, 2.0))
+    full, coarse = (run(folder, flag, thin, plate, field=waves(1), coarseness=value) for value in (1.0, 2.0))
     for name in ("flag", "thin"):
         assert coarse[name].particles == full[name].particles
         assert "as many particles as in full" in coarse[name].notes[-1]

@@ -36,7 +36,7 @@ def test_a_free_body_accelerates_by_force_over_density(folder):
     np.testing.assert_allclose(centre_acceleration(body.vertices), [1.2, 0.0, 0.6], atol=0.012)
 
 
-def test_picture_zero_is_the_mesh_itself(folder):
+def test_frame_zero_is_the_mesh_itself(folder):
     body = run(folder, BodyEdit("flag", "flag.npz", **SOFT))["flag"]
     np.testing.assert_allclose(body.vertices[0], np.load(folder / "flag.npz")["vertices"], atol=1e-12)
 

@@ -47,11 +47,11 @@ def filmed(tmp_path_factory):
     folder, truth, seen_by, rng = tmp_path_factory.mktemp("flag"), blown(), camera(), np.random.default_rng(3)
     x, faces = truth["x"], truth["faces"]
     for t, vertices in enumerate(x):
-        picture = np.full((HEIGHT, WIDTH, 3), (90, 110, 100), np.uint8)
+        frame = np.full((HEIGHT, WIDTH, 3), (90, 110, 100), np.uint8)
         corners = np.round(seen_by.project(vertices, t)[0] * 16).astype(np.int32)
         for face in faces:
-            cv2.fillConvexPoly(picture, corners[face], (40, 60, 200), shift=4)
-        cv2.imwrite(str(folder / f"frame_{t:03d}.png"), picture)
+            cv2.fillConvexPoly(frame, corners[face], (40, 60, 200), shift=4)
+        cv2.imwrite(str(folder / f"frame_{t:03d}.png"), frame)
     mask = cv2.imread(str(folder / "frame_000.png"))[..., 2] > 150
     cv2.imwrite(str(folder / "mask.png"), 255 * mask.astype(np.uint8))
     rows, columns = np.nonzero(mask)

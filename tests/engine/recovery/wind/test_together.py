@@ -104,11 +104,11 @@ def objects(tmp_path_factory):
     home = tmp_path_factory.mktemp("objects")
     writer = cv2.VideoWriter(str(home / "clip.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 25.0, (128, 64))
     for t in range(8):
-        picture = np.full((64, 128, 3), 90, np.uint8)
+        frame = np.full((64, 128, 3), 90, np.uint8)
         for left in (10, 80):
             along = left + round(0.25 * t**2)
-            picture[20:40, along : along + 20] = np.random.default_rng(left).integers(150, 255, (20, 20, 1), np.uint8)
-        writer.write(picture)
+            frame[20:40, along : along + 20] = np.random.default_rng(left).integers(150, 255, (20, 20, 1), np.uint8)
+        writer.write(frame)
     writer.release()
     listed = []
     for name, left in (("one", 10), ("two", 80)):

@@ -87,7 +87,7 @@ def stored(first, t0, t1, t2, t3, t4, t5, t6, t7, vector: ti.template()):
 
 
 @ti.func
-def cleared(first, count, vector: ti.template()):
+def clear(first, count, vector: ti.template()):
     """Zero in `count` vectors."""
     for i in range(first, first + count):
         vector[i] = ti.Vector.zero(float, 8)
@@ -125,7 +125,7 @@ def inverted(first, number: ti.template()):
 
 
 @ti.func
-def added(to, source, place, p, size, places: ti.template(), row: ti.template(), remainder: ti.template(), remainder_v: ti.template()):
+def add_row(to, source, place, p, size, places: ti.template(), row: ti.template(), remainder: ti.template(), remainder_v: ti.template()):
     """Adds row p of a child's remainder, from the diagonal on, to the row that begins at `to`."""
     whole = (p + 7) // 8
     for q in range(p, ti.min(8 * whole, size)):
@@ -147,9 +147,9 @@ def gathered(
     own, update = fronts[front, OWN], fronts[front, UPDATE]
     across, rows, rest = own + update, fronts[front, ROWS], fronts[front, REMAINDER]
     for i in range(own):
-        cleared(rows + 8 * i * (across + 1), 8 * (across - i), rows_v)
+        clear(rows + 8 * i * (across + 1), 8 * (across - i), rows_v)
     for i in range(update):
-        cleared(rest + 8 * i * (update + 1), 8 * (update - i), remainder_v)
+        clear(rest + 8 * i * (update + 1), 8 * (update - i), remainder_v)
     for i in range(fronts[front, COUNT], 8 * own):
         row[8 * rows + at(i, i, across)] = 1.0
     for slot in range(fronts[front, FIRST_BLOCK], fronts[front, LAST_BLOCK]):
@@ -165,10 +165,10 @@ def gathered(
             source = theirs + (p // 8) * wide * 64 + (p % 8) * 8
             i, j = ti.cast(to // 64, ti.i32), ti.cast(to % 8, ti.i32)
             if i < own:
-                added(8 * rows + i * across * 64 + j * 8, source, place, p, size, places, row, remainder, remainder_v)
+                add_row(8 * rows + i * across * 64 + j * 8, source, place, p, size, places, row, remainder, remainder_v)
             else:
                 line = 8 * rest + (i - own) * update * 64 + j * 8
-                added(line - 64 * own, source, place, p, size, places, remainder, remainder, remainder_v)
+                add_row(line - 64 * own, source, place, p, size, places, remainder, remainder, remainder_v)
 
 
 @ti.func

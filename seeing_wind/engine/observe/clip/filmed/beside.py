@@ -42,12 +42,12 @@ def touching(frames: Frames, masks: Masks, plate: Plate) -> Doubt | None:
     )
 
 
-def _beside(picture: np.ndarray, mask: np.ndarray, plate: Plate) -> float:
+def _beside(frame: np.ndarray, mask: np.ndarray, plate: Plate) -> float:
     """Area of what touches the object `mask` (H, W) bool, moves and is no part of it, in units of its own."""
     size = float(np.sqrt(mask.sum()))
-    window = within(window_of(mask, round(REACH * size) + 4), picture)
+    window = within(window_of(mask, round(REACH * size) + 4), frame)
     shape = cut(mask, window, cv2.BORDER_CONSTANT).astype(np.uint8)
-    away, light = plate.compared(picture, window)
+    away, light = plate.compared(frame, window)
     away_from = cv2.distanceTransform(1 - shape, cv2.DIST_L2, 5)
     rim = max(3.0, RIM * size)
     differs = (away > DIFFERS * plate.noise) & (light == 0) & cut(plate.reliable, window, cv2.BORDER_CONSTANT)

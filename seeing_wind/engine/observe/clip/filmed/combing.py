@@ -32,13 +32,13 @@ class Combing:
         self._before: np.ndarray | None = None
         self._found: list[bool] = []
 
-    def add(self, picture: np.ndarray) -> None:
+    def add(self, frame: np.ndarray) -> None:
         """The next frame (H, W, 3) uint8 RGB."""
         turn = self._count % EVERY
         self._count += 1
         if turn > 1 or len(self._found) == MOST:
             return
-        gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
+        gray = cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY).astype(np.float32)
         if turn == 0:
             self._before = gray
         elif self._before is not None:

@@ -36,7 +36,7 @@ READ, AGREE = (0.1, 1.2), 0.8
 class Motion:
     """Of the surroundings, against frame 0, as affine maps, in those frames in which they could be followed."""
 
-    pictures: np.ndarray
+    frames: np.ndarray
     """(P,) int."""
     affine: np.ndarray
     """(P, 2, 3) [px], about the frame's middle."""
@@ -94,7 +94,7 @@ def _followed(before: np.ndarray, after: np.ndarray, corners: np.ndarray) -> tup
 
 
 def _breathing(motion: Motion, width: int) -> Doubt | None:
-    if len(motion.pictures) < ROUND:
+    if len(motion.frames) < ROUND:
         return None
     size = np.sqrt(np.abs(np.linalg.det(motion.affine[:, :, :2]))) - 1.0
     slide = np.linalg.norm(motion.affine[:, :, 2], axis=1)
@@ -106,14 +106,14 @@ def _breathing(motion: Motion, width: int) -> Doubt | None:
         return None
     return Doubt(
         0.7,
-        f"All that stands still grows or shrinks by up to {100 * abs(smooth[most]):.1f} %, most in frame {motion.pictures[most]}: "
+        f"All that stands still grows or shrinks by up to {100 * abs(smooth[most]):.1f} %, most in frame {motion.frames[most]}: "
         "the lens refocuses or zooms, and that is taken for motion.",
         "Lock the focus while filming, or choose a part in which it is still.",
     )
 
 
 def _row_by_row(motion: Motion, height: int) -> Doubt | None:
-    if len(motion.pictures) < 6:
+    if len(motion.frames) < 6:
         return None
     # A turn leans columns one way and rows the other, which cancels; a slide while the rows are read leans the columns alone.
     lean = height * (motion.affine[:, 0, 1] + motion.affine[:, 1, 0])

@@ -123,11 +123,11 @@ def lift_views(
     for t in range(done + 1, frames):
         progress.check()
         ahead = points[t - 1] if t == 1 else 2.0 * points[t - 1] - points[t - 2]
-        looks = []
+        views = []
         for one in sights:
             seen = np.flatnonzero(one.visible[t, use] & np.isfinite(one.xy[t, use]).all(axis=1))
-            looks.append(_Look(one.camera, seen, one.xy[t, use[seen]], np.maximum(one.sigma[t, use[seen]], 1e-3)))
-        problem = _Picture(looks, t, edges, points[0], held, arap)
+            views.append(_View(one.camera, seen, one.xy[t, use[seen]], np.maximum(one.sigma[t, use[seen]], 1e-3)))
+        problem = _Frame(views, t, edges, points[0], held, arap)
         points[t], rotation = problem.solve(ahead, points[t - 1], rotation)
         done = t
         loop.reached(done, state)
@@ -144,7 +144,7 @@ def neighbour_edges(points: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Look:
+class _View:
     """One camera's pixels in one frame: points `seen` (M,), where (M, 2) and how well (M,) [px]."""
 
     camera: Camera
@@ -153,19 +153,19 @@ class _Look:
     sigma: np.ndarray
 
 
-class _Picture:
+class _Frame:
     """The least-squares problem of one frame: Gauss-Newton, the neighbourhoods' rotations eliminated point by point."""
 
     def __init__(
-        self, looks: Sequence[_Look], frame: int, edges: np.ndarray, rest: np.ndarray, held: np.ndarray, arap: Arap
+        self, views: Sequence[_View], frame: int, edges: np.ndarray, rest: np.ndarray, held: np.ndarray, arap: Arap
     ) -> None:
-        self.looks, self.frame = looks, frame
+        self.views, self.frame = views, frame
         self.edges, self.rest, self.held, self.arap = edges, rest, held, arap
         lengths = np.linalg.norm(rest[edges] - rest[:, None], axis=-1)
         self.radius = max(float(np.sqrt(((rest - rest.mean(axis=0)) ** 2).sum(axis=1).mean())), 1e-9)
         self.edge = float(np.median(lengths)) if lengths.size and np.median(lengths) > 0.0 else self.radius
         if len(rest) == 1:
-            self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - looks[0].camera.pose(0)[:3, 3]))
+            self.radius = self.edge = 0.01 * float(np.linalg.norm(rest[0] - views[0].camera.pose(0)[:3, 3]))
 
     def solve(self, ahead: np.ndarray, previous: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Points (K, 3) and rotations (K, 3, 3) of this frame from a start `ahead` and those of the frame before."""
@@ -193,8 +193,8 @@ class _Picture:
         if self.edges.shape[1]:
             self._rigidity(points, reference, rotation, hessian, gradient)
         # Across the view pixels and neighbours know better; what is left of the trust there only keeps the system regular.
-        axes = self.looks[0].camera.pose(self.frame)[:3, :3]
-        along = 1.0 if len(self.looks) == 1 else ACROSS_TRUST  # further cameras see along the first one's view
+        axes = self.views[0].camera.pose(self.frame)[:3, :3]
+        along = 1.0 if len(self.views) == 1 else ACROSS_TRUST  # further cameras see along the first one's view
         trust = axes @ np.diag([ACROSS_TRUST, ACROSS_TRUST, along]) @ axes.T / (PREDICTION_SIGMA * self.radius) ** 2
         hessian[everyone, :, everyone, :] += trust
         gradient += (points - ahead) @ trust
@@ -207,11 +207,11 @@ class _Picture:
 
     def _reprojection(self, points: np.ndarray, hessian: np.ndarray, gradient: np.ndarray) -> None:
         """Add the pixel residuals, Huber by reweighting."""
-        for look in self.looks:
-            seen = look.seen
-            projected, _ = look.camera.project(points[seen], self.frame)
-            jacobian = look.camera.projection_jacobian(points[seen], self.frame) / look.sigma[:, None, None]
-            residual = (projected - look.xy) / look.sigma[:, None]
+        for view in self.views:
+            seen = view.seen
+            projected, _ = view.camera.project(points[seen], self.frame)
+            jacobian = view.camera.projection_jacobian(points[seen], self.frame) / view.sigma[:, None, None]
+            residual = (projected - view.xy) / view.sigma[:, None]
             size = np.linalg.norm(residual, axis=1)
             weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
             weighted = jacobian * weight[:, None, None]

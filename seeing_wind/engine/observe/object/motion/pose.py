@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from ....records import Attachment, Camera
+from ....records import Camera
 from .control import attach
 from .lifting import EDGE_SIGMA, best_rotations, neighbour_edges, rigidity
 
@@ -84,7 +84,7 @@ class BodyPose:
 
     def weights(self, points: np.ndarray) -> np.ndarray:
         """(K, N): how points (K, 3) in frame 0 ride on the nodes."""
-        return dense(attach(points, self._nodes, NEIGHBOURS), len(self._nodes))
+        return attach(points, self._nodes, NEIGHBOURS).matrix(len(self._nodes))
 
     def advance(self, frame: int, weight: np.ndarray, xy: np.ndarray, sigma: np.ndarray, mask: np.ndarray) -> None:
         """Move the body to frame `frame`.
@@ -201,13 +201,6 @@ def _normal(points: np.ndarray, view: np.ndarray) -> np.ndarray:
     """The unit normal (3,) of the plane through points (M, 3), against the direction `view`."""
     normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
     return -np.sign(normal @ view) * normal
-
-
-def dense(attachment: Attachment, count: int) -> np.ndarray:
-    """(K, `count`) matrix of an attachment."""
-    matrix = np.zeros((len(attachment.index), count))
-    np.add.at(matrix, (np.arange(len(matrix))[:, None], attachment.index), attachment.weight)
-    return matrix
 
 
 def spread(points: np.ndarray, count: int) -> np.ndarray:

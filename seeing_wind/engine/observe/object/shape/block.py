@@ -17,7 +17,7 @@ from ....records import Camera
 FLATNESS = 0.02
 """A pixel is on a plane when it is no further from it than this share of the square root of the visible area."""
 
-WINDOW = 2
+ROUND = 2
 """A plane is first fitted to a square of so many pixels each way round a seed."""
 
 SEEDS = 80
@@ -130,13 +130,13 @@ class Block:
         shown[rows, columns] = entries.argmax(axis=0)
         return shown
 
-    def _at(self, picture: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def _at(self, image: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Values of a frame (H, W) bool where points (..., 3) are seen; False outside the frame."""
         xy, depth = self.camera.project(points)
         column, row = (np.round(np.where(depth > 0.0, xy[..., axis], -1.0)).astype(int) for axis in range(2))
-        height, width = picture.shape
+        height, width = image.shape
         within = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-        return within & picture[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+        return within & image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
 
 
 def find_block(front: np.ndarray, mask: np.ndarray, camera: Camera) -> Block | None:
@@ -233,14 +233,14 @@ def _stretch(face: Plane, side: Plane, radius: float, silhouette: np.ndarray, ey
 
 def _largest_plane(points: np.ndarray, left: np.ndarray, eye: np.ndarray, tolerance: float) -> Plane | None:
     """The plane with the most of the pixels `left` (H, W) on it; None where they have no inside to fit one to."""
-    inside = ndimage.binary_erosion(left, iterations=WINDOW)
+    inside = ndimage.binary_erosion(left, iterations=ROUND)
     seeds = np.argwhere(inside)
     if len(seeds) == 0:
         return None
     cloud, best, most = points[left], _fitted(points[inside], eye), 0
     for row, column in seeds[:: max(1, len(seeds) // SEEDS)]:
-        near = points[row - WINDOW : row + WINDOW + 1, column - WINDOW : column + WINDOW + 1]
-        known = left[row - WINDOW : row + WINDOW + 1, column - WINDOW : column + WINDOW + 1]
+        near = points[row - ROUND : row + ROUND + 1, column - ROUND : column + ROUND + 1]
+        known = left[row - ROUND : row + ROUND + 1, column - ROUND : column + ROUND + 1]
         plane = _fitted(near[known], eye)
         count = int((np.abs(plane.behind(cloud)) < tolerance).sum())
         if count > most:

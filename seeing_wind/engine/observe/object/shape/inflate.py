@@ -20,10 +20,10 @@ LEAK = 2
 """Pixels along the outline whose depth may be that of what is behind; what bulges only with them is flat."""
 RIM = 1.0
 """Pixels no farther than this from the outline [px] carry the surface through the rim."""
-WINDOW = 1.0
-"""Standard deviation of the window in which the bulge is measured, in radii of the inscribed circle there."""
+SMOOTHED = 1.0
+"""Standard deviation of the Gaussian over which the bulge is measured, in radii of the inscribed circle there."""
 SHRUNK, WIDER = 0.02, 8.0
-"""How much what surrounds that window counts, and how much wider it is."""
+"""How much what surrounds that counts, and how much wider it is."""
 FLATTEST, DEEPEST = 0.3, 1.5
 """Bulges are taken to lie between these: 1 is round."""
 LEAKED = 0.5
@@ -119,14 +119,14 @@ def bulges(front: np.ndarray, mask: np.ndarray, pixel: float, union: Balls) -> t
     if not square.any():
         return np.zeros(mask.shape), 0.0
     whole = float(both.sum() / square.sum())
-    widths = 2.0 ** np.arange(max(2, int(np.ceil(np.log2(max(2.0, WINDOW * union.radius.max())))) + 1))
+    widths = 2.0 ** np.arange(max(2, int(np.ceil(np.log2(max(2.0, SMOOTHED * union.radius.max())))) + 1))
     tiny = 1e-9 * square.max()
     level = [
         (_blur(both, s) + SHRUNK * _blur(both, WIDER * s) + tiny * whole)
         / (_blur(square, s) + SHRUNK * _blur(square, WIDER * s) + tiny)
         for s in widths
     ]  # fmt: skip
-    at = np.log2(np.maximum(1.0, WINDOW * union.radius))
+    at = np.log2(np.maximum(1.0, SMOOTHED * union.radius))
     rows, columns = np.indices(mask.shape)
     return ndimage.map_coordinates(np.stack(level), [at, rows, columns], order=1, mode="nearest"), whole
 

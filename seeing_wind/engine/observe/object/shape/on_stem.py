@@ -50,7 +50,7 @@ def widening(relief: Relief, parts: Parts, material: Material, frame_dt: float) 
     return max(1.0, min(math.sqrt(needed / LIMITS.max_substeps), most))
 
 
-def fill_parts(relief: Relief, parts: Parts, held: np.ndarray, wider: float = 1.0) -> Particles:
+def fill_parts(relief: Relief, parts: Parts, held: np.ndarray, wider: float) -> Particles:
     """Fill a body on a stem. held: (H, W) bool, where it is held in frame 0; wider: as `widening`."""
     pixel, spacing = _pixel(relief), wider * _spacing(relief, parts)
     sheets = [parts.sheets == number for number in range(1, parts.sheets.max() + 1)]

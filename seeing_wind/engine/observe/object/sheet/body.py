@@ -9,7 +9,7 @@ import numpy as np
 
 from ....errors import ObjectError
 from ....materials import Sheet
-from ....progress import Journal, NoProgress, Progress
+from ....progress import Journal, Progress
 from ....records import Attachment, Body, Gaussians, Observation, Particles, Surface, TrackTargets
 from ..motion.lifting import Sight
 from ..shape.relief import Relief, sheet_relief
@@ -57,7 +57,7 @@ class SheetBuilt:
 
 
 def build_sheet(
-    observation: Observation, sheet: Sheet, name: str, count: int, progress: Progress | None = None, journal: Journal | None = None
+    observation: Observation, sheet: Sheet, name: str, count: int, progress: Progress, journal: Journal | None
 ) -> SheetBuilt:
     """Mesh and path of a sheet.
 
@@ -68,7 +68,6 @@ def build_sheet(
     Raises:
         ObjectError: fewer than three frames, no object in frame 0, too few pixels or tracks, no depth on it. Cancelled: between frames.
     """
-    progress = progress or NoProgress()
     if observation.frames < 2:
         raise ObjectError(f"A sheet needs at least 3 frames; these are {observation.frames + 1}.", "Give a longer range with --frames.")
     relief = sheet_relief(observation, sheet.thickness)

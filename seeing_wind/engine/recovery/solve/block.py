@@ -1,4 +1,4 @@
-"""The solve over one window of the clip, coarse to fine, because a body that turns makes the problem curved.
+"""The solve over one block of the clip, coarse to fine, because a body that turns makes the problem curved.
 
 Follow the targets with a receding horizon, solve with few modes and sparse knots, learn the prior's sizes, then solve with all modes
 that the field is expected to have and the data can tell apart (Gauss-Newton through the simulator), learn again, and settle. A body
@@ -38,7 +38,7 @@ from .stiffness import Joint, Stiffness, shortened, stiffest
 
 @dataclass(frozen=True)
 class Found:
-    """A window's solution."""
+    """A block's solution."""
 
     forward: Forward
     prior: Prior
@@ -54,30 +54,30 @@ class Found:
 
 
 @dataclass
-class WindowSolver:
-    """One window on its way from a rough start to the final solve."""
+class BlockSolver:
+    """One block on its way from a rough start to the final solve."""
 
     particles: Particles
     model: Model
     """With the stiffness given."""
     objective: Objective
-    """Of the window alone."""
+    """Of the block alone."""
     basis: SpatialBasis
     """All modes that the data can tell apart."""
     expected: Expected
     start: State | None
-    """The body at the window's first frame; None is at rest in its built shape with an unknown velocity."""
+    """The body at the block's first frame; None is at rest in its built shape with an unknown velocity."""
     iterations: int
     progress: Progress
     tell: Callable[[float, str, float | None], None]
     """Told the fraction done, what is being done, and the misfit in the observations' standard deviations (root mean square)."""
     still: np.ndarray
-    """(T,) bool: the window's frames without a force."""
+    """(T,) bool: the block's frames without a force."""
     stiffness: Stiffness = field(default_factory=partial(Stiffness, free=False))
     joint: Joint | None = None
     """Of the last solve with the stiffness free."""
     before: Onward | None = None
-    """What the window before knows of this one."""
+    """What the block before knows of this one."""
     journal: Journal = Journal()
     """Keeps what is found on the way."""
 
@@ -100,7 +100,7 @@ class WindowSolver:
         return Found(forward, prior, last, forward.trajectory(last.theta), used + last.iterations, self.stiffness, self.joint, self._wild())
 
     def _from_the_start(self) -> tuple[Forward, Prior, Solution, int, int, bool]:
-        """Forward model, prior and solution of a window that knows nothing beforehand, the Jacobians used and those left to the last
+        """Forward model, prior and solution of a block that knows nothing beforehand, the Jacobians used and those left to the last
         solve, and whether there were none for the fine one."""
         pace, forward, prior, found, used = self._followed()
         left = max(0, self.iterations - found.iterations)
@@ -124,7 +124,7 @@ class WindowSolver:
         return wild
 
     def _followed(self) -> tuple[Pace, Forward, Prior, Solution, int]:
-        """A coarse solution of the whole window, found at the usual pace, or finely where that one strays and finely it does less.
+        """A coarse solution of the whole block, found at the usual pace, or finely where that one strays and finely it does less.
 
         Returns the pace, forward model, prior, solution, and the Jacobians used.
         """
@@ -250,7 +250,7 @@ class WindowSolver:
         return self._model() if self.particles.pinned.any() or self.model.plastic else self._rough()
 
     def forward(self, basis: SpatialBasis, knot: float, frames: int, model: Model | None = None) -> Forward:
-        """Simulations of the window's first `frames` with these modes, and the fine model of the stiffness so far unless told otherwise."""
+        """Simulations of the block's first `frames` with these modes, and the fine model of the stiffness so far unless told otherwise."""
         velocity, gradient = velocity_basis(self.particles.x, basis, self.particles.pinned)
         if self.start is not None:
             velocity, gradient = velocity[:0], gradient[:0]

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ...engine.record_arrays import from_arrays
-from ...engine.records import Camera
-from ...engine.take import Take
-from ..clip.inputs.lens import straightened
-from .mattes import FOLDER
+from ....engine.record_arrays import from_arrays
+from ....engine.records import Camera
+from ....engine.take import Take
+from ...clip.inputs.lens import straightened
+from ..mattes import FOLDER
+from ..own import drop_unused
 
 IMAGE, WIDE_IMAGE = "Seeing Wind Lens", "Seeing Wind Wide Lens"
 OUTSIDE = -1.0
@@ -66,11 +67,14 @@ def widened(places: np.ndarray, wider: float) -> np.ndarray:
     return found
 
 
+def drop_lenses() -> None:
+    """Remove the maps that no compositor uses any more."""
+    for name in (IMAGE, WIDE_IMAGE):
+        drop_unused(bpy.data.images, name)
+
+
 def _saved(take: Take, name: str, file: str, places: np.ndarray) -> bpy.types.Image:
     """An ST map as an image of the file and as an EXR in the take."""
-    former = bpy.data.images.get(name)
-    if former is not None:
-        bpy.data.images.remove(former)
     image = bpy.data.images.new(name, places.shape[1], places.shape[0], float_buffer=True, is_data=True)
     image.pixels.foreach_set(places.ravel())
     with take.writing(f"{FOLDER}/{file}.exr") as aside:

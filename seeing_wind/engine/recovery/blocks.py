@@ -9,9 +9,9 @@ from .prior.constants import PRIOR
 from .solve.constants import PACE
 
 
-def windows(frames: int) -> list[tuple[int, int]]:
-    """First and last frame of each window; they are equally long, and neighbours share OVERLAP frames."""
-    count = 1 if frames <= PACE.window else math.ceil((frames - PACE.overlap) / (PACE.window - PACE.overlap))
+def blocks(frames: int) -> list[tuple[int, int]]:
+    """First and last frame of each block; they are equally long, and neighbours share OVERLAP frames."""
+    count = 1 if frames <= PACE.block else math.ceil((frames - PACE.overlap) / (PACE.block - PACE.overlap))
     hop = (frames - PACE.overlap) / count if count > 1 else frames
     return [(round(hop * k), min(frames, round(hop * (k + 1)) + (PACE.overlap if count > 1 else 0))) for k in range(count)]
 

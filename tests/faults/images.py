@@ -24,7 +24,7 @@ def png(width: int, height: int, data: bytes = b"", depth: int = 8) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b"")
 
 
-def pictures_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
+def images_say(chance: random.Random, value: Any, folder: Path) -> list[Any]:
     """Masks and frames of one pixel, of 1 x 20000, of a thousand million, of another kind than their name says, or none at all."""
     width, height = chance.choice(
         [(1, 1), (20_000, 1), (1, 20_000), (30_000, 30_000), (2**31 - 1, 1), (2**31 - 1, 2**31 - 1), (0, 0), (WIDTH, HEIGHT)]

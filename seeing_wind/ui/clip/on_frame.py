@@ -12,19 +12,16 @@ LOOKING = ("MOUSE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEEL", "TRACKPAD", "
 """How the names of the events begin that move the view."""
 
 
-class OnPicture:
+class OnFrame:
     """Mix-in of a modal operator: the clip comes before the scene while it waits, and what was there returns when it ends."""
 
     def begin(self, context, says: str, cursor: str) -> bool:
         """Show the clip and wait; False, and a report, where there is none to show."""
         scene, space = context.scene, context.space_data
         try:
-            clip = loaded_clip(scene.seeing_wind) if scene.seeing_wind.clip else None
+            clip = loaded_clip(scene.seeing_wind)
         except (ClipError, UsageError) as error:
             self.report({"ERROR"}, str(error))
-            return False
-        if clip is None:
-            self.report({"ERROR"}, "No clip is chosen. Choose one first.")
             return False
         # names and numbers, no datablocks: a job that ends meanwhile may make them anew
         self.clip, self.size, self.former = clip.name, tuple(clip.size), None
@@ -62,11 +59,11 @@ class OnPicture:
         return float(event.mouse_x - self.region.x), float(event.mouse_y - self.region.y)
 
     def corners(self, context):
-        """Of the frame in the region, as `picture_corners`; None, and a report, where it is not in view."""
-        from .frame_on_screen import picture_corners  # needs NumPy
+        """Of the frame in the region, as `frame_corners`; None, and a report, where it is not in view."""
+        from .frame_on_screen import frame_corners  # needs NumPy
 
         with context.temp_override(area=self.area, region=self.region, space_data=self.area.spaces.active):
-            found = picture_corners(bpy.context, self.region)
+            found = frame_corners(bpy.context, self.region)
         if found is None:
             self.report({"ERROR"}, "The clip is not in view. Press Numpad 0 for the camera's view and try again.")
         return found
@@ -112,9 +109,9 @@ class OnPicture:
     def _draw(self, context) -> None:
         if bpy.context.area != self.area:
             return
-        from .frame_on_screen import picture_corners  # needs NumPy
+        from .frame_on_screen import frame_corners  # needs NumPy
 
-        corners = picture_corners(bpy.context, self.region)
+        corners = frame_corners(bpy.context, self.region)
         if corners is not None:
             self.draw_over(context, corners)
 
