@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scenes import noise
 
-from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe.clip.shake import as_filmed, homography
 from seeing_wind.engine.observe.tracks.recognise import are_lost, recognise
+from seeing_wind.engine.progress import Cancelled, NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
 from seeing_wind.engine.records import Camera, Recognised
 
@@ -88,7 +88,7 @@ def test_points_of_steadied_frames_in_the_filmed_ones():
     camera = Camera(WIDTH, HEIGHT, 300.0, 300.0, 159.5, 119.5, np.eye(4))
     turns = np.stack([np.eye(3), cv2.Rodrigues(np.array([0.01, -0.02, 0.005]))[0]])
     filmed_at = np.array([[20.0, 30.0], [200.0, 150.0]])
-    steady = (np.c_[filmed_at, np.ones(2)] @ homography(turns[1], camera).T)
+    steady = np.c_[filmed_at, np.ones(2)] @ homography(turns[1], camera).T
     steady = steady[:, :2] / steady[:, 2:]
     seen = Recognised(np.array([1, 1], np.int32), filmed_at, steady)
     back = as_filmed(np.zeros((2, 0, 2)), Masks.of(np.zeros((2, HEIGHT, WIDTH), bool)), seen, turns, camera)[2]
