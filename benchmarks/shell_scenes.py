@@ -7,8 +7,9 @@ Writes FOLDER/SCENE.npz: what `recover-trajectories` reads of a shell (x (T+1,V,
 nu, damping, fixed (V,), fps, gravity, name), and the truth: wind (T,V,3) m/s at the vertices and force (T,V,3) N of the air on them, both
 as means over each frame. Every sheet begins flat, unstrained and at rest.
 
-The scenes dev_... are for development, r_... for reports: nothing in the engine was chosen on these. A scene's name with `_heavy` is the
-same sheet with twice the areal density in the same wind. `benchmarks/shell_checks.py` compares Newton's cloth with closed forms.
+The scenes dev_... are for development, r_... for reports: nothing in the engine was chosen on these. `flag-SEED` is a random flag in a
+random wind; seeds from 100 on are for reports. A scene's name with `_heavy` is the same sheet with twice the areal density in the same
+wind. `benchmarks/shell_checks.py` compares Newton's cloth with closed forms.
 """
 
 from __future__ import annotations
@@ -79,6 +80,34 @@ LIGHT = {
 SCENES = LIGHT | {f"{name}_heavy": replace(scene, areal_density=2.0 * scene.areal_density) for name, scene in LIGHT.items()}
 
 
+def random_flag(seed: int) -> Scene:
+    """A flag of random size, weight and stiffness in a wind of three random waves and, if the seed is even, a vortex."""
+    rng = np.random.default_rng([seed, sum(map(ord, "flag"))])
+    rng.uniform()
+    length = rng.uniform(0.6, 0.9)
+    mean = (rng.uniform(3.5, 5.5), rng.uniform(-1.0, 1.0), rng.uniform(-0.3, 0.4))
+    waves = []
+    for _ in range(3):
+        way = rng.normal(size=3) * [1.0, 1.0, 0.5]
+        amplitude = 1.2 * rng.uniform(0.3, 0.8) * way / np.linalg.norm(way)
+        wave = rng.normal(size=3) * rng.uniform(0.5, 4.0)
+        waves.append(Wave(tuple(amplitude), tuple(wave), float(rng.choice([-1, 1]) * rng.uniform(3.0, 12.0)), rng.uniform(0.0, 6.28)))
+    vortices = ()
+    if seed % 2 == 0:
+        speed, start = rng.uniform(0.8, 1.5), rng.uniform(-1.5, -0.5, 3) * [1.0, 1.0, 0.2]
+        vortices = (Vortex(speed, 0.3, tuple(start), tuple(np.array([1.2, 0.6, 0.0]) * rng.uniform(0.6, 1.4))),)
+    return Scene(
+        lambda: lattice(length, length * 2.0 / 3.0, length / 25.0), lambda x: x[:, 0] < 1e-6, Wind(mean, tuple(waves), vortices),
+        rng.uniform(0.1, 0.18), rng.uniform(1800.0, 2600.0), rng.uniform(3e-4, 6e-4),
+    )  # fmt: skip
+
+
+def named(name: str) -> Scene | None:
+    """The scene of a name, None where there is none."""
+    kind, _, seed = name.partition("-")
+    return random_flag(int(seed)) if kind == "flag" and seed.isdecimal() else SCENES.get(name)
+
+
 def picture(found: dict[str, np.ndarray], path: Path) -> None:
     """Five moments of the scene, with the wind at some vertices."""
     from matplotlib import pyplot
@@ -100,15 +129,17 @@ def main() -> None:
     """Simulate the scenes named, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="FOLDER")
-    parser.add_argument("scenes", nargs="*", metavar="SCENE", default=list(SCENES), help=f"some of: {', '.join(SCENES)}")
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", default=list(SCENES), help=f"flag-SEED, or some of: {', '.join(SCENES)}")
     parser.add_argument("--picture", action="store_true", help="also FOLDER/SCENE.png (needs Matplotlib)")
     options = parser.parse_args()
-    unknown = sorted(set(options.scenes) - set(SCENES))
+    unknown = sorted(name for name in options.scenes if named(name) is None)
     if unknown:
-        parser.error(f"no scene {', '.join(unknown)}; there are {', '.join(SCENES)}")
+        parser.error(f"no scene {', '.join(unknown)}; there are flag-SEED and {', '.join(SCENES)}")
     options.folder.mkdir(parents=True, exist_ok=True)
     for name in options.scenes:
-        found = simulate(SCENES[name], FRAMES)
+        scene = named(name)
+        assert scene is not None
+        found = simulate(scene, FRAMES)
         np.savez_compressed(options.folder / f"{name}.npz", name=name, **found)
         if options.picture:
             picture(found, options.folder / f"{name}.png")

@@ -211,7 +211,7 @@ SHAPES: dict[str, dict[str, str]] = {
     "Observation": {
         "camera.camera_to_world": "... 4 4", "image": "H W 3", "background": "H W 3", "depth": "H W", "pin": "H W",
         "xy": "P K 2", "visible": "P K", "sigma": "P K", "on_centroid": "K",
-        "doubts.severity": "D",
+        "doubts.severity": "D", "recognised.frame": "R", "recognised.first": "R 2", "recognised.xy": "R 2",
     },
     "Body": {
         "particles.x": "N 3", "particles.volume": "N", "particles.pinned": "N", "particles.stiffness": "N", "gaussians.x": "G 3",

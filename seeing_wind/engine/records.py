@@ -5,7 +5,7 @@ Letters and units are those of `conventions`. Arrays are float64 unless a field 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -120,6 +120,22 @@ class Doubts:
 
 
 @dataclass(frozen=True)
+class Recognised:
+    """M points of frame 0 that were recognised in later frames; the same point often in several."""
+
+    frame: np.ndarray
+    """(M,) int32, the frame of each, 1 to T."""
+    first: np.ndarray
+    """(M, 2) where it is in frame 0 [px], and"""
+    xy: np.ndarray
+    """(M, 2) in that frame [px]."""
+
+    def moved(self, to: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Recognised:
+        """In other pixels: `to` maps places (M, 2) in frames (M,)."""
+        return Recognised(self.frame, to(self.first, np.zeros_like(self.frame)), to(self.xy, self.frame))
+
+
+@dataclass(frozen=True)
 class Observation:
     """What was seen in the clip (stage *observe*)."""
 
@@ -149,6 +165,8 @@ class Observation:
     """(K,) bool: the track is the silhouette's centroid, not a surface point (bodies too small or too plain for corners)."""
     doubts: Doubts | None = None
     """What the clip itself makes doubtful; None in takes from before it was kept."""
+    recognised: Recognised | None = None
+    """Points that are found again where tracks get lost; None where they do not."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.masks, Masks):

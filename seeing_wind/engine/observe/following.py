@@ -10,6 +10,7 @@ from ..conventions import frame_named
 from ..errors import ObjectError
 from ..masks import Masks, areas
 from ..progress import Journal, Progress
+from ..records import Recognised
 from ..settings import ObserveSettings
 from .clip.frames import Clip
 from .clip.lens import Lens
@@ -22,6 +23,7 @@ from .mask.through import Follower, followed
 from .networks import Outlined, network_masks, network_tracks
 from .tracks.centroid import centroid_track
 from .tracks.file import read_tracks
+from .tracks.recognise import are_lost, recognise
 from .tracks.reseed import Generations
 from .tracks.tracker import ENOUGH, find_corners
 
@@ -40,6 +42,7 @@ class Tracks:
     visible: np.ndarray
     sigma: np.ndarray
     on_centroid: np.ndarray
+    recognised: Recognised | None = None
 
 
 def follow(
@@ -83,7 +86,8 @@ def follow(
     if given is not None:
         return masks, Tracks(*given, np.zeros(given[0].shape[1], bool))
     xy, visible, sigma = points.tracks()
-    found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool))
+    again = recognise(frames, masks, progress.part(0.9, 0.95)) if len(corners) >= ENOUGH and are_lost(visible) else None
+    found = Tracks(xy, visible, sigma, np.zeros(xy.shape[1], bool), again)
     # Later tracks do not count: only those of frame 0 say for certain where on the body they are.
     enough = visible[:, : len(corners)].sum(axis=1) >= ENOUGH
     if enough[seen].all():
@@ -126,4 +130,5 @@ def _with_centroid(frames: Frames, masks: Masks, plate: Plate | None, corners: T
         np.concatenate([corners.visible, joins[:, None]], axis=1),
         np.concatenate([corners.sigma, sigma[:, None]], axis=1),
         np.append(corners.on_centroid, True),
+        corners.recognised,
     )

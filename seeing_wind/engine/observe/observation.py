@@ -127,9 +127,9 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         progress.warn(str(one))
     progress.update(0.95, "background")
     background = bare.result()
-    xy = tracks.xy
+    xy, recognised = tracks.xy, tracks.recognised
     if turns is not None:
-        steady_xy, masks = as_filmed(xy, masks, turns, camera)
+        steady_xy, masks, recognised = as_filmed(xy, masks, recognised, turns, camera)
         # Tracks from a file are in the filmed pixels already.
         xy = steady_xy if settings.tracks is None else xy
         camera = turning(camera, turns)
@@ -149,6 +149,7 @@ def _seen(clip: Clip, settings: ObserveSettings, progress: Progress, journal: Jo
         sigma=tracks.sigma,
         on_centroid=tracks.on_centroid,
         doubts=Doubts.of(doubts),
+        recognised=recognised,
     )
 
 

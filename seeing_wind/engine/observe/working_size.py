@@ -133,6 +133,7 @@ class WorkingSize:
             pin=np.zeros_like(mask),
             xy=self.outward(seen.xy),
             sigma=seen.sigma * self._factor.mean(),
+            recognised=None if seen.recognised is None else seen.recognised.moved(lambda xy, _: self.outward(xy)),
         )
 
     def _larger(self, mask: np.ndarray) -> np.ndarray:

@@ -90,7 +90,7 @@ def test_steadying_and_back_again() -> None:
     frames = np.stack([noise(rng, (HEIGHT, WIDTH), (0, 0, 0), (255, 255, 255), 4.0).astype(np.uint8)] * 13)
     assert np.array_equal(steadied(frames, np.tile(np.eye(3), (13, 1, 1)), CAMERA, NoProgress()), frames)
     xy = rng.uniform(40, 120, (13, 5, 2))
-    back, _ = as_filmed(xy, np.zeros(frames.shape[:3], bool), turns, CAMERA)
+    back, _, _ = as_filmed(xy, np.zeros(frames.shape[:3], bool), None, turns, CAMERA)
     assert np.allclose(np.stack([through(homography(turn, CAMERA), points) for turn, points in zip(turns, back)]), xy)
 
 

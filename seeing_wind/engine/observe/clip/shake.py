@@ -12,7 +12,7 @@ import numpy as np
 
 from ...masks import Masks
 from ...progress import Journal, Progress
-from ...records import Camera
+from ...records import Camera, Recognised
 from .stored import Frames, each
 
 LEAST_CORNERS = 8
@@ -126,9 +126,9 @@ def homography(turn: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def through(matrix: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Points (K, 2) through a homography (3, 3)."""
-    out = np.concatenate([xy, np.ones((len(xy), 1))], axis=1) @ matrix.T
-    return out[:, :2] / out[:, 2:]
+    """Points (..., K, 2) through homographies (..., 3, 3)."""
+    out = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1) @ matrix.swapaxes(-1, -2)
+    return out[..., :2] / out[..., 2:]
 
 
 def steadied(frames: Frames, turns: np.ndarray, camera: Camera, progress: Progress) -> Frames:
@@ -146,11 +146,14 @@ def through_mask(mask: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     return cv2.warpPerspective(mask.astype(np.uint8), matrix, mask.shape[::-1], flags=cv2.INTER_NEAREST) > 0
 
 
-def as_filmed(xy: np.ndarray, masks: Masks, turns: np.ndarray, camera: Camera) -> tuple[np.ndarray, Masks]:
-    """Tracks (T+1, K, 2) and masks (T+1, H, W) of the steadied frames in the pixels of the filmed ones."""
-    back = [np.linalg.inv(homography(turn, camera)) for turn in turns]
-    filmed = (through_mask(mask, matrix) for mask, matrix in zip(masks, back))
-    return np.stack([through(matrix, points) for matrix, points in zip(back, xy)]), Masks.of(filmed)
+def as_filmed(
+    xy: np.ndarray, masks: Masks, recognised: Recognised | None, turns: np.ndarray, camera: Camera
+) -> tuple[np.ndarray, Masks, Recognised | None]:
+    """Tracks (T+1, K, 2), masks (T+1, H, W) and recognised points of the steadied frames in the pixels of the filmed ones."""
+    back = np.stack([np.linalg.inv(homography(turn, camera)) for turn in turns])
+    filmed = Masks.of(through_mask(mask, matrix) for mask, matrix in zip(masks, back))
+    again = None if recognised is None else recognised.moved(lambda points, frame: through(back[frame], points[:, None])[:, 0])
+    return through(back, xy), filmed, again
 
 
 def turning(camera: Camera, turns: np.ndarray) -> Camera:

@@ -3,5 +3,5 @@
     tracker.py     up to 200 corners from frame to frame   anchor.py      aligned with the frame where they began
     neighbours.py  checked by their neighbours             reseed.py      tracks that begin later
     centroid.py    one track for a small or plain body     dense_flow.py  optical flow, for one of the paper's losses
-    file.py        tracks from a file
+    file.py        tracks from a file              recognise.py   points that are found again after they were hidden
 """

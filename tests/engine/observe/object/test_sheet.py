@@ -16,7 +16,7 @@ from seeing_wind.engine.observe.object.sheet.riding import ride_flat
 from seeing_wind.engine.observe.object.sheet.template import CURVED, Template, hinges_of
 from seeing_wind.engine.progress import NoProgress, Progress
 from seeing_wind.engine.record_arrays import from_arrays, to_arrays
-from seeing_wind.engine.records import Body, Camera
+from seeing_wind.engine.records import Body, Camera, Recognised
 from seeing_wind.engine.recovery import journal as journals
 from seeing_wind.engine.recovery.journal import TakeJournal
 from seeing_wind.engine.settings import BuildSettings
@@ -125,6 +125,23 @@ def test_one_camera_tells_where_a_sheet_is():
     assert off(path) < 2.0  # it travels by 160 mm, half of it along the view; a pixel is 1.1 mm
     assert 0.5 < error / np.sqrt((sigma**2).mean()) < 2.0
     assert np.isfinite(places).all()
+
+
+def test_what_is_recognised_after_all_tracks_are_lost():
+    """Tracks end in frame 2, and nothing is seen until frame 7: then the sheet is far from where it was going."""
+    seen, last = sight(count=60), 9
+    seen = dataclasses.replace(seen, xy=seen.xy[: last + 1], visible=seen.visible[: last + 1], sigma=seen.sigma[: last + 1])
+    visible = seen.visible.copy()
+    visible[3:] = False
+    late = np.repeat(np.arange(7, last + 1, dtype=np.int32), 60)
+    first, now = np.tile(seen.xy[0], (last - 6, 1)), seen.xy[7:].reshape(-1, 2)
+    wrong = np.arange(len(late)) % 25 == 0
+    now = now + np.where(wrong[:, None], [60.0, -40.0], 0.0)
+    blind = dataclasses.replace(seen, visible=visible)
+    again = dataclasses.replace(blind, recognised=Recognised(late, first, now))
+    lost, found = (np.linalg.norm(follow(sheet(), [one], FPS)[0][last] - truth()[last], axis=1) for one in (blind, again))
+    assert np.sqrt((lost**2).mean()) > 0.05
+    assert np.sqrt((found**2).mean()) < 0.005
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from ....errors import ObjectError
 from ....progress import Journal, NoProgress, Progress
-from ....records import Camera
+from ....records import Camera, Recognised
 
 Arap = Literal["rest", "previous", "difference"]
 """What neighbours are compared with: rotated frame 0 (elastic bodies), the rotated previous frame (plastic), the paper's Eq. (12)."""
@@ -49,6 +49,8 @@ class Sight:
     """(T+1, K) bool."""
     sigma: np.ndarray
     """(T+1, K) [px]."""
+    recognised: Recognised | None = None
+    """Further points, in frames where they were found again."""
 
 
 def lift(

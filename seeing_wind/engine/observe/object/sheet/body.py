@@ -88,7 +88,8 @@ def build_sheet(
 
 def sight_of(observation: Observation) -> Sight:
     """What the first camera saw; the silhouette's centroid is no point of a sheet."""
-    return Sight(observation.camera, observation.xy, observation.visible & ~observation.on_centroid, observation.sigma)
+    seen = observation.visible & ~observation.on_centroid
+    return Sight(observation.camera, observation.xy, seen, observation.sigma, observation.recognised)
 
 
 def followed_together(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 
 from ....masks import Masks
 from ..motion.lifting import Sight
@@ -14,8 +15,9 @@ from ..motion.views import surface_points
 from .mesh import SheetMesh
 from .riding import ride_flat
 
-FINEST, TIED = 0.1, 0.5
-"""px: least standard deviation of a track, and that of where on the sheet one is that begins after frame 0."""
+FINEST, TIED, RECOGNISED = 0.1, 0.5, 0.5
+"""px: least standard deviation of a track, that of where on the sheet one is that begins after frame 0, and that of a point that was
+recognised."""
 OUTLIER = 3.0
 """Standard deviations from which a track counts less and less (Cauchy's weights): it may slide where the sheet folds. Larger while all
 tracks are missed by more."""
@@ -23,6 +25,39 @@ LEAVES, OUTLINE = 1.0, 2.0
 """px that a vertex may leave the outline for nothing, and the standard deviation of how far it is beyond that."""
 OUTLINE_PIXELS = 4e5
 """Outlines are looked at in frames of no more pixels."""
+
+
+@dataclass(frozen=True)
+class _Recognised:
+    """Points of frame 0 that were recognised in later frames."""
+
+    frame: np.ndarray
+    """(M,), ascending."""
+    xy: np.ndarray
+    """(M, 2) [px]."""
+    ride: csr_matrix
+    """(M, V): vertices to the points."""
+
+    @staticmethod
+    def of(mesh: SheetMesh, sight: Sight) -> _Recognised:
+        """Those that lie on the sheet in frame 0."""
+        found = sight.recognised
+        if found is None or not len(found.frame):
+            return _Recognised(np.zeros(0, int), np.zeros((0, 2)), csr_matrix((0, len(mesh.x))))
+        first, which = np.unique(found.first, axis=0, return_inverse=True)
+        flat = np.column_stack([mesh.flat, np.zeros(len(mesh.x))])
+        places, hit = surface_points(mesh.x, mesh.faces, sight.camera, first, 0, flat)
+        riding = ride_flat(np.where(hit[:, None], places[:, :2], mesh.flat[0]), mesh.flat)
+        rows = np.repeat(np.arange(len(first)), riding.index.shape[1])
+        ride = csr_matrix((riding.weight.ravel(), (rows, riding.index.ravel())), (len(first), len(mesh.x)))
+        which = which.ravel()
+        on = np.flatnonzero(hit[which])
+        on = on[np.argsort(found.frame[on], kind="stable")]
+        return _Recognised(found.frame[on], found.xy[on], ride[which[on]])
+
+    def of_frame(self, frame: int) -> slice:
+        """Which of them are in a frame."""
+        return slice(*np.searchsorted(self.frame, [frame, frame + 1]))
 
 
 class View:
@@ -33,6 +68,7 @@ class View:
         self.places = np.full((sight.xy.shape[1], 2), np.nan)
         """(K, 2) where its tracked points are on the sheet laid flat [m], NaN where that is not known."""
         self._ride = csr_matrix((len(self.places), len(mesh.x)))
+        self._recognised = _Recognised.of(mesh, sight)
         self._outside: tuple[int, np.ndarray] = (-1, np.zeros((1, 1)))
 
     def place(self, frame: int, x: np.ndarray) -> None:
@@ -77,9 +113,12 @@ class View:
         one = self.sight
         seen = np.flatnonzero(one.visible[frame] & np.isfinite(self.places[:, 0]) & np.isfinite(one.xy[frame]).all(axis=1))
         sigma = np.hypot(np.maximum(one.sigma[frame, seen], FINEST), np.where(one.visible[0, seen], 0.0, TIED))
-        ride = self._ride[seen]
+        again = self._recognised.of_frame(frame)
+        ride = vstack([self._ride[seen], self._recognised.ride[again]]).tocsr()
+        xy = np.concatenate([one.xy[frame, seen], self._recognised.xy[again]])
+        sigma = np.concatenate([sigma, np.full(len(xy) - len(sigma), RECOGNISED)])
         points = ride @ x
-        off = (one.camera.project(points, frame)[0] - one.xy[frame, seen]) / sigma[:, None]
+        off = (one.camera.project(points, frame)[0] - xy) / sigma[:, None]
         slope = one.camera.projection_jacobian(points, frame) / sigma[:, None, None]
         return np.linalg.norm(off, axis=1), off.ravel(), _spread(ride, slope)
 
