@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 
 from seeing_wind.engine.errors import MaterialError, ObjectError
+from seeing_wind.engine.masks import Masks
 from seeing_wind.engine.observe.object.motion.lifting import Sight
 from seeing_wind.engine.observe.object.sheet import follow as following
 from seeing_wind.engine.observe.object.sheet.follow import follow
@@ -241,3 +243,21 @@ def test_what_is_no_sheet(cloth):
     short = dataclasses.replace(cloth, xy=cloth.xy[:2], visible=cloth.visible[:2], sigma=cloth.sigma[:2])
     with pytest.raises(ObjectError, match="at least 3 frames; these are 2"):
         build_body(short, BuildSettings(material="cotton"))
+
+
+def test_the_sheet_reaches_its_outline_where_nothing_is_tracked():
+    """Tracks on the half at the held edge only: the outline tells where the rest has unrolled to."""
+    seen, frames = sight(count=80), FRAMES + 1
+    near = np.random.default_rng(0).uniform(0.02, 0.98, (80, 2))[:, 0] < 0.5
+    seen = dataclasses.replace(seen, visible=seen.visible & near)
+    masks = []
+    for x in truth():
+        mask, xy = np.zeros((800, 1000), np.uint8), seen.camera.project(x)[0]
+        for face in grid()[1]:
+            cv2.fillConvexPoly(mask, np.round(xy[face]).astype(np.int32), 1)
+        masks.append(mask > 0)
+    free, drawn = (follow(sheet(), [seen], FPS, outline)[0] for outline in (None, Masks.of(masks)))
+    assert len(drawn) == frames and off(drawn) < 0.6 * off(free)
+    edge = np.isclose(grid()[0][:, 0], WIDTH)
+    short = seen.camera.project(drawn[-1][edge])[0] - seen.camera.project(truth()[-1][edge])[0]
+    assert np.sqrt((short**2).sum(axis=1).mean()) < 12.0

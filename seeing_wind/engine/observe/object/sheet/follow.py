@@ -2,9 +2,10 @@
 
 Frame by frame, starting from the straight continuation of the motion, the vertices minimise
 
-    sum_k rho(|pi(x(k)) - p_k| / sigma_k)² + (px off the outline)² + strains² + bends² + (second difference in time)²
+    sum_k rho(|pi(x(k)) - p_k| / sigma_k)² + (px off the outline, and px that the sheet falls short of it)²
+        + strains² + bends² + (second difference in time)²
 
-with Gauss-Newton steps, damped as Levenberg and Marquardt do. Once every frame is there, each is solved again between its neighbours. The
+over tracks and recognised points k, with Gauss-Newton steps, damped as Levenberg and Marquardt do. Once every frame is there, each is solved again between its neighbours. The
 problem is known as shape from template (Bartoli et al., Shape-from-Template, PAMI 2015); where the sheet is seen exactly from the front,
 whether it bends towards the camera or away is told by perspective and by the motion only.
 """

@@ -1,13 +1,15 @@
-"""What one camera saw of a sheet: where its tracked points are, and an outline that it does not leave."""
+"""What one camera saw of a sheet: where its tracked and recognised points are, and an outline that it fills."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy import ndimage
 from scipy.sparse import csr_matrix, vstack
+from scipy.spatial import cKDTree
 
 from ....masks import Masks
 from ..motion.lifting import Sight
@@ -23,6 +25,8 @@ OUTLIER = 3.0
 tracks are missed by more."""
 LEAVES, OUTLINE = 1.0, 2.0
 """px that a vertex may leave the outline for nothing, and the standard deviation of how far it is beyond that."""
+BARE, RIM = 3.0, 4
+"""px that the sheet may fall short of the outline for nothing, and of how many points of the outline one is looked at."""
 OUTLINE_PIXELS = 4e5
 """Outlines are looked at in frames of no more pixels."""
 
@@ -96,8 +100,9 @@ class View:
 
     def cost(self, frame: int, x: np.ndarray, scale: float) -> float:
         """Of vertices at x (V, 3) [m], where tracks are outliers from `scale` standard deviations on."""
-        missed, beyond = self.missed(frame, x), self._beyond(frame, x)[0]
-        return 0.5 * sum(size**2 * float(np.log1p((one / size) ** 2).sum()) for size, one in ((scale, missed), (OUTLIER, beyond)))
+        missed, beyond, bare = self.missed(frame, x), self._beyond(frame, x)[0], np.linalg.norm(self._bare(frame, x)[0], axis=1)
+        parts = ((scale, missed), (OUTLIER, beyond), (scale, bare))
+        return 0.5 * sum(size**2 * float(np.log1p((one / size) ** 2).sum()) for size, one in parts)
 
     def linearise(self, frame: int, x: np.ndarray, scale: float) -> tuple[csr_matrix, np.ndarray]:
         """Hessian (3V, 3V), Gauss-Newton's, and gradient (3V,) of the cost."""
@@ -106,7 +111,10 @@ class View:
         beyond, slope = self._beyond(frame, x)
         firm = 1.0 / (1.0 + (beyond / OUTLIER) ** 2)
         hessian = rows.T @ rows.multiply(weights[:, None]).tocsr() + slope.T @ slope.multiply(firm[:, None]).tocsr()
-        return hessian, rows.T @ (weights * off) + slope.T @ (firm * beyond)
+        gradient = rows.T @ (weights * off) + slope.T @ (firm * beyond)
+        short, pull = self._bare(frame, x)
+        firm = np.repeat(1.0 / (1.0 + (np.linalg.norm(short, axis=1) / scale) ** 2), 2)
+        return hessian + pull.T @ pull.multiply(firm[:, None]).tocsr(), gradient + pull.T @ (firm * short.ravel())
 
     def _tracks(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Of the M tracks that count in a frame: how far off (M,), the same in x and y (2M,), in standard deviations, and its slope."""
@@ -142,6 +150,40 @@ class View:
         columns = 3 * off[:, None] + np.arange(3)
         spread = csr_matrix((slope.ravel(), (np.repeat(np.arange(len(off)), 3), columns.ravel())), (len(off), x.size))
         return (value[off] * stride - LEAVES) / OUTLINE, spread
+
+    def _bare(self, frame: int, x: np.ndarray) -> tuple[np.ndarray, csr_matrix]:
+        """How far the sheet falls short of points of the outline (B, 2), in standard deviations, and its slope (2B, 3V)."""
+        if self._masks is None:
+            return np.zeros((0, 2)), csr_matrix((0, x.size))
+        stride, away = self._distances(frame)
+        rim = self._rim(frame, stride)
+        xy = self.sight.camera.project(x, frame)[0]
+        covered = np.zeros(away.shape, np.uint8)
+        corners = np.round(xy / stride).astype(np.int32)[self._mesh.faces]
+        for corner in corners:
+            cv2.fillConvexPoly(covered, corner, 1)
+        if not rim.size or not covered.any():
+            return np.zeros((0, 2)), csr_matrix((0, x.size))
+        far, nearest = ndimage.distance_transform_edt(covered == 0, return_indices=True)
+        column, row = rim.T
+        bare = far[row, column] * stride > BARE
+        column, row = column[bare], row[bare]
+        short = stride * np.stack([nearest[1][row, column] - column, nearest[0][row, column] - row], axis=1) / OUTLINE
+        vertex = cKDTree(xy).query(stride * np.stack([column, row], axis=1))[1]
+        slope = self.sight.camera.projection_jacobian(x[vertex], frame) / OUTLINE
+        rows = 2 * np.arange(len(vertex))[:, None, None] + np.arange(2)[:, None] + np.zeros(3, int)
+        columns = 3 * vertex[:, None, None] + np.zeros((2, 1), int) + np.arange(3)
+        spread = csr_matrix((slope.ravel(), (rows.ravel(), columns.ravel())), (2 * len(vertex), x.size))
+        return short, spread
+
+    def _rim(self, frame: int, stride: int) -> np.ndarray:
+        """(B, 2) points of the outline that are not at the frame's border, in units of the stride."""
+        assert self._masks is not None
+        mask = self._masks[frame][::stride, ::stride].astype(np.uint8)
+        outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+        points = np.concatenate([np.zeros((0, 2), int), *(one[:, 0] for one in outlines)])[::RIM]
+        height, width = mask.shape
+        return points[((points > 1) & (points < [width - 2, height - 2])).all(axis=1)]
 
     def _distances(self, frame: int) -> tuple[int, np.ndarray]:
         """How many pixels are taken as one, and (H', W') how many of these a place is off the outline; the last frame's are kept."""
