@@ -5,9 +5,9 @@ Frame by frame, starting from the straight continuation of the motion, the verti
     sum_k rho(|pi(x(k)) - p_k| / sigma_k)² + (px off the outline, and px that the sheet falls short of it)²
         + strains² + bends² + (second difference in time)²
 
-over tracks and recognised points k, with Gauss-Newton steps, damped as Levenberg and Marquardt do. Once every frame is there, each is solved again between its neighbours. The
-problem is known as shape from template (Bartoli et al., Shape-from-Template, PAMI 2015); where the sheet is seen exactly from the front,
-whether it bends towards the camera or away is told by perspective and by the motion only.
+over tracks and recognised points k, with Gauss-Newton steps, damped as Levenberg and Marquardt do. Once every frame is there, each is
+solved again between its neighbours. The problem is known as shape from template (Bartoli et al., Shape-from-Template, PAMI 2015); where
+the sheet is seen exactly from the front, whether it bends towards the camera or away is told by perspective and by the motion only.
 """
 
 from __future__ import annotations

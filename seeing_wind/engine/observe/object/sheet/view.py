@@ -162,14 +162,14 @@ class View:
         corners = np.round(xy / stride).astype(np.int32)[self._mesh.faces]
         for corner in corners:
             cv2.fillConvexPoly(covered, corner, 1)
-        if not rim.size or not covered.any():
+        bare = rim[covered[rim[:, 1], rim[:, 0]] == 0]
+        edge = _outline_of(covered)
+        if not bare.size or not edge.size:
             return np.zeros((0, 2)), csr_matrix((0, x.size))
-        far, nearest = ndimage.distance_transform_edt(covered == 0, return_indices=True)
-        column, row = rim.T
-        bare = far[row, column] * stride > BARE
-        column, row = column[bare], row[bare]
-        short = stride * np.stack([nearest[1][row, column] - column, nearest[0][row, column] - row], axis=1) / OUTLINE
-        vertex = cKDTree(xy).query(stride * np.stack([column, row], axis=1))[1]
+        far, nearest = cKDTree(edge).query(bare)
+        bare, nearest = bare[far * stride > BARE], nearest[far * stride > BARE]
+        short = stride * (edge[nearest] - bare) / OUTLINE
+        vertex = cKDTree(xy).query(stride * bare)[1]
         slope = self.sight.camera.projection_jacobian(x[vertex], frame) / OUTLINE
         rows = 2 * np.arange(len(vertex))[:, None, None] + np.arange(2)[:, None] + np.zeros(3, int)
         columns = 3 * vertex[:, None, None] + np.zeros((2, 1), int) + np.arange(3)
@@ -180,8 +180,7 @@ class View:
         """(B, 2) points of the outline that are not at the frame's border, in units of the stride."""
         assert self._masks is not None
         mask = self._masks[frame][::stride, ::stride].astype(np.uint8)
-        outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
-        points = np.concatenate([np.zeros((0, 2), int), *(one[:, 0] for one in outlines)])[::RIM]
+        points = _outline_of(mask)[::RIM]
         height, width = mask.shape
         return points[((points > 1) & (points < [width - 2, height - 2])).all(axis=1)]
 
@@ -194,6 +193,12 @@ class View:
             away = ndimage.distance_transform_edt(~mask) if mask.any() else np.zeros(mask.shape)  # hidden: anything may be
             self._outside = (frame, away)
         return stride, self._outside[1]
+
+
+def _outline_of(mask: np.ndarray) -> np.ndarray:
+    """(B, 2) pixels, column and row, of the outer borders of a mask (H, W) uint8."""
+    borders = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    return np.concatenate([np.zeros((0, 2), int), *(one[:, 0] for one in borders)])
 
 
 def _spread(ride: csr_matrix, slope: np.ndarray) -> csr_matrix:
