@@ -28,7 +28,7 @@ from seeing_wind.engine.field.storage import load_field  # noqa: E402
 from seeing_wind.engine.look.report.accuracy import field_errors, uniform_errors  # noqa: E402
 
 SCENES = ("falling_leaf", "flag", "potted_plant")
-QUICK_CLIP = ("--frames", "4", "--size", "160x120", "--samples", "1", "--spacing", "0.016")
+QUICK_CLIP = ("--frames", "4", "--size", "240x180", "--samples", "1", "--spacing", "0.016")
 QUICK_JOB = ("--iterations", "1", "--particles", "100", "--no-render")
 """The smallest that is still the real thing, for the tests; its figures mean nothing."""
 MARK = "replay: "
