@@ -17,7 +17,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
-from render import SUN, place_camera  # noqa: E402
+from render import add_sun, place_camera  # noqa: E402
 
 F_STOP = 1.4
 """Of the lens: what is far is blurred by a fiftieth of the frame's width."""
@@ -230,11 +230,7 @@ def adder(nodes, link):
 
 def light(scene: bpy.types.Scene) -> None:
     """The sun of render.py, and a sky that is pale at the horizon, with some thin clouds."""
-    sun = bpy.data.lights.new("sun", "SUN")
-    sun.energy, sun.angle, sun.color = 4.2, np.radians(0.6), (1.0, 0.93, 0.80)
-    lamp = bpy.data.objects.new("sun", sun)
-    lamp.rotation_euler = SUN
-    scene.collection.objects.link(lamp)
+    add_sun(scene, 4.2, 0.6, (1.0, 0.93, 0.80))
     scene.world = bpy.data.worlds.new("sky")
     scene.world.use_nodes = True
     nodes, link = scene.world.node_tree.nodes, scene.world.node_tree.links.new

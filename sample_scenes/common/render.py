@@ -157,13 +157,18 @@ def hang_backdrop(held, camera: dict, material) -> None:
     bpy.context.scene.collection.objects.link(plane)
 
 
-def light(scene) -> None:
-    """A warm sun and a pale blue sky."""
+def add_sun(scene, strength: float, degrees: float, colour: tuple[float, float, float]) -> None:
+    """Of so many W/m², and so wide."""
     sun = bpy.data.lights.new("sun", "SUN")
-    sun.energy, sun.angle, sun.color = 2.6, math.radians(2.0), (1.0, 0.94, 0.84)
+    sun.energy, sun.angle, sun.color = strength, math.radians(degrees), colour
     lamp = bpy.data.objects.new("sun", sun)
     lamp.rotation_euler = SUN
     scene.collection.objects.link(lamp)
+
+
+def light(scene) -> None:
+    """A warm sun and a pale blue sky."""
+    add_sun(scene, 2.6, 2.0, (1.0, 0.94, 0.84))
     scene.world = bpy.data.worlds.new("sky")
     scene.world.use_nodes = True
     sky = scene.world.node_tree.nodes.get("Background")

@@ -85,7 +85,7 @@ def _matched(xy: np.ndarray, look: np.ndarray, xy_now: np.ndarray, look_now: np.
     """Places (M, 2) in frame 0 and (M, 2) in another [px] of the points that are in both."""
     if min(len(look), len(look_now)) < 2:
         return np.zeros((0, 2)), np.zeros((0, 2))
-    pairs = [(best, next_best) for best, next_best in cv2.BFMatcher().knnMatch(look, look_now, k=2)]
+    pairs = cv2.BFMatcher().knnMatch(look, look_now, k=2)
     clear = [best for best, next_best in pairs if best.distance < RATIO * next_best.distance]
     first, now = xy[[one.queryIdx for one in clear]].reshape(-1, 2), xy_now[[one.trainIdx for one in clear]].reshape(-1, 2)
     for side in (0, 1):  # a place has a descriptor for each of its directions; one pair of places counts once

@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix, vstack
 from scipy.spatial import cKDTree
 
 from ....masks import Masks
+from ....records import Camera
 from ..motion.lifting import Sight
 from ..motion.views import surface_points
 from .mesh import SheetMesh
@@ -49,13 +50,8 @@ class _Recognised:
         if found is None or not len(found.frame):
             return _Recognised(np.zeros(0, int), np.zeros((0, 2)), csr_matrix((0, len(mesh.x))))
         first, which = np.unique(found.first, axis=0, return_inverse=True)
-        flat = np.column_stack([mesh.flat, np.zeros(len(mesh.x))])
-        places, hit = surface_points(mesh.x, mesh.faces, sight.camera, first, 0, flat)
-        riding = ride_flat(np.where(hit[:, None], places[:, :2], mesh.flat[0]), mesh.flat)
-        rows = np.repeat(np.arange(len(first)), riding.index.shape[1])
-        ride = csr_matrix((riding.weight.ravel(), (rows, riding.index.ravel())), (len(first), len(mesh.x)))
-        which = which.ravel()
-        on = np.flatnonzero(hit[which])
+        ride, which = _ride(mesh, _places(mesh, sight.camera, first, 0, mesh.x)), which.ravel()
+        on = np.flatnonzero(np.diff(ride.indptr)[which])
         on = on[np.argsort(found.frame[on], kind="stable")]
         return _Recognised(found.frame[on], found.xy[on], ride[which[on]])
 
@@ -81,18 +77,12 @@ class View:
         first = one.visible[frame] & ~one.visible[:frame].any(axis=0)
         begun = np.flatnonzero(first & np.isfinite(one.xy[frame]).all(axis=1))
         if begun.size:
-            flat = np.column_stack([self._mesh.flat, np.zeros(len(x))])
-            found, hit = surface_points(x, self._mesh.faces, one.camera, one.xy[frame, begun], frame, flat)
-            places[begun[hit]] = found[hit, :2]
+            places[begun] = _places(self._mesh, one.camera, one.xy[frame, begun], frame, x)
             self.put(places)
 
     def put(self, places: np.ndarray) -> None:
         """Take the tracks' places (K, 2) as they are."""
-        known = np.flatnonzero(np.isfinite(places[:, 0]))
-        riding = ride_flat(places[known], self._mesh.flat)
-        rows = np.repeat(known, riding.index.shape[1])
-        self._ride = csr_matrix((riding.weight.ravel(), (rows, riding.index.ravel())), (len(places), len(self._mesh.x)))
-        self.places = places
+        self._ride, self.places = _ride(self._mesh, places), places
 
     def missed(self, frame: int, x: np.ndarray) -> np.ndarray:
         """(M,) by how many standard deviations the tracks are missed that are visible in the frame."""
@@ -171,10 +161,8 @@ class View:
         short = stride * (edge[nearest] - bare) / OUTLINE
         vertex = cKDTree(xy).query(stride * bare)[1]
         slope = self.sight.camera.projection_jacobian(x[vertex], frame) / OUTLINE
-        rows = 2 * np.arange(len(vertex))[:, None, None] + np.arange(2)[:, None] + np.zeros(3, int)
-        columns = 3 * vertex[:, None, None] + np.zeros((2, 1), int) + np.arange(3)
-        spread = csr_matrix((slope.ravel(), (rows.ravel(), columns.ravel())), (2 * len(vertex), x.size))
-        return short, spread
+        each = np.arange(len(vertex))
+        return short, _spread(csr_matrix((np.ones(len(vertex)), (each, vertex)), (len(vertex), len(x))), slope)
 
     def _rim(self, frame: int, stride: int) -> np.ndarray:
         """(B, 2) points of the outline that are not at the frame's border, in units of the stride."""
@@ -199,6 +187,19 @@ def _outline_of(mask: np.ndarray) -> np.ndarray:
     """(B, 2) pixels, column and row, of the outer borders of a mask (H, W) uint8."""
     borders = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     return np.concatenate([np.zeros((0, 2), int), *(one[:, 0] for one in borders)])
+
+
+def _places(mesh: SheetMesh, camera: Camera, xy: np.ndarray, frame: int, x: np.ndarray) -> np.ndarray:
+    """Where on the sheet laid flat (K, 2) [m] points (K, 2) [px] of a frame are, its vertices at x (V, 3) [m]; NaN off the sheet."""
+    return surface_points(x, mesh.faces, camera, xy, frame, np.column_stack([mesh.flat, np.zeros(len(x))]))[0][:, :2]
+
+
+def _ride(mesh: SheetMesh, places: np.ndarray) -> csr_matrix:
+    """(K, V): vertices to the points at places (K, 2) of the sheet laid flat [m]; rows of those that are NaN are empty."""
+    known = np.flatnonzero(np.isfinite(places[:, 0]))
+    riding = ride_flat(places[known], mesh.flat)
+    rows = np.repeat(known, riding.index.shape[1])
+    return csr_matrix((riding.weight.ravel(), (rows, riding.index.ravel())), (len(places), len(mesh.x)))
 
 
 def _spread(ride: csr_matrix, slope: np.ndarray) -> csr_matrix:
