@@ -83,7 +83,8 @@ def to_nodes(
         node = own + 4 * corner[s, p]
         for c in range(3):
             B = [source[given + 3 + 3 * k + c] + (mass[p] * dx) * state[row + 3 + 3 * c + k] for k in ti.static(range(3))]
-            for k in ti.static(range(9)):
+            # Loops of the machine, here and below: unrolled they are no faster, and take four times as long to compile.
+            for k in range(9):
                 F = state[row + 12 + k]
                 for d in ti.static(range(3)):
                     B[d] = B[d] + record[at + STRESS + 9 * (3 * c + d) + k] * F
@@ -95,7 +96,7 @@ def to_nodes(
             value = source[given + c] + mass[p] * state[row + c]
             for d in ti.static(range(3)):
                 value = value - record[at + PLACE + d] * B[d]
-            for i in ti.static(range(3)):
+            for i in range(3):
                 line = value
                 for j in ti.static(range(3)):
                     w = record[at + WEIGHTS + 3 * i] * record[at + WEIGHTS + 3 * j + 1]
@@ -117,7 +118,6 @@ def shifted_to_nodes(at, row, node, mass, dx, stride_x, stride_y, record: ti.tem
         (1.0 / dx) * (record[at + FLOAT + 3 + c] * dx_0 + record[at + FLOAT + 6 + c] * dx_1 + record[at + FLOAT + 9 + c] * dx_2)
         for c in ti.static(range(3))
     ]
-    # Loops of the machine: unrolled they would take long to compile.
     for i in range(3):
         for j in range(3):
             w_x, w_y = record[at + WEIGHTS + 3 * i], record[at + WEIGHTS + 3 * j + 1]
@@ -148,7 +148,7 @@ def from_nodes(
         for c in range(3):
             nil = 0.0 * state[row]
             v, M = nil, [nil, nil, nil]
-            for i in ti.static(range(3)):
+            for i in range(3):
                 plane, plane_y, plane_z = nil, nil, nil
                 for j in ti.static(range(3)):
                     to = node + 4 * (i * stride_x + j * stride_y) + c
@@ -163,8 +163,7 @@ def from_nodes(
                 v = v + w * plane
                 M[1] = M[1] + w * plane_y
                 M[2] = M[2] + w * plane_z
-                if ti.static(i > 0):
-                    M[0] = M[0] + (i * w) * plane
+                M[0] = M[0] + (i * w) * plane
             D = [(4.0 / dx) * (M[d] - record[at + PLACE + d] * v) for d in ti.static(range(3))]
             grown = [state[row + 12 + 3 * c + d] for d in ti.static(range(3))]
             if ti.static(plastic):
