@@ -158,9 +158,10 @@ def _recover_into(
     blown = settings_of(WindSettings, arguments)
     if body.sheet is not None:
         recovery, field, wind, solve_seconds = _sheet(take, body, targets, observation.fps, upstream, settings, blown, progress)
+        expected = dict[str, float]()
     else:
         loss = None if settings.objective == "tracking" else lambda: frame_loss(settings, observation, body, progress)
-        recovery, fitted, solve_seconds = recover_stage(
+        recovery, fitted, solve_seconds, expected = recover_stage(
             take, body.particles, body.material, targets, observation.fps, upstream, settings, progress, loss
         )
         if fitted is None:
@@ -175,8 +176,9 @@ def _recover_into(
 
         spent, level = seconds | solve_seconds, arguments.report
         return write_report(
-            take, observation, body, recovery, field, spent, settings, progress, level=level, wind=wind.told, journal=journal
-        )
+            take, observation, body, recovery, field, spent, settings, progress,
+            level=level, wind=wind.told, expected=expected, journal=journal,
+        )  # fmt: skip
 
     result = reported(take, recovery, arguments.report, observation.clip, draw, progress)
     gone = [name for name in KEPT if not take.file(name).is_file()]
@@ -239,7 +241,9 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
         for note in source.notes:
             progress.warn(note)
         upstream = stamp_of("trajectories", Path(arguments.truth), material, source.targets)
-        recovery, field, seconds = recover_stage(take, particles, material, source.targets, source.fps, upstream, settings, progress)
+        recovery, field, seconds, expected = recover_stage(
+            take, particles, material, source.targets, source.fps, upstream, settings, progress
+        )
         recovery = dataclasses.replace(recovery, notes=worst_first([*source.notes, *recovery.notes]))
         if field is None:
             return diverged(recovery)
@@ -251,7 +255,7 @@ def recover_trajectories(arguments: argparse.Namespace, progress: Progress) -> R
             from ..look.report import write_trajectory_report
 
             return write_trajectory_report(
-                take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report, wind.told
+                take, particles, material, recovery, field, seconds, settings, None, progress, arguments.report, wind.told, expected
             )
 
         return reported(take, recovery, arguments.report, "", draw, progress)

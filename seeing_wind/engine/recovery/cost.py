@@ -40,9 +40,6 @@ from .solve.constants import PACE
 
 FILE = "solver_speed.json"
 
-EXPECTED = "recover_expected"
-"""Among the seconds of the stages: what the solve was expected to take before it began."""
-
 OTHER = 1.5
 """What a solve takes, learning the prior's sizes and linear algebra too, in units of its simulations: 1.15 to 1.9 on development clips."""
 

@@ -18,7 +18,7 @@ from ..record_arrays import TRAJECTORY, read_recovery, recovery_of, to_arrays
 from ..records import Material, Outcome, Particles, PointTargets, Recovery, TrackTargets
 from ..settings import RecoverSettings, to_mapping
 from ..take import VERSION, Take, require_take, stamp_of
-from .cost import EXPECTED, measure_speed, points_in, work_of
+from .cost import measure_speed, points_in, work_of
 from .journal import TakeJournal
 from .recover import check_body, recover, refinement
 from .solve.known_body import KnownBody
@@ -41,15 +41,16 @@ def recover_stage(
     settings: RecoverSettings,
     progress: Progress,
     loss: Callable[[], Callable[[float], MotionLoss]] | None = None,
-) -> tuple[Recovery, ForceField | None, dict[str, float]]:
+) -> tuple[Recovery, ForceField | None, dict[str, float], dict[str, float]]:
     """Stage *recover* -> `trajectory.npz` and `field.safetensors`: solve, distil into the representation, refine it.
 
     Args:
         loss: for objectives other than tracking; see `frame_loss`.
 
     Returns:
-        the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), and the seconds
-        that solve, distillation and refinement took, with `cost.EXPECTED` where that could be foreseen.
+        the recovery, the field (None if the solve diverged: then nothing is written and the last good field stays), the seconds that
+        solve, distillation and refinement took, and those that the solve was expected to take where that could be foreseen, both by
+        the stage's name.
     """
     from ..field import load_field
     from .paper.schedule import recover_by_descent
@@ -66,12 +67,12 @@ def recover_stage(
     if take.file(SOLVED).is_file() or take.is_done("solve", solved):
         kept = take.kept("recover", stamp, lambda: (read_recovery(take), load_field(take.file("field.safetensors"))), progress)
         if kept is not None:
-            return *kept, {}
-    seconds: dict[str, float] = {}
+            return *kept, {}, {}
+    seconds, expected = dict[str, float](), dict[str, float]()
     recovery = take.kept("solve", solved, lambda: _read_solve(take), progress)
     if recovery is None:
         progress.begin("recover", "recovering the force")
-        _foretell(particles, material, targets, fps, settings, progress, seconds)
+        expected = _foretell(particles, material, targets, fps, settings, progress)
         started = time.perf_counter()
         with TakeJournal(take, solved, progress) as journal:
             if settings.schedule == "paper":
@@ -81,7 +82,7 @@ def recover_stage(
                 recovery = recover(particles, material, targets, fps, settings, progress, journal, known)
             seconds["recover"] = time.perf_counter() - started
             if recovery.outcome == Outcome.DIVERGED:
-                return recovery, None, seconds
+                return recovery, None, seconds, expected
             take.withdraw("solve")
             take.write_arrays(SOLVED, to_arrays(recovery) | {"fps": np.array(fps)})
             take.finish("solve", solved, to_mapping(told))
@@ -96,7 +97,7 @@ def recover_stage(
             systems.replace(take.file(SOLVED), take.file(TRAJECTORY))
         systems.replace(take.file(FITTED), take.file("field.safetensors"))
         take.finish("recover", stamp, to_mapping(told))
-    return recovery, field, seconds
+    return recovery, field, seconds, expected
 
 
 def _foretell(
@@ -106,20 +107,20 @@ def _foretell(
     fps: float,
     settings: RecoverSettings,
     progress: Progress,
-    seconds: dict[str, float],
-) -> None:
-    """Say how long the solve will take on this machine, and add it to the seconds."""
+) -> dict[str, float]:
+    """Say how long the solve will take on this machine, and return the seconds by the stage's name: empty where nobody can say."""
     check_body(particles, fps)
     frames = len(targets.visible if isinstance(targets, PointTargets) else targets[0].visible) - 1
     work = work_of(particles, material, fps, frames, points_in(targets), settings)
     if work is None:
-        return
+        return {}
     if isinstance(targets, PointTargets) and particles.pinned.any() and not work.plastic:
         dx = LIMITS.cell_spacings * particles.spacing
         times = refinement(targets, dx, 1.0 / fps, substeps_of(particles, material, fps))
         work = dataclasses.replace(work, copies=times * work.copies)  # changes are carried along the rough model
-    seconds[EXPECTED] = work.seconds(measure_speed(work.plastic))
-    progress.update(0.0, f"recovering the force, about {in_words(seconds[EXPECTED])} on this machine", expected_seconds=seconds[EXPECTED])
+    seconds = work.seconds(measure_speed(work.plastic))
+    progress.update(0.0, f"recovering the force, about {in_words(seconds)} on this machine", expected_seconds=seconds)
+    return {"recover": seconds}
 
 
 def known_body(folder: str) -> KnownBody:

@@ -35,6 +35,7 @@ def write_report(
     truth: ForceField | None = None,
     level: Level = "full",
     wind: dict[str, Any] | None = None,
+    expected: dict[str, float] | None = None,
     journal: Journal | None = None,
 ) -> dict[str, Any]:
     """Write what `level` asks for of a recovery from a clip.
@@ -43,7 +44,8 @@ def write_report(
     gaussians.ply with the look that fits the whole clip. A product that cannot be made is named in a warning, and the others are made.
 
     Args:
-        seconds: wall-clock seconds per stage, and what a stage was expected to take, as its name with `_expected`.
+        seconds: wall-clock seconds per stage.
+        expected: seconds that a stage was expected to take before it began, by its name.
         settings: of the recovery, repeated in the report.
         truth: the known field of a synthetic clip; adds the paper's two errors. Never part of the recovery.
         wind: what `recovery.wind.stage` says of it; None or empty where none was asked for.
@@ -59,7 +61,7 @@ def write_report(
     progress = progress or NoProgress()
     sampled = sample_points(field, recovery.x[:-1])
     confidence = sampled[1]
-    figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, settings, truth)
+    figures = _figures(body.particles, body.material, recovery, field, confidence, seconds, expected, settings, truth)
     _add_wind(figures, wind)
     figures["clip"] = {"path": observation.clip, "first_frame": observation.first_frame, "tracks": int(observation.xy.shape[1])}
     products = Products(level, progress, journal or Journal())
@@ -101,10 +103,11 @@ def write_trajectory_report(
     progress: Progress | None = None,
     level: Level = "full",
     wind: dict[str, Any] | None = None,
+    expected: dict[str, float] | None = None,
 ) -> dict[str, Any]:
     """Write report.json and report.png of a recovery from 3D trajectories: there is no clip to draw on. As `write_report`."""
     confidence = sample_points(field, recovery.x[:-1])[1]
-    figures = _figures(particles, material, recovery, field, confidence, seconds, settings, truth)
+    figures = _figures(particles, material, recovery, field, confidence, seconds, expected, settings, truth)
     _add_wind(figures, wind)
     products = Products(level, progress or NoProgress(), Journal())
     figures["report"] = products.record
@@ -150,6 +153,7 @@ def _figures(
     field: ForceField,
     confidence: np.ndarray,
     seconds: dict[str, float],
+    expected: dict[str, float] | None,
     settings: RecoverSettings | None,
     truth: ForceField | None,
 ) -> dict[str, Any]:
@@ -158,7 +162,7 @@ def _figures(
     figures: dict[str, Any] = {
         "outcome": recovery.outcome.value,
         "iterations": recovery.iterations,
-        "seconds": {stage: round(spent, 3) for stage, spent in (seconds | {"total": _total(seconds)}).items()},
+        "seconds": {stage: round(spent, 3) for stage, spent in (seconds | {"total": sum(seconds.values())}).items()},
         "residual": _residual(recovery.residual),
         "residual_unit": recovery.residual_unit,
         "residual_per_frame": [float(value) if np.isfinite(value) else None for value in recovery.residual],
@@ -184,16 +188,13 @@ def _figures(
             "relative_deviation": recovery.stiffness_deviation,
             "clamp_depth": recovery.clamp_depth,
         }
+    if expected:
+        figures["expected_seconds"] = {stage: round(foreseen, 3) for stage, foreseen in expected.items()}
     if settings is not None:
         figures["settings"] = to_mapping(settings)
     if truth is not None:
         figures["truth"] = _against(truth, recovery, particles, field)
     return figures
-
-
-def _total(seconds: dict[str, float]) -> float:
-    """Of what the stages took, see `write_report`."""
-    return sum(spent for stage, spent in seconds.items() if not stage.endswith("_expected"))
 
 
 def _add_wind(figures: dict[str, Any], wind: dict[str, Any] | None) -> None:

@@ -69,10 +69,12 @@ def test_all_files(tmp_path, frames):
     found, particles = recovery()
     take, field = Take(tmp_path / "a.take"), UniformField(BOX, FPS, FRAMES, FORCE)
     truth = UniformField(BOX, FPS, FRAMES, FORCE / 1.25)
-    figures = write_report(take, observation(frames), body(particles), found, field, {"observe": 1.0, "recover": 2.5}, truth=truth)
+    figures = write_report(
+        take, observation(frames), body(particles), found, field, {"observe": 1.0, "recover": 2.5}, truth=truth, expected={"recover": 4.0}
+    )
     assert json.loads(take.file("report.json").read_text()) == figures
     assert figures["outcome"] == "converged" and figures["iterations"] == 6 and figures["notes"] == ["stiffness capped"]
-    assert figures["seconds"] == {"observe": 1.0, "recover": 2.5, "total": 3.5}
+    assert figures["seconds"] == {"observe": 1.0, "recover": 2.5, "total": 3.5} and figures["expected_seconds"] == {"recover": 4.0}
     assert figures["residual"] == {"median": 0.3, "p90": pytest.approx(0.56), "max": 0.6}
     assert figures["residual_per_frame"][3] is None
     assert np.allclose(figures["net_force"], FORCE * COUNT * 2e-4)

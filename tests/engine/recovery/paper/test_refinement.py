@@ -119,8 +119,9 @@ def test_a_solve_that_is_done_is_refined_without_another(known, tmp_path, monkey
     solves = []
     monkeypatch.setattr(distillation, "ITERATIONS", 60)
     monkeypatch.setattr("seeing_wind.engine.recovery.stage.recover", lambda *_: solves.append(1) or recovery)
-    take, seconds, few = Take(tmp_path / "a.take"), [], replace(WEIGHTLESS, refine=2)
+    take, times, few = Take(tmp_path / "a.take"), [], replace(WEIGHTLESS, refine=2)
     for settings in (WEIGHTLESS, few, few):
-        seconds.append(recover_stage(take, body, RUBBER, points(body, recovery.x), FPS, "up", settings, NoProgress())[2])
+        times.append(recover_stage(take, body, RUBBER, points(body, recovery.x), FPS, "up", settings, NoProgress())[2:])
     assert len(solves) == 1
-    assert ["refine" in one for one in seconds] == [False, True, False]
+    assert ["refine" in seconds for seconds, _ in times] == [False, True, False]
+    assert [[*expected] for _, expected in times] == [["recover"], [], []]
