@@ -215,14 +215,6 @@ def test_a_blank_path_is_not_the_current_folder(words: list[str]) -> None:
         parser().parse_args(words)
 
 
-@pytest.mark.parametrize("words", [["recover", "c.mp4", "--take", "t"], ["resimulate", "s.take", "--edit", "e.toml", "--take", "t"]])
-def test_cuda_is_refused_before_anything_starts(words: list[str]) -> None:
-    with pytest.raises(UsageError, match="no kernels for CUDA") as refused:
-        parser().parse_args([*words, "--device", "cuda"])
-    assert "auto or cpu" in refused.value.hint
-    assert parser().parse_args([*words, "--device", "cpu"]).device == "cpu"
-
-
 def test_doctor_says_that_the_solver_runs() -> None:
     result = in_a_process_of_its_own("doctor", expect=0)[-1]
     assert {"solver", "torch", "video codec"} <= {check["name"] for check in result["checks"] if check["ok"]}

@@ -79,7 +79,6 @@ def test_every_option_of_a_stage_is_on_the_command_line_once(verb: str) -> None:
         (ColliderEdit, {"kind": "glue"}, "here: kind must be separate or slip or sticky; this is 'glue'."),
         (RecoverSettings, {"iterations": 1001}, "here: iterations must be at least 1 and at most 1000; this is 1001."),
         (RecoverSettings, {"iterations": 10**400}, "here: iterations must be at least 1 and at most 1000; this is a number of 401 digits."),
-        (RecoverSettings, {"device": "cuda"}, "The solver runs on the CPU and has no kernels for CUDA."),
     ],
 )
 def test_a_value_out_of_its_range_is_refused_in_the_words_of_its_definition(cls: type, wrong: dict, says: str) -> None:

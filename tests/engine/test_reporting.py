@@ -121,9 +121,7 @@ def edit(tmp_path: Path) -> Namespace:
     np.savez(tmp_path / "box.npz", vertices=corners, triangles=triangles)
     bodies = "".join(f'[[body]]\nname = "{name}"\nmesh = "box.npz"\n' for name in ("one", "two"))
     (tmp_path / "edit.toml").write_text(bodies)
-    return Namespace(
-        verb="resimulate", source=str(take.path), edit=str(tmp_path / "edit.toml"), take=str(tmp_path / "edit.take"), device="cpu"
-    )
+    return Namespace(verb="resimulate", source=str(take.path), edit=str(tmp_path / "edit.toml"), take=str(tmp_path / "edit.take"))
 
 
 @pytest.mark.parametrize("full_at", ["two", "resimulation", "take"])

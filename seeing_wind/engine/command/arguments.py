@@ -101,7 +101,6 @@ def parser() -> Parser:
     resimulate.add_argument("source", type=path, metavar="DIR", help="take of the recovered field")
     resimulate.add_argument("--edit", required=True, metavar="EDIT.toml", help="bodies and colliders, see below")
     resimulate.add_argument("--take", type=path, required=True, metavar="OUT", help="gets bodies/NAME.npz: vertices (T+1,V,3) m, fps")
-    resimulate.add_settings(RecoverSettings, only={"device"})
     export = verbs.add_parser("export", help="the field on a lattice, for other programs", allow_abbrev=False)
     export.add_argument("take", type=path, metavar="DIR", help="take of the recovered field")
     export.add_argument("--format", required=True, choices=("vdb", "fga", "ply", "npz"), help="vdb only inside Blender")

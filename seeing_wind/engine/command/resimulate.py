@@ -40,7 +40,7 @@ def resimulate(arguments: argparse.Namespace, progress: Progress) -> dict[str, A
     with held(out, arguments.verb, progress), TakeJournal(out, stamp, progress) as journal:
         progress.begin("resimulate", "simulating")
         folder = Path(arguments.edit).resolve().parent
-        bodies = simulate_bodies(edit, field, recovered, folder, progress, device=arguments.device, journal=journal)
+        bodies = simulate_bodies(edit, field, recovered, folder, progress, journal=journal)
         figures = {
             name: {"vertices": int(body.vertices.shape[1]), "particles": body.particles, "notes": body.notes}
             for name, body in bodies.items()

@@ -48,8 +48,6 @@ class Model:
     """Per frame."""
     gravity: np.ndarray
     """(3,) [m/s²], apart from the external acceleration; (T, N, 3) in a frame of reference that accelerates, by frame and particle."""
-    device: str = "auto"
-    """auto or cpu, which is the same: see `device.start`."""
     collider_grid: ColliderGrid = NO_COLLIDERS
     """Planes, and meshes as the lattice's nodes see them."""
     movers: tuple[Collider, ...] = ()

@@ -35,7 +35,6 @@ def model_for(
     dx: float | None = None,
     max_substeps: int | None = None,
     least_substeps: int = LIMITS.min_substeps,
-    device: str = "auto",
     colliders: Sequence[Collider] = (),
     pin_path: np.ndarray | None = None,
     clamp_depth: float = 0.0,
@@ -54,7 +53,6 @@ def model_for(
             `LIMITS.max_substeps_held` where something is pinned that keeps at least `LIMITS.worth` of its stiffness so. Damping beyond
             what so many carry is cut, too.
         least_substeps: per frame, whatever the material.
-        device: auto or cpu.
         colliders: planes, rooms and closed meshes that stand still, see `colliders`.
         pin_path: (T+1, M, 3) positions [m] of the M pinned particles at every frame; None leaves them where they are.
         clamp_depth: cells below the border of the pinned material at which it begins to be held; 0.5 for pins that were only seen to
@@ -99,7 +97,7 @@ def model_for(
     obstacles = collider_grid(standing, offset, dx) if movers else obstacles
     model = Model(
         mass, volume, mu, lam, yield_stress, viscosity, law, role, clamp_lo, clamp, offset, float(dx), frame_dt, substeps,
-        gravity, device, obstacles, movers, pin_path=path, pin_rest=None if path is None else x, clamp_depth=clamp_depth, axes=axes,
+        gravity, obstacles, movers, pin_path=path, pin_rest=None if path is None else x, clamp_depth=clamp_depth, axes=axes,
     )  # fmt: skip
     if not pinned.any():  # hardly shows its damping
         return model, notes

@@ -34,7 +34,7 @@ def rollout(
     Raises:
         SimulationError: when a frame breaks even with half the dt, or a value is not finite; it names frame, substep, particle and
             quantity.
-        UsageError: for arrays that do not fit the model, and an unknown precision or device.
+        UsageError: for arrays that do not fit the model, and an unknown precision.
         Cancelled: when the user asked to stop.
     """
     progress = progress or NoProgress()

@@ -87,7 +87,7 @@ def recover(
         notes.append(f"{material.name}: the solver has no law {material.law}; the force was recovered as if the body were elastic.")
         material = replace(material, law="corotated")
     model, model_notes = model_for(
-        particles, material, fps, gravity=settings.gravity, device=settings.device, clamp_depth=settings.clamp_depth,
+        particles, material, fps, gravity=settings.gravity, clamp_depth=settings.clamp_depth,
         speed=min([LIMITS.default_speed, *(PACE.haste * _fastest(one.targets, fps) for one in channels if isinstance(one, PointChannels))]),
     )  # fmt: skip
     if particles.pinned.any() and not plastic:

@@ -54,8 +54,6 @@ class Option:
     """Value -> what it means."""
     titles: Mapping[str, str] = field(default_factory=dict)
     """Choice -> what the panel calls it, where that is not as it is written."""
-    refused: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Choice that is known and cannot be had -> message and hint."""
     metavar: str | tuple[str, ...] | None = None
     form: Form | None = None
     group: str = ""
@@ -93,8 +91,6 @@ class Option:
         Raises:
             UsageError: with what it must be.
         """
-        if value in self.refused:
-            raise UsageError(*self.refused[value])
         if (self.choices and value not in self.choices) or (isinstance(value, (int, float)) and not self._within(value)):
             raise self._wrong(called, self.must(), value)
 
@@ -124,7 +120,7 @@ class Option:
     def must(self) -> str:
         """What follows "must" in an error: the choices, or the range with its unit."""
         if self.choices:
-            return f"be {' or '.join(name for name in self.choices if name not in self.refused)}"
+            return f"be {' or '.join(self.choices)}"
         bounds = self._bounds()
         return f"be {bounds or 'finite'}{f' {self.unit}' if bounds and self.unit else ''}"
 

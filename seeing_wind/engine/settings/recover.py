@@ -17,13 +17,6 @@ def seed_option() -> Any:
     return option(0, help="seed of every random choice", minimum=0, maximum=2**31 - 1, metavar="N", group=SOLVE)
 
 
-def device_option() -> Any:
-    """Where the solver runs. cuda stays a word of the command line, so that scripts that ask for it are told."""
-    refusal = ("The solver runs on the CPU and has no kernels for CUDA.", "Leave --device out, or choose auto or cpu.")
-    choices = {"auto": "the CPU", "cpu": "the CPU", "cuda": "refused, as the solver has no kernels for it"}
-    return option("auto", help="where the solver runs", choices=choices, refused={"cuda": refusal}, group=SOLVE, panel="")
-
-
 @dataclass(frozen=True)
 class RecoverSettings:
     """From targets to a force field."""
@@ -54,7 +47,6 @@ class RecoverSettings:
             "point": "a vector per particle and frame, and no field between them",
         },
     )  # fmt: skip
-    device: str = device_option()
     iterations: int = option(
         12, help="Gauss-Newton iterations at most; 1 gives a draft, with a knot every four frames", minimum=1, maximum=1000, metavar="N",
         group=SOLVE, typical=(None, 50),

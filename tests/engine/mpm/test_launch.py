@@ -11,7 +11,7 @@ pairs = ti.types.ndarray(element_shape=(2,), ndim=1)
 
 
 def test_changed_contents_arrays_and_numbers_are_seen():
-    device.start("auto")
+    device.start()
 
     @ti.kernel
     def third(doubled: ti.template(), number: ti.i32, values: numbers, out: pairs):

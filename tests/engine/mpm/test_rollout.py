@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from seeing_wind.engine.errors import MaterialError, SimulationError, UsageError
+from seeing_wind.engine.errors import MaterialError, SimulationError
 from seeing_wind.engine.materials import LIMITS
 from seeing_wind.engine.mpm.batch import rollout_batch
 from seeing_wind.engine.mpm.model_for import model_for
@@ -163,15 +163,10 @@ def test_unknown_law_names_the_others():
         model_for(block(), replace(RUBBER, law="von_mises"), 30.0)
 
 
-def test_no_particles_and_unknown_device_are_refused():
+def test_no_particles_are_refused():
     empty = Particles(np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool), 0.01)
     with pytest.raises(SimulationError, match="no particles"):
         model_for(empty, RUBBER, 30.0)
-    body = block()
-    for name in ("abacus", "cuda"):
-        model, _ = model_for(body, RUBBER, 30.0, device=name)
-        with pytest.raises(UsageError, match=name):
-            advance(model, State.at_rest(body.x), still(model, 1)[0])
 
 
 def test_too_fast_names_where_and_what_to_change():

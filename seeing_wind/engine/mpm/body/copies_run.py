@@ -26,7 +26,7 @@ class CopiesRun:
     def __init__(self, model: Model, most_nodes: int | None = None) -> None:
         """most_nodes: a body that wants more in its grid has burst; None is `MOST_NODES`."""
         assert model.axes is None, "give Model.upright"
-        device.start(model.device)
+        device.start()
         self.model, self.packing = model, Packing(model, "double", 1)
         self.particle = self.packing.particle.reshape(-1)
         self.bounds = np.zeros(3 * (substep.SOLID_LO + 1), np.int32)

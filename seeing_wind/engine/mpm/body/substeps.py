@@ -32,7 +32,7 @@ class Body:
         """precision: double or single; tasks: parts that may run side by side, None for as many as there are cores and work; workers:
         threads that do them, None for as many as there are cores."""
         assert model.axes is None, "give Model.upright"
-        device.start(model.device)
+        device.start()
         self.packing = Packing(model, precision, tasks)
         self.model, self.real, self.plastic = model, self.packing.real, model.plastic
         self.grid = self.momentum = self.velocity = self.grid_bar = self.momentum_bar = aligned((0, 4), self.real)

@@ -10,7 +10,6 @@ import os
 import threading
 from pathlib import Path
 
-from ...errors import UsageError
 from . import ti
 
 _lock = threading.Lock()
@@ -20,23 +19,17 @@ _ADDRESSES = 2**30 + 2**29
 """Bytes of address space: the compiler reserves 2**30 at its start, the rest is for its threads and the first kernels."""
 
 
-def start(device: str = "auto") -> None:
+def start() -> None:
     """Start the compiler if it does not run yet; cheap afterwards.
 
     The solver runs on the CPU: a recovery simulates hundreds of copies of a body of a thousand particles, one copy per core, which would
     leave a GPU's lanes idle. Double precision unless a kernel is traced within `settings.compiled_in`. Fast math stays off, as it lets the
     compiler assume that no number is NaN and so drop the very test that stops a diverging run.
 
-    Args:
-        device: auto or cpu.
-
     Raises:
-        UsageError: for any other device.
         MemoryError: without the address space that the compiler reserves.
     """
     global _running
-    if device not in ("auto", "cpu"):
-        raise UsageError(f"There is no device {device!r}.", "Choose auto or cpu.")
     with _lock:
         if not _running:
             _reserve()

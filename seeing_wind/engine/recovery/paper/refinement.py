@@ -137,7 +137,7 @@ class _Run:
         self.module, self.box, self.scale = module, field.box, field.scale / material.density
         model, _ = model_for(
             body_as_found(particles, recovery), material, field.fps,
-            gravity=settings.gravity, device=settings.device, clamp_depth=recovery.clamp_depth,
+            gravity=settings.gravity, clamp_depth=recovery.clamp_depth,
         )  # fmt: skip
         self.model: Model = replace(model, substeps=recovery.substeps or model.substeps)
         self.path = torch.from_numpy(np.asarray(recovery.x, np.float64))

@@ -97,7 +97,7 @@ def recover_by_descent(
         raise UsageError("The views do not have the same number of frames.", "Cut the clips to the same frames, or give one clip.")
     frames = len(sources[0].visible) - 1
     progress.update(0.0, "Preparing the body")
-    model, notes = model_for(particles, material, fps, gravity=settings.gravity, device=settings.device)
+    model, notes = model_for(particles, material, fps, gravity=settings.gravity)
     start = first_look(particles, targets, fps, model.gravity)
     reach = 0.5 * start.acceleration * model.frame_dt**2
     tracking = TrackingLoss(particles, targets, reach)

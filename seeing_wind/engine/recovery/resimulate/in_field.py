@@ -66,7 +66,6 @@ class Surroundings:
     """(3,) [m/s²]."""
     colliders: Sequence[Collider]
     forces: Forces | None
-    device: str
     lead: int = 0
     """Frames for which the field's first one lasts longer."""
     place: np.ndarray | None = None

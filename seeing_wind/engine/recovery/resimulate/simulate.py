@@ -65,7 +65,6 @@ def simulate_bodies(
     base_dir: Path,
     progress: Progress | None = None,
     *,
-    device: str = "auto",
     journal: Journal = Journal(),
 ) -> dict[str, Simulated]:
     """Move every body of `edit` through `field` for all the frames that it knows.
@@ -77,7 +76,6 @@ def simulate_bodies(
     Args:
         recovered: the clip's own object and its recovery, for a body whose mesh is "recovered".
         base_dir: folder against which the edit's paths are understood.
-        device: auto or cpu.
         journal: keeps how far the frames have come; its stamp must tell the field.
 
     With a preroll the bodies of meshes move for so many frames before the clip, in its first frame's field, and what they do then is left
@@ -103,7 +101,7 @@ def simulate_bodies(
     place = None if edit.field_place is None else read_place(Path(base_dir) / edit.field_place, field.frames)
     colliders = [one.delayed(edit.preroll) if isinstance(one, MeshCollider) else one for one in colliders]
     around = Surroundings(
-        field, strength, edit.gravity, colliders, forces, device, edit.preroll, place, Reach.of(edit), edit.coarseness, edit.frames
+        field, strength, edit.gravity, colliders, forces, edit.preroll, place, Reach.of(edit), edit.coarseness, edit.frames
     )
     actors = [actor for actor in entered if isinstance(actor, Actor)]
     shells = [[actor] for actor in entered if isinstance(actor, sheets.Hanging)]
@@ -255,8 +253,7 @@ def _model(actors: Sequence[Actor], frame: int, around: Surroundings) -> tuple[M
     model, notes = model_for(
         particles, [a.material for a in actors], fps, gravity=around.gravity, mass_scale=[a.edit.mass_scale for a in actors], speed=speed,
         max_substeps=round(MAX_SUBSTEPS / coarser), least_substeps=math.ceil(max(actor.substeps for actor in actors) / coarser),
-        colliders=around.colliders,
-        device=around.device, clamp_depth=max(actor.clamp_depth for actor in actors), pin_path=_pin_path(actors, particles),
+        colliders=around.colliders, clamp_depth=max(actor.clamp_depth for actor in actors), pin_path=_pin_path(actors, particles),
     )  # fmt: skip
     return model, notes
 

@@ -28,7 +28,7 @@ def speed(body) -> np.ndarray:
 
 
 def around(field, place=None, reach=Reach(), strength=1.0) -> Surroundings:
-    return Surroundings(field, np.full(FRAMES, strength), WEIGHTLESS, (), None, "cpu", 0, place, reach)
+    return Surroundings(field, np.full(FRAMES, strength), WEIGHTLESS, (), None, 0, place, reach)
 
 
 def test_a_field_that_is_turned_pushes_the_other_way(folder):

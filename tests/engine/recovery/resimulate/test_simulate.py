@@ -257,11 +257,6 @@ def test_cancel_stops_between_frames(folder):
         simulate_bodies(Edit((BodyEdit("box", "box.obj", **SOFT),)), uniform(), None, folder, Progress(cancelled=cancelled))
 
 
-def test_the_device_reaches_the_solver(folder):
-    with pytest.raises(UsageError, match="device 'abacus'"):
-        simulate_bodies(Edit((BodyEdit("box", "box.obj", **SOFT),)), uniform(), None, folder, device="abacus")
-
-
 def test_a_simulation_that_is_killed_goes_on_where_it_was(folder, tmp_path, monkeypatch):
     """Through the start of the second body, too."""
     monkeypatch.setattr(journals, "LATEST", 0.0)
