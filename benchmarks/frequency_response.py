@@ -1,4 +1,4 @@
-"""How much of a gust is found, by its frequency: benchmarks/frequency_response.py FOLDER TAKES PICTURE NAME ...
+"""How much of a gust is found, by its frequency: benchmarks/frequency_response.py FOLDER TAKES IMAGE NAME ...
 
 FOLDER/truth/NAME.npz are scenes of `held_scenes.py`, TAKES/NAME.take what `recover-trajectories` made of them. Of the mean force across the
 body it prints and draws, over the frequency in first natural frequencies: the gain (the part of the true gust that is found, in phase and
@@ -26,7 +26,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("takes", type=Path, metavar="TAKES")
-    parser.add_argument("picture", type=Path, metavar="PICTURE")
+    parser.add_argument("image", type=Path, metavar="IMAGE")
     parser.add_argument("name", nargs="+", metavar="NAME")
     options = parser.parse_args()
     tables = {}
@@ -37,7 +37,7 @@ def main() -> None:
     for name, (gain, left) in tables.items():
         print(f"{name:10s} gain " + "".join(f"{value:12.2f}" for value in gain))
         print(f"{'':10s} left " + "".join(f"{value:12.2f}" for value in left))
-    draw(tables, options.picture)
+    draw(tables, options.image)
 
 
 def natural_frequency(truth: dict[str, np.ndarray]) -> float:
@@ -67,7 +67,7 @@ def response(truth: dict[str, np.ndarray], take: Path) -> tuple[np.ndarray, np.n
     return gain, left
 
 
-def draw(tables: dict[str, tuple[np.ndarray, np.ndarray]], picture: Path) -> None:
+def draw(tables: dict[str, tuple[np.ndarray, np.ndarray]], image: Path) -> None:
     """Gain and what is left, a line for each scene."""
     figure, axes = plt.subplots(1, 2, figsize=(9.0, 3.6), sharex=True, layout="constrained")
     middle = 0.5 * (EDGES[1:] + EDGES[:-1])
@@ -79,7 +79,7 @@ def draw(tables: dict[str, tuple[np.ndarray, np.ndarray]], picture: Path) -> Non
         one.axhline(1.0, color="0.7", linewidth=0.8, zorder=0)
         one.grid(alpha=0.3)
     axes[0].legend(frameon=False)
-    figure.savefig(picture, dpi=110)
+    figure.savefig(image, dpi=110)
 
 
 if __name__ == "__main__":

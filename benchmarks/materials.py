@@ -57,9 +57,9 @@ def ask_all(folder: Path, objects: list[Answer], url: str, model: str) -> dict[s
     """Every frame's answer by the endpoint; frames that it fails on are told and left out."""
     endpoint, answers = endpoint_of(url, model), {}
     for one in objects:
-        picture = cv2.cvtColor(cv2.imread(str(folder / one["picture"])), cv2.COLOR_BGR2RGB)
+        image = cv2.cvtColor(cv2.imread(str(folder / one["picture"])), cv2.COLOR_BGR2RGB)
         try:
-            found = estimate(endpoint, picture, np.ones(picture.shape[:2], bool), NoProgress())
+            found = estimate(endpoint, image, np.ones(image.shape[:2], bool), NoProgress())
         except ModelError as error:
             print(f"{one['picture']}: {error}", file=sys.stderr)
             continue

@@ -34,16 +34,16 @@ def write_clip(path: Path) -> tuple[float, float, float, float]:
     wide = round(painted.frames.shape[2] * scale)
     left = (WIDTH - wide) // 2
 
-    def large(picture: np.ndarray) -> np.ndarray:
-        return cv2.resize(picture, (wide, HEIGHT), interpolation=cv2.INTER_CUBIC)
+    def large(image: np.ndarray) -> np.ndarray:
+        return cv2.resize(image, (wide, HEIGHT), interpolation=cv2.INTER_CUBIC)
 
     beside = cv2.GaussianBlur(large(np.median(painted.frames, axis=0).astype(np.uint8))[:, ::-1], (0, 0), 1.0)
     there = list(range(len(painted.frames)))
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 30.0, (WIDTH, HEIGHT))
     for t in (there + there[-2:0:-1] + there)[:FRAMES]:
-        picture = np.hstack([beside[:, wide - left :], large(painted.frames[t]), beside[:, : WIDTH - wide - left]])
-        grain = rng.normal(0.0, 2.0, picture.shape)
-        writer.write(np.clip(np.round(picture + grain), 0, 255).astype(np.uint8)[..., ::-1])
+        image = np.hstack([beside[:, wide - left :], large(painted.frames[t]), beside[:, : WIDTH - wide - left]])
+        grain = rng.normal(0.0, 2.0, image.shape)
+        writer.write(np.clip(np.round(image + grain), 0, 255).astype(np.uint8)[..., ::-1])
     writer.release()
     mask = np.zeros((HEIGHT, WIDTH), bool)
     mask[:, left : left + wide] = large(painted.masks[0].astype(np.uint8)) > 0

@@ -65,8 +65,8 @@ def film(truth: dict[str, np.ndarray], camera: Camera, folder: Path) -> None:
     (folder / "clip").mkdir(parents=True, exist_ok=True)
     for t, shape in enumerate(vertices):
         now = Camera(camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, camera.pose(t))
-        picture = over(*paint(shape, triangles, colours, now), surroundings(now))
-        assert cv2.imwrite(str(folder / "clip" / f"{t:04d}.png"), picture[..., ::-1])
+        image = over(*paint(shape, triangles, colours, now), surroundings(now))
+        assert cv2.imwrite(str(folder / "clip" / f"{t:04d}.png"), image[..., ::-1])
     depth = depth_of(vertices[0], triangles, Camera(*(getattr(camera, key) for key in NUMBERS), camera.pose(0)))
     np.save(folder / "depth.npy", depth)
     assert cv2.imwrite(str(folder / "mask.png"), np.where(np.isfinite(depth), 255, 0).astype(np.uint8))

@@ -54,7 +54,7 @@ def _filmed(painting: np.ndarray, behind: np.ndarray, warp: Warp, count: int, sh
     size = (width // FINE, height // FINE)
     frames, masks = [], []
     for t in range(count):
-        picture, cover = np.zeros_like(behind), np.zeros(behind.shape[:2], np.float32)
+        image, cover = np.zeros_like(behind), np.zeros(behind.shape[:2], np.float32)
         for moment in SHUTTER:
             u, v = warp(t + moment, x, y)
             layer = cv2.remap(painting, u.astype(np.float32), v.astype(np.float32), cv2.INTER_LINEAR)
@@ -63,9 +63,9 @@ def _filmed(painting: np.ndarray, behind: np.ndarray, warp: Warp, count: int, sh
             if shadow is not None:
                 dark = cv2.GaussianBlur(np.roll(layer[..., 3], (int(shadow[1]), int(shadow[0])), (0, 1)), (0, 0), 8.0)
                 ground = behind * (1.0 - 0.45 * dark[..., None])
-            picture += (alpha * layer[..., :3] + (1 - alpha) * ground) / len(SHUTTER)
+            image += (alpha * layer[..., :3] + (1 - alpha) * ground) / len(SHUTTER)
             cover += alpha[..., 0] / len(SHUTTER)
-        small = cv2.GaussianBlur(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
+        small = cv2.GaussianBlur(cv2.resize(image, size, interpolation=cv2.INTER_AREA), (0, 0), 0.7)
         frames.append(np.clip(np.round(small + rng.normal(0, 3.0, small.shape)), 0, 255).astype(np.uint8))
         masks.append(cv2.resize(cover, size, interpolation=cv2.INTER_AREA) > 0.5)
     return np.stack(frames), np.stack(masks)

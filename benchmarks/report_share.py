@@ -46,8 +46,8 @@ def clip(folder: Path, width: int, height: int, frames: int) -> tuple[int, int, 
         turn = cv2.getRotationMatrix2D((side / 2, side / 2), 6.0 * np.sin(phase), 1.0)
         turn[:, 2] += [width * (0.35 + 0.1 * np.sin(phase)), height * (0.35 + 0.06 * np.sin(phase + 0.5))]
         cover = cv2.warpAffine(np.ones((side, side), np.float32), turn, (width, height))
-        picture = np.where(cover[..., None] > 0.5, cv2.warpAffine(square, turn, (width, height)), wall)
-        cv2.imwrite(str(path), picture, [cv2.IMWRITE_JPEG_QUALITY, 95])
+        image = np.where(cover[..., None] > 0.5, cv2.warpAffine(square, turn, (width, height)), wall)
+        cv2.imwrite(str(path), image, [cv2.IMWRITE_JPEG_QUALITY, 95])
         rows, columns = np.nonzero(cover > 0.5)
         boxes.append((columns.min() - 3, rows.min() - 3, columns.max() + 3, rows.max() + 3))
     return tuple(int(value) for value in boxes[0])  # type: ignore[return-value]

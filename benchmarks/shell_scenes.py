@@ -108,7 +108,7 @@ def named(name: str) -> Scene | None:
     return random_flag(int(seed)) if kind == "flag" and seed.isdecimal() else SCENES.get(name)
 
 
-def picture(found: dict[str, np.ndarray], path: Path) -> None:
+def draw(found: dict[str, np.ndarray], path: Path) -> None:
     """Five moments of the scene, with the wind at some vertices."""
     from matplotlib import pyplot
 
@@ -130,7 +130,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("scenes", nargs="*", metavar="SCENE", default=list(SCENES), help=f"flag-SEED, or some of: {', '.join(SCENES)}")
-    parser.add_argument("--picture", action="store_true", help="also FOLDER/SCENE.png (needs Matplotlib)")
+    parser.add_argument("--image", action="store_true", help="also FOLDER/SCENE.png (needs Matplotlib)")
     options = parser.parse_args()
     unknown = sorted(name for name in options.scenes if named(name) is None)
     if unknown:
@@ -141,8 +141,8 @@ def main() -> None:
         assert scene is not None
         found = simulate(scene, FRAMES)
         np.savez_compressed(options.folder / f"{name}.npz", name=name, **found)
-        if options.picture:
-            picture(found, options.folder / f"{name}.png")
+        if options.image:
+            draw(found, options.folder / f"{name}.png")
         way = np.linalg.norm(np.diff(found["x"], axis=0), axis=2).sum(axis=0).mean()
         print(f"{name}: {len(found['fixed'])} vertices, {found['fixed'].sum()} held; way of a vertex {way:.2f} m", flush=True)
 

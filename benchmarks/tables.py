@@ -39,7 +39,7 @@ def main(argv: list[str] | None = None) -> int:
             return 2
         rows = [row for row in rows if row.key in options.row]
     out = options.out / "short" if options.short else options.out
-    for part in ("rows", "clips", "takes", "pictures"):
+    for part in ("rows", "clips", "takes", "frames"):
         (out / part).mkdir(parents=True, exist_ok=True)
     missing = [row for row in rows if options.again or kept(out, row) is None]
     failed = 0

@@ -23,16 +23,16 @@ def truth_as_answers() -> tuple[list[dict], dict[str, dict]]:
     return objects, {one["picture"]: {key: one[key] for key in ("type", "density", "youngs_modulus")} for one in objects}
 
 
-def test_seventeen_objects_with_sources_and_pictures() -> None:
+def test_seventeen_objects_with_sources_and_images() -> None:
     objects, _ = truth_as_answers()
     counts = {kind: sum(one["type"] == kind for one in objects) for kind in benchmark.TYPES}
     assert counts == {"elastic": 6, "elastoplastic": 6, "viscoplastic": 5}
     for one in objects:
         assert one["source"]
-        picture = cv2.imread(str(benchmark.HERE / one["picture"]))
-        assert picture.shape == (256, 256, 3) and picture.std() > 10, "an object on a table, no flat or black frame"
-    pictures = np.stack([cv2.imread(str(benchmark.HERE / one["picture"])).astype(float) for one in objects])
-    apart = [np.abs(a - b).mean() for i, a in enumerate(pictures) for b in pictures[:i]]
+        image = cv2.imread(str(benchmark.HERE / one["picture"]))
+        assert image.shape == (256, 256, 3) and image.std() > 10, "an object on a table, no flat or black frame"
+    images = np.stack([cv2.imread(str(benchmark.HERE / one["picture"])).astype(float) for one in objects])
+    apart = [np.abs(a - b).mean() for i, a in enumerate(images) for b in images[:i]]
     assert min(apart) > 2.0, "no two of them are the same"
 
 
@@ -66,7 +66,7 @@ def steel(question: str) -> dict:
     return {"object": "thing", "material": "steel", "type": "elastoplastic"}
 
 
-def test_an_endpoint_is_asked_about_every_picture(server, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_an_endpoint_is_asked_about_every_image(server, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     server.answers = [steel]
     assert benchmark.main(["--endpoint", server.url, "--model", "any", "--out", str(tmp_path / "a.json")]) == 0
     asked = capsys.readouterr().out

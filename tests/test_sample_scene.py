@@ -36,8 +36,8 @@ def test_the_leaf_is_the_same_for_a_seed_and_another_for_another():
     np.testing.assert_array_equal(first.vertices, again.vertices)
     np.testing.assert_array_equal(first.triangles, again.triangles)
     assert first.outline.shape != other.outline.shape or not np.allclose(first.outline, other.outline)
-    np.testing.assert_array_equal(leaves.make_picture(3, 128), leaves.make_picture(3, 128))
-    assert (leaves.make_picture(3, 128) != leaves.make_picture(4, 128)).mean() > 0.3
+    np.testing.assert_array_equal(leaves.make_texture(3, 128), leaves.make_texture(3, 128))
+    assert (leaves.make_texture(3, 128) != leaves.make_texture(4, 128)).mean() > 0.3
 
 
 def test_the_leaf_is_one_flat_piece_that_covers_its_outline():
@@ -55,8 +55,8 @@ def test_the_leaf_is_one_flat_piece_that_covers_its_outline():
     assert connected_parts(leaf.triangles, len(leaf.vertices)).max() == 0
 
 
-def test_the_picture_has_corners_to_track():
-    grey = leaves.make_picture(7, 256).mean(-1)
+def test_the_texture_has_corners_to_track():
+    grey = leaves.make_texture(7, 256).mean(-1)
     middle = grey[64:192, 96:160]
     assert middle.std() > 25.0
     assert np.abs(np.diff(middle, axis=1)).mean() > 8.0 and np.abs(np.diff(middle, axis=0)).mean() > 8.0

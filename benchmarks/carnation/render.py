@@ -163,18 +163,18 @@ def main(folder):
     made_by.view_settings.view_transform = "Standard"
     render.image_settings.file_format = "PNG"
 
-    def picture(t, name, mode):
+    def render_image(t, name, mode):
         render.image_settings.color_mode = mode
         made_by.frame_set(t)
         render.filepath = str(folder / name)
         bpy.ops.render.render(write_still=True)
 
     for t in range(FRAMES):
-        picture(t, f"frame_{t:04d}.png", "RGB")
+        render_image(t, f"frame_{t:04d}.png", "RGB")
     curtain.hide_render, render.film_transparent = True, True
     chosen, masks = list(range(0, FRAMES, EVERY)), []
     for t in chosen:
-        picture(t, "mask.png", "RGBA")
+        render_image(t, "mask.png", "RGBA")
         image = bpy.data.images.load(str(folder / "mask.png"))
         masks.append(np.array(image.pixels[:], np.float32).reshape(HEIGHT, WIDTH, 4)[::-1, :, 3] > 0.5)
         bpy.data.images.remove(image)

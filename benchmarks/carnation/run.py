@@ -86,8 +86,8 @@ def main() -> int:
     on_body = seen.visible & np.isfinite(body.lifted).all(axis=-1)
     off = [np.linalg.norm(seen.camera.project(x, t)[0] - seen.xy[t], axis=1)[on_body[t]] for t, x in enumerate(places)]
     median = float(np.median(np.concatenate(off[1:])))
-    by_picture = [float(np.median(one)) for one in off[1:]]
-    print(f"simulation: {median:.2f} px off the tracks in the median; by frame {min(by_picture):.1f} to {max(by_picture):.1f} px")
+    by_frame = [float(np.median(one)) for one in off[1:]]
+    print(f"simulation: {median:.2f} px off the tracks in the median; by frame {min(by_frame):.1f} to {max(by_frame):.1f} px")
     bars = {
         "outline": min(overlaps) >= OUTLINE,
         "curtain": max(curtain) <= CURTAIN,

@@ -147,7 +147,7 @@ def curves_of(data):
     return [curve for layer in action.layers for strip in layer.strips for bag in strip.channelbags for curve in bag.fcurves]
 
 
-def picture_of(x, faces, pose, fixed):
+def depth_and_held(x, faces, pose, fixed):
     """Depth (H, W) [m] of frame 0, infinite off the sheet, and (H, W) bool, what is held: by rays through the pixels' centres."""
     focal = FOCAL * WIDTH
     local = (x[0] - pose[:3, 3]) @ pose[:3, :3]
@@ -183,14 +183,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("truth", type=Path, metavar="SCENE.npz")
     parser.add_argument("folder", type=Path, metavar="DIR")
-    parser.add_argument("--frames", type=int, default=91, help="pictures")
+    parser.add_argument("--frames", type=int, default=91, help="frames")
     parser.add_argument("--side", type=float, nargs=3, default=(-0.5, -0.8, 0.15), help="where the camera is, seen from the sheet")
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     with np.load(options.truth, allow_pickle=False) as data:
         x, faces, fixed = data["x"][: options.frames].astype(float), data["faces"], data["fixed"].astype(bool)
     pose = camera_for(x, options.side)
-    depth, held = picture_of(x, faces, pose, fixed)
+    depth, held = depth_and_held(x, faces, pose, fixed)
     np.save(options.folder / "depth.npy", depth)
     for name, mask in (("mask", np.isfinite(depth)), ("held", held)):
         image = bpy.data.images.new(name, WIDTH, HEIGHT)

@@ -63,7 +63,7 @@ def write_report(out: Path, rows: list[dict]) -> str:
         figure = f"table{table}.png"
         bars(out / figure, own, title)
         parts.append(f"![errors beside the paper's]({figure})")
-    sheet(out / "scenes.png", out / "pictures", rows)
+    sheet(out / "scenes.png", out / "frames", rows)
     if (out / "scenes.png").is_file():
         parts += [
             "## Scenes",
@@ -125,11 +125,11 @@ def bars(path: Path, rows: list[dict], title: str) -> None:
     pyplot.close(figure)
 
 
-def sheet(path: Path, pictures: Path, rows: list[dict]) -> None:
+def sheet(path: Path, kept: Path, rows: list[dict]) -> None:
     """One line per object: input, again, forces. Nothing is drawn when no row left frames of one of the objects."""
     shown: dict[str, Path] = {}
     for row in rows:
-        file = pictures / f"{Row(**row['row']).key}.npz"
+        file = kept / f"{Row(**row['row']).key}.npz"
         if file.is_file():
             shown.setdefault(row["row"]["thing"], file)
     if len(shown) < len({row["row"]["thing"] for row in rows}):

@@ -24,7 +24,7 @@ from seeing_wind.engine.take import Take
 from .metrics import lpips, psnr, ssim
 from .objects import THINGS
 from .painter import backdrop, over
-from .scene import FPS, FRAMES, Scene, film, material_options, pictures, recovered_vertices, simulate, trajectories
+from .scene import FPS, FRAMES, Scene, film, material_options, recovered_vertices, render_frames, simulate, trajectories
 
 VERSION = 1
 """Raise it when rows must be run again."""
@@ -157,11 +157,11 @@ def run_row(row: Row, folder: Path, say: Callable[[str], None], frames: int = FR
     engine(["sample", take, "--points", folder / "points.npy", "--out", folder / "sampled.npz"], say)
     with np.load(folder / "sampled.npz", allow_pickle=False) as data:
         got, confidence = data["force_density"], data["confidence"]
-    want, seen = pictures(scene, 0), _seen_again(scene, row, take)
+    want, seen = render_frames(scene, 0), _seen_again(scene, row, take)
     free = ~scene.held
     magnitude, direction = field_errors(scene.force, got, free)
     flat_magnitude, flat_direction = uniform_errors(scene.force, free)
-    _keep(folder / "pictures" / f"{row.key}.npz", scene, want, seen, got)
+    _keep(folder / "frames" / f"{row.key}.npz", scene, want, seen, got)
     return {
         "version": VERSION, "engine": ENGINE, "row": asdict(row), "kind": scene.thing.kind, "field": scene.thing.field, "frames": frames,
         "psnr": psnr(want, seen), "ssim": ssim(want, seen), "lpips": lpips(want, seen),
@@ -188,7 +188,7 @@ def _seen_again(scene: Scene, row: Row, take: Path) -> np.ndarray:
     with np.load(take / "trajectory.npz", allow_pickle=False) as data:
         x, F = data["x"], data["F"]
     if not row.views:
-        return pictures(scene, 0, recovered_vertices(scene, x))
+        return render_frames(scene, 0, recovered_vertices(scene, x))
     camera, behind = scene.cameras[0], backdrop(scene.cameras[0])
     body = from_arrays(Body, Take(take).read_arrays("particles.npz"))
     return np.stack([over(*render_gaussians(body.gaussians, camera, 0, x[t], F[t]), behind) for t in range(len(x))])

@@ -81,7 +81,7 @@ def _camera(target: np.ndarray, azimuth: float, height: float) -> Camera:
     return Camera(WIDTH, HEIGHT, FOCAL, FOCAL, (WIDTH - 1) / 2, (HEIGHT - 1) / 2, look_at(eye, target))
 
 
-def pictures(scene: Scene, view: int, vertices: np.ndarray | None = None) -> np.ndarray:
+def render_frames(scene: Scene, view: int, vertices: np.ndarray | None = None) -> np.ndarray:
     """(T+1, H, W, 3) uint8 of the surface, or of other vertices (T+1, V, 3) of it."""
     camera, path = scene.cameras[view], scene.vertices if vertices is None else vertices
     behind = backdrop(camera)
@@ -93,8 +93,8 @@ def film(scene: Scene, folder: Path) -> None:
     for view, camera in enumerate(scene.cameras):
         into = folder / f"view{view}"
         (into / "clip").mkdir(parents=True, exist_ok=True)
-        for t, picture in enumerate(pictures(scene, view)):
-            _write(into / "clip" / f"{t:04d}.png", picture[..., ::-1])
+        for t, frame in enumerate(render_frames(scene, view)):
+            _write(into / "clip" / f"{t:04d}.png", frame[..., ::-1])
         depth = depth_of(scene.vertices[0], scene.triangles, camera)
         np.save(into / "depth.npy", depth)
         _write(into / "mask.png", np.where(np.isfinite(depth), 255, 0).astype(np.uint8))
@@ -124,8 +124,8 @@ def material_options(thing: Thing) -> list[str]:
     return [str(option) for option in options]
 
 
-def _write(path: Path, picture: np.ndarray) -> None:
-    if not cv2.imwrite(str(path), picture):
+def _write(path: Path, image: np.ndarray) -> None:
+    if not cv2.imwrite(str(path), image):
         raise OSError(f"Cannot write {path}.")
 
 

@@ -40,8 +40,8 @@ class Filmed:
     """(T+1, V, 3) the side that faces the camera [m]."""
     triangles: np.ndarray
     uv: np.ndarray
-    """(V, 2) in `picture`, origin bottom left."""
-    picture: np.ndarray
+    """(V, 2) in `texture`, origin bottom left."""
+    texture: np.ndarray
     """(S, S, 3) uint8 sRGB, row 0 at the top."""
     camera: Camera
     distance: float
@@ -131,10 +131,10 @@ def write(out: Path, filmed: Filmed, samples: int) -> None:
         SeeingWindError: what is held is not in the frame, or a file cannot be written.
     """
     camera, material, mask = filmed.camera, filmed.material, first_mask(filmed)
-    pictures = {"mask_0000": mask, "texture": filmed.picture[:, :, ::-1]}
+    images = {"mask_0000": mask, "texture": filmed.texture[:, :, ::-1]}
     if filmed.held is not None:
-        pictures["held_0000"] = first_mask(filmed, filmed.held)
-        if not pictures["held_0000"].any():
+        images["held_0000"] = first_mask(filmed, filmed.held)
+        if not images["held_0000"].any():
             raise SeeingWindError("What is held is not in the frame.", "Choose a larger --size.")
     rows, columns = np.nonzero(mask)
     box = [int(columns.min()) - 2, int(rows.min()) - 2, int(columns.max()) + 2, int(rows.max()) + 2]
@@ -142,8 +142,8 @@ def write(out: Path, filmed: Filmed, samples: int) -> None:
     write_json(out / "camera.json", values | {"camera_to_world": camera.camera_to_world.tolist()})
     known = {"material": material.name, "density": material.density, "youngs_modulus": material.youngs_modulus}
     write_json(out / "box.json", {"box": box, "distance": filmed.distance, **known, "thickness": filmed.thickness})
-    for name, picture in pictures.items():
-        if not cv2.imwrite(str(out / f"{name}.png"), picture):
+    for name, image in images.items():
+        if not cv2.imwrite(str(out / f"{name}.png"), image):
             raise SeeingWindError(f"Cannot write {out / name}.png.", "Choose another folder.")
     shape = {"vertices": filmed.surface.astype(np.float32), "triangles": filmed.triangles, "uv": filmed.uv}
     np.savez_compressed(out / "scene.npz", **shape, **filmed.more, fps=filmed.wind.fps, samples=samples)

@@ -37,9 +37,9 @@ class Plate:
     """Closed polygons (P, 2); their union is the body."""
     held: Callable[[np.ndarray], np.ndarray]
     """(N, 2) -> (N,) bool, what never moves."""
-    picture: np.ndarray
-    """(S, S, 3) uint8 sRGB, row 0 at the top; it covers the square `picture_side` round the plate's (0, 0)."""
-    picture_side: float
+    texture: np.ndarray
+    """(S, S, 3) uint8 sRGB, row 0 at the top; it covers the square `texture_side` round the plate's (0, 0)."""
+    texture_side: float
     material: str
     density: float
     youngs_modulus: float
@@ -121,7 +121,7 @@ def simulate(plate: Plate, wind: ForceFieldAnalytic, size: tuple[int, int], spac
     return Filmed(
         name=plate.name, particles=particles, material=material, wind=wind, x=np.stack(x), v=np.stack(v),
         acceleration=np.stack(acceleration), surface=attach(plate.world(flat, front), particles.x).follow(np.stack(x)),
-        triangles=triangles, uv=flat / plate.picture_side + 0.5, picture=plate.picture,
+        triangles=triangles, uv=flat / plate.texture_side + 0.5, texture=plate.texture,
         camera=clip_files.level_camera(size, plate.distance, plate.view_height, centre, plate.place[1] + front),
         distance=plate.distance, thickness=plate.thickness, held=plate.held(flat[triangles].mean(1)), more=stand,
     )  # fmt: skip

@@ -93,11 +93,11 @@ def curves_of(action) -> list:
     return [curve for layer in action.layers for strip in layer.strips for bag in strip.channelbags for curve in bag.fcurves]
 
 
-def textured_material(picture: Path):
+def textured_material(texture: Path):
     """Waxy, slightly translucent, with the veins standing out."""
     material, nodes, links, out = _blank("texture")
     image = nodes.new("ShaderNodeTexImage")
-    image.image = bpy.data.images.load(str(picture))
+    image.image = bpy.data.images.load(str(texture))
     image.interpolation = "Cubic"
     surface = nodes.new("ShaderNodeBsdfPrincipled")
     surface.inputs["Roughness"].default_value = 0.62
@@ -175,7 +175,7 @@ def light(scene) -> None:
     sky.inputs["Color"].default_value, sky.inputs["Strength"].default_value = (0.66, 0.78, 1.0, 1.0), 0.55
 
 
-def settings(scene, camera: dict, pictures: int, fps: float, samples: int) -> None:
+def settings(scene, camera: dict, frames: int, fps: float, samples: int) -> None:
     """Cycles on the CPU with few samples and bounces: the leaf is matt and the backdrop shines by itself, so little noise is left."""
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
@@ -186,7 +186,7 @@ def settings(scene, camera: dict, pictures: int, fps: float, samples: int) -> No
     render.use_persistent_data, render.use_motion_blur = True, False
     render.resolution_x, render.resolution_y, render.resolution_percentage = camera["width"], camera["height"], 100
     render.fps, render.fps_base = round(fps), round(fps) / fps
-    scene.frame_start, scene.frame_end = 1, pictures
+    scene.frame_start, scene.frame_end = 1, frames
     scene.view_settings.view_transform = "Standard"
 
 

@@ -25,13 +25,13 @@ def shown(names: tuple[str, ...]) -> dict[str, np.ndarray]:
     for frame in range(scene.frame_start, scene.frame_end + 1):
         scene.frame_set(frame)
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        for name, pictures in motion.items():
+        for name, places in motion.items():
             evaluated = scene.objects[name].evaluated_get(depsgraph)
             flat = np.empty(3 * len(evaluated.data.vertices), dtype=np.float32)
             evaluated.data.vertices.foreach_get("co", flat)
             matrix = np.array(evaluated.matrix_world)
-            pictures.append(flat.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3])
-    return {name: np.array(pictures) for name, pictures in motion.items()}
+            places.append(flat.reshape(-1, 3) @ matrix[:3, :3].T + matrix[:3, 3])
+    return {name: np.array(places) for name, places in motion.items()}
 
 
 def main(folder: Path) -> None:

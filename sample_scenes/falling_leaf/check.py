@@ -114,10 +114,10 @@ def pictures_in(path: Path) -> int:
 
     video, count, contrast = cv2.VideoCapture(str(path)), 0, 0.0
     while True:
-        there, picture = video.read()
+        there, frame = video.read()
         if not there:
             break
-        count, contrast = count + 1, max(contrast, float(picture.std()))
+        count, contrast = count + 1, max(contrast, float(frame.std()))
     video.release()
     if not count or contrast < 1.0:
         raise ValueError("nothing is to be seen in it" if count else "not a video")
@@ -128,10 +128,10 @@ def pixels_in(path: Path) -> int:
     """How many pixels an image has. Raises ValueError for a file that is no image, or an empty one."""
     import cv2
 
-    picture = cv2.imread(str(path))
-    if picture is None or picture.std() < 1.0:
-        raise ValueError("not an image" if picture is None else "nothing is to be seen in it")
-    return picture.shape[0] * picture.shape[1]
+    image = cv2.imread(str(path))
+    if image is None or image.std() < 1.0:
+        raise ValueError("not an image" if image is None else "nothing is to be seen in it")
+    return image.shape[0] * image.shape[1]
 
 
 def inside(path: Path, blender: str | None) -> dict:

@@ -30,7 +30,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(ROOT)]  # a script o
 import cv2  # noqa: E402
 import make  # noqa: E402
 from in_blender import BlenderFailed, run  # noqa: E402
-from leaf import make_leaf, make_picture  # noqa: E402
+from leaf import make_leaf, make_texture  # noqa: E402
 
 from seeing_wind.engine.errors import SeeingWindError  # noqa: E402
 from seeing_wind.engine.field.sampling import sample_points  # noqa: E402
@@ -44,7 +44,7 @@ FIRST = 5
 """Frames over which the first acceleration of a body is taken."""
 FIGURES = "demo.json"
 """What was measured, for check.py."""
-LEAVES, PICTURE = 3, 256
+LEAVES, TEXTURE = 3, 256
 """Leaves beside the filmed one, each of its own shape, and the side of their frames [px]."""
 
 
@@ -136,8 +136,8 @@ def press_leaves(out: Path, seed: int) -> None:
     for k in range(LEAVES):
         leaf = make_leaf(seed + 1 + k, edge=0.016)
         np.savez(out / f"leaf_{k}.npz", vertices=leaf.vertices, triangles=leaf.triangles, uv=leaf.uv)
-        picture = cv2.resize(make_picture(seed + 1 + k), (PICTURE, PICTURE), interpolation=cv2.INTER_AREA)
-        if not cv2.imwrite(str(out / f"leaf_{k}.png"), picture[:, :, ::-1]):
+        texture = cv2.resize(make_texture(seed + 1 + k), (TEXTURE, TEXTURE), interpolation=cv2.INTER_AREA)
+        if not cv2.imwrite(str(out / f"leaf_{k}.png"), texture[:, :, ::-1]):
             raise SeeingWindError(f"Cannot write {out}/leaf_{k}.png.", "Choose another folder.")
 
 

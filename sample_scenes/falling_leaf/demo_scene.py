@@ -102,8 +102,8 @@ def insert_washing(scene) -> None:
     towel = woven(TOWEL, (0.93, 0.91, 0.86), (0.22, 0.35, 0.56), 3, checked=False)
     napkin = woven(NAPKIN, (0.92, 0.88, 0.83), (0.70, 0.24, 0.21), 4, checked=True)
     hung = (("Towel", TOWEL_AT, TOWEL, 3, towel, TEA_TOWEL), ("Napkin", NAPKIN_AT, NAPKIN, 2, napkin, LINEN))
-    for name, x, size, pegs, picture, mass in hung:
-        hang_cloth(name, *place_on(*line, leaf[0] + x), size, pegs, picture)
+    for name, x, size, pegs, texture, mass in hung:
+        hang_cloth(name, *place_on(*line, leaf[0] + x), size, pegs, texture)
         done(bpy.ops.seeing_wind.insert_mesh(object=name, material="cotton"))
         done(bpy.ops.seeing_wind.pin_vertices(object=name, vertex_group="Held"))
         done(bpy.ops.seeing_wind.scale_mass(object=name, factor=mass))
@@ -114,11 +114,11 @@ def insert_leaves(scene, folder: Path) -> None:
     """Two leaves of the same make that fly off, one at twice the mass of the other."""
     place = start_of(scene.seeing_wind.recovered_object)
     for name, at, number, turn in (("Leaf", FIRST, 0, 0.7), ("Leaf Twice the Mass", SECOND, 1, -0.9)):
-        flat, faces, uv, picture = pressed(folder, number)
+        flat, faces, uv, texture = pressed(folder, number)
         c, s = np.cos(turn), np.sin(turn)
         x, z = LEAF * (c * flat[:, 0] - s * flat[:, 1]), LEAF * (s * flat[:, 0] + c * flat[:, 1])
         leaf = new_mesh(name, np.stack([x, LEAF * curled(flat), z], -1) + place + at, faces, uv)
-        leaf.data.materials.append(leaf_material(name, picture))
+        leaf.data.materials.append(leaf_material(name, texture))
         # a settling cloth's frames are not theirs
         done(bpy.ops.seeing_wind.insert_mesh(object=name, material="leaf", density=DENSITY, start_frame=1))
     done(bpy.ops.seeing_wind.scale_mass(object="Leaf Twice the Mass", factor=2.0))
@@ -171,20 +171,20 @@ def small_leaves(scene, folder: Path) -> bpy.types.Collection:
     """What particles are instances of: leaves out of the frame."""
     several = bpy.data.collections.new("Small Leaves")
     for number in range(3):
-        flat, faces, uv, picture = pressed(folder, number)
+        flat, faces, uv, texture = pressed(folder, number)
         leaf = new_mesh(f"Small Leaf {number}", np.concatenate([flat, 1.6 * curled(flat)[:, None]], axis=1), faces, uv)
         leaf.location = (0.0, 0.0, -50.0)
-        leaf.data.materials.append(leaf_material(leaf.name, picture, tones=True))
+        leaf.data.materials.append(leaf_material(leaf.name, texture, tones=True))
         scene.collection.objects.unlink(leaf)
         several.objects.link(leaf)
     scene.collection.children.link(several)
     return several
 
 
-def leaf_material(name: str, picture: Path, tones: bool = False) -> bpy.types.Material:
+def leaf_material(name: str, texture: Path, tones: bool = False) -> bpy.types.Material:
     """As the clip's leaf, with a paler lower side, and light that shines through; with `tones` each particle has its own."""
     material, add = blank(name)
-    image = bpy.data.images.load(str(picture), check_existing=True)
+    image = bpy.data.images.load(str(texture), check_existing=True)
     image.pack()
     colour = add("TexImage", {}, image=image, interpolation="Cubic").outputs[0]
     bump = add("Bump", {"Height": colour, "Strength": 0.25, "Distance": 0.004}).outputs[0]

@@ -1,7 +1,7 @@
 """The leaf: an outline with teeth and a stalk, a triangle mesh of it, and its frame, all from a seed with NumPy alone.
 
 Leaf coordinates: u across, v from the stalk's end towards the tip [m], the blade's middle at the origin; the mesh lies flat in that
-plane. One square frame covers `PICTURE` metres, so a texture coordinate is (u, v) / PICTURE + 1/2 (origin bottom left, as in Blender).
+plane. One square frame covers `TEXTURE` metres, so a texture coordinate is (u, v) / TEXTURE + 1/2 (origin bottom left, as in Blender).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ HALF_WIDTH = 0.102
 STALK = 0.055
 """Length of the stalk [m]."""
 STALK_HALF_WIDTH = 0.0042
-PICTURE = 0.40
+TEXTURE = 0.40
 """Side of the square that the texture covers [m]."""
 VEINS = 9
 """Side veins on either side of the midrib."""
@@ -41,13 +41,13 @@ def make_leaf(seed: int, edge: float = 0.006) -> Leaf:
     """The leaf of `seed`, triangles with edges of about `edge` metres."""
     outline = _outline(np.random.default_rng(seed))
     vertices, triangles = flat_mesh([outline], edge)
-    return Leaf(vertices, triangles, vertices / PICTURE + 0.5, outline)
+    return Leaf(vertices, triangles, vertices / TEXTURE + 0.5, outline)
 
 
-def make_picture(seed: int, size: int = 1024) -> np.ndarray:
+def make_texture(seed: int, size: int = 1024) -> np.ndarray:
     """The leaf's colours (size, size, 3) uint8 sRGB, row 0 at the top: autumn colours, veins, cells between them, a few dark spots."""
     rng = np.random.default_rng(seed + 1)
-    axis = (np.arange(size) + 0.5) / size * PICTURE - PICTURE / 2
+    axis = (np.arange(size) + 0.5) / size * TEXTURE - TEXTURE / 2
     u, v = np.meshgrid(axis, axis[::-1])
     along = np.clip((v + LENGTH / 2) / LENGTH, 0.0, 1.0)
     across = np.abs(u - _bend(along))
@@ -59,20 +59,20 @@ def make_picture(seed: int, size: int = 1024) -> np.ndarray:
     redness = np.clip(0.15 + 0.85 * edge**1.3 + 0.55 * blotch + 0.25 * (along - 0.45), 0.0, 1.0)
     stops = np.array([0.0, 0.3, 0.6, 0.85, 1.0])
     colours = np.array([[0.93, 0.75, 0.16], [0.95, 0.56, 0.08], [0.86, 0.27, 0.05], [0.62, 0.08, 0.05], [0.36, 0.04, 0.05]])
-    picture = np.stack([np.interp(redness, stops, colours[:, c]) for c in range(3)], -1)
+    texture = np.stack([np.interp(redness, stops, colours[:, c]) for c in range(3)], -1)
     green = np.clip(2.6 * (_noise(rng, size, 34) - 0.25), 0.0, 0.85) * (1.0 - 0.6 * edge)
-    picture = mix(picture, [0.36, 0.46, 0.09], green)
-    picture *= 1.0 + 0.16 * _noise(rng, size, 3)[..., None]
+    texture = mix(texture, [0.36, 0.46, 0.09], green)
+    texture *= 1.0 + 0.16 * _noise(rng, size, 3)[..., None]
 
     cells, borders = _cells(rng, u, v, 0.0085)
-    picture *= (1.0 + 0.20 * cells)[..., None]
-    picture = mix(picture, [0.95, 0.66, 0.24], 0.45 * borders)
-    picture = mix(picture, [0.28, 0.03, 0.03], 0.55 * _vein_shadow(u, v))
-    picture = mix(picture, [0.99, 0.88, 0.47], 0.95 * _veins(u, v))
-    picture = _spots(rng, picture, u, v)
+    texture *= (1.0 + 0.20 * cells)[..., None]
+    texture = mix(texture, [0.95, 0.66, 0.24], 0.45 * borders)
+    texture = mix(texture, [0.28, 0.03, 0.03], 0.55 * _vein_shadow(u, v))
+    texture = mix(texture, [0.99, 0.88, 0.47], 0.95 * _veins(u, v))
+    texture = _spots(rng, texture, u, v)
     stalk = np.clip((-LENGTH / 2 + 0.004 - v) / 0.006, 0.0, 1.0)
-    picture = mix(picture, [0.52, 0.25, 0.10], 0.9 * stalk)
-    return (np.clip(picture, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
+    texture = mix(texture, [0.52, 0.25, 0.10], 0.9 * stalk)
+    return (np.clip(texture, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
 
 
 # -- shape ------------------------------------------------------------------------------------------------------------------------
@@ -150,22 +150,22 @@ def _vein_shadow(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def _cells(rng: np.random.Generator, u: np.ndarray, v: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """A shade per cell of the leaf's fine network (-1..1) and the network's lines (0..1)."""
-    count = int(PICTURE / spacing)
+    count = int(TEXTURE / spacing)
     seeds = np.stack(np.meshgrid(np.arange(count), np.arange(count)), -1).reshape(-1, 2) + rng.uniform(-0.45, 0.45, (count * count, 2))
-    seeds = (seeds + 0.5) * spacing - PICTURE / 2
+    seeds = (seeds + 0.5) * spacing - TEXTURE / 2
     distance, index = cKDTree(seeds).query(np.stack([u, v], -1).reshape(-1, 2), k=2)
     shade = rng.uniform(-1.0, 1.0, len(seeds))[index[:, 0]]
     line = np.exp(-(((distance[:, 1] - distance[:, 0]) / 0.0011) ** 2))
     return shade.reshape(u.shape), line.reshape(u.shape)
 
 
-def _spots(rng: np.random.Generator, picture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _spots(rng: np.random.Generator, texture: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Dark brown spots with pale rims, as fungi leave them."""
     for _ in range(34):
         along = rng.uniform(0.06, 0.94)
         centre = np.array([_bend(along) + rng.uniform(-0.9, 0.9) * _half_width(along), (along - 0.5) * LENGTH])
         radius = rng.uniform(0.0022, 0.0062)
         away = np.hypot((u - centre[0]) * rng.uniform(0.8, 1.2), v - centre[1]) / radius
-        picture = mix(picture, [0.95, 0.74, 0.30], 0.7 * np.exp(-(((away - 1.25) / 0.28) ** 2)))
-        picture = mix(picture, [0.16, 0.06, 0.03], np.clip(2.5 * (1.1 - away), 0.0, 0.93))
-    return picture
+        texture = mix(texture, [0.95, 0.74, 0.30], 0.7 * np.exp(-(((away - 1.25) / 0.28) ** 2)))
+        texture = mix(texture, [0.16, 0.06, 0.03], np.clip(2.5 * (1.1 - away), 0.0, 0.93))
+    return texture

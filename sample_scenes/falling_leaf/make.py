@@ -19,7 +19,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent / "common"), str(HERE.parents[1])]
 
 import clip_files  # noqa: E402
 from clip_files import Filmed  # noqa: E402
-from leaf import make_leaf, make_picture  # noqa: E402
+from leaf import make_leaf, make_texture  # noqa: E402
 from motion import START, THICKNESS, fly, tilt  # noqa: E402
 
 from seeing_wind.engine.errors import SeeingWindError  # noqa: E402
@@ -71,7 +71,7 @@ def simulate(seed: int, frames: int, fps: float, size: tuple[int, int], spacing:
         raise SeeingWindError("The leaf turns its edge to the camera.", "Choose another --seed or fewer --frames.")
     return Filmed(
         name="falling_leaf", particles=flight.particles, material=flight.material, wind=flight.wind, x=flight.x, v=flight.v,
-        acceleration=flight.acceleration, surface=flight.surface, triangles=leaf.triangles, uv=leaf.uv, picture=make_picture(seed),
+        acceleration=flight.acceleration, surface=flight.surface, triangles=leaf.triangles, uv=leaf.uv, texture=make_texture(seed),
         camera=camera, distance=DISTANCE, thickness=THICKNESS,
     )  # fmt: skip
 

@@ -93,7 +93,7 @@ def fly(leaf: Leaf, seed: int, fps: float, frames: int, spacing: float = 0.006) 
 def tilt(x: np.ndarray) -> np.ndarray:
     """(T+1,) angle [degrees] between the leaf's normal and the camera's view axis, from its particles' best plane (x is (T+1, N, 3))."""
     angles = []
-    for picture in x:
-        normal = np.linalg.svd(picture - picture.mean(0), full_matrices=False)[2][2]
+    for frame in x:
+        normal = np.linalg.svd(frame - frame.mean(0), full_matrices=False)[2][2]
         angles.append(np.degrees(np.arccos(min(abs(normal[1]), 1.0))))
     return np.array(angles)

@@ -47,14 +47,14 @@ def place_on(left: np.ndarray, right: np.ndarray, x: float) -> tuple[np.ndarray,
 
 
 def hang_cloth(
-    name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, picture: np.ndarray
+    name: str, at: np.ndarray, along: np.ndarray, size: tuple[float, float], pegs: int, texture: np.ndarray
 ) -> bpy.types.Object:
     """A cloth that hangs in folds from so many pegs, its upper edge along a line through `at`, see `place_on`; what the pegs bite is the
     vertex group "Held".
 
     Args:
         size: width and height [m].
-        picture: as of `woven`.
+        texture: as of `woven`.
     """
     rng = np.random.default_rng(SEED)
     count = [round(side / CELL) + 1 for side in size]
@@ -72,7 +72,7 @@ def hang_cloth(
     near &= (down < 1.5 * CELL)[..., None]
     u, v = s / size[0] + 0.5, 1.0 - down / size[1]
     cloth = mesh_of_rows(name, vertices, u, v)
-    cloth.data.materials.append(cotton(name, picture))
+    cloth.data.materials.append(cotton(name, texture))
     cloth.vertex_groups.new(name="Held").add(np.flatnonzero(near.any(axis=-1)).tolist(), 1.0, "REPLACE")
     for held in np.moveaxis(near, -1, 0):
         peg(f"{name} Peg", vertices[held].mean(axis=0), axes, rng.uniform(-0.08, 0.08))
@@ -161,11 +161,11 @@ def plain(name: str, colour: tuple[float, float, float]) -> bpy.types.Material:
     return material
 
 
-def cotton(name: str, picture: np.ndarray) -> bpy.types.Material:
+def cotton(name: str, texture: np.ndarray) -> bpy.types.Material:
     """Cloth with the colours of a `woven` frame, fuzzy at grazing angles, bright where the light is behind it."""
-    image = bpy.data.images.new(name, picture.shape[1], picture.shape[0], alpha=True)
+    image = bpy.data.images.new(name, texture.shape[1], texture.shape[0], alpha=True)
     image.alpha_mode = "CHANNEL_PACKED"
-    image.pixels.foreach_set(picture.astype(np.float32).ravel())
+    image.pixels.foreach_set(texture.astype(np.float32).ravel())
     image.pack()
     material, add = blank(name)
     seen = add("TexImage", {}, image=image)

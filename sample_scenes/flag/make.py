@@ -40,13 +40,13 @@ def flag(seed: int) -> Plate:
     width, height = SIZE
     outline = np.array([[0.0, -height / 2], [width, -height / 2], [width, height / 2], [0.0, height / 2]])
     return Plate(
-        name="flag", outlines=[outline], held=lambda flat: flat[:, 0] < HELD, picture=picture(seed), picture_side=1.0,
+        name="flag", outlines=[outline], held=lambda flat: flat[:, 0] < HELD, texture=paint_texture(seed), texture_side=1.0,
         material="leaf", density=DENSITY, youngs_modulus=3.0e4, thickness=0.012, place=(-0.2, 0.0, 1.2), view_height=0.62,
         view_centre=(0.22, -0.02), stand=pole(height),
     )  # fmt: skip
 
 
-def picture(seed: int, size: int = 1024) -> np.ndarray:
+def paint_texture(seed: int, size: int = 1024) -> np.ndarray:
     """Three stripes with printed dots and a weave, so that there are corners to track."""
     rng = np.random.default_rng(seed + 1)
     rows = (0.5 - (np.arange(size) + 0.5) / size)[:, None] / SIZE[1] + 0.5

@@ -52,13 +52,13 @@ def plant(seed: int) -> Plate:
     stalk = np.array([[-STALK, -SUNK], [STALK, -SUNK], [0.6 * STALK, HEIGHT], [-0.6 * STALK, HEIGHT]])
     outlines = [stalk, *(leaf(*each) for each in LEAVES)]
     return Plate(
-        name="potted_plant", outlines=outlines, held=lambda flat: flat[:, 1] < 0.0, picture=picture(seed, outlines), picture_side=1.4,
+        name="potted_plant", outlines=outlines, held=lambda flat: flat[:, 1] < 0.0, texture=paint_texture(seed, outlines), texture_side=1.4,
         material="leaf", density=DENSITY, youngs_modulus=6.0e5, thickness=0.012, place=PLACE, view_height=0.95,
         view_centre=(0.05, 0.22), stand=pot(),
     )  # fmt: skip
 
 
-def picture(seed: int, outlines: list[np.ndarray], size: int = 1400) -> np.ndarray:
+def paint_texture(seed: int, outlines: list[np.ndarray], size: int = 1400) -> np.ndarray:
     """Greens that differ from leaf to leaf, veins across them, and spots, so that there are corners to track."""
     rng = np.random.default_rng(seed + 1)
     axis = ((np.arange(size) + 0.5) / size - 0.5) * 1.4

@@ -32,8 +32,8 @@ def pictured(sampled: SampledField) -> np.ndarray:
     wind = SampledField(sampled.points, sampled.velocity[middle], sampled.confidence[middle]).at(places)[0]
     speed = np.linalg.norm(wind, axis=1)
     strength = np.clip(speed / STRONG, 0.0, 1.0)
-    picture = np.ones((SIZE, SIZE, 4), dtype=np.float32)
-    picture[..., :3] = GROUND
+    image = np.ones((SIZE, SIZE, 4), dtype=np.float32)
+    image[..., :3] = GROUND
     length, above = 0.9 * SIZE / ARROWS, np.array([SIZE, SIZE - STRIP])
     ways = wind[:, [across, up]] / max(float(speed.max()), 1e-9)
     for k in np.argsort(strength):  # the strongest on top
@@ -43,19 +43,19 @@ def pictured(sampled: SampledField) -> np.ndarray:
         back = tip - 0.38 * length * way
         colour = ramp_colours(strength[k]) ** (1 / 2.2)
         for begin, end in ((tail, tip), (tip, back + side), (tip, back - side)):
-            _line(picture, begin, end, colour)
-    _curve(picture, np.linalg.norm(sampled.velocity, axis=-1).mean(axis=1))
-    return picture
+            _line(image, begin, end, colour)
+    _curve(image, np.linalg.norm(sampled.velocity, axis=-1).mean(axis=1))
+    return image
 
 
-def _curve(picture: np.ndarray, speeds: np.ndarray) -> None:
+def _curve(image: np.ndarray, speeds: np.ndarray) -> None:
     """Speeds (T,) [m/s] as columns along the lower edge."""
     for column in range(SIZE):
         strong = min(speeds[column * len(speeds) // SIZE] / STRONG, 1.0)
-        picture[: round(strong * (STRIP - 6)), column, :3] = 0.75 * ramp_colours(np.array(strong)) ** (1 / 2.2)
+        image[: round(strong * (STRIP - 6)), column, :3] = 0.75 * ramp_colours(np.array(strong)) ** (1 / 2.2)
 
 
-def _line(picture: np.ndarray, begin: np.ndarray, end: np.ndarray, colour: np.ndarray) -> None:
+def _line(image: np.ndarray, begin: np.ndarray, end: np.ndarray, colour: np.ndarray) -> None:
     """Blend a line with soft edges into the frame."""
     low = np.clip(np.floor(np.minimum(begin, end) - 3.0).astype(int), 0, SIZE)
     high = np.clip(np.ceil(np.maximum(begin, end) + 4.0).astype(int), 0, SIZE)
@@ -64,5 +64,5 @@ def _line(picture: np.ndarray, begin: np.ndarray, end: np.ndarray, colour: np.nd
     t = np.clip((offset @ along) / max(float(along @ along), 1e-9), 0.0, 1.0)
     away = np.linalg.norm(offset - t[..., None] * along, axis=-1)
     cover = np.clip(THICK + 0.5 - away, 0.0, 1.0)[..., None]
-    part = picture[low[1] : high[1], low[0] : high[0], :3]
+    part = image[low[1] : high[1], low[0] : high[0], :3]
     part[:] = (1.0 - cover) * part + cover * colour

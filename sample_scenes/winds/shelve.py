@@ -94,9 +94,9 @@ def shelved(each: Shelved, folder: Path) -> dict:
     about.author, about.catalog_id = "Seeing Wind", catalog(f"{ROOT_CATALOG}/{each.catalog}")
     for tag in ("wind", *each.tags):
         about.tags.new(tag, skip_if_exists=True)
-    picture = obj.preview_ensure()
-    picture.image_size = (SIZE, SIZE)
-    picture.image_pixels_float.foreach_set(pictured(sampled).ravel())
+    preview = obj.preview_ensure()
+    preview.image_size = (SIZE, SIZE)
+    preview.image_pixels_float.foreach_set(pictured(sampled).ravel())
     return {"name": each.name, "catalog": each.catalog, "description": about.description}
 
 

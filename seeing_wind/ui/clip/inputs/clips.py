@@ -38,7 +38,7 @@ def found_clip(path: str, scene: bpy.types.Scene) -> bpy.types.MovieClip | None:
     return scene.active_clip if scene.active_clip in found else next(iter(found), None)
 
 
-def place_clip(scene: bpy.types.Scene, clip: bpy.types.MovieClip, picture: int, pace: Pace) -> bpy.types.MovieClip:
+def place_clip(scene: bpy.types.Scene, clip: bpy.types.MovieClip, frame: int, pace: Pace) -> bpy.types.MovieClip:
     """Let a scene show a clip at a pace, one frame of its file as the first; returns the clip that it shows.
 
     A clip has one place in time, whichever scene shows it: where another one shows it at other frames, this scene gets a copy, with the
@@ -48,10 +48,10 @@ def place_clip(scene: bpy.types.Scene, clip: bpy.types.MovieClip, picture: int, 
         UsageError: for a clip of another file, whose frames would not last a scene frame each.
     """
     first, now = pace_of(clip)
-    there = (now.stride, now.frame_of(picture - first)) == (pace.stride, pace.at)
+    there = (now.stride, now.frame_of(frame - first)) == (pace.stride, pace.at)
     if not there and any(other.active_clip == clip for other in bpy.data.scenes if other != scene):
         clip = _show_instead(scene, clip, clip.copy())
-    set_pace(clip, picture, pace)
+    set_pace(clip, frame, pace)
     return clip
 
 

@@ -52,5 +52,5 @@ def keep_focus(scene: bpy.types.Scene, pace: Pace) -> None:
     """Let the focus of a scene, if it has one, go by at another pace."""
     focus = own_object(scene, FOCUS)
     if focus is not None:
-        pictures = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
-        retime(curves_of(focus), pace.at, pace.at + pace.stride * (pictures - 1))
+        frames = int(scene.seeing_wind.field_object["seeing_wind_frames"]) + 1
+        retime(curves_of(focus), pace.at, pace.at + pace.stride * (frames - 1))
