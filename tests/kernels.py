@@ -16,19 +16,32 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 # The number of threads is part of the cache's key, and each process of the tests has one (tests/conftest.py).
 os.environ["SEEING_WIND_THREADS"] = "1"
 
+import numpy as np  # noqa: E402
+
+from seeing_wind.engine.materials import SHEETS, Sheet  # noqa: E402
+from seeing_wind.engine.mpm.shell import advance, at_rest, shell_of  # noqa: E402
 from seeing_wind.engine.progress import Journal  # noqa: E402
+from tests.engine.mpm.shell.conftest import grid  # noqa: E402
 from tests.engine.mpm.test_body import gradients, problem  # noqa: E402
 from tests.engine.recovery.test_checkpoint import by_descent, clay_by_descent, flowing, free, held  # noqa: E402
 
 
+def sheets() -> None:
+    """A soft sheet, whose matrices are factored in single precision, and a stiff one, whose matrices are in double."""
+    for sheet, dt in ((SHEETS["silk"], 1e-3), (Sheet(0.12, 1e-3, 5e4, 1e-2), 2e-2)):
+        shell = shell_of(*grid(0.3, 0.2, 12, 8), sheet)
+        advance(shell, at_rest(shell, dt=dt), dt=dt, gravity=np.array([0.0, 0.0, -9.81]))
+
+
 def main() -> None:
-    """Recover small bodies of every kind, and run a large one both ways."""
+    """Recover small bodies of every kind, run a large one both ways, and let sheets fall."""
     began = time.perf_counter()
     for recover in (free, held, flowing, by_descent, clay_by_descent):
         recover(Journal())
     for law in ("corotated", "von_mises"):
         for precision in ("double", "single"):
             gradients(*problem(law), precision)
+    sheets()
     print(f"Kernels ready in {time.perf_counter() - began:.0f} s")
 
 

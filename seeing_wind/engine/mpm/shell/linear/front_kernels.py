@@ -49,7 +49,7 @@ def less_products(first, second, step, count, t0, t1, t2, t3, t4, t5, t6, t7, nu
     """A tile minus the sum of products A^T B over `count` pairs of tiles, `step` vectors from one to the next."""
     a, b = first, second
     for _ in range(count):
-        for r in ti.static(range(8)):
+        for r in range(8):  # unrolled it is no faster, and takes more than twice as long to compile
             v, s = vector[b + r], 8 * (a + r)
             t0 = t0 - number[s] * v
             t1 = t1 - number[s + 1] * v
@@ -65,7 +65,7 @@ def less_products(first, second, step, count, t0, t1, t2, t3, t4, t5, t6, t7, nu
 
 
 @ti.func
-def loaded(first, vector: ti.template()):
+def load_tile(first, vector: ti.template()):
     """A tile."""
     return (
         vector[first], vector[first + 1], vector[first + 2], vector[first + 3], vector[first + 4], vector[first + 5], vector[first + 6],
@@ -74,7 +74,7 @@ def loaded(first, vector: ti.template()):
 
 
 @ti.func
-def stored(first, t0, t1, t2, t3, t4, t5, t6, t7, vector: ti.template()):
+def store_tile(first, t0, t1, t2, t3, t4, t5, t6, t7, vector: ti.template()):
     """Keeps a tile."""
     vector[first] = t0
     vector[first + 1] = t1
@@ -94,7 +94,7 @@ def clear(first, count, vector: ti.template()):
 
 
 @ti.func
-def inverted(first, number: ti.template()):
+def invert_tile(first, number: ti.template()):
     """Puts the inverse of U in the place of a tile U^T U, of which the upper half counts; returns whether it is positive definite."""
     fine = 1
     base = 8 * first
@@ -139,7 +139,7 @@ def add_row(to, source, place, p, size, places: ti.template(), row: ti.template(
 
 
 @ti.func
-def gathered(
+def assemble(
     front, fronts: ti.template(), slots: ti.template(), block: ti.template(), children: ti.template(), places: ti.template(),
     row: ti.template(), remainder: ti.template(), rows_v: ti.template(), remainder_v: ti.template(),
 ):  # fmt: skip
@@ -172,7 +172,7 @@ def gathered(
 
 
 @ti.func
-def eliminated(front, fronts: ti.template(), row: ti.template(), rows_v: ti.template(), remainder_v: ti.template()):
+def eliminate(front, fronts: ti.template(), row: ti.template(), rows_v: ti.template(), remainder_v: ti.template()):
     """Factors of a front's rows in place, and their products taken from the remainder; returns whether it is positive definite."""
     own, update = fronts[front, OWN], fronts[front, UPDATE]
     across, rows, rest = own + update, fronts[front, ROWS], fronts[front, REMAINDER]
@@ -180,25 +180,25 @@ def eliminated(front, fronts: ti.template(), row: ti.template(), rows_v: ti.temp
     for i in range(own):
         for j in range(i, across):
             here = rows + 8 * (i * across + j)
-            t0, t1, t2, t3, t4, t5, t6, t7 = loaded(here, rows_v)
+            t0, t1, t2, t3, t4, t5, t6, t7 = load_tile(here, rows_v)
             t0, t1, t2, t3, t4, t5, t6, t7 = less_products(rows + 8 * i, rows + 8 * j, step, i, t0, t1, t2, t3, t4, t5, t6, t7, row, rows_v)
-            stored(here, t0, t1, t2, t3, t4, t5, t6, t7, rows_v)
+            store_tile(here, t0, t1, t2, t3, t4, t5, t6, t7, rows_v)
         diagonal = rows + 8 * (i * across + i)
-        if inverted(diagonal, row) == 0:
+        if invert_tile(diagonal, row) == 0:
             fine = 0
         for j in range(i + 1, across):
             here = rows + 8 * (i * across + j)
             z = ti.Vector.zero(float, 8)
             t0, t1, t2, t3, t4, t5, t6, t7 = less_products(diagonal, here, step, 1, z, z, z, z, z, z, z, z, row, rows_v)
-            stored(here, z - t0, z - t1, z - t2, z - t3, z - t4, z - t5, z - t6, z - t7, rows_v)
+            store_tile(here, z - t0, z - t1, z - t2, z - t3, z - t4, z - t5, z - t6, z - t7, rows_v)
     for i in range(update):
         for j in range(i, update):
             here = rest + 8 * (i * update + j)
-            t0, t1, t2, t3, t4, t5, t6, t7 = loaded(here, remainder_v)
+            t0, t1, t2, t3, t4, t5, t6, t7 = load_tile(here, remainder_v)
             t0, t1, t2, t3, t4, t5, t6, t7 = less_products(
                 rows + 8 * (own + i), rows + 8 * (own + j), step, own, t0, t1, t2, t3, t4, t5, t6, t7, row, rows_v
             )
-            stored(here, t0, t1, t2, t3, t4, t5, t6, t7, remainder_v)
+            store_tile(here, t0, t1, t2, t3, t4, t5, t6, t7, remainder_v)
     return fine
 
 
@@ -211,5 +211,5 @@ def factor(
     ti.loop_config(block_dim=1)
     for run in range(begin, end):
         for front in range(runs[run, 0], runs[run, 1]):
-            gathered(front, fronts, slots, block, children, places, row, remainder, rows_v, remainder_v)
-            failed[front] = 1 - eliminated(front, fronts, row, rows_v, remainder_v)
+            assemble(front, fronts, slots, block, children, places, row, remainder, rows_v, remainder_v)
+            failed[front] = 1 - eliminate(front, fronts, row, rows_v, remainder_v)
